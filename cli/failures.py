@@ -1,0 +1,41 @@
+"""What the user reads when something went wrong, and the exit code that Make sees."""
+
+from __future__ import annotations
+
+import errno
+
+import click
+
+from lcp_catalog.errors import LcpError
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Print one line about ``error`` on stderr and give its exit code; what is no failure of ours to name is raised again."""
+    if isinstance(error, click.ClickException):
+        error.show()
+        return error.exit_code
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        click.echo("lcp: interrupted; no output was left half-written", err=True)
+        return EXIT_INTERRUPTED
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else EXIT_FAILED
+    click.echo(f"lcp: {_one_line(error)}", err=True)
+    return EXIT_FAILED
+
+
+def _one_line(error: BaseException) -> str:
+    if isinstance(error, LcpError):
+        text = str(error)
+    elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        text = f"the disk is full while writing {error.filename or 'the output'}; free some space and run again"
+    elif isinstance(error, OSError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = "out of memory; take a smaller area, a coarser --gsd or fewer --jobs"
+    else:
+        text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"
+    return " ".join(text.split())
