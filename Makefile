@@ -1,0 +1,52 @@
+# Everything runs in a virtual environment of the checkout; `make catalog` and `make test` need nothing else.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+SAMPLE := sample_data/hadley_gld100_256ppd.tif
+PHOTO := sample_data/AS15-M-0414
+CATALOG := build/hadley.h5
+
+.DELETE_ON_ERROR:
+.PHONY: all catalog test test-slow check bench clean venv
+
+all: catalog
+
+venv: $(READY)
+
+$(READY): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "lcp needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --group dev
+	touch $@
+
+catalog: $(READY)
+	@mkdir -p build
+	$(BIN)/lcp build-catalog $(SAMPLE) -o $(CATALOG) --config sample_data/hadley.toml --overwrite
+	$(BIN)/lcp report $(CATALOG) -o build/hadley.html --overwrite
+	$(BIN)/lcp render $(SAMPLE) -o build/AS15-M-0414_render.tif --camera $(PHOTO)_camera.json --frame camera --gsd 474 \
+	  --preview build/AS15-M-0414_render.png --overwrite
+	$(BIN)/lcp render $(SAMPLE) -o build/hadley_relief.tif --center 3.5 26 --size 150 --sun-azimuth 96.5 --sun-elevation 13.7 \
+	  --preview build/hadley_relief.png --overwrite
+	$(BIN)/lcp inspect $(CATALOG)
+	@echo "catalogue  $(CATALOG)"
+	@echo "report     build/hadley.html"
+	@echo "previews   build/AS15-M-0414_render.png (beside $(PHOTO).png)  build/hadley_relief.png"
+
+test: $(READY)
+	$(BIN)/python -m pytest -m 'not slow'
+
+test-slow: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY)
+	$(BIN)/python -m pytest benchmarks --benchmark-enable --benchmark-sort=name
+
+clean:
+	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

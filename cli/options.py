@@ -1,0 +1,202 @@
+"""Every flag that more than one command has, once: groups of options as decorators.
+
+A group gives a command plain keyword arguments under the names that stand here; nothing is read or computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+Command = Callable[..., Any]
+
+REFLECTANCES = ("lommel-seeliger", "lambert")
+"""Written out, so that no flag needs the kernels to be imported; a test holds it against `lcp_catalog.reflectance`."""
+
+
+def _group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    def decorate(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+class Positive(click.FloatRange):
+    """A finite number above zero."""
+
+    name = "number"
+
+    def __init__(self) -> None:
+        super().__init__(min=0.0, min_open=True, max=1e12)
+
+
+dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
+
+area_options = _group(
+    click.option(
+        "--center",
+        nargs=2,
+        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)]),
+        metavar="LON LAT",
+        help="Centre of the area, degrees; with --size.",
+    ),
+    click.option("--size", "size_km", type=Positive(), metavar="KM", help="Side of the area."),
+    click.option(
+        "--bounds",
+        nargs=4,
+        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)] * 2),
+        metavar="W S E N",
+        help="Area by its bounds, degrees; may cross the antimeridian.",
+    ),
+    click.option(
+        "--gsd", "gsd_m", type=Positive(), metavar="M", help="Cell size; default: the DEM's own."
+    ),
+)
+
+sun_options = _group(
+    click.option(
+        "--sun-azimuth",
+        type=click.FloatRange(-360, 360),
+        metavar="DEG",
+        help="Azimuth of the Sun, clockwise from north, at the area's centre.",
+    ),
+    click.option(
+        "--sun-elevation",
+        type=click.FloatRange(-90, 90),
+        metavar="DEG",
+        help="Elevation of the Sun above the horizontal at the area's centre.",
+    ),
+    click.option("--time", "time_utc", metavar="UTC", help="Sun of an instant, ISO 8601."),
+    click.option(
+        "--subsolar",
+        nargs=2,
+        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)]),
+        metavar="LON LAT",
+        help="Sun overhead at a place.",
+    ),
+    click.option(
+        "--sun",
+        "sun_model",
+        type=click.Choice(["point"]),
+        default="point",
+        show_default=True,
+        help="Shape of the Sun.",
+    ),
+)
+
+view_options = _group(
+    click.option("--camera", "camera_path", metavar="CAMERA.json", help="Camera that looks."),
+    click.option(
+        "--off-nadir",
+        type=click.FloatRange(0, 90, max_open=True),
+        metavar="DEG",
+        help="Angle between the vertical and the camera at the area's centre.",
+    ),
+    click.option(
+        "--view-azimuth",
+        type=click.FloatRange(-360, 360),
+        metavar="DEG",
+        help="Azimuth of the camera, seen from the area's centre.",
+    ),
+    click.option(
+        "--altitude",
+        "altitude_km",
+        type=Positive(),
+        metavar="KM",
+        help="Altitude of the camera above the sphere; default: at infinity.",
+    ),
+    click.option(
+        "--frame",
+        type=click.Choice(["enu", "camera"]),
+        default="enu",
+        show_default=True,
+        help="Render at the ground's nodes, or in the camera's plane.",
+    ),
+)
+
+model_options = _group(
+    click.option(
+        "--reflectance",
+        type=click.Choice(REFLECTANCES),
+        default=REFLECTANCES[0],
+        show_default=True,
+        help="Photometric model.",
+    ),
+    click.option(
+        "--accuracy",
+        type=click.Choice(["reference"]),
+        default="reference",
+        show_default=True,
+        help="reference: exact for the triangulated DEM.",
+    ),
+)
+
+overwrite_option = click.option(
+    "--overwrite", is_flag=True, help="Replace an output that exists already."
+)
+
+depfile_option = click.option(
+    "--depfile", metavar="FILE", help="Also write what was read, as a rule for make."
+)
+
+
+def output_option(metavar: str, required: bool = True) -> Callable[[Command], Command]:
+    """``-o``, the file that a command makes."""
+    return click.option("-o", "--output", required=required, metavar=metavar, help="What to write.")
+
+
+def check_area(
+    center: tuple[float, float] | None, size_km: float | None, bounds: tuple[float, ...] | None
+) -> None:
+    """Usage error for area flags that contradict each other or say half."""
+    if center and bounds:
+        raise click.UsageError("--center and --bounds exclude each other")
+    if bool(center) != (size_km is not None):
+        given, missing = ("--center", "--size") if center else ("--size", "--center")
+        raise click.UsageError(f"{given} needs {missing}")
+    if bounds and not bounds[1] < bounds[3]:
+        raise click.UsageError("--bounds W S E N: the south must be below the north")
+    if bounds and bounds[0] == bounds[2]:
+        raise click.UsageError("--bounds W S E N: west and east are the same")
+
+
+def check_sun(
+    azimuth: float | None,
+    elevation: float | None,
+    time_utc: str | None,
+    subsolar: tuple[float, float] | None,
+) -> bool:
+    """Whether flags state a Sun; usage error for more than one or half of one."""
+    if (azimuth is None) != (elevation is None):
+        raise click.UsageError("--sun-azimuth and --sun-elevation go together")
+    stated = [azimuth is not None, time_utc is not None, subsolar is not None]
+    if sum(stated) > 1:
+        raise click.UsageError(
+            "state the Sun once: --sun-azimuth and --sun-elevation, or --time, or --subsolar"
+        )
+    return any(stated)
+
+
+def check_view(
+    camera_path: str | None,
+    off_nadir: float | None,
+    view_azimuth: float | None,
+    altitude_km: float | None,
+    frame: str,
+) -> None:
+    """Usage error for view flags that contradict each other or say half."""
+    oblique = any(value is not None for value in (off_nadir, view_azimuth, altitude_km))
+    if camera_path and oblique:
+        raise click.UsageError(
+            "--camera excludes --off-nadir, --view-azimuth and --altitude: it is the view"
+        )
+    if off_nadir and view_azimuth is None:
+        raise click.UsageError("--off-nadir needs --view-azimuth")
+    if view_azimuth is not None and off_nadir is None:
+        raise click.UsageError("--view-azimuth needs --off-nadir")
+    if frame == "camera" and not camera_path and altitude_km is None:
+        raise click.UsageError("--frame camera needs --camera, or --altitude (with --off-nadir)")

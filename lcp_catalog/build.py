@@ -1,0 +1,136 @@
+"""A whole build: the plan, the areas through the engine, the choice among all candidates, the catalogue.
+
+The choice is made over all areas at once, so that a seam between two areas has neither double nor missing points.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ._version import __version__
+from .assemble import assemble
+from .catalog import SCHEMA_VERSION, write_catalog
+from .config import BuildConfig
+from .dem import DemSet
+from .engine import run_tasks
+from .errors import AreaError, AreaFailedError
+from .files import check_output
+from .job import AreaJob, AreaResult, run_area
+from .plan import AreaGrid, plan_areas
+from .shards import Shards
+from .terrain import Area
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Build:
+    """A build that is decided down to its areas, and not yet run."""
+
+    config: BuildConfig
+    dem_paths: tuple[Path, ...]
+    region: Area
+    gsd_m: float
+    jobs: tuple[AreaJob, ...]
+
+    @classmethod
+    def plan(cls, dem_paths: tuple[Path, ...], config: BuildConfig) -> Build:
+        """Cut the region into areas. AreaError when the region has none."""
+        dems = DemSet.open(dem_paths)
+        region = region_of(dems, config)
+        gsd_m = config.area.gsd_m or dems.native_gsd_m(region.lon_deg, region.lat_deg)
+        grid = AreaGrid.for_cell(gsd_m, config.model)
+        tasks = plan_areas(grid, region, gsd_m)
+        if not tasks:
+            raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
+        jobs = tuple(AreaJob(task, grid, region, gsd_m, config, dem_paths) for task in tasks)
+        return cls(config, dem_paths, region, gsd_m, jobs)
+
+    def fingerprint(self) -> str:
+        """What decides the areas' content: version, configuration, and every DEM file's bytes."""
+        sources = DemSet.open(self.dem_paths).sources()
+        facts = [__version__, SCHEMA_VERSION, self.config.to_toml(), sources]
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What a build did: points written, areas done, and the areas that failed with their one-line causes."""
+
+    points: int
+    areas: int
+    failed: dict[str, str]
+
+
+def region_of(dems: DemSet, config: BuildConfig) -> Area:
+    """The region of a configuration; the DEM's own bounds when it names none."""
+    area = config.area
+    if area.center_deg:
+        assert area.size_km is not None  # AreaConfig holds them together
+        return Area(area.center_deg[0], area.center_deg[1], area.size_km)
+    return Area.from_bounds(*(area.bounds_deg or tuple(dems.bounds)))
+
+
+def build_catalog(
+    build: Build,
+    output: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    keep_going: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> BuildReport:
+    """Run a build and write the catalogue.
+
+    Finished areas are kept beside the output until it is whole. A failed area ends the build with AreaFailedError unless
+    ``keep_going`` is set; then the catalogue is written without it.
+    """
+    check_output(output, overwrite)
+    shards = Shards.beside(output, build.fingerprint())
+    shards.begin(resume)
+    failed = _run_areas(build, shards, jobs, scheduler, keep_going, progress)
+    results = {job.task.name: shards.read(job.task.name) for job in build.jobs if job.task.name not in failed}
+    whole = {name: result for name, result in results.items() if result is not None}
+    if not whole:
+        raise AreaFailedError(f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}")
+    catalog = assemble(build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values()))
+    write_catalog(catalog, output, overwrite=overwrite)
+    shards.remove()
+    return BuildReport(points=len(catalog.point_id), areas=len(whole), failed=failed)
+
+
+def _run_areas(
+    build: Build, shards: Shards, jobs: int, scheduler: str | None, keep_going: bool, progress: Progress
+) -> dict[str, str]:
+    """Compute the areas that no shard holds; the failed ones come back by name."""
+    todo = [job for job in build.jobs if shards.read(job.task.name) is None]
+    done, failed = len(build.jobs) - len(todo), {}
+    progress(done, len(build.jobs))
+    for index, outcome in run_tasks(run_area, todo, jobs, scheduler):
+        name = todo[index].task.name
+        if isinstance(outcome, Exception):
+            cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
+            if not keep_going:
+                raise AreaFailedError(f"{cause} (finished areas are kept: run again with --resume)") from outcome
+            log.warning("%s", cause)
+            failed[name] = cause
+        else:
+            shards.write(name, _checked(outcome))
+        done += 1
+        progress(done, len(build.jobs))
+    return failed
+
+
+def _checked(outcome: AreaResult) -> AreaResult:
+    if not isinstance(outcome, AreaResult):
+        raise TypeError(f"an area gave {type(outcome).__name__}")
+    return outcome

@@ -1,0 +1,448 @@
+"""DEM products and sets of them: heights above the sphere of 1 737 400 m at any longitude and latitude."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .constants import MOON_RADIUS_M
+from .errors import AreaError, DemError, LabelError
+from .grid import EDGE_PX, Bounds, Grid, enclosing_arc
+from .kernels import resample
+from .label import Label, find_image, find_label, read_label_text
+from .raster import Heights, Raster, open_dataset
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int16]
+
+LATITUDE_USE_DEG: dict[str, tuple[float, float]] = {
+    "SLDEM2015": (0.0, 60.0),
+    "LDEM_512": (60.0, 75.0),
+    "LDEM_75": (75.0, 80.0),
+    "LDEM_80": (80.0, 85.0),
+    "LDEM_85": (85.0, 90.0),
+}
+"""Absolute latitudes for which the method takes each product (method.md section 1)."""
+
+_PRODUCTS = (
+    # (pattern in the product id or the file's stem, the name it is called by)
+    (re.compile(r"(SLDEM2015_\d+)", re.I), "{0}"),
+    (re.compile(r"(LDEM_\d+[NS]_\d+M)", re.I), "{0}"),
+    (re.compile(r"(LDEM_\d+)P?(?![0-9])", re.I), "{0}"),
+    (re.compile(r"GLD100_\w*?_?0*(\d+)P", re.I), "GLD100_{0}"),
+)
+_WINDOW_PIXELS = 32_000_000
+"""A window of more pixels is read in parts."""
+_COARSER = 1.5
+"""From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
+_MARGIN = 2
+"""Pixels beside a fractional one that cubic convolution reaches for."""
+
+
+def product_name(identifier: str) -> str:
+    """The name a product goes by: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the identifier itself."""
+    for pattern, name in _PRODUCTS:
+        found = pattern.search(identifier)
+        if found:
+            return name.format(found.group(1).upper())
+    return identifier
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of a whole file: lowest and highest height (None when it holds none) and the share of pixels without data."""
+
+    min_m: float | None
+    max_m: float | None
+    nodata_share: float
+
+
+@dataclass(frozen=True)
+class Dem:
+    """One product: its pixels, its grid and its name. Picklable; files are opened again where it arrives."""
+
+    path: Path
+    product: str
+    grid: Grid
+    raster: Raster
+    files: tuple[Path, ...]  # what the heights were read from: label and image
+
+    @classmethod
+    def open(cls, path: Path | str) -> Dem:
+        """A GeoTIFF with heights in metres, or a PDS3 product by its label or its image; ``DemError`` or ``LabelError``."""
+        path = Path(path)
+        if not path.is_file():
+            raise DemError(f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}")
+        ending = path.suffix.lower()
+        if ending == ".lbl" or read_label_text(path) is not None:
+            return cls._from_pds(Label.read(path), None)
+        if ending == ".jp2":
+            return cls._from_pds(Label.read(find_label(path)), path)
+        if ending == ".img":
+            try:
+                label = find_label(path)
+            except LabelError:
+                return cls._from_gdal_or(path)
+            return cls._from_pds(Label.read(label), path)
+        return cls._from_gdal(path)
+
+    @classmethod
+    def _from_gdal_or(cls, path: Path) -> Dem:
+        """An .IMG without a label: ERDAS Imagine perhaps, else the missing label is what the user must hear of."""
+        try:
+            open_dataset(path)
+        except DemError:
+            find_label(path)  # raises
+        return cls._from_gdal(path)
+
+    @classmethod
+    def _from_pds(cls, label: Label, image: Path | None) -> Dem:
+        image = image or find_image(label)
+        if image.suffix.lower() in (".tif", ".tiff"):  # NAC DTMs: the GeoTIFF says everything itself
+            return cls._from_gdal(image)
+        if label.compressed or image.suffix.lower() == ".jp2":
+            _compare_size(image, label)
+        elif image.stat().st_size < label.image_bytes:
+            raise DemError(
+                f"{image}: has {image.stat().st_size} bytes where its label {label.path.name} says {label.image_bytes}: "
+                "cut short; fetch it again"
+            )
+        raster = Raster(
+            path=image,
+            width=label.line_samples,
+            height=label.lines,
+            scale_m=label.height_scale_m,
+            missing=label.missing,
+            raw_dtype=label.sample_dtype,
+            raw_offset_bytes=label.image_offset_bytes,
+        )
+        try:
+            grid = Grid.from_label(label)
+        except LabelError as error:
+            raise LabelError(f"{label.path}: {error}") from error
+        files = (image,) if label.path == image else (label.path, image)
+        return cls(image, product_name(label.product_id), grid, raster, files)
+
+    @classmethod
+    def _from_gdal(cls, path: Path) -> Dem:
+        dataset = open_dataset(path)
+        if dataset.count != 1:
+            raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
+        if dataset.crs is None or dataset.transform.is_identity:
+            raise DemError(f"{path}: has no map projection; a map-projected DEM of the Moon is wanted")
+        try:
+            grid = Grid.from_wkt(dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height)
+        except LabelError as error:
+            raise DemError(f"{path}: {error}") from error
+        scale, offset = _gdal_scale(dataset, path)
+        nodata = dataset.nodatavals[0]
+        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
+        raster = Raster(path, dataset.width, dataset.height, scale, offset, missing)
+        return cls(path, product_name(path.stem), grid, raster, (path,))
+
+    @property
+    def gsd_m(self) -> float:
+        """Pixel size at true scale."""
+        return self.grid.pixel_m
+
+    @property
+    def abs_latitude_use(self) -> tuple[float, float] | None:
+        """Absolute latitudes for which the method takes this product; None for others."""
+        families = (span for name, span in LATITUDE_USE_DEG.items() if re.match(rf"{name}(?![0-9])", self.product))
+        return next(families, None)
+
+    @property
+    def radius_m(self) -> float:
+        """Of the sphere above which heights are given; other spheres are refused when a file is opened."""
+        return MOON_RADIUS_M
+
+    def height_at(self, lon_deg: float, lat_deg: float) -> float | None:
+        """Height at a place, metres, from the product's own pixels; None where it has none."""
+        height, _ = DemSet((self,)).heights(lon_deg, lat_deg, self.gsd_m)
+        return None if np.isnan(height) else round(float(height), 6)
+
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
+        """Heights of a window that may reach beyond the raster: NaN there, but round the Moon and over a pole where it does.
+
+        Columns of a global product repeat; beyond the pole of a global cylinder its rows come back on the other side.
+        """
+        out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
+        for source, target, turn in self._row_runs(row0, row1):
+            for columns, place in self._column_runs(col0 + turn, col1 + turn):
+                block = self.raster.read(source[0], source[1], *columns)
+                out[target[0] : target[1], place[0] : place[1]] = block if target[2] > 0 else block[::-1]
+        return out
+
+    def _row_runs(self, row0: int, row1: int) -> Iterator[tuple[tuple[int, int], tuple[int, int, int], int]]:
+        """(rows of the raster), (rows of the window, direction), columns to turn by."""
+        height, half = self.grid.height, self.grid.period // 2
+        first, last = max(row0, 0), min(row1, height)
+        if first < last:
+            yield (first, last), (first - row0, last - row0, 1), 0
+        if not self.grid.wraps or self.grid.period % 2:
+            return
+        north, south = self._reaches_poles
+        if north and row0 < 0:
+            count = min(-row0, height, row1 - row0)
+            yield (max(0, -row1), count), (-row0 - count, min(-row0, row1 - row0), -1), half
+        if south and row1 > height:
+            start = max(row0, height)
+            low, high = 2 * height - row1, 2 * height - start
+            yield (max(low, 0), high), (start - row0, start - row0 + high - max(low, 0), -1), half
+
+    @cached_property
+    def _reaches_poles(self) -> tuple[bool, bool]:
+        box = self.grid.bounds
+        return abs(box.north - 90.0) < 1e-6, abs(box.south + 90.0) < 1e-6
+
+    def _column_runs(self, col0: int, col1: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+        """(columns of the raster), (columns of the window)."""
+        width = self.grid.period if self.grid.wraps else self.grid.width
+        turns = range(math.floor(col0 / width), math.ceil(col1 / width)) if self.grid.wraps else range(1)
+        for turn in turns:
+            first, last = max(col0, turn * width), min(col1, (turn + 1) * width)
+            if first < last:
+                yield (first - turn * width, last - turn * width), (first - col0, last - col0)
+
+    def statistics(self) -> Statistics:
+        """Lowest, highest and missing, from one pass over the file in strips."""
+        low, high, missing = math.inf, -math.inf, 0
+        strip = max(1, 4_000_000 // self.raster.width)
+        for row in range(0, self.raster.height, strip):
+            block = self.raster.read(row, min(row + strip, self.raster.height), 0, self.raster.width)
+            bad = np.isnan(block)
+            missing += int(bad.sum())
+            if not bad.all():
+                low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
+        share = missing / (self.raster.width * self.raster.height)
+        return Statistics(*((low, high) if low <= high else (None, None)), share)
+
+    def factor(self, gsd_m: float) -> int:
+        """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5, else the ratio, rounded.
+
+        Around the Moon it is lowered to a divisor of the columns, so that blocks do not depend on where a window begins.
+        """
+        ratio = gsd_m / self.grid.pixel_m
+        if not ratio >= _COARSER:
+            return 1
+        wanted = min(math.floor(ratio + 0.5), max(self.grid.width, self.grid.height))
+        if not self.grid.wraps:
+            return wanted
+        return next(f for f in range(wanted, 0, -1) if self.grid.period % f == 0)
+
+
+@dataclass(frozen=True)
+class DemSet:
+    """Several products, in the order in which they are asked: the first with a height at a place gives it."""
+
+    dems: tuple[Dem, ...]
+
+    def __post_init__(self) -> None:
+        if not self.dems:
+            raise DemError("no DEM was given")
+
+    @classmethod
+    def open(cls, paths: Sequence[Path | str]) -> DemSet:
+        """Open every file; the first that cannot be opened ends it with its own error."""
+        return cls(tuple(Dem.open(path) for path in paths))
+
+    @property
+    def products(self) -> tuple[str, ...]:
+        """Product name of each DEM, by index."""
+        return tuple(dem.product for dem in self.dems)
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """The box that holds all of them."""
+        boxes = [dem.grid.bounds for dem in self.dems]
+        if len(boxes) == 1:
+            return boxes[0]
+        west, east = enclosing_arc([(box.west, box.east) for box in boxes])
+        return Bounds(west, min(b.south for b in boxes), east, max(b.north for b in boxes))
+
+    def heights(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> tuple[Array, Indices]:
+        """Heights above the sphere, metres (NaN: none), and the index of the DEM each came from (-1: none).
+
+        Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's pixel or more, its pixels
+        are averaged in blocks first (``Dem.factor``). A place's height does not depend on what else is asked.
+        """
+        lon, lat = np.broadcast_arrays(np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64))
+        shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
+        height, index = np.full(lon.size, np.nan), np.full(lon.size, -1, np.int16)
+        todo: NDArray[np.intp] | slice = slice(None)
+        for number in range(len(self.dems)):
+            self._fill(number, lon, lat, gsd_m, todo, height, index)
+            todo = np.flatnonzero(index < 0)
+            if todo.size == 0:
+                break
+        return height.reshape(shape), index.reshape(shape)
+
+    def _fill(
+        self,
+        number: int,
+        lon: Array,
+        lat: Array,
+        gsd_m: float,
+        todo: NDArray[np.intp] | slice,
+        height: Array,
+        index: Indices,
+    ) -> None:
+        """Heights of DEM ``number`` at the places ``todo``, written where it has some."""
+        grid = self.dems[number].grid
+        u, v = grid.pixel(lon[todo], lat[todo])
+        right, bottom = grid.width - 0.5, grid.height - 0.5
+        inside = (u <= right + EDGE_PX) & (v >= -0.5 - EDGE_PX) & (v <= bottom + EDGE_PX)
+        inside &= np.abs(lat[todo]) <= 90.0
+        if not inside.any():
+            return
+        u, v = np.clip(u, -0.5, right), np.clip(v, -0.5, bottom)
+        places = todo
+        if not inside.all():
+            places = np.flatnonzero(inside) if isinstance(todo, slice) else todo[inside]
+            u, v = u[inside], v[inside]
+        found = np.empty(u.size)
+        self._sample(number, np.ascontiguousarray(u), np.ascontiguousarray(v), self.dems[number].factor(gsd_m), found)
+        height[places] = found
+        index[places] = np.where(np.isnan(found), np.int16(-1), np.int16(number))
+
+    def _sample(self, number: int, u: Array, v: Array, factor: int, out: Array) -> None:
+        """Interpolate at fractional pixels, in halves while the window that they span is too large."""
+        grid = self.dems[number].grid
+        period = grid.period // factor if grid.wraps else 0
+        if factor > 1:
+            u, v = (u - 0.5 * (factor - 1)) / factor, (v - 0.5 * (factor - 1)) / factor
+        self._sample_window(number, u, v, factor, period, out)
+
+    def _sample_window(self, number: int, u: Array, v: Array, factor: int, period: int, out: Array) -> None:
+        col0, col1 = _span(u, period)
+        row0, row1 = _span(v, 0)
+        if (row1 - row0) * (col1 - col0) > _WINDOW_PIXELS and u.size > 1:
+            half = u.size // 2
+            for part in (slice(0, half), slice(half, None)):
+                self._sample_window(number, u[part], v[part], factor, period, out[part])
+            return
+        window = self._window(number, row0, row1, col0, col1, factor)
+        resample.sample(window, row0, col0, period, u, v, out)
+
+    def _window(self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int) -> Heights:
+        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the neighbouring tiles' pixels."""
+        if factor == 1:
+            return self._pixels(number, row0, row1, col0, col1)
+        grid = self.dems[number].grid
+        out = np.empty((row1 - row0, col1 - col0), np.float32)
+        strip = max(1, _WINDOW_PIXELS // (factor * factor * (col1 - col0)))
+        columns = np.arange(col0 * factor, col1 * factor) if grid.pole else np.zeros(1)
+        for top in range(row0, row1, strip):
+            bottom = min(top + strip, row1)
+            pixels = self._pixels(number, top * factor, bottom * factor, col0 * factor, col1 * factor)
+            rows = np.arange(top * factor, bottom * factor)[:, None]
+            weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
+            resample.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
+        return out
+
+    def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Heights:
+        """A window of one DEM's lattice; what is missing comes from other tiles of the same product on the same lattice."""
+        pixels = self.dems[number].read(row0, row1, col0, col1)
+        for other, columns, rows in self._mates[number]:
+            if not np.isnan(pixels).any():
+                break
+            dem = self.dems[other]
+            period = dem.grid.period or 1 << 40
+            for turn in (-period, 0, period):
+                low, high = col0 - columns + turn, col1 - columns + turn
+                first, last = max(low, 0), min(high, dem.grid.width)
+                top, bottom = max(row0 - rows, 0), min(row1 - rows, dem.grid.height)
+                if first >= last or top >= bottom:
+                    continue
+                part = pixels[top - row0 + rows : bottom - row0 + rows, first - low : last - low]
+                gaps = np.isnan(part)
+                if gaps.any():
+                    part[gaps] = dem.read(top, bottom, first, last)[gaps]
+        return pixels
+
+    @cached_property
+    def _mates(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
+        """For every DEM the other tiles of its product: (index, columns, rows) from its pixel (0, 0) to theirs."""
+        return tuple(
+            tuple(
+                (j, *offset)
+                for j, other in enumerate(self.dems)
+                if j != i and other.product == dem.product and (offset := dem.grid.same_lattice(other.grid)) is not None
+            )
+            for i, dem in enumerate(self.dems)
+        )
+
+    def native_gsd_m(self, lon_deg: float, lat_deg: float) -> float:
+        """Pixel size of the first DEM that has a height at a place; ``AreaError`` when none has."""
+        for number, dem in enumerate(self.dems):
+            height, index = np.full(1, np.nan), np.full(1, -1, np.int16)
+            place = np.array([lon_deg], dtype=np.float64), np.array([lat_deg], dtype=np.float64)
+            self._fill(number, *place, dem.gsd_m, slice(None), height, index)
+            if index[0] >= 0:
+                return dem.gsd_m
+        raise AreaError(
+            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM covers {self.bounds}"
+        )
+
+    def sources(self) -> list[dict[str, Any]]:
+        """Name, size and SHA-256 of every file that heights come from, labels included; no folders, in the given order."""
+        files = dict.fromkeys(path for dem in self.dems for path in dem.files)
+        return [{"name": p.name, "size": p.stat().st_size, "sha256": _sha256(p)} for p in files]
+
+
+def _span(values: Array, period: int) -> tuple[int, int]:
+    """Half-open range of whole pixels that cubic convolution needs around fractional ones; at most ``period`` of them."""
+    whole = np.floor(values).astype(np.int64)
+    low, high = int(whole.min()), int(whole.max())
+    if period and high - low > period // 2:
+        turned = (whole + period // 2) % period
+        if int(turned.max()) - int(turned.min()) < high - low:
+            low, high = int(turned.min()) - period // 2, int(turned.max()) - period // 2
+    low, high = low - _MARGIN + 1, high + _MARGIN + 1
+    if period and high - low >= period:
+        return 0, period
+    return low, high
+
+
+def _compare_size(image: Path, label: Label) -> None:
+    dataset = open_dataset(image)
+    if (dataset.height, dataset.width) != (label.lines, label.line_samples):
+        raise DemError(
+            f"{image}: has {dataset.height} x {dataset.width} pixels where its label {label.path.name} says "
+            f"{label.lines} x {label.line_samples}"
+        )
+
+
+def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
+    """Factor and offset that make metres above the sphere; an offset that is the sphere's radius is no term of height."""
+    scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
+    unit = (dataset.units[0] or "").strip().lower()
+    metres = 1000.0 if unit in ("km", "kilometer", "kilometers", "kilometre", "kilometres") else 1.0
+    if abs(offset * 1000.0 - MOON_RADIUS_M) < 0.5:
+        metres, offset = 1000.0, 0.0
+    elif abs(offset * metres - MOON_RADIUS_M) < 0.5:
+        offset = 0.0
+    if dataset.dtypes[0] == "uint8" and scale == 1.0 and offset == 0.0:
+        raise DemError(f"{path}: 8-bit samples are an image, not heights")
+    return scale * metres, offset * metres
+
+
+def _sha256(path: Path) -> str:
+    stat = os.stat(path)
+    return _sha256_of(str(path), stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=256)
+def _sha256_of(path: str, _mtime_ns: int, _size: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,328 @@
+"""One render, from what was asked for to the bytes of a file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import sun
+from ._version import __version__
+from .camera import Camera
+from .constants import FRAME, MOON_RADIUS_M
+from .dem import DemSet
+from .errors import AreaError, CameraError, SunError
+from .grid import Bounds
+from .raster_out import geotiff, node_transform, orthographic_crs
+from .reflectance import DEFAULT_MODEL
+from .render import Photograph, render_camera, render_enu
+from .scene import (
+    ScenePlan,
+    lowest_view_tangent,
+    nodes_enu,
+    plan_scene,
+    ring_decision,
+    ring_needed_m,
+)
+from .sphere import EnuFrame, azimuth_elevation
+from .terrain import Area, NodeWindow, Terrain, build_terrain, terrain_from_area
+from .view import View, camera_view, footprint, looking_camera, oblique_view
+
+Array = NDArray[np.float64]
+
+RING_MAX_M = 200e3
+"""No terrain further from the area than this is looked at."""
+
+_EXTENT_MAX_M = 2000e3
+_RELIEF_MAX_M = 20e3  # between the Moon's lowest and highest ground
+_HEIGHT_MAX_M = 11e3  # of any ground above or below the reference sphere
+_COARSE_NODES = 8  # the ring is looked for on nodes so many times coarser
+_COARSE_SLOPE = 0.35  # half a coarse cell at 35 deg: what coarse heights smooth away, at most
+
+
+@dataclass(frozen=True)
+class SunChoice:
+    """How the Sun is stated: angles at the area's centre, an instant, or the subsolar point; nothing: the camera's own."""
+
+    azimuth_deg: float | None = None
+    elevation_deg: float | None = None
+    time_utc: str | None = None
+    subsolar_deg: tuple[float, float] | None = None
+
+    def direction_mcmf(self, frame: EnuFrame, camera: Camera | None) -> Array:
+        """Unit MCMF direction to the Sun from a frame's origin; SunError when nobody states a Sun."""
+        if self.azimuth_deg is not None and self.elevation_deg is not None:
+            return sun.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
+        if self.time_utc is not None:
+            return sun.sun_direction_at(self.time_utc)
+        if self.subsolar_deg is not None:
+            return sun.direction_from_subsolar(*self.subsolar_deg)
+        if camera is not None and camera.sun_position_mcmf_m is not None:
+            return sun.direction_from_position(frame, camera.sun_position_mcmf_m)
+        if camera is not None and camera.time_utc is not None:
+            return sun.sun_direction_at(camera.time_utc)
+        raise SunError("no Sun is stated, and the camera has none of its own")
+
+
+@dataclass(frozen=True)
+class ViewChoice:
+    """From where: a camera, or angles at the area's centre (without an altitude from infinity); nothing: straight down."""
+
+    camera: Camera | None = None
+    off_nadir_deg: float = 0.0
+    view_azimuth_deg: float = 0.0
+    altitude_km: float | None = None
+
+    def view(self, frame: EnuFrame) -> View:
+        if self.camera is not None:
+            return camera_view(self.camera, frame)
+        altitude_m = None if self.altitude_km is None else 1e3 * self.altitude_km
+        return oblique_view(self.off_nadir_deg, self.view_azimuth_deg, altitude_m)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What one render is to show. ``area`` None: what the camera sees, else the whole DEM; ``gsd_m`` None: the DEM's own."""
+
+    dem_paths: Sequence[Path | str]
+    area: Area | None = None
+    gsd_m: float | None = None
+    sun: SunChoice = SunChoice()
+    view: ViewChoice = ViewChoice()
+    in_camera_plane: bool = False
+    model: str = DEFAULT_MODEL
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything a render needs, and what was decided about it."""
+
+    request: Request
+    terrain: Terrain
+    sun: Array  # ENU
+    view: View
+    plan: ScenePlan
+    sources: tuple[Path, ...]  # every file that heights come from
+
+    @property
+    def camera(self) -> Camera:
+        """The camera whose plane is rendered."""
+        assert self.view.camera is not None
+        return self.view.camera
+
+
+def prepare(request: Request) -> Scene:
+    """Read the terrain and decide; raises the library's errors for what cannot be rendered."""
+    dems = DemSet.open(request.dem_paths)
+    area, grows = _area(request, dems)
+    frame = area.frame
+    to_sun = frame.direction_from_mcmf(request.sun.direction_mcmf(frame, request.view.camera))
+    view = request.view.view(frame)
+    gsd_m = request.gsd_m or _native_gsd_m(dems, area)
+    extent = area.extent_m
+    _require_extent(extent)
+    if request.in_camera_plane and view.camera is None:
+        view = replace(view, camera=_looking_camera(frame, view, gsd_m, extent))
+    coarse = _coarse_terrain(dems, frame, extent, gsd_m, to_sun, view)
+    if grows:
+        extent = _grown(extent, _height_reach_m(coarse, view))
+        coarse = _coarse_terrain(dems, frame, extent, gsd_m, to_sun, view)
+    needed_m = _ring_needed_m(coarse, to_sun, view)
+    ring_m = min(needed_m, RING_MAX_M)
+    terrain = build_terrain(dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m, ring_m)
+    if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
+        terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
+    plan = plan_scene(
+        terrain,
+        to_sun,
+        view,
+        in_camera_plane=request.in_camera_plane,
+        ring=ring_decision(terrain, ring_m, needed_m),
+    )
+    sources = tuple(dict.fromkeys(path for dem in dems.dems for path in dem.files))
+    return Scene(request, terrain, to_sun, view, plan, sources)
+
+
+def expose(scene: Scene) -> Photograph:
+    """Render a scene; CameraError when the camera sees nothing of the area."""
+    model = scene.request.model
+    if scene.request.in_camera_plane:
+        result = render_camera(scene.terrain, scene.camera, scene.sun, model=model, plan=scene.plan)
+    else:
+        result = render_enu(scene.terrain, scene.sun, scene.view, model=model, plan=scene.plan)
+    if not result.visible.any():
+        who = scene.view.camera.name if scene.view.camera else "the view"
+        raise CameraError(f"{who}: the camera sees nothing of the area")
+    return result
+
+
+def encode(scene: Scene, result: Photograph) -> bytes:
+    """The GeoTIFF of ``lcp render``."""
+    bands: dict[str, ArrayLike | None] = {
+        "radiance": result.radiance,
+        "sunlit": result.sunlit,
+        "visible": result.visible,
+        "incidence": result.incidence_deg,
+        "emission": result.emission_deg,
+        "phase": result.phase_deg,
+    }
+    units = ["1", "1", "1", "degree", "degree", "degree"]
+    if result.position_mcmf_m is not None:
+        bands |= dict(zip("xyz", np.moveaxis(result.position_mcmf_m, -1, 0), strict=True))
+        return geotiff(bands, "float64", tags(scene), units=[*units, *["metre"] * 3])
+    bands["height"] = result.height_m
+    field, (row0, _, col0, _) = scene.terrain.field, scene.terrain.core
+    gsd_m = field.gsd_m
+    transform = node_transform(field.x0_m + col0 * gsd_m, field.y0_m - row0 * gsd_m, gsd_m)
+    crs = orthographic_crs(scene.terrain.frame)
+    return geotiff(bands, "float32", tags(scene), crs, transform, [*units, "metre"])
+
+
+def tags(scene: Scene) -> dict[str, str]:
+    """What a result says about its making; no paths, no clock."""
+    frame = scene.terrain.frame
+    azimuth, elevation = azimuth_elevation(scene.sun)
+    return {
+        "body": "MOON",
+        "frame": FRAME,
+        "software": f"lcp {__version__}",
+        "center_lon": repr(float(frame.lon_deg)),
+        "center_lat": repr(float(frame.lat_deg)),
+        "reference_radius_m": repr(MOON_RADIUS_M),
+        "gsd_m": repr(float(scene.terrain.field.gsd_m)),
+        "sun_azimuth": repr(float(azimuth)),
+        "sun_elevation": repr(float(elevation)),
+        "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
+        "camera": json.dumps(scene.view.describe(), sort_keys=True),
+        "reflectance": scene.request.model,
+        "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
+        "scene_plan": str(scene.plan),
+    }
+
+
+def _area(request: Request, dems: DemSet) -> tuple[Area, bool]:
+    """The area, and whether it is to grow so that it holds what the camera sees of high and low ground."""
+    if request.area is not None:
+        return request.area, False
+    if request.view.camera is not None:
+        seen = footprint(request.view.camera)
+        box = _clipped(Bounds(seen.west, seen.south, seen.east, seen.north), dems.bounds)
+        if box is None:
+            raise AreaError(
+                f"{request.view.camera.name}: the camera sees {_text(seen)}, the DEM covers {dems.bounds}"
+            )
+        return _box_area(box), True
+    return _box_area(dems.bounds), False
+
+
+def _text(seen: object) -> str:
+    return str(Bounds(*(getattr(seen, side) for side in Bounds._fields)))
+
+
+def _box_area(box: Bounds) -> Area:
+    """The area of a box; around a pole that lies inside, a square centred there."""
+    if box.east - box.west < 360.0 - 1e-9:
+        return Area.from_bounds(*box)
+    for pole, equatorward in ((90.0, box.south), (-90.0, -box.north)):
+        if abs(box.north if pole > 0 else box.south) == abs(pole) and equatorward > 0:
+            size_km = 2e-3 * MOON_RADIUS_M * math.cos(math.radians(equatorward))
+            return Area(0.0, pole, min(size_km, _EXTENT_MAX_M / 1e3))
+    raise AreaError(f"{box} does not fit into one plane: state --center and --size, or --bounds")
+
+
+def _clipped(box: Bounds, limit: Bounds) -> Bounds | None:
+    """What two boxes have in common; None for nothing."""
+    south, north = max(box.south, limit.south), min(box.north, limit.north)
+    if south >= north:
+        return None
+    if limit.east - limit.west >= 360.0 - 1e-9:
+        return Bounds(box.west, south, box.east, north)
+    if box.east - box.west >= 360.0 - 1e-9:
+        return Bounds(limit.west, south, limit.east, north)
+    shared = []
+    for turn in (-720.0, -360.0, 0.0, 360.0, 720.0):
+        west, east = max(box.west + turn, limit.west), min(box.east + turn, limit.east)
+        if west < east:
+            shared.append((east - west, Bounds(west, south, east, north)))
+    return max(shared)[1] if shared else None
+
+
+def _native_gsd_m(dems: DemSet, area: Area) -> float:
+    """The DEM's cell at the area's centre; the finest one's where that is a gap."""
+    try:
+        return dems.native_gsd_m(area.lon_deg, area.lat_deg)
+    except AreaError:
+        return min(dem.gsd_m for dem in dems.dems)
+
+
+def _require_extent(extent_m: tuple[float, float, float, float]) -> None:
+    width, height = extent_m[1] - extent_m[0], extent_m[3] - extent_m[2]
+    if max(width, height) > _EXTENT_MAX_M * (1 + 1e-9):
+        raise AreaError(
+            f"{width / 1e3:.0f} x {height / 1e3:.0f} km do not fit into one plane "
+            f"(limit {_EXTENT_MAX_M / 1e3:.0f} km): state a smaller --size or --bounds"
+        )
+
+
+def _looking_camera(
+    frame: EnuFrame, view: View, gsd_m: float, extent_m: tuple[float, float, float, float]
+) -> Camera:
+    if view.position_m is None:
+        raise CameraError("a camera at infinity has no plane: state its altitude, or a camera")
+    size_m = (extent_m[1] - extent_m[0], extent_m[3] - extent_m[2])
+    return looking_camera(frame, view.position_m, gsd_m, size_m)
+
+
+def _grown(
+    extent_m: tuple[float, float, float, float], by_m: float
+) -> tuple[float, float, float, float]:
+    x0, x1, y0, y1 = extent_m
+    return x0 - by_m, x1 + by_m, y0 - by_m, y1 + by_m
+
+
+def _coarse_terrain(
+    dems: DemSet,
+    frame: EnuFrame,
+    extent_m: tuple[float, float, float, float],
+    gsd_m: float,
+    to_sun: Array,
+    view: View,
+) -> Terrain:
+    """The area and all around it that could matter, on coarse nodes."""
+    coarse_m = _COARSE_NODES * gsd_m
+    corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
+    tangent = min(_sun_tangent(to_sun), lowest_view_tangent(view, corners))
+    reach_m = min(RING_MAX_M, _RELIEF_MAX_M / tangent) if tangent > 0 else RING_MAX_M
+    window = NodeWindow.covering(extent_m, coarse_m)
+    return build_terrain(dems, frame, window, coarse_m, reach_m)
+
+
+def _height_reach_m(coarse: Terrain, view: View) -> float:
+    """How far from its place on the sphere a ray of the camera can meet ground that is not at height 0."""
+    points = nodes_enu(coarse.field, coarse.core)
+    height = np.linalg.norm(coarse.frame.to_mcmf(points), axis=-1) - MOON_RADIUS_M
+    if not np.isfinite(height).any():
+        return 0.0
+    margin = _COARSE_SLOPE * coarse.field.gsd_m
+    highest = min(float(np.nanmax(np.abs(height))) + margin, _HEIGHT_MAX_M)
+    tangent = lowest_view_tangent(view, points)
+    return min(highest / tangent, RING_MAX_M) if tangent > 0 else RING_MAX_M
+
+
+def _ring_needed_m(coarse: Terrain, to_sun: Array, view: View) -> float:
+    margin = _COARSE_SLOPE * coarse.field.gsd_m
+    view_tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
+    tangent = min(_sun_tangent(to_sun), view_tangent if math.isfinite(view_tangent) else math.inf)
+    if not math.isfinite(tangent):
+        return 0.0
+    return ring_needed_m(coarse, tangent, margin)
+
+
+def _sun_tangent(to_sun: Array) -> float:
+    level = math.hypot(to_sun[0], to_sun[1])
+    return float(to_sun[2]) / level if level > 0 else math.inf

@@ -1,0 +1,106 @@
+"""Files that appear under their own name only when they are whole: written aside, synced, renamed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .errors import OutputError, OutputExistsError
+
+
+def check_output(path: Path | str, overwrite: bool = False) -> Path:
+    """The real path that an output will have; says early what would fail late.
+
+    OutputExistsError when it exists and ``overwrite`` was not said; OutputError when its folder is missing
+    or not writable, or when the name is taken by something that is no plain file (a folder, a device).
+    """
+    target = Path(os.path.realpath(path))  # a link's target is replaced, not the link
+    if not target.parent.is_dir():
+        raise OutputError(f"{path}: the folder {target.parent} does not exist; make it first")
+    if os.path.lexists(target):
+        if not stat.S_ISREG(target.stat().st_mode):
+            raise OutputError(f"{path}: is not a plain file and cannot be an output")
+        if not overwrite:
+            raise OutputExistsError(f"{path} exists; say --overwrite to replace it")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{path}: no permission to write into {target.parent}")
+    return target
+
+
+@contextmanager
+def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
+    """A path in the same folder to write to; it becomes ``path`` when the block ends well, and vanishes when it does not.
+
+    The file is synced before it is renamed, the folder after. Raises as `check_output` does, and OutputError for a full
+    disk or a failed write. An output that somebody else made meanwhile is not replaced unless ``overwrite`` was said.
+    """
+    target = check_output(path, overwrite)
+    aside = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part"
+    try:
+        with _named(path):
+            os.close(os.open(aside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            yield aside
+            _sync(aside)
+            _publish(aside, target, overwrite)
+            _sync(target.parent)
+    finally:
+        with suppress(OSError):
+            aside.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool = False) -> None:
+    """Write a whole file as `write_aside` does."""
+    with write_aside(path, overwrite) as aside:
+        aside.write_bytes(content)
+
+
+def depfile_text(target: Path | str, sources: Iterable[Path | str]) -> str:
+    """One Make rule that says what an output was read from; the names are those the user gave."""
+    names = [_make_name(str(name)) for name in (target, *sources)]
+    return f"{names[0]}: {' '.join(names[1:])}\n"
+
+
+def _make_name(name: str) -> str:
+    return name.replace("$", "$$").replace("#", "\\#").replace(" ", "\\ ")
+
+
+@contextmanager
+def _named(path: Path | str) -> Iterator[None]:
+    """Errors of the operating system as OutputError with the output's own name."""
+    try:
+        yield
+    except (OutputError, OutputExistsError):
+        raise
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT) or "No space left" in str(error):
+            text = f"{path}: the disk is full; free some space and run again"
+            raise OutputError(text) from error
+        if isinstance(error, PermissionError) or error.errno in (errno.EROFS, errno.EIO, errno.EFBIG):
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+        raise
+
+
+def _publish(aside: Path, target: Path, overwrite: bool) -> None:
+    if overwrite:
+        os.replace(aside, target)
+        return
+    try:
+        os.link(aside, target)  # unlike a rename it fails if somebody made the target meanwhile
+    except FileExistsError as error:
+        text = f"{target} appeared while it was being made; say --overwrite to replace it"
+        raise OutputExistsError(text) from error
+    except OSError:  # a file system without hard links
+        os.replace(aside, target)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,235 @@
+"""One area of a build: terrain, images under every condition, candidates, and what each candidate is worth.
+
+``run_area`` is a pure function of its job; it runs in any process. All candidates are given back, usable or not: the choice between
+them is the build's, over all areas at once.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .config import BuildConfig
+from .constants import MOON_RADIUS_M
+from .dem import DemSet
+from .evaluate import Evaluation, evaluate
+from .heightfield import Window
+from .landmarks.corners import Persistence, candidates
+from .plan import AreaGrid, AreaTask
+from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
+from .sweep import Conditions, Sweep
+from .terrain import Area, NodeWindow, Terrain, build_terrain, sample_patch
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+_CORNER_BORDER = 4
+"""Nodes beyond the search region that the corner detector's window reaches."""
+
+_RELIEF_STEP = 16
+"""The relief around an area is first looked at with cells this many times coarser."""
+
+_RELIEF_MARGIN_M = 300.0
+"""Added to the coarse heights: block means cut peaks."""
+
+
+@dataclass(frozen=True)
+class AreaJob:
+    """What a worker needs to know; small, so that it travels well."""
+
+    task: AreaTask
+    grid: AreaGrid
+    region: Area
+    gsd_m: float
+    config: BuildConfig
+    dem_paths: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All candidates of an area (or of many), one row each; shapes (n, ...)."""
+
+    lon_deg: Array
+    lat_deg: Array
+    elevation_m: Array
+    patch_m: NDArray[np.float32]  # (n, p, p) ENU z in the point's own frame
+    product: NDArray[np.int16]  # index of the DEM
+    evaluation: Evaluation
+
+    def __len__(self) -> int:
+        return len(self.lon_deg)
+
+
+@dataclass(frozen=True)
+class CoverageCells:
+    """The spacing cells of an area: where each lies, and whether it has ground at all; shapes (m,)."""
+
+    lon_deg: Array
+    lat_deg: Array
+    has_ground: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class AreaResult:
+    """What an area contributes."""
+
+    candidates: Candidates
+    cells: CoverageCells
+
+
+def run_area(job: AreaJob) -> AreaResult:
+    """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
+    config, task = job.config, job.task
+    dems = DemSet.open(job.dem_paths)
+    half, search = config.points.half, config.points.search_nodes(job.gsd_m)
+    halo = search + half + _CORNER_BORDER
+    terrain = _terrain(job, dems, halo)
+    sweep = Sweep(terrain.field, terrain.core, Conditions.at(task.lat_deg, config), config.model.reflectance)
+    core = _Core(job, terrain, halo)
+    rows, cols = _find(sweep, core, config, job.gsd_m)
+    return AreaResult(_evaluated(job, dems, core, sweep, rows, cols), core.cells(config.points.spacing_nodes(job.gsd_m)))
+
+
+def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
+    """The area with its halo as the core window, and around it the ring that can cast shadows into it."""
+    window = job.task.window.grown(halo)
+    return build_terrain(dems, job.task.frame, window, job.gsd_m, ring_m=_ring_m(job, dems, window))
+
+
+def _ring_m(job: AreaJob, dems: DemSet, window: NodeWindow) -> float:
+    """How far beyond the window terrain can shadow it at the lowest Sun: relief over the tangent, from coarse heights."""
+    cap_m = job.config.model.ring_max_km * 1e3
+    lowest = np.radians(min(job.config.sun.elevations_deg))
+    coarse_m = _RELIEF_STEP * job.gsd_m
+    spans = [window.row0, window.row1, window.col0, window.col1]
+    row0, row1, col0, col1 = (round(s / _RELIEF_STEP) for s in spans)
+    ring = int(cap_m / coarse_m) + 1
+    wide = build_terrain(dems, job.task.frame, NodeWindow(row0, row1, col0, col1), coarse_m, ring_m=ring * coarse_m)
+    z, (r0, r1, c0, c1) = wide.field.z_m, wide.core
+    inside = z[r0:r1, c0:c1]
+    if not np.isfinite(inside).any():
+        return 0.0
+    floor = float(np.nanmin(inside)) - _RELIEF_MARGIN_M
+    rows, cols = np.indices(z.shape)
+    away = np.maximum(np.maximum(r0 - rows, rows - r1 + 1), np.maximum(c0 - cols, cols - c1 + 1)) * coarse_m
+    reach = z + _RELIEF_MARGIN_M - floor > np.maximum(away - coarse_m, 0.0) * np.tan(lowest)
+    needed = away[reach & (away > 0)]
+    return float(min(cap_m, needed.max() + coarse_m)) if needed.size else 0.0
+
+
+class _Core:
+    """The window of an area's terrain: which of its nodes are the area's own, and where they lie on the Moon."""
+
+    def __init__(self, job: AreaJob, terrain: Terrain, halo: int) -> None:
+        self.terrain, self.frame, self.halo = terrain, terrain.frame, halo
+        r0, r1, c0, c1 = terrain.core
+        self.z = terrain.field.z_m[r0:r1, c0:c1]
+        self.lon, self.lat = self._places((r0, r1, c0, c1))
+        row, column = job.grid.owner(self.lon, self.lat)
+        mine = (row == job.task.row) & (column == job.task.column) & job.region.contains(self.lon, self.lat)
+        edge = np.ones_like(mine)
+        edge[halo:-halo, halo:-halo] = False
+        self.mine = mine & ~edge
+
+    def _places(self, window: Window) -> tuple[Array, Array]:
+        """Longitude and latitude of every node of the window; over nodata those of the sphere."""
+        r0, r1, c0, c1 = window
+        field = self.terrain.field
+        x, y = np.meshgrid(
+            field.x0_m + np.arange(c0, c1) * field.gsd_m, field.y0_m - np.arange(r0, r1) * field.gsd_m
+        )
+        z = np.where(np.isfinite(self.z), self.z, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M))
+        lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+        return lon, lat
+
+    def cells(self, spacing: int) -> CoverageCells:
+        """Spacing cells, cut from the area's own nodes; a cell with fewer than half of its nodes here is left to its neighbour."""
+        rows, cols = self.mine.shape
+        lon, lat, ground = [], [], []
+        for row in range(self.halo, rows - self.halo, spacing):
+            for col in range(self.halo, cols - self.halo, spacing):
+                block = np.s_[row : row + spacing, col : col + spacing]
+                if self.mine[block].sum() * 2 < spacing * spacing:
+                    continue
+                middle = min(row + spacing // 2, rows - 1), min(col + spacing // 2, cols - 1)
+                lon.append(self.lon[middle])
+                lat.append(self.lat[middle])
+                ground.append(bool(np.isfinite(self.z[block]).mean() >= 0.5))
+        return CoverageCells(np.array(lon, float), np.array(lat, float), np.array(ground, bool))
+
+
+def _find(
+    sweep: Sweep, core: _Core, config: BuildConfig, gsd_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corners of the area's own nodes that persist over the Suns, seen from the view nearest to straight above."""
+    nadir = int(np.argmin(sweep.conditions.off_nadir_deg))
+    persistence = Persistence(core.z.shape)
+    for image in sweep.images(views=(nadir,)):
+        persistence.add(image.radiance)
+    return candidates(
+        persistence.score(),
+        spacing_px=config.points.spacing_nodes(gsd_m),
+        per_cell=config.points.candidates_per_cell,
+        border=core.halo,
+        valid=core.mine & np.isfinite(core.z),
+    )
+
+
+def _evaluated(
+    job: AreaJob,
+    dems: DemSet,
+    core: _Core,
+    sweep: Sweep,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+) -> Candidates:
+    """Evaluate the candidates in groups of like convergence, each under Suns turned to the group's own north."""
+    whole = _has_whole_patch(core.z, rows, cols, job.config.points.half)
+    rows, cols = rows[whole], cols[whole]
+    lon, lat = core.lon[rows, cols], core.lat[rows, cols]
+    turns = _turns(core.frame, lon, lat, job.config)
+    parts = Evaluation.empty(len(rows), sweep.conditions.shape)
+    for turn in np.unique(turns):
+        group = np.flatnonzero(turns == turn)
+        turned = sweep if turn == 0.0 else Sweep(sweep.field, sweep.window, sweep.conditions, sweep.reflectance, float(turn))
+        parts = parts.with_rows(group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m))
+    patches, elevation, product = _patches(dems, lon, lat, job)
+    return Candidates(lon, lat, elevation, patches, product, parts)
+
+
+def _has_whole_patch(
+    z: NDArray[np.float32], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
+) -> NDArray[np.bool_]:
+    finite = np.isfinite(z)
+    whole = [finite[r - half : r + half + 1, c - half : c + half + 1].all() for r, c in zip(rows, cols, strict=True)]
+    return np.array(whole, dtype=np.bool_)
+
+
+def _turns(
+    frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig
+) -> Array:
+    """Azimuth of each point's own north in the area's frame, radians, in steps of twice the direction tolerance; 0 within it."""
+    north = np.stack([enu_rotation(o, a)[1] for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3)
+    east_up = frame.direction_from_mcmf(north)
+    turn = np.arctan2(east_up[:, 0], east_up[:, 1])
+    step = 2.0 * np.radians(config.model.direction_tolerance_deg)
+    return np.round(turn / step) * step
+
+
+def _patches(
+    dems: DemSet, lon: Array, lat: Array, job: AreaJob
+) -> tuple[NDArray[np.float32], Array, NDArray[np.int16]]:
+    """Each candidate's fragment of the DEM in its own frame."""
+    size = job.config.points.patch_nodes
+    patches = np.empty((len(lon), size, size), dtype=np.float32)
+    elevation = np.empty(len(lon))
+    product = np.empty(len(lon), dtype=np.int16)
+    for i, (o, a) in enumerate(zip(lon, lat, strict=True)):
+        patch = sample_patch(dems, float(o), float(a), size, job.gsd_m)
+        patches[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
+    return patches, elevation, product

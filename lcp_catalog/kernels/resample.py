@@ -1,0 +1,135 @@
+"""Resampling of height grids: cubic convolution beside which nodata is never smeared, block means, ENU to longitude/latitude."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _keys(t, w):
+    """Weights of Keys' cubic convolution with a = -0.5 (IEEE ASSP 29, 1981, eq. 15) at fraction ``t`` of the middle interval.
+
+    Third order: a quadratic is reproduced exactly.
+    """
+    w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
+    w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
+    w[2] = t * (0.5 + t * (2.0 - 1.5 * t))
+    w[3] = t * t * (-0.5 + 0.5 * t)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _column(col, col0, cols, period):
+    """Index in the window of a column of the raster, turned around the Moon where need be; -1 outside."""
+    c = col - col0
+    if period > 0:
+        if c < 0:
+            c += period
+        elif c >= cols:
+            c -= period
+    if c < 0 or c >= cols:
+        return -1
+    return c
+
+
+@njit(cache=True, nogil=True)
+def sample(grid, row0, col0, period, u, v, out):
+    """Heights at fractional pixels (column ``u``, row ``v``) of a raster of which ``grid`` is the window from (row0, col0).
+
+    Cubic convolution where all sixteen pixels are there, bilinear over those of the four that are there otherwise, NaN where
+    the nearest pixel is missing. ``period``: columns around the Moon, 0 when the raster has no seam.
+    """
+    rows, cols = grid.shape
+    wx = np.empty(4)
+    wy = np.empty(4)
+    for k in range(u.size):
+        if not (math.isfinite(u[k]) and math.isfinite(v[k])):
+            out[k] = np.nan
+            continue
+        fi = math.floor(v[k])
+        fj = math.floor(u[k])
+        tv = v[k] - fi
+        tu = u[k] - fj
+        i = int(fi) - row0
+        j = int(fj)
+        if i < -1 or i > rows - 1:
+            out[k] = np.nan
+            continue
+        c0 = _column(j - 1, col0, cols, period)
+        c1 = _column(j, col0, cols, period)
+        c2 = _column(j + 1, col0, cols, period)
+        c3 = _column(j + 2, col0, cols, period)
+        value = np.nan
+        if i >= 1 and i + 2 < rows and c0 >= 0 and c1 >= 0 and c2 >= 0 and c3 >= 0:
+            _keys(tu, wx)
+            _keys(tv, wy)
+            value = 0.0
+            for a in range(4):
+                g = grid[i - 1 + a]
+                value += wy[a] * (wx[0] * g[c0] + wx[1] * g[c1] + wx[2] * g[c2] + wx[3] * g[c3])
+        if value != value:
+            value = _bilinear(grid, i, c1, c2, tu, tv)
+        out[k] = value
+
+
+@njit(cache=True, nogil=True)
+def _bilinear(grid, i, c1, c2, tu, tv):
+    """Mean of the pixels that are there, by their bilinear weights; NaN where the nearest is missing."""
+    rows = grid.shape[0]
+    near_row = i if tv < 0.5 or (tv == 0.5 and i >= 0) else i + 1
+    near_col = c1 if tu < 0.5 or (tu == 0.5 and c1 >= 0) else c2
+    if near_row < 0 or near_row >= rows or near_col < 0 or grid[near_row, near_col] != grid[near_row, near_col]:
+        return np.nan
+    total = 0.0
+    weight = 0.0
+    for a in range(2):
+        if i + a < 0 or i + a >= rows:
+            continue
+        wa = tv if a == 1 else 1.0 - tv
+        for b in range(2):
+            c = c2 if b == 1 else c1
+            if c < 0 or grid[i + a, c] != grid[i + a, c]:
+                continue
+            w = wa * (tu if b == 1 else 1.0 - tu)
+            total += w * grid[i + a, c]
+            weight += w
+    return total / weight
+
+
+@njit(cache=True, nogil=True)
+def block_means(grid, weight, factor, out):
+    """Means of ``factor`` x ``factor`` blocks by ``weight``; NaN where less than half a block's weight has data.
+
+    ``weight`` broadcasts by its shape: (rows, cols), or (rows, 1) when it depends on the row only.
+    """
+    wide = weight.shape[1] > 1
+    for bi in range(out.shape[0]):
+        for bj in range(out.shape[1]):
+            total = 0.0
+            there = 0.0
+            whole = 0.0
+            for a in range(bi * factor, (bi + 1) * factor):
+                for b in range(bj * factor, (bj + 1) * factor):
+                    w = weight[a, b if wide else 0]
+                    whole += w
+                    if grid[a, b] == grid[a, b]:
+                        total += w * grid[a, b]
+                        there += w
+            out[bi, bj] = total / there if there >= 0.5 * whole and there > 0.0 else np.nan
+
+
+@njit(cache=True, nogil=True)
+def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
+    """Longitude (0..2 pi) and latitude, radians, of ENU points; ``rotation`` is MCMF -> ENU, the frame's origin ``up_m`` from the centre."""
+    for k in range(x.size):
+        e = x[k]
+        n = y[k]
+        h = z[k] + up_m
+        px = rotation[0, 0] * e + rotation[1, 0] * n + rotation[2, 0] * h
+        py = rotation[0, 1] * e + rotation[1, 1] * n + rotation[2, 1] * h
+        pz = rotation[0, 2] * e + rotation[1, 2] * n + rotation[2, 2] * h
+        a = math.atan2(py, px)
+        lon[k] = a if a >= 0.0 else a + 2.0 * math.pi
+        lat[k] = math.atan2(pz, math.sqrt(px * px + py * py))

@@ -1,0 +1,191 @@
+"""An area as it looks under one Sun from one view: at its own nodes, or in the camera's plane.
+
+Directions are unit ENU vectors of the terrain's frame, from the surface to the Sun. Both renders trace exactly. Nodata is never
+rendered: its radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .reflectance import DEFAULT_MODEL, photometry
+from .scene import ScenePlan, nodes_enu, plan_scene
+from .sphere import mcmf_to_lonlat
+from .terrain import Terrain
+from .errors import CameraError, SunError
+from .view import View, camera_view
+
+Array = NDArray[np.float64]
+Band = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+
+_BLOCK_ROWS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
+    not lit), sunlit and visible as masks, angles in degrees (NaN without a surface), and where it is:
+    ``height_m`` (ENU z) at the area's nodes, ``position_mcmf_m`` (rows, cols, 3) in the camera's plane.
+    """
+
+    radiance: Band
+    sunlit: Mask
+    visible: Mask
+    incidence_deg: Band
+    emission_deg: Band
+    phase_deg: Band
+    height_m: Band | None = None
+    position_mcmf_m: Array | None = None
+
+
+def render_enu(
+    terrain: Terrain,
+    sun: Array,
+    view: View,
+    *,
+    model: str = DEFAULT_MODEL,
+    shadows: bool = True,
+    plan: ScenePlan | None = None,
+) -> Photograph:
+    """The core window's nodes, float32.
+
+    With a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out cast
+    shadows, not attached ones. CameraError when the camera is under the ground, SunError when the Sun
+    is below every horizon.
+    """
+    plan = plan or plan_scene(terrain, sun, view)
+    check_sun(terrain, sun)
+    check_camera(terrain, view)
+    field, (row0, row1, col0, col1) = terrain.field, terrain.core
+    lit = np.ones((row1 - row0, col1 - col0), dtype=np.bool_)
+    seen = lit.copy()
+    if shadows and plan.cast_shadows.modelled:
+        lit = ~field.occluded_nodes(sun, terrain.core)
+    if plan.occlusion.modelled:
+        seen = ~_hidden(terrain, view)
+    angles = [np.empty(lit.shape, dtype=np.float32) for _ in range(4)]
+    for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
+        window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
+        rows = slice(window[0] - row0, window[1] - row0)
+        points, normals = nodes_enu(field, window), field.normals(window).astype(np.float64)
+        to_camera = view.directions(points)
+        lit[rows] &= np.sum(normals * sun, axis=-1) > 0
+        seen[rows] &= np.sum(normals * to_camera, axis=-1) > 0
+        if view.camera is not None:
+            pixels = view.camera.project(terrain.frame.to_mcmf(points))
+            seen[rows] &= view.camera.in_image(pixels)
+        towards = view.direction if view.direction is not None else to_camera
+        for band, values in zip(
+            angles, _bands(normals, sun, towards, lit[rows], seen[rows], model), strict=True
+        ):
+            band[rows] = values
+    radiance, incidence, emission, phase = angles
+    height = field.z_m[row0:row1, col0:col1]
+    return Photograph(radiance, lit, seen, incidence, emission, phase, height_m=height)
+
+
+def render_camera(
+    terrain: Terrain,
+    camera: Camera,
+    sun: Array,
+    *,
+    model: str = DEFAULT_MODEL,
+    shadows: bool = True,
+    plan: ScenePlan | None = None,
+) -> Photograph:
+    """The camera's plane, one first hit a pixel, float64.
+
+    Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
+    drawn. A hit is visible even where its interpolated normal leans away (it counts as seen edge-on).
+    """
+    view = camera_view(camera, terrain.frame)
+    plan = plan or plan_scene(terrain, sun, view, in_camera_plane=True)
+    check_sun(terrain, sun)
+    check_camera(terrain, view)
+    origin, rays = camera.rays_enu(terrain.frame)
+    points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays
+    seen = _in_core(terrain, points)
+    normals = np.full(points.shape, np.nan)
+    normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
+    seen &= ~np.isnan(normals[..., 0])
+    points[~seen] = np.nan
+    lit = np.sum(normals * sun, axis=-1) > 0
+    if shadows and plan.cast_shadows.modelled and lit.any():
+        lit[lit] = ~terrain.field.occluded_points(points[lit], sun)
+    bands = _bands(normals, sun, -rays, lit, seen, model)
+    position = terrain.frame.to_mcmf(points)
+    return Photograph(bands[0], lit, seen, *bands[1:], position_mcmf_m=position)
+
+
+def check_sun(terrain: Terrain, sun: Array) -> None:
+    """SunError when the Sun stands below the horizon of even the highest node of the area.
+
+    Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips by acos(R / (R + h)).
+    """
+    places = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
+    radius = np.linalg.norm(places, axis=-1)
+    known = np.isfinite(radius)
+    if not known.any():
+        return
+    elevation = np.arcsin(places[known] @ terrain.frame.direction_to_mcmf(sun) / radius[known])
+    lowest = float(radius[known].min())
+    everywhere = terrain.frame.to_mcmf(_coarse_nodes(terrain))
+    around = np.linalg.norm(everywhere, axis=-1)
+    lowest = float(np.nanmin(np.append(around, lowest)))
+    dip = np.arccos(np.clip(lowest / radius[known], -1.0, 1.0))
+    best = float(np.degrees((elevation + dip).max()))
+    if best < 0:
+        raise SunError(
+            f"the Sun stands {-best:.2f} deg below the horizon of the area's highest ground: nothing is lit"
+        )
+
+
+def check_camera(terrain: Terrain, view: View) -> None:
+    """CameraError when the camera is under the terrain's surface."""
+    if view.position_m is None:
+        return
+    x, y, z = view.position_m
+    ground = float(terrain.field.heights_at(np.array([x]), np.array([y]))[0])
+    if z < ground:
+        _, _, height = mcmf_to_lonlat(terrain.frame.to_mcmf(view.position_m))
+        raise CameraError(
+            f"{view.camera.name if view.camera else 'the view'}: the camera is {ground - z:.0f} m under the ground "
+            f"(it is {float(height):.0f} m above the reference sphere)"
+        )
+
+
+def _hidden(terrain: Terrain, view: View) -> Mask:
+    if view.direction is not None:
+        return terrain.field.occluded_nodes(view.direction, terrain.core)
+    return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
+
+
+def _in_core(terrain: Terrain, points: Array) -> Mask:
+    """Hits within half a cell of the core window's nodes; False for NaN."""
+    row0, row1, col0, col1 = terrain.core
+    field = terrain.field
+    col = (points[..., 0] - field.x0_m) / field.gsd_m
+    row = (field.y0_m - points[..., 1]) / field.gsd_m
+    inside = (row >= row0 - 0.5) & (row <= row1 - 0.5) & (col >= col0 - 0.5) & (col <= col1 - 0.5)
+    return np.asarray(inside)
+
+
+def _coarse_nodes(terrain: Terrain) -> Array:
+    rows, cols = terrain.field.z_m.shape
+    step = max(1, max(rows, cols) // 256)
+    return nodes_enu(terrain.field, terrain.field.whole, step)
+
+
+def _bands(
+    normals: Array, sun: Array, to_camera: Array, lit: Mask, seen: Mask, model: str
+) -> tuple[Array, Array, Array, Array]:
+    """Radiance factor; incidence, emission and phase in degrees."""
+    bands = photometry(normals, sun, to_camera, lit, seen, model)
+    angles = [np.degrees(band) for band in bands[1:]]
+    return bands.radiance, angles[0], angles[1], angles[2]

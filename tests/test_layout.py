@@ -1,0 +1,95 @@
+"""The fences of the house: who may import what. Read from the source, so that nothing has to be run."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LIBRARY = sorted((ROOT / "lcp_catalog").rglob("*.py"))
+COMMANDS = sorted((ROOT / "cli").glob("*.py"))
+
+FENCES = {
+    # package: modules of the library that may import it
+    "rasterio": {"dem", "label", "raster_out"},
+    "cv2": {"landmarks", "match", "threads"},
+    "h5py": {"catalog"},
+    "distributed": {"engine"},
+    "click": set(),
+    "numba": {"kernels", "threads"},
+    "erfa": {"sun"},
+}
+
+FLOORS = [
+    # from the ground up: a module imports only modules of lower floors, or its own
+    {"_version", "errors", "constants"},
+    {"sphere", "kernels", "threads", "files"},
+    {"config", "label", "grid"},
+    {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png"},
+    {"terrain"},
+    {"scene"},
+    {"render", "landmarks", "sweep", "plan"},
+    {"catalog", "schema", "evaluate"},
+    {"job"},
+    {"shards", "engine"},
+    {"build", "report", "charts"},
+]
+
+
+def imports(path: Path) -> set[str]:
+    """Absolute names of everything a file imports; its own package's modules as ``lcp_catalog.x``."""
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            name = ".".join(part for part in (base, node.module or "") if part)
+            found |= {name} if node.module else {f"{name}.{alias.name}" for alias in node.names}
+    return found
+
+
+def room(path: Path) -> str:
+    return path.relative_to(ROOT / "lcp_catalog").with_suffix("").parts[0]
+
+
+@pytest.mark.parametrize("package", FENCES)
+def test_only_its_rooms_import(package: str) -> None:
+    users = {room(path) for path in LIBRARY if any(name.split(".")[0] == package for name in imports(path))}
+    assert users <= FENCES[package]
+
+
+@pytest.mark.parametrize("path", [p for p in LIBRARY if room(p) != "__init__"], ids=lambda p: p.stem)
+def test_imports_go_down(path: Path) -> None:
+    floor = {name: level for level, names in enumerate(FLOORS) for name in names}
+    own = room(path)
+    assert own in floor, f"{own} has no floor: say in FLOORS where it stands"
+    for name in imports(path):
+        parts = name.split(".")
+        if parts[0] == "lcp_catalog" and len(parts) > 1 and parts[1] != own:
+            assert floor[parts[1]] <= floor[own], f"{own} imports {parts[1]}, which stands above it"
+
+
+def test_kernels_import_nothing_of_ours_but_constants() -> None:
+    for path in (ROOT / "lcp_catalog" / "kernels").glob("*.py"):
+        ours = {name for name in imports(path) if name.startswith("lcp_catalog")}
+        assert all(name.startswith(("lcp_catalog.kernels", "lcp_catalog.constants")) for name in ours), path
+
+
+def test_the_library_never_prints_or_exits() -> None:
+    for path in LIBRARY:
+        calls = [
+            node.func.id
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        ]
+        assert not {"print", "exit", "quit", "input"} & set(calls), path
+
+
+def test_commands_hold_no_science() -> None:
+    for path in COMMANDS:
+        heavy = {name.split(".")[0] for name in imports(path)} & {"numpy", "cv2", "h5py", "numba", "rasterio", "erfa"}
+        assert not heavy, f"{path.name} imports {heavy}"
