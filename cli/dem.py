@@ -28,12 +28,20 @@ def command() -> None:
     help="Also the height at a place, degrees; may be repeated.",
 )
 def info(dem: tuple[str, ...], as_json: bool, places: tuple[tuple[float, float], ...]) -> None:
-    """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS3 by image or label)."""
+    """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS3 by image
+    or label).
+    """
     from lcp_catalog.dem import Dem  # rasterio and numba: only when the command runs  # noqa: PLC0415
 
-    opened = [Dem.open(path) for path in dem]  # a file that is none is said before the others are read
-    described = [_describe(path, product, places) for path, product in zip(dem, opened, strict=True)]
-    click.echo(json.dumps(described, indent=2) if as_json else "\n\n".join(_text(one) for one in described))
+    opened = [
+        Dem.open(path) for path in dem
+    ]  # a file that is none is said before the others are read
+    described = [
+        _describe(path, product, places) for path, product in zip(dem, opened, strict=True)
+    ]
+    click.echo(
+        json.dumps(described, indent=2) if as_json else "\n\n".join(_text(one) for one in described)
+    )
 
 
 def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> dict[str, Any]:
@@ -52,7 +60,9 @@ def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> d
         "max_m": found.max_m,
         "nodata_share": found.nodata_share,
         "abs_latitude_use": None if span is None else list(span),
-        "samples": [{"lon": lon, "lat": lat, "height_m": dem.height_at(lon, lat)} for lon, lat in places],
+        "samples": [
+            {"lon": lon, "lat": lat, "height_m": dem.height_at(lon, lat)} for lon, lat in places
+        ],
     }
 
 
@@ -60,11 +70,24 @@ def _text(one: dict[str, Any]) -> str:
     box, span = one["bounds"], one["abs_latitude_use"]
     rows = [
         ("product", one["product"]),
-        ("projection", f"{one['projection']}, {one['width']} x {one['height']} pixels of {one['gsd_m']:.10g} m"),
-        ("bounds", f"longitude {box['west']:.6g} .. {box['east']:.6g}, latitude {box['south']:.6g} .. {box['north']:.6g}"),
+        (
+            "projection",
+            f"{one['projection']}, {one['width']} x {one['height']} pixels of "
+            f"{one['gsd_m']:.10g} m",
+        ),
+        (
+            "bounds",
+            f"longitude {box['west']:.6g} .. {box['east']:.6g}, latitude "
+            f"{box['south']:.6g} .. {box['north']:.6g}",
+        ),
         ("heights", _range(one)),
         ("no data", f"{one['nodata_share']:.4%} of the pixels"),
-        ("use", "any latitude" if span is None else f"latitudes {span[0]:g} .. {span[1]:g} north and south"),
+        (
+            "use",
+            "any latitude"
+            if span is None
+            else f"latitudes {span[0]:g} .. {span[1]:g} north and south",
+        ),
     ]
     rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
     width = max(len(name) for name, _ in rows)

@@ -1,6 +1,7 @@
 """Every flag that more than one command has, once: groups of options as decorators.
 
-A group gives a command plain keyword arguments under the names that stand here; nothing is read or computed.
+A group gives a command plain keyword arguments under the names that stand here; nothing is read or
+computed.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import click
 Command = Callable[..., Any]
 
 REFLECTANCES = ("lommel-seeliger", "lambert")
-"""Written out, so that no flag needs the kernels to be imported; a test holds it against `lcp_catalog.reflectance`."""
+"""Written out, so that no flag needs the kernels to be imported; a test holds it against
+`lcp_catalog.reflectance`.
+"""
 
 
 def _group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:

@@ -1,7 +1,8 @@
 """Framing cameras: read, checked, points to pixels and pixels to rays.
 
-Camera axes are OpenCV's: X along rows (right), Y along columns (down), Z along the optical axis towards the scene. Pixel centres
-are at whole numbers, so an image of width w reaches from -0.5 to w - 0.5. Distortion is OpenCV's [k1, k2, p1, p2, k3].
+Camera axes are OpenCV's: X along rows (right), Y along columns (down), Z along the optical axis
+towards the scene. Pixel centres are at whole numbers, so an image of width w reaches from -0.5 to w
+- 0.5. Distortion is OpenCV's [k1, k2, p1, p2, k3].
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ _UNDISTORT_STEPS = 50
 class Camera:
     """A framing camera at a place; raises CameraError for one that cannot be.
 
-    ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding (up to 1e-5) is made orthonormal.
+    ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding
+    (up to 1e-5) is made orthonormal.
     """
 
     position_mcmf_m: Array
@@ -82,7 +84,9 @@ class Camera:
         given = self._numbers("rotation_mcmf_to_camera", (3, 3))
         error = np.abs(given @ given.T - np.eye(3)).max()
         if error > _ROTATION_TOLERANCE:
-            self._refuse("rotation_mcmf_to_camera", "is not a rotation: its rows are not orthonormal")
+            self._refuse(
+                "rotation_mcmf_to_camera", "is not a rotation: its rows are not orthonormal"
+            )
         if np.linalg.det(given) < 0:
             self._refuse("rotation_mcmf_to_camera", "is left-handed: it mirrors the scene")
         if error < 1e-12:
@@ -119,9 +123,11 @@ class Camera:
         return document
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        """Pixels (..., 2), column then row, of MCMF points (..., 3); NaN for what is not in front of the camera.
+        """Pixels (..., 2), column then row, of MCMF points (..., 3); NaN for what is not in front
+        of the camera.
 
-        Far outside the image a distortion polynomial can fold back: such points get NaN as well (see `in_image`).
+        Far outside the image a distortion polynomial can fold back: such points get NaN as well
+        (see `in_image`).
         """
         points = np.asarray(points_mcmf_m, dtype=np.float64)
         x, y, depth = np.moveaxis(
@@ -164,7 +170,9 @@ class Camera:
         return looking @ self.rotation_mcmf_to_camera
 
     def rays_enu(self, frame: EnuFrame) -> tuple[Array, Array]:
-        """The camera's position (3,) and every pixel's unit direction (rows, columns, 3) in an ENU frame."""
+        """The camera's position (3,) and every pixel's unit direction (rows, columns, 3) in an ENU
+        frame.
+        """
         rows, columns = self.shape
         row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
         directions = frame.direction_from_mcmf(self.rays(np.stack([column, row], axis=-1)))
@@ -172,9 +180,13 @@ class Camera:
 
     @property
     def _fold_radius2(self) -> float:
-        """Squared undistorted radius up to which the radial polynomial grows; infinite where it always does."""
+        """Squared undistorted radius up to which the radial polynomial grows; infinite where it
+        always does.
+        """
         k1, k2, _, _, k3 = self.distortion
-        turns = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])  # d/dr (r + k1 r^3 + k2 r^5 + k3 r^7), in r^2
+        turns = np.roots(
+            [7 * k3, 5 * k2, 3 * k1, 1.0]
+        )  # d/dr (r + k1 r^3 + k2 r^5 + k3 r^7), in r^2
         real = turns[(np.abs(turns.imag) < 1e-12) & (turns.real > 0)].real if turns.size else turns
         return float(real.min()) if real.size else math.inf
 
@@ -212,7 +224,7 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
 
 
 def distort(x: Array, y: Array, distortion: ArrayLike) -> tuple[Array, Array]:
-    """Where ideal normalised image coordinates land through the lens (OpenCV's five coefficients)."""
+    """Where ideal normalised image coordinates land through the lens (OpenCV's five numbers)."""
     k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))

@@ -1,4 +1,6 @@
-"""DEM products and sets of them: heights above the sphere of 1 737 400 m at any longitude and latitude."""
+"""DEM products and sets of them: heights above the sphere of 1 737 400 m at any longitude and
+latitude.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ _MARGIN = 2
 
 
 def product_name(identifier: str) -> str:
-    """The name a product goes by: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the identifier itself."""
+    """The name a product goes by: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the
+    identifier itself.
+    """
     for pattern, name in _PRODUCTS:
         found = pattern.search(identifier)
         if found:
@@ -60,7 +64,9 @@ def product_name(identifier: str) -> str:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of a whole file: lowest and highest height (None when it holds none) and the share of pixels without data."""
+    """Of a whole file: lowest and highest height (None when it holds none) and the share of pixels
+    without data.
+    """
 
     min_m: float | None
     max_m: float | None
@@ -69,7 +75,9 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Dem:
-    """One product: its pixels, its grid and its name. Picklable; files are opened again where it arrives."""
+    """One product: its pixels, its grid and its name. Picklable; files are opened again where it
+    arrives.
+    """
 
     path: Path
     product: str
@@ -79,10 +87,14 @@ class Dem:
 
     @classmethod
     def open(cls, path: Path | str) -> Dem:
-        """A GeoTIFF with heights in metres, or a PDS3 product by its label or its image; ``DemError`` or ``LabelError``."""
+        """A GeoTIFF with heights in metres, or a PDS3 product by its label or its image;
+        ``DemError`` or ``LabelError``.
+        """
         path = Path(path)
         if not path.is_file():
-            raise DemError(f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}")
+            raise DemError(
+                f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}"
+            )
         ending = path.suffix.lower()
         if ending == ".lbl" or read_label_text(path) is not None:
             return cls._from_pds(Label.read(path), None)
@@ -98,7 +110,9 @@ class Dem:
 
     @classmethod
     def _from_gdal_or(cls, path: Path) -> Dem:
-        """An .IMG without a label: ERDAS Imagine perhaps, else the missing label is what the user must hear of."""
+        """An .IMG without a label: ERDAS Imagine perhaps, else the missing label is what the user
+        must hear of.
+        """
         try:
             open_dataset(path)
         except DemError:
@@ -108,13 +122,17 @@ class Dem:
     @classmethod
     def _from_pds(cls, label: Label, image: Path | None) -> Dem:
         image = image or find_image(label)
-        if image.suffix.lower() in (".tif", ".tiff"):  # NAC DTMs: the GeoTIFF says everything itself
+        if image.suffix.lower() in (
+            ".tif",
+            ".tiff",
+        ):  # NAC DTMs: the GeoTIFF says everything itself
             return cls._from_gdal(image)
         if label.compressed or image.suffix.lower() == ".jp2":
             _compare_size(image, label)
         elif image.stat().st_size < label.image_bytes:
             raise DemError(
-                f"{image}: has {image.stat().st_size} bytes where its label {label.path.name} says {label.image_bytes}: "
+                f"{image}: has {image.stat().st_size} bytes where its label "
+                f"{label.path.name} says {label.image_bytes}: "
                 "cut short; fetch it again"
             )
         raster = Raster(
@@ -139,9 +157,13 @@ class Dem:
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
         if dataset.crs is None or dataset.transform.is_identity:
-            raise DemError(f"{path}: has no map projection; a map-projected DEM of the Moon is wanted")
+            raise DemError(
+                f"{path}: has no map projection; a map-projected DEM of the Moon is wanted"
+            )
         try:
-            grid = Grid.from_wkt(dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height)
+            grid = Grid.from_wkt(
+                dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
+            )
         except LabelError as error:
             raise DemError(f"{path}: {error}") from error
         scale, offset = _gdal_scale(dataset, path)
@@ -158,12 +180,18 @@ class Dem:
     @property
     def abs_latitude_use(self) -> tuple[float, float] | None:
         """Absolute latitudes for which the method takes this product; None for others."""
-        families = (span for name, span in LATITUDE_USE_DEG.items() if re.match(rf"{name}(?![0-9])", self.product))
+        families = (
+            span
+            for name, span in LATITUDE_USE_DEG.items()
+            if re.match(rf"{name}(?![0-9])", self.product)
+        )
         return next(families, None)
 
     @property
     def radius_m(self) -> float:
-        """Of the sphere above which heights are given; other spheres are refused when a file is opened."""
+        """Of the sphere above which heights are given; other spheres are refused when a file is
+        opened.
+        """
         return MOON_RADIUS_M
 
     def height_at(self, lon_deg: float, lat_deg: float) -> float | None:
@@ -172,18 +200,24 @@ class Dem:
         return None if np.isnan(height) else round(float(height), 6)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
-        """Heights of a window that may reach beyond the raster: NaN there, but round the Moon and over a pole where it does.
+        """Heights of a window that may reach beyond the raster: NaN there, but round the Moon and
+        over a pole where it does.
 
-        Columns of a global product repeat; beyond the pole of a global cylinder its rows come back on the other side.
+        Columns of a global product repeat; beyond the pole of a global cylinder its rows come back
+        on the other side.
         """
         out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
         for source, target, turn in self._row_runs(row0, row1):
             for columns, place in self._column_runs(col0 + turn, col1 + turn):
                 block = self.raster.read(source[0], source[1], *columns)
-                out[target[0] : target[1], place[0] : place[1]] = block if target[2] > 0 else block[::-1]
+                out[target[0] : target[1], place[0] : place[1]] = (
+                    block if target[2] > 0 else block[::-1]
+                )
         return out
 
-    def _row_runs(self, row0: int, row1: int) -> Iterator[tuple[tuple[int, int], tuple[int, int, int], int]]:
+    def _row_runs(
+        self, row0: int, row1: int
+    ) -> Iterator[tuple[tuple[int, int], tuple[int, int, int], int]]:
         """(rows of the raster), (rows of the window, direction), columns to turn by."""
         height, half = self.grid.height, self.grid.period // 2
         first, last = max(row0, 0), min(row1, height)
@@ -192,23 +226,29 @@ class Dem:
         if not self.grid.wraps or self.grid.period % 2:
             return
         north, south = self._reaches_poles
-        if north and row0 < 0:
-            count = min(-row0, height, row1 - row0)
-            yield (max(0, -row1), count), (-row0 - count, min(-row0, row1 - row0), -1), half
-        if south and row1 > height:
-            start = max(row0, height)
-            low, high = 2 * height - row1, 2 * height - start
-            yield (max(low, 0), high), (start - row0, start - row0 + high - max(low, 0), -1), half
+        for there, top, bottom, mirror in (
+            (north, row0, min(row1, 0), -1),
+            (south, max(row0, height), row1, 2 * height - 1),
+        ):
+            top, bottom = max(top, mirror - height + 1), min(bottom, mirror + 1)  # noqa: PLW2901
+            if there and top < bottom:  # row r beyond the pole is row mirror - r on the other side
+                yield (mirror - bottom + 1, mirror - top + 1), (top - row0, bottom - row0, -1), half
 
     @cached_property
     def _reaches_poles(self) -> tuple[bool, bool]:
         box = self.grid.bounds
         return abs(box.north - 90.0) < 1e-6, abs(box.south + 90.0) < 1e-6
 
-    def _column_runs(self, col0: int, col1: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    def _column_runs(
+        self, col0: int, col1: int
+    ) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
         """(columns of the raster), (columns of the window)."""
         width = self.grid.period if self.grid.wraps else self.grid.width
-        turns = range(math.floor(col0 / width), math.ceil(col1 / width)) if self.grid.wraps else range(1)
+        turns = (
+            range(math.floor(col0 / width), math.ceil(col1 / width))
+            if self.grid.wraps
+            else range(1)
+        )
         for turn in turns:
             first, last = max(col0, turn * width), min(col1, (turn + 1) * width)
             if first < last:
@@ -219,18 +259,22 @@ class Dem:
         low, high, missing = math.inf, -math.inf, 0
         strip = max(1, 4_000_000 // self.raster.width)
         for row in range(0, self.raster.height, strip):
-            block = self.raster.read(row, min(row + strip, self.raster.height), 0, self.raster.width)
+            block = self.raster.read(
+                row, min(row + strip, self.raster.height), 0, self.raster.width
+            )
             bad = np.isnan(block)
             missing += int(bad.sum())
             if not bad.all():
                 low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
         share = missing / (self.raster.width * self.raster.height)
-        return Statistics(*((low, high) if low <= high else (None, None)), share)
+        return Statistics(low, high, share) if low <= high else Statistics(None, None, share)
 
     def factor(self, gsd_m: float) -> int:
-        """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5, else the ratio, rounded.
+        """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5,
+        else the ratio, rounded.
 
-        Around the Moon it is lowered to a divisor of the columns, so that blocks do not depend on where a window begins.
+        Around the Moon it is lowered to a divisor of the columns, so that blocks do not depend on
+        where a window begins.
         """
         ratio = gsd_m / self.grid.pixel_m
         if not ratio >= _COARSER:
@@ -243,7 +287,9 @@ class Dem:
 
 @dataclass(frozen=True)
 class DemSet:
-    """Several products, in the order in which they are asked: the first with a height at a place gives it."""
+    """Several products, in the order in which they are asked: the first with a height at a place
+    gives it.
+    """
 
     dems: tuple[Dem, ...]
 
@@ -270,13 +316,20 @@ class DemSet:
         west, east = enclosing_arc([(box.west, box.east) for box in boxes])
         return Bounds(west, min(b.south for b in boxes), east, max(b.north for b in boxes))
 
-    def heights(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> tuple[Array, Indices]:
-        """Heights above the sphere, metres (NaN: none), and the index of the DEM each came from (-1: none).
+    def heights(
+        self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float
+    ) -> tuple[Array, Indices]:
+        """Heights above the sphere, metres (NaN: none), and the index of the DEM each came from
+        (-1: none).
 
-        Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's pixel or more, its pixels
-        are averaged in blocks first (``Dem.factor``). A place's height does not depend on what else is asked.
+        Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's
+        pixel or more, its pixels
+        are averaged in blocks first (``Dem.factor``). A place's height does not depend on what else
+        is asked.
         """
-        lon, lat = np.broadcast_arrays(np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64))
+        lon, lat = np.broadcast_arrays(
+            np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        )
         shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
         height, index = np.full(lon.size, np.nan), np.full(lon.size, -1, np.int16)
         todo: NDArray[np.intp] | slice = slice(None)
@@ -311,7 +364,13 @@ class DemSet:
             places = np.flatnonzero(inside) if isinstance(todo, slice) else todo[inside]
             u, v = u[inside], v[inside]
         found = np.empty(u.size)
-        self._sample(number, np.ascontiguousarray(u), np.ascontiguousarray(v), self.dems[number].factor(gsd_m), found)
+        self._sample(
+            number,
+            np.ascontiguousarray(u),
+            np.ascontiguousarray(v),
+            self.dems[number].factor(gsd_m),
+            found,
+        )
         height[places] = found
         index[places] = np.where(np.isnan(found), np.int16(-1), np.int16(number))
 
@@ -323,7 +382,9 @@ class DemSet:
             u, v = (u - 0.5 * (factor - 1)) / factor, (v - 0.5 * (factor - 1)) / factor
         self._sample_window(number, u, v, factor, period, out)
 
-    def _sample_window(self, number: int, u: Array, v: Array, factor: int, period: int, out: Array) -> None:
+    def _sample_window(
+        self, number: int, u: Array, v: Array, factor: int, period: int, out: Array
+    ) -> None:
         col0, col1 = _span(u, period)
         row0, row1 = _span(v, 0)
         if (row1 - row0) * (col1 - col0) > _WINDOW_PIXELS and u.size > 1:
@@ -334,8 +395,12 @@ class DemSet:
         window = self._window(number, row0, row1, col0, col1, factor)
         resample.sample(window, row0, col0, period, u, v, out)
 
-    def _window(self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int) -> Heights:
-        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the neighbouring tiles' pixels."""
+    def _window(
+        self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
+    ) -> Heights:
+        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the
+        neighbouring tiles' pixels.
+        """
         if factor == 1:
             return self._pixels(number, row0, row1, col0, col1)
         grid = self.dems[number].grid
@@ -344,14 +409,18 @@ class DemSet:
         columns = np.arange(col0 * factor, col1 * factor) if grid.pole else np.zeros(1)
         for top in range(row0, row1, strip):
             bottom = min(top + strip, row1)
-            pixels = self._pixels(number, top * factor, bottom * factor, col0 * factor, col1 * factor)
+            pixels = self._pixels(
+                number, top * factor, bottom * factor, col0 * factor, col1 * factor
+            )
             rows = np.arange(top * factor, bottom * factor)[:, None]
             weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
             resample.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
         return out
 
     def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Heights:
-        """A window of one DEM's lattice; what is missing comes from other tiles of the same product on the same lattice."""
+        """A window of one DEM's lattice; what is missing comes from other tiles of the same product
+        on the same lattice.
+        """
         pixels = self.dems[number].read(row0, row1, col0, col1)
         for other, columns, rows in self._mates[number]:
             if not np.isnan(pixels).any():
@@ -372,12 +441,16 @@ class DemSet:
 
     @cached_property
     def _mates(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
-        """For every DEM the other tiles of its product: (index, columns, rows) from its pixel (0, 0) to theirs."""
+        """For every DEM the other tiles of its product: (index, columns, rows) from its pixel (0,
+        0) to theirs.
+        """
         return tuple(
             tuple(
                 (j, *offset)
                 for j, other in enumerate(self.dems)
-                if j != i and other.product == dem.product and (offset := dem.grid.same_lattice(other.grid)) is not None
+                if j != i
+                and other.product == dem.product
+                and (offset := dem.grid.same_lattice(other.grid)) is not None
             )
             for i, dem in enumerate(self.dems)
         )
@@ -391,17 +464,22 @@ class DemSet:
             if index[0] >= 0:
                 return dem.gsd_m
         raise AreaError(
-            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM covers {self.bounds}"
+            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM "
+            f"covers {self.bounds}"
         )
 
     def sources(self) -> list[dict[str, Any]]:
-        """Name, size and SHA-256 of every file that heights come from, labels included; no folders, in the given order."""
+        """Name, size and SHA-256 of every file that heights come from, labels included; no folders,
+        in the given order.
+        """
         files = dict.fromkeys(path for dem in self.dems for path in dem.files)
         return [{"name": p.name, "size": p.stat().st_size, "sha256": _sha256(p)} for p in files]
 
 
 def _span(values: Array, period: int) -> tuple[int, int]:
-    """Half-open range of whole pixels that cubic convolution needs around fractional ones; at most ``period`` of them."""
+    """Half-open range of whole pixels that cubic convolution needs around fractional ones; at most
+    ``period`` of them.
+    """
     whole = np.floor(values).astype(np.int64)
     low, high = int(whole.min()), int(whole.max())
     if period and high - low > period // 2:
@@ -418,13 +496,16 @@ def _compare_size(image: Path, label: Label) -> None:
     dataset = open_dataset(image)
     if (dataset.height, dataset.width) != (label.lines, label.line_samples):
         raise DemError(
-            f"{image}: has {dataset.height} x {dataset.width} pixels where its label {label.path.name} says "
+            f"{image}: has {dataset.height} x {dataset.width} pixels where its label "
+            f"{label.path.name} says "
             f"{label.lines} x {label.line_samples}"
         )
 
 
 def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
-    """Factor and offset that make metres above the sphere; an offset that is the sphere's radius is no term of height."""
+    """Factor and offset that make metres above the sphere; an offset that is the sphere's radius is
+    no term of height.
+    """
     scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
     unit = (dataset.units[0] or "").strip().lower()
     metres = 1000.0 if unit in ("km", "kilometer", "kilometers", "kilometre", "kilometres") else 1.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -54,6 +55,12 @@ def _outcome(function: Callable[[Task], Result], task: Task) -> Result | Excepti
         return error
 
 
+def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | Exception:
+    """In a worker; by now the function's module, and with it OpenCV, has been imported."""
+    limit_threads(1)
+    return _outcome(function, task)
+
+
 def _in_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int
 ) -> Iterator[tuple[int, Result | Exception]]:
@@ -94,7 +101,7 @@ def _one_pool(
         while (waiting and not broken) or running:
             while waiting and not broken and len(running) < jobs:
                 index = waiting.pop(0)
-                running[pool.submit(_outcome, function, tasks[index])] = index
+                running[pool.submit(_on_one_thread, function, tasks[index])] = index
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in sorted(ended, key=running.__getitem__):
                 outcome = _result_of(future)
@@ -124,11 +131,8 @@ def _stop(pool: ProcessPoolExecutor) -> None:
 
 
 def _quiet_worker() -> None:
-    """Ctrl-C is the parent's affair; a worker computes on one thread."""
-    import signal
-
+    """Ctrl-C is the parent's affair."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    limit_threads(1)
 
 
 def _on_cluster(
@@ -139,6 +143,6 @@ def _on_cluster(
     except ImportError as error:
         raise ConfigError("--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'") from error
     with Client(scheduler, timeout="10s") as client:
-        futures = {client.submit(_outcome, function, task, pure=False): index for index, task in enumerate(tasks)}
+        futures = {client.submit(_on_one_thread, function, task, pure=False): index for index, task in enumerate(tasks)}
         for future in as_completed(list(futures)):
             yield futures[future], _result_of(future)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .config import BuildConfig
 from .landmarks.independent import dependence, gather_patches
-from .landmarks.localize import coarsest_scale, localization
+from .landmarks.localize import coarsest_scale, lit_share, localization
 from .landmarks.unique import effective_samples, expected_correlation, false_match_probability, second_peak
 from .sweep import Image, Sweep
 
@@ -88,12 +88,11 @@ def _judge(
     pictures = gather_patches(image.radiance, patches.rows, patches.cols, patches.half)
     seen = np.nan_to_num(pictures)  # the navigator's own render has the same pixels missing: they carry nothing
     where = localization(seen, points.image_noise)
-    lit = (seen > 0.0).mean(axis=(1, 2))
-    localizable = (where.sigma_major_px <= points.max_sigma_px) & (lit >= points.min_lit_share)
+    localizable = where.localizable(points.max_sigma_px) & (lit_share(seen) >= points.min_lit_share)
     result.sigma_major_m[at] = where.sigma_major_px * gsd_m
     result.sigma_minor_m[at] = where.sigma_minor_px * gsd_m
     result.harris[at] = where.harris
-    flags = np.full(len(lit), EVALUATED, dtype=np.uint8)
+    flags = np.full(len(localizable), EVALUATED, dtype=np.uint8)
     flags |= np.where(localizable, LOCALIZABLE, 0).astype(np.uint8)
     flags |= np.where(result.shadow_dependence[at] <= points.max_dependence, UNSHADOWED, 0).astype(np.uint8)
     flags |= np.where(result.occlusion_dependence[at] <= points.max_dependence, UNOCCLUDED, 0).astype(np.uint8)
@@ -105,7 +104,9 @@ def _judge(
         column = (tried, *at[1:])
         result.second_peak[column] = peak
         result.false_match[column] = false_match_probability(true, peak, effective_samples(seen[tried]))
-        result.coarsest_scale[column] = coarsest_scale(seen[tried], points.image_noise, SCALES, points.max_sigma_px)
+        result.coarsest_scale[column] = coarsest_scale(
+            seen[tried], points.image_noise, SCALES, points.max_sigma_px, points.min_lit_share
+        )
         flags[tried] |= np.where(peak <= points.max_second_peak, UNIQUE, 0).astype(np.uint8)
     result.condition[at] = flags
 

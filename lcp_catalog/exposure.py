@@ -42,12 +42,14 @@ _EXTENT_MAX_M = 2000e3
 _RELIEF_MAX_M = 20e3  # between the Moon's lowest and highest ground
 _HEIGHT_MAX_M = 11e3  # of any ground above or below the reference sphere
 _COARSE_NODES = 8  # the ring is looked for on nodes so many times coarser
-_COARSE_SLOPE = 0.35  # half a coarse cell at 35 deg: what coarse heights smooth away, at most
+_COARSE_SLOPE = 0.35  # half a coarse cell at 35 deg: what coarse heights smooth away at most
 
 
 @dataclass(frozen=True)
 class SunChoice:
-    """How the Sun is stated: angles at the area's centre, an instant, or the subsolar point; nothing: the camera's own."""
+    """How the Sun is stated: angles at the area's centre, an instant, or the subsolar point;
+    nothing: the camera's own.
+    """
 
     azimuth_deg: float | None = None
     elevation_deg: float | None = None
@@ -55,7 +57,7 @@ class SunChoice:
     subsolar_deg: tuple[float, float] | None = None
 
     def direction_mcmf(self, frame: EnuFrame, camera: Camera | None) -> Array:
-        """Unit MCMF direction to the Sun from a frame's origin; SunError when nobody states a Sun."""
+        """Unit MCMF direction to the Sun from a frame's origin; SunError when none is stated."""
         if self.azimuth_deg is not None and self.elevation_deg is not None:
             return sun.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
         if self.time_utc is not None:
@@ -71,7 +73,9 @@ class SunChoice:
 
 @dataclass(frozen=True)
 class ViewChoice:
-    """From where: a camera, or angles at the area's centre (without an altitude from infinity); nothing: straight down."""
+    """From where: a camera, or angles at the area's centre (without an altitude from infinity);
+    nothing: straight down.
+    """
 
     camera: Camera | None = None
     off_nadir_deg: float = 0.0
@@ -87,7 +91,9 @@ class ViewChoice:
 
 @dataclass(frozen=True)
 class Request:
-    """What one render is to show. ``area`` None: what the camera sees, else the whole DEM; ``gsd_m`` None: the DEM's own."""
+    """What one render is to show. ``area`` None: what the camera sees, else the whole DEM;
+    ``gsd_m`` None: the DEM's own.
+    """
 
     dem_paths: Sequence[Path | str]
     area: Area | None = None
@@ -163,7 +169,7 @@ def expose(scene: Scene) -> Photograph:
 
 def encode(scene: Scene, result: Photograph) -> bytes:
     """The GeoTIFF of ``lcp render``."""
-    bands: dict[str, ArrayLike | None] = {
+    bands: dict[str, ArrayLike] = {
         "radiance": result.radiance,
         "sunlit": result.sunlit,
         "visible": result.visible,
@@ -175,6 +181,7 @@ def encode(scene: Scene, result: Photograph) -> bytes:
     if result.position_mcmf_m is not None:
         bands |= dict(zip("xyz", np.moveaxis(result.position_mcmf_m, -1, 0), strict=True))
         return geotiff(bands, "float64", tags(scene), units=[*units, *["metre"] * 3])
+    assert result.height_m is not None
     bands["height"] = result.height_m
     field, (row0, _, col0, _) = scene.terrain.field, scene.terrain.core
     gsd_m = field.gsd_m
@@ -206,22 +213,19 @@ def tags(scene: Scene) -> dict[str, str]:
 
 
 def _area(request: Request, dems: DemSet) -> tuple[Area, bool]:
-    """The area, and whether it is to grow so that it holds what the camera sees of high and low ground."""
+    """The area, and whether it is to grow so that it holds what the camera sees of high and low
+    ground.
+    """
     if request.area is not None:
         return request.area, False
     if request.view.camera is not None:
         seen = footprint(request.view.camera)
-        box = _clipped(Bounds(seen.west, seen.south, seen.east, seen.north), dems.bounds)
+        box = _clipped(seen, dems.bounds)
         if box is None:
-            raise AreaError(
-                f"{request.view.camera.name}: the camera sees {_text(seen)}, the DEM covers {dems.bounds}"
-            )
+            name = request.view.camera.name
+            raise AreaError(f"{name}: the camera sees {seen}; the DEM covers {dems.bounds}")
         return _box_area(box), True
     return _box_area(dems.bounds), False
-
-
-def _text(seen: object) -> str:
-    return str(Bounds(*(getattr(seen, side) for side in Bounds._fields)))
 
 
 def _box_area(box: Bounds) -> Area:
@@ -303,7 +307,9 @@ def _coarse_terrain(
 
 
 def _height_reach_m(coarse: Terrain, view: View) -> float:
-    """How far from its place on the sphere a ray of the camera can meet ground that is not at height 0."""
+    """How far from its place on the sphere a ray of the camera can meet ground that is not at
+    height 0.
+    """
     points = nodes_enu(coarse.field, coarse.core)
     height = np.linalg.norm(coarse.frame.to_mcmf(points), axis=-1) - MOON_RADIUS_M
     if not np.isfinite(height).any():
@@ -317,7 +323,7 @@ def _height_reach_m(coarse: Terrain, view: View) -> float:
 def _ring_needed_m(coarse: Terrain, to_sun: Array, view: View) -> float:
     margin = _COARSE_SLOPE * coarse.field.gsd_m
     view_tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
-    tangent = min(_sun_tangent(to_sun), view_tangent if math.isfinite(view_tangent) else math.inf)
+    tangent = min(_sun_tangent(to_sun), view_tangent)
     if not math.isfinite(tangent):
         return 0.0
     return ring_needed_m(coarse, tangent, margin)

@@ -1,4 +1,4 @@
-"""Files that appear under their own name only when they are whole: written aside, synced, renamed."""
+"""Files that appear under their own name only when whole: written aside, synced, renamed."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from .errors import OutputError, OutputExistsError
 def check_output(path: Path | str, overwrite: bool = False) -> Path:
     """The real path that an output will have; says early what would fail late.
 
-    OutputExistsError when it exists and ``overwrite`` was not said; OutputError when its folder is missing
-    or not writable, or when the name is taken by something that is no plain file (a folder, a device).
+    OutputExistsError when it exists and ``overwrite`` was not said; OutputError when its folder is
+    missing or not writable, or when the name is taken by something that is no plain file (a folder,
+    a device).
     """
     target = Path(os.path.realpath(path))  # a link's target is replaced, not the link
     if not target.parent.is_dir():
@@ -34,10 +35,12 @@ def check_output(path: Path | str, overwrite: bool = False) -> Path:
 
 @contextmanager
 def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
-    """A path in the same folder to write to; it becomes ``path`` when the block ends well, and vanishes when it does not.
+    """A path in the same folder to write to; it becomes ``path`` when the block ends well, and
+    vanishes when it does not.
 
-    The file is synced before it is renamed, the folder after. Raises as `check_output` does, and OutputError for a full
-    disk or a failed write. An output that somebody else made meanwhile is not replaced unless ``overwrite`` was said.
+    The file is synced before it is renamed, the folder after. Raises as `check_output` does, and
+    OutputError for a full disk or a failed write. An output that somebody else made meanwhile is
+    not replaced unless ``overwrite`` was said.
     """
     target = check_output(path, overwrite)
     aside = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part"
@@ -80,7 +83,11 @@ def _named(path: Path | str) -> Iterator[None]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT) or "No space left" in str(error):
             text = f"{path}: the disk is full; free some space and run again"
             raise OutputError(text) from error
-        if isinstance(error, PermissionError) or error.errno in (errno.EROFS, errno.EIO, errno.EFBIG):
+        if isinstance(error, PermissionError) or error.errno in (
+            errno.EROFS,
+            errno.EIO,
+            errno.EFBIG,
+        ):
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
         raise
 

@@ -1,7 +1,10 @@
-"""The grid of a DEM product: longitude and latitude to fractional pixels and back, in closed form on the sphere.
+"""The grid of a DEM product: longitude and latitude to fractional pixels and back, in closed form
+on the sphere.
 
-Pixel centres are at whole numbers, row 0 is north. The forms are those of Snyder (1987): equirectangular p. 90, polar
-stereographic on the sphere p. 157; tests hold them against PROJ. Codes of the authorities are unreliable for the Moon, so a
+Pixel centres are at whole numbers, row 0 is north. The forms are those of Snyder (1987):
+equirectangular p. 90, polar
+stereographic on the sphere p. 157; tests hold them against PROJ. Codes of the authorities are
+unreliable for the Moon, so a
 CRS is read by its method, radius, origin and units.
 """
 
@@ -29,7 +32,9 @@ _DEGREE_M = math.radians(1.0) * MOON_RADIUS_M
 
 
 class Bounds(NamedTuple):
-    """Degrees; ``east`` is greater than ``west`` and may pass 180 or 360 when the antimeridian or the prime meridian is crossed."""
+    """Degrees; ``east`` is greater than ``west`` and may pass 180 or 360 when the antimeridian or
+    the prime meridian is crossed.
+    """
 
     west: float
     south: float
@@ -37,15 +42,18 @@ class Bounds(NamedTuple):
     north: float
 
     def __str__(self) -> str:
-        return f"longitude {self.west:.6g}..{self.east:.6g}, latitude {self.south:.6g}..{self.north:.6g}"
+        lon, lat = f"{self.west:.6g}..{self.east:.6g}", f"{self.south:.6g}..{self.north:.6g}"
+        return f"longitude {lon}, latitude {lat}"
 
 
 @dataclass(frozen=True)
 class Grid:
     """Pixels of one product on the sphere of 1 737 400 m.
 
-    ``x0_m``, ``y0_m`` are the map coordinates of the centre of pixel (0, 0) relative to the projection's origin: the
-    equator at ``center_lon_deg`` (cylinder), or the pole. ``true_lat_deg`` is the latitude of true scale; at a pole its sign
+    ``x0_m``, ``y0_m`` are the map coordinates of the centre of pixel (0, 0) relative to the
+    projection's origin: the
+    equator at ``center_lon_deg`` (cylinder), or the pole. ``true_lat_deg`` is the latitude of true
+    scale; at a pole its sign
     says which pole, +-90 meaning true at the pole itself.
     """
 
@@ -60,8 +68,14 @@ class Grid:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1 or not 0.0 < self.pixel_m < math.inf:
-            raise LabelError(f"a grid of {self.width} x {self.height} pixels of {self.pixel_m:g} m is none")
-        if not (math.isfinite(self.x0_m) and math.isfinite(self.y0_m) and math.isfinite(self.center_lon_deg)):
+            raise LabelError(
+                f"a grid of {self.width} x {self.height} pixels of {self.pixel_m:g} m is none"
+            )
+        if not (
+            math.isfinite(self.x0_m)
+            and math.isfinite(self.y0_m)
+            and math.isfinite(self.center_lon_deg)
+        ):
             raise LabelError("the grid's origin is not a finite number")
         if self.projection == "polar-stereographic" and self.true_lat_deg == 0.0:
             raise LabelError("a polar grid needs a latitude of true scale other than the equator")
@@ -85,24 +99,34 @@ class Grid:
 
     @classmethod
     def from_wkt(cls, wkt: str, affine: tuple[float, ...], width: int, height: int) -> Grid:
-        """The grid of a raster with a CRS and an affine transform (a, b, c, d, e, f) of pixel corners.
+        """The grid of a raster with a CRS and an affine transform (a, b, c, d, e, f) of pixel
+        corners.
 
-        ``LabelError`` says what is not supported: another body or radius, a rotated or sheared grid, an oblique projection.
+        ``LabelError`` says what is not supported: another body or radius, a rotated or sheared
+        grid, an oblique projection.
         """
         a, b, c, d, e, f = affine[:6]
         if b != 0.0 or d != 0.0:
-            raise LabelError("a rotated or sheared grid is not supported; warp it to north-up first")
+            raise LabelError(
+                "a rotated or sheared grid is not supported; warp it to north-up first"
+            )
         if not (a > 0.0 > e) or abs(a + e) > 1e-6 * a:
             raise LabelError(f"square pixels with north up are wanted, not {a:g} x {e:g}")
         crs = _Crs(wkt)
         unit = crs.unit_m
         x0, y0 = (c + 0.5 * a) * unit - crs.false_m[0], (f + 0.5 * e) * unit - crs.false_m[1]
-        return cls(crs.projection, width, height, a * unit, x0, y0, crs.center_lon_deg, crs.true_lat_deg)
+        return cls(
+            crs.projection, width, height, a * unit, x0, y0, crs.center_lon_deg, crs.true_lat_deg
+        )
 
     @property
     def pole(self) -> int:
         """+1 or -1 of a polar grid, 0 of a cylinder."""
-        return 0 if self.projection == "equirectangular" else int(math.copysign(1.0, self.true_lat_deg))
+        return (
+            0
+            if self.projection == "equirectangular"
+            else int(math.copysign(1.0, self.true_lat_deg))
+        )
 
     @property
     def period(self) -> int:
@@ -131,7 +155,8 @@ class Grid:
     def pixel(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
         """Fractional (column, row) of places; whole numbers are pixel centres.
 
-        On a cylinder the column lies within one turn east of the grid's west edge (less 1e-6 pixel). The other pole of a polar grid is
+        On a cylinder the column lies within one turn east of the grid's west edge (less 1e-6
+        pixel). The other pole of a polar grid is
         infinitely far away.
         """
         lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
@@ -152,7 +177,9 @@ class Grid:
         return column, row
 
     def lonlat(self, column: ArrayLike, row: ArrayLike) -> tuple[Array, Array]:
-        """Longitude (0..360) and latitude, degrees, of fractional pixels; latitudes beyond a pole come out beyond +-90."""
+        """Longitude (0..360) and latitude, degrees, of fractional pixels; latitudes beyond a pole
+        come out beyond +-90.
+        """
         x = self.x0_m + np.asarray(column, dtype=np.float64) * self.pixel_m
         y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
         if self.pole:
@@ -170,8 +197,12 @@ class Grid:
             ratio = (1.0 + np.sin(np.radians(self.pole * lat))) * MOON_RADIUS_M / self._rho_m
             return ratio * ratio
         y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
-        weight = np.cos(np.clip(y / MOON_RADIUS_M, -math.pi / 2, math.pi / 2)) + 0.0 * np.asarray(column)
-        return np.maximum(weight, 1e-9)  # beyond a pole there is no ground, and no division by zero either
+        weight = np.cos(np.clip(y / MOON_RADIUS_M, -math.pi / 2, math.pi / 2)) + 0.0 * np.asarray(
+            column
+        )
+        return np.maximum(
+            weight, 1e-9
+        )  # beyond a pole there is no ground, and no division by zero either
 
     @property
     def bounds(self) -> Bounds:
@@ -180,12 +211,32 @@ class Grid:
         if not self.pole:
             west = self.center_lon_deg + (self.x0_m - 0.5 * self.pixel_m) / self._ring_m
             east = west + min(360.0, self.width * self.pixel_m / self._ring_m)
-            turns = 360.0 * math.floor((west + 180.0 + 1e-9) / 360.0) if not -180.0 <= west <= 360.0 else 0.0
+            turns = (
+                360.0 * math.floor((west + 180.0 + 1e-9) / 360.0)
+                if not -180.0 <= west <= 360.0
+                else 0.0
+            )
             _, (south, north) = self.lonlat(np.zeros(2), np.array([bottom, -0.5]))
-            return Bounds(*map(_tidy, (west - turns, max(south, -90.0), east - turns, min(north, 90.0))))
+            return Bounds(
+                *map(_tidy, (west - turns, max(south, -90.0), east - turns, min(north, 90.0)))
+            )
         along = np.linspace(0.0, 1.0, 65)
-        column = np.concatenate([-0.5 + along * self.width, np.full(65, right), -0.5 + along * self.width, np.full(65, -0.5)])
-        row = np.concatenate([np.full(65, -0.5), -0.5 + along * self.height, np.full(65, bottom), -0.5 + along * self.height])
+        column = np.concatenate(
+            [
+                -0.5 + along * self.width,
+                np.full(65, right),
+                -0.5 + along * self.width,
+                np.full(65, -0.5),
+            ]
+        )
+        row = np.concatenate(
+            [
+                np.full(65, -0.5),
+                -0.5 + along * self.height,
+                np.full(65, bottom),
+                -0.5 + along * self.height,
+            ]
+        )
         lon, lat = self.lonlat(column, row)
         pole_column, pole_row = -self.x0_m / self.pixel_m, self.y0_m / self.pixel_m
         if -0.5 <= pole_column <= right and -0.5 <= pole_row <= bottom:
@@ -195,9 +246,13 @@ class Grid:
         return Bounds(west, float(lat.min()), east, float(lat.max()))
 
     def same_lattice(self, other: Grid) -> tuple[int, int] | None:
-        """(columns, rows) from this grid's pixel (0, 0) to the other's when both cut one endless lattice, else None."""
+        """(columns, rows) from this grid's pixel (0, 0) to the other's when both cut one endless
+        lattice, else None.
+        """
         mine = dataclasses.replace(self, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0)
-        if mine != dataclasses.replace(other, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0):
+        if mine != dataclasses.replace(
+            other, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0
+        ):
             return None
         if self.pole and self.center_lon_deg != other.center_lon_deg:
             return None
@@ -210,7 +265,9 @@ class Grid:
 
 
 def enclosing_arc(arcs: list[tuple[float, float]]) -> tuple[float, float]:
-    """The shortest arc of longitudes (west, east >= west) that holds all of the given ones, degrees."""
+    """The shortest arc of longitudes (west, east >= west) that holds all of the given ones,
+    degrees.
+    """
     if any(east - west >= 360.0 - 1e-9 for west, east in arcs):
         return next((west, west + 360.0) for west, east in arcs if east - west >= 360.0 - 1e-9)
     starts = sorted((west % 360.0, west % 360.0 + (east - west)) for west, east in arcs)
@@ -221,7 +278,12 @@ def enclosing_arc(arcs: list[tuple[float, float]]) -> tuple[float, float]:
         else:
             merged.append([west, east])
     gaps = [
-        (merged[(i + 1) % len(merged)][0] + (360.0 if i + 1 == len(merged) else 0.0) - merged[i][1], i)
+        (
+            merged[(i + 1) % len(merged)][0]
+            + (360.0 if i + 1 == len(merged) else 0.0)
+            - merged[i][1],
+            i,
+        )
         for i in range(len(merged))
     ]
     gap, last = max(gaps)
@@ -268,11 +330,16 @@ class _Crs:
             raise LabelError(f"the CRS {crs.name!r} names no sphere")
         major, minor = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
         if abs(major - MOON_RADIUS_M) > 0.5 or abs(minor - MOON_RADIUS_M) > 0.5:
-            raise LabelError(f"the CRS stands on radii {major:.10g}/{minor:.10g} m; the Moon's sphere of 1737400 m is wanted")
+            raise LabelError(
+                f"the CRS stands on radii {major:.10g}/{minor:.10g} m; the Moon's sphere "
+                "of 1737400 m is wanted"
+            )
 
     def _read_operation(self, operation: Any) -> None:
         method = operation.method_name.lower()
-        radians = {p.name.lower(): p.value * (p.unit_conversion_factor or 1.0) for p in operation.params}
+        radians = {
+            p.name.lower(): p.value * (p.unit_conversion_factor or 1.0) for p in operation.params
+        }
 
         def degrees(*names: str, default: float = 0.0) -> float:
             found = [radians[name] for name in names if name in radians]
@@ -284,21 +351,40 @@ class _Crs:
             radians.get("false northing", radians.get("northing at projection centre", 0.0)),
         )
         latitude = degrees("latitude of natural origin", "latitude of origin")
-        if "equidistant cylindrical" in method or "plate carr" in method or "equirectangular" in method:
-            self.true_lat_deg = degrees("latitude of 1st standard parallel", "latitude of standard parallel")
-            self.false_m = (self.false_m[0], self.false_m[1] - math.radians(latitude) * MOON_RADIUS_M)
+        if (
+            "equidistant cylindrical" in method
+            or "plate carr" in method
+            or "equirectangular" in method
+        ):
+            self.true_lat_deg = degrees(
+                "latitude of 1st standard parallel", "latitude of standard parallel"
+            )
+            self.false_m = (
+                self.false_m[0],
+                self.false_m[1] - math.radians(latitude) * MOON_RADIUS_M,
+            )
         elif "stereographic" in method:
             self.projection = "polar-stereographic"
-            self.true_lat_deg = self._polar_true_latitude(operation.method_name, radians, latitude, degrees)
+            self.true_lat_deg = self._polar_true_latitude(
+                operation.method_name, radians, latitude, degrees
+            )
         else:
-            raise LabelError(f"map projection {operation.method_name!r} is not supported; cylindrical and polar ones are")
+            raise LabelError(
+                f"map projection {operation.method_name!r} is not supported; cylindrical "
+                "and polar ones are"
+            )
 
     @staticmethod
-    def _polar_true_latitude(method: str, radians: dict[str, float], latitude: float, degrees: Any) -> float:
+    def _polar_true_latitude(
+        method: str, radians: dict[str, float], latitude: float, degrees: Any
+    ) -> float:
         if "latitude of standard parallel" in radians and "variant b" in method.lower():
             return float(degrees("latitude of standard parallel"))
         if abs(abs(latitude) - 90.0) > 1e-9:
-            raise LabelError(f"an oblique stereographic projection (centre latitude {latitude:g}) is not supported")
+            raise LabelError(
+                f"an oblique stereographic projection (centre latitude {latitude:g}) is "
+                "not supported"
+            )
         scale = radians.get("scale factor at natural origin", 1.0)
         if not 0.5 < scale <= 1.0:
             raise LabelError(f"a polar projection with scale factor {scale:g} is not supported")

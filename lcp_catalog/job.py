@@ -147,18 +147,24 @@ class _Core:
         lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
         return lon, lat
 
+    @property
+    def origin(self) -> tuple[int, int]:
+        """The frame's own row and column of node [0, 0]: spacing cells are counted from the frame's origin."""
+        window = self.terrain.window
+        return window.row0 + self.terrain.core[0], window.col0 + self.terrain.core[2]
+
     def cells(self, spacing: int) -> CoverageCells:
-        """Spacing cells, cut from the area's own nodes; a cell with fewer than half of its nodes here is left to its neighbour."""
+        """Spacing cells, counted from the frame's origin; one of which less than half is the area's own is left to its neighbour."""
         rows, cols = self.mine.shape
+        first = [-o % spacing for o in self.origin]
         lon, lat, ground = [], [], []
-        for row in range(self.halo, rows - self.halo, spacing):
-            for col in range(self.halo, cols - self.halo, spacing):
-                block = np.s_[row : row + spacing, col : col + spacing]
+        for row in range(first[0] - spacing, rows, spacing):
+            for col in range(first[1] - spacing, cols, spacing):
+                block = np.s_[max(row, 0) : row + spacing, max(col, 0) : col + spacing]
                 if self.mine[block].sum() * 2 < spacing * spacing:
                     continue
-                middle = min(row + spacing // 2, rows - 1), min(col + spacing // 2, cols - 1)
-                lon.append(self.lon[middle])
-                lat.append(self.lat[middle])
+                lon.append(self.lon[row + spacing // 2, col + spacing // 2])
+                lat.append(self.lat[row + spacing // 2, col + spacing // 2])
                 ground.append(bool(np.isfinite(self.z[block]).mean() >= 0.5))
         return CoverageCells(np.array(lon, float), np.array(lat, float), np.array(ground, bool))
 
@@ -177,6 +183,7 @@ def _find(
         per_cell=config.points.candidates_per_cell,
         border=core.halo,
         valid=core.mine & np.isfinite(core.z),
+        origin=core.origin,
     )
 
 

@@ -1,7 +1,9 @@
 """PDS3 labels of lunar DEM products: the text, and what it says about the pixels and the map.
 
-Heights are taken from here and never from a reader's own idea of scale, offset and nodata: GDAL 3.10-3.12 gives scale 1 for
-LOLA JP2 products (0.5 m counts), the sphere's radius as an offset of height, and a nodata value that no label states.
+Heights are taken from here and never from a reader's own idea of scale, offset and nodata: GDAL
+3.10-3.12 gives scale 1 for
+LOLA JP2 products (0.5 m counts), the sphere's radius as an offset of height, and a nodata value
+that no label states.
 """
 
 from __future__ import annotations
@@ -20,11 +22,19 @@ from .errors import LabelError
 log = logging.getLogger(__name__)
 
 Pvl = dict[str, Any]
-"""A label's statements; an OBJECT or GROUP is a nested dictionary, a number with a unit a ``Quantity``."""
+"""A label's statements; an OBJECT or GROUP is a nested dictionary, a number with a unit a
+``Quantity``.
+"""
 
 _MAX_LABEL_BYTES = 262_144
 _METRES = {"M": 1.0, "METER": 1.0, "METERS": 1.0, "METRE": 1.0, "METRES": 1.0}
-_METRES |= {"KM": 1000.0, "KILOMETER": 1000.0, "KILOMETERS": 1000.0, "KILOMETRE": 1000.0, "KILOMETRES": 1000.0}
+_METRES |= {
+    "KM": 1000.0,
+    "KILOMETER": 1000.0,
+    "KILOMETERS": 1000.0,
+    "KILOMETRE": 1000.0,
+    "KILOMETRES": 1000.0,
+}
 _SAMPLES = {
     ("LSB_INTEGER", 16): "<i2",
     ("PC_INTEGER", 16): "<i2",
@@ -42,7 +52,9 @@ _SAMPLES = {
 }
 _CYLINDRICAL = {"SIMPLE CYLINDRICAL", "EQUIRECTANGULAR", "EQUIDISTANT CYLINDRICAL"}
 _MATERIAL_SHIFT_PX = 0.1
-"""A MAP_SCALE that moves the far edge by less than this share of a pixel is only rounded, and nobody needs to hear of it."""
+"""A MAP_SCALE that moves the far edge by less than this share of a pixel is only rounded, and
+nobody needs to hear of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -55,11 +67,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Label:
-    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader of rasters.
+    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader
+    of rasters.
 
-    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of height. Pixel (row,
-    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y = (line_offset - row) *
-    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at the pole.
+    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of
+    height. Pixel (row,
+    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y =
+    (line_offset - row) *
+    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at
+    the pole.
     """
 
     path: Path
@@ -87,7 +103,9 @@ class Label:
 
     @classmethod
     def read(cls, path: Path) -> Label:
-        """The label in ``path``: detached, or attached in front of an image; ``LabelError`` says what is wrong with it."""
+        """The label in ``path``: detached, or attached in front of an image; ``LabelError`` says
+        what is wrong with it.
+        """
         text = read_label_text(path)
         if text is None:
             raise LabelError(f"{path}: not a PDS3 label (it does not begin with PDS_VERSION_ID)")
@@ -112,9 +130,11 @@ def read_label_text(path: Path) -> str | None:
 
 
 def find_label(image: Path) -> Path:
-    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there is none.
+    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there
+    is none.
 
-    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid (0..360 against -180..180).
+    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid
+    (0..360 against -180..180).
     """
     if read_label_text(image) is not None:
         return image
@@ -125,8 +145,14 @@ def find_label(image: Path) -> Path:
         if label is not None and (ending != "jp2" or _describes_compressed(label)):
             return label
     wanted = f"{image.stem}_JP2.LBL" if ending == "jp2" else f"{image.stem}.LBL"
-    why = "a bare JP2 does not say its heights' scale" if ending == "jp2" else "an .IMG is bare numbers"
-    raise LabelError(f"{image}: its label {wanted} is missing ({why}); put the product's label beside it")
+    why = (
+        "a bare JP2 does not say its heights' scale"
+        if ending == "jp2"
+        else "an .IMG is bare numbers"
+    )
+    raise LabelError(
+        f"{image}: its label {wanted} is missing ({why}); put the product's label beside it"
+    )
 
 
 def find_image(label: Label) -> Path:
@@ -136,7 +162,9 @@ def find_image(label: Label) -> Path:
     for path in sorted(label.path.parent.iterdir()):
         if path.name.lower() == label.image_name.lower():
             return path
-    raise LabelError(f"{label.path}: the image that it describes, {label.image_name}, is not beside it")
+    raise LabelError(
+        f"{label.path}: the image that it describes, {label.image_name}, is not beside it"
+    )
 
 
 def _describes_compressed(path: Path) -> bool:
@@ -144,7 +172,8 @@ def _describes_compressed(path: Path) -> bool:
 
 
 _TOKEN = re.compile(
-    r"""/\*.*?\*/ | (?P<string>"[^"]*"|'[^']*') | (?P<unit><[^>]*>) | (?P<mark>[={}(),]) | (?P<word>[^\s={}(),<>"']+)""",
+    r"""/\*.*?\*/ | (?P<string>"[^"]*"|'[^']*') | (?P<unit><[^>]*>) | (?P<mark>[={}(),])
+    | (?P<word>[^\s={}(),<>"']+)""",
     re.S | re.X,
 )
 
@@ -204,7 +233,9 @@ def _number(word: str) -> float | str:
 
 
 class _Interpreter:
-    """Turns a label's statements into a ``Label``; every refusal is a ``LabelError`` without the path."""
+    """Turns a label's statements into a ``Label``; every refusal is a ``LabelError`` without the
+    path.
+    """
 
     def __init__(self, pvl: Pvl, path: Path) -> None:
         self.pvl, self.path = pvl, path
@@ -255,7 +286,9 @@ class _Interpreter:
     def _want(self, table: Pvl, key: str) -> float:
         value = self._get(table, key)
         if value is None:
-            raise LabelError(f"the label does not give {key} as a number (it says {table.get(key)!r})")
+            raise LabelError(
+                f"the label does not give {key} as a number (it says {table.get(key)!r})"
+            )
         return value
 
     def _text(self, table: Pvl, key: str) -> str:
@@ -270,7 +303,10 @@ class _Interpreter:
         if self._text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
             raise LabelError("longitudes that grow to the west are not supported")
         if (self._get(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
-            raise LabelError(f"a map rotated by {self._get(self.map, 'MAP_PROJECTION_ROTATION'):g} deg is not supported")
+            raise LabelError(
+                f"a map rotated by {self._get(self.map, 'MAP_PROJECTION_ROTATION'):g} deg "
+                "is not supported"
+            )
         if any(key.startswith("OBLIQUE_PROJ") for key in self.map):
             raise LabelError("an oblique map projection is not supported")
 
@@ -285,7 +321,10 @@ class _Interpreter:
     @staticmethod
     def _refuse_foreign_radius(key: str, radius_m: float | None) -> None:
         if radius_m is not None and abs(radius_m - MOON_RADIUS_M) > 0.5:
-            raise LabelError(f"{key} is {radius_m:.10g} m; heights are wanted above the sphere of {MOON_RADIUS_M:.0f} m")
+            raise LabelError(
+                f"{key} is {radius_m:.10g} m; heights are wanted above the sphere of "
+                f"{MOON_RADIUS_M:.0f} m"
+            )
 
     def _projection(self) -> str:
         name = self._text(self.map, "MAP_PROJECTION_TYPE").replace("_", " ")
@@ -295,8 +334,13 @@ class _Interpreter:
         if name in ("POLAR STEREOGRAPHIC", "STEREOGRAPHIC") and abs(latitude) == 90.0:
             return "polar-stereographic"
         if name in ("POLAR STEREOGRAPHIC", "STEREOGRAPHIC"):
-            raise LabelError(f"an oblique stereographic map (centre latitude {latitude:g}) is not supported")
-        raise LabelError(f"map projection {name or '(none)'} is not supported; cylindrical and polar stereographic are")
+            raise LabelError(
+                f"an oblique stereographic map (centre latitude {latitude:g}) is not supported"
+            )
+        raise LabelError(
+            f"map projection {name or '(none)'} is not supported; cylindrical and polar "
+            "stereographic are"
+        )
 
     def _size(self) -> tuple[int, int]:
         lines, samples = self._get(self.image, "LINES"), self._get(self.image, "LINE_SAMPLES")
@@ -307,7 +351,9 @@ class _Interpreter:
         return int(lines), int(samples)
 
     def _image_file(self) -> tuple[str, int]:
-        """Name of the image's file ("" when the label is attached to it) and the byte at which its pixels begin."""
+        """Name of the image's file ("" when the label is attached to it) and the byte at which its
+        pixels begin.
+        """
         if self.compressed is not None:
             return str(self.compressed.get("FILE_NAME", "")), 0
         pointer = self.file.get("^IMAGE", self.pvl.get("^IMAGE"))
@@ -326,7 +372,10 @@ class _Interpreter:
         return str(self.pvl.get("PRODUCT_ID") or stem)
 
     def _dtype(self) -> str:
-        kind, bits = self._text(self.image, "SAMPLE_TYPE"), int(self._want(self.image, "SAMPLE_BITS"))
+        kind, bits = (
+            self._text(self.image, "SAMPLE_TYPE"),
+            int(self._want(self.image, "SAMPLE_BITS")),
+        )
         if (kind, bits) not in _SAMPLES:
             raise LabelError(f"samples of type {kind} with {bits} bits are not supported")
         return _SAMPLES[kind, bits]
@@ -344,14 +393,18 @@ class _Interpreter:
                 unit = self._text(table, "UNIT") or "METER"
                 radius = self._get(table, "OFFSET")
                 if radius not in (None, 0.0):
-                    self._refuse_foreign_radius("OFFSET", radius * _metres(unit, "UNIT"))  # type: ignore[operator]
+                    self._refuse_foreign_radius("OFFSET", radius * _metres(unit, "UNIT"))
                 return factor * _metres(unit, "UNIT")
         unit = next((u for table in self._described() if (u := self._text(table, "UNIT"))), "")
         if unit:
             return _metres(unit, "UNIT")
         if self.compressed is not None:
-            # SLDEM2015's JP2 labels are silent; the archive's JP2 files are all int16 counts of half a metre
-            log.warning("%s: the label gives no SCALING_FACTOR; LOLA's JP2 counts of 0.5 m are assumed", self.path)
+            # SLDEM2015's JP2 labels are silent; the archive's JP2 files are all int16 counts of
+            # half a metre
+            log.warning(
+                "%s: the label gives no SCALING_FACTOR; LOLA's JP2 counts of 0.5 m are assumed",
+                self.path,
+            )
             return 0.5
         return 1.0  # WAC GLD100 and NAC DTM labels give neither unit nor scale: metres
 
@@ -371,13 +424,20 @@ class _Interpreter:
                 yield number
             elif isinstance(number, str) and re.fullmatch(r"16#[0-9A-Fa-f]+#", number):
                 yield _from_hex(number[3:-1], self._dtype() if self.compressed is None else "<i2")
-            elif isinstance(number, str) and number.upper() not in ("N/A", "UNK", "NULL", "NONE", ""):
+            elif isinstance(number, str) and number.upper() not in (
+                "N/A",
+                "UNK",
+                "NULL",
+                "NONE",
+                "",
+            ):
                 raise LabelError(f"{key} = {number} is not understood")
 
     def _pixel_m(self, projection: str, pixels: int) -> float:
         """Pixel size on the map, metres.
 
-        A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is rebuilt from MAP_RESOLUTION and the
+        A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is rebuilt from
+        MAP_RESOLUTION and the
         radius. A polar map's MAP_RESOLUTION is the rounded one (1516.17 pix/deg at 20 m).
         """
         scale = self._map_scale_m()
@@ -385,18 +445,24 @@ class _Interpreter:
         if resolution is not None and resolution <= 0.0:
             raise LabelError(f"MAP_RESOLUTION is {resolution:g}")
         rebuilt = None if resolution is None else math.radians(1.0) * MOON_RADIUS_M / resolution
-        if rebuilt is None and scale is None:
-            raise LabelError("the label gives neither MAP_RESOLUTION nor a MAP_SCALE with a unit")
-        if rebuilt is None or scale is None:
-            return scale if rebuilt is None else rebuilt  # type: ignore[return-value]  # one of them is a number
+        if rebuilt is None:
+            if scale is None:
+                raise LabelError("the label gives neither MAP_RESOLUTION nor MAP_SCALE")
+            return scale
+        if scale is None:
+            return rebuilt
         if abs(scale / rebuilt - 1.0) > 1e-3:
-            raise LabelError(f"MAP_SCALE says {scale:.8g} m a pixel, MAP_RESOLUTION {rebuilt:.8g} m: one of them is wrong")
+            raise LabelError(
+                f"MAP_SCALE says {scale:.8g} m a pixel, MAP_RESOLUTION {rebuilt:.8g} m: "
+                "one of them is wrong"
+            )
         if projection == "polar-stereographic":
             return scale
         shift = abs(scale / rebuilt - 1.0) * pixels
         if shift > _MATERIAL_SHIFT_PX:
             log.warning(
-                "%s: MAP_SCALE %.9g m is rounded (%.2f pixel at the far edge); %.9g m is used, rebuilt from MAP_RESOLUTION",
+                "%s: MAP_SCALE %.9g m is rounded (%.2f pixel at the far edge); %.9g m is "
+                "used, rebuilt from MAP_RESOLUTION",
                 self.path,
                 scale,
                 shift,
@@ -405,7 +471,9 @@ class _Interpreter:
         return rebuilt
 
     def _map_scale_m(self) -> float | None:
-        """MAP_SCALE in metres; without a unit it decides nothing as long as MAP_RESOLUTION is there (GDAL takes km)."""
+        """MAP_SCALE in metres; without a unit it decides nothing as long as MAP_RESOLUTION is there
+        (GDAL takes km).
+        """
         value = self.map.get("MAP_SCALE")
         number = self._get(self.map, "MAP_SCALE")
         if number is None:
@@ -416,25 +484,36 @@ class _Interpreter:
             return number * _metres(value.unit.split("/")[0].strip(), "MAP_SCALE")
         resolution = self._get(self.map, "MAP_RESOLUTION")
         if resolution is None:
-            raise LabelError("MAP_SCALE has no unit and there is no MAP_RESOLUTION: metres or kilometres?")
+            raise LabelError(
+                "MAP_SCALE has no unit and there is no MAP_RESOLUTION: metres or kilometres?"
+            )
         rebuilt = math.radians(1.0) * MOON_RADIUS_M / resolution
         return min((number, number * 1000.0), key=lambda metres: abs(math.log(metres / rebuilt)))
 
     def _compare_with_bounds(self, label: Label) -> None:
-        """Refuse a cylinder whose offsets contradict its latitudes or longitudes (older LROC labels turn the sign)."""
+        """Refuse a cylinder whose offsets contradict its latitudes or longitudes (older LROC labels
+        turn the sign).
+        """
         if label.projection != "equirectangular":
             return
         degree_m = math.radians(1.0) * MOON_RADIUS_M
         ring_m = degree_m * math.cos(math.radians(label.center_lat_deg))
         north = (label.line_offset + 0.5) * label.pixel_m / degree_m
         west = label.center_lon_deg - (label.sample_offset + 0.5) * label.pixel_m / ring_m
-        said_north, said_west = self._get(self.map, "MAXIMUM_LATITUDE"), self._get(self.map, "WESTERNMOST_LONGITUDE")
+        said_north, said_west = (
+            self._get(self.map, "MAXIMUM_LATITUDE"),
+            self._get(self.map, "WESTERNMOST_LONGITUDE"),
+        )
         tolerance = 1.5 * label.pixel_m / ring_m
         if said_north is not None and abs(north - said_north) > tolerance:
-            raise LabelError(f"LINE_PROJECTION_OFFSET puts the north edge at {north:.6g} deg, MAXIMUM_LATITUDE at {said_north:g}")
+            raise LabelError(
+                f"LINE_PROJECTION_OFFSET puts the north edge at {north:.6g} deg, "
+                f"MAXIMUM_LATITUDE at {said_north:g}"
+            )
         if said_west is not None and abs((west - said_west + 180.0) % 360.0 - 180.0) > tolerance:
             raise LabelError(
-                f"SAMPLE_PROJECTION_OFFSET puts the west edge at {west:.6g} deg, WESTERNMOST_LONGITUDE at {said_west:g}"
+                f"SAMPLE_PROJECTION_OFFSET puts the west edge at {west:.6g} deg, "
+                f"WESTERNMOST_LONGITUDE at {said_west:g}"
             )
 
 

@@ -59,7 +59,8 @@ class AreaGrid:
     def owner(self, lon_deg: Array, lat_deg: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Row and column of the area that owns each place; every place has exactly one owner."""
         row = np.clip(np.floor((np.asarray(lat_deg) + 90.0) / self.height_deg).astype(np.int64), 0, self.rows - 1)
-        columns = np.array([self.columns(int(r)) for r in row.ravel()], dtype=np.int64).reshape(row.shape)
+        rows, back = np.unique(row, return_inverse=True)
+        columns = np.array([self.columns(int(r)) for r in rows], dtype=np.int64)[back].reshape(row.shape)
         column = np.floor((np.asarray(lon_deg) % 360.0) / 360.0 * columns).astype(np.int64)
         return row, np.minimum(column, columns - 1)
 

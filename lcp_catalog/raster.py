@@ -1,7 +1,9 @@
 """Pixels of a DEM file as heights in metres: windows only, NaN where the file has nothing.
 
-Uncompressed PDS images are mapped straight from the label's description; GeoTIFF and JPEG 2000 are read by GDAL. Open files
-belong to a process and a thread and are found again by path, so that a ``Raster`` can be pickled and sent to a worker.
+Uncompressed PDS images are mapped straight from the label's description; GeoTIFF and JPEG 2000 are
+read by GDAL. Open files
+belong to a process and a thread and are found again by path, so that a ``Raster`` can be pickled
+and sent to a worker.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from .errors import DemError
 Heights = NDArray[np.float32]
 
 HEIGHT_LIMIT_M = 20_000.0
-"""No ground of the Moon lies further from the sphere (lowest -9.1 km, highest 10.8 km): beyond it the samples are no heights."""
+"""No ground of the Moon lies further from the sphere (lowest -9.1 km, highest 10.8 km): beyond it
+the samples are no heights.
+"""
 
 _OPEN_FILES = 16
 _local = threading.local()
@@ -33,7 +37,9 @@ _local = threading.local()
 
 @dataclass(frozen=True)
 class Raster:
-    """One band of heights: ``height_m = sample * scale_m + offset_m`` where the sample is none of ``missing``."""
+    """One band of heights: ``height_m = sample * scale_m + offset_m`` where the sample is none of
+    ``missing``.
+    """
 
     path: Path
     width: int
@@ -45,7 +51,9 @@ class Raster:
     raw_offset_bytes: int = 0
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
-        """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32 metres."""
+        """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
+        metres.
+        """
         samples = self._samples(row0, row1, col0, col1)
         heights = samples.astype(np.float64)
         if self.scale_m != 1.0:
@@ -63,15 +71,23 @@ class Raster:
         if self.raw_dtype is not None:
             return self._mapped()[row0:row1, col0:col1]
         try:
-            samples: NDArray[Any] = _dataset(self.path).read(1, window=Window(col0, row0, col1 - col0, row1 - row0))
+            samples: NDArray[Any] = _dataset(self.path).read(
+                1, window=Window(col0, row0, col1 - col0, row1 - row0)
+            )
         except (RasterioError, OSError) as error:
-            raise DemError(f"{self.path}: cannot be read; the file is damaged or cut short ({_cause(error)})") from error
+            raise DemError(
+                f"{self.path}: cannot be read; the file is damaged or cut short ({_cause(error)})"
+            ) from error
         return samples
 
     def _mapped(self) -> NDArray[Any]:
         try:
             return np.memmap(
-                self.path, self.raw_dtype or "<i2", "r", offset=self.raw_offset_bytes, shape=(self.height, self.width)
+                self.path,
+                self.raw_dtype or "<i2",
+                "r",
+                offset=self.raw_offset_bytes,
+                shape=(self.height, self.width),
             )
         except (OSError, ValueError) as error:
             raise DemError(f"{self.path}: cannot be read ({error})") from error
@@ -82,7 +98,8 @@ class Raster:
         if wrong.any():
             value = float(heights[wrong][0])
             raise DemError(
-                f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or its value for missing data is not declared"
+                f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or "
+                "its value for missing data is not declared"
             )
 
 
@@ -95,7 +112,9 @@ def open_dataset(path: Path) -> Any:
 
 
 def _dataset(path: Path) -> Any:
-    """Open datasets of this process and thread, the latest used last; a file that changed is opened anew."""
+    """Open datasets of this process and thread, the latest used last; a file that changed is opened
+    anew.
+    """
     if getattr(_local, "pid", None) != os.getpid():
         _local.pid, _local.files = os.getpid(), OrderedDict()
     files: OrderedDict[tuple[str, int, int], Any] = _local.files
@@ -103,7 +122,9 @@ def _dataset(path: Path) -> Any:
     key = (str(path), stat.st_mtime_ns, stat.st_size)
     if key not in files:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said in our words by whoever wants the grid
+            warnings.simplefilter(
+                "ignore", NotGeoreferencedWarning
+            )  # said in our words by whoever wants the grid
             files[key] = rasterio.open(path)
         if len(files) > _OPEN_FILES:
             files.popitem(last=False)[1].close()

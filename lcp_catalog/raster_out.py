@@ -1,6 +1,8 @@
-"""Rendered rasters as GeoTIFF and as pictures, encoded in memory: the same input gives the same bytes.
+"""Rendered rasters as GeoTIFF and as pictures, encoded in memory: the same input gives the same
+bytes.
 
-Bytes are written by `files`, so that a full disk is noticed: GDAL swallows some errors when it closes a file.
+Bytes are written by `files`, so that a full disk is noticed: GDAL swallows some errors when it
+closes a file.
 """
 
 from __future__ import annotations
@@ -19,15 +21,17 @@ from .constants import MOON_RADIUS_M
 from .sphere import EnuFrame
 
 TILE = 256
-_GAMMA = 1.8
+_GAMMA = 1.2
 _WHITE_PERCENTILE = 99.5
 
 
 def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
-    """The CRS whose x and y are the frame's east and north, in metres, for points of the reference sphere.
+    """The CRS whose x and y are the frame's east and north, in metres, for points of the reference
+    sphere.
 
-    A point at height h stands at the map position of the sphere's point below or above it along the frame's vertical, not
-    along its own: at d metres from the centre its longitude and latitude differ by about h d / R metres.
+    A point at height h stands at the map position of the sphere's point below or above it along the
+    frame's vertical, not along its own: at d metres from the centre its longitude and latitude
+    differ by about h d / R metres.
     """
     lon = frame.lon_deg - 360.0 if frame.lon_deg > 180.0 else frame.lon_deg
     return rasterio.CRS.from_wkt(
@@ -88,7 +92,9 @@ def geotiff(
 
 
 def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
-    """Grey values of a radiance for a person: black is no light, the 99.5th percentile of what is lit is white, gamma 1.8."""
+    """Grey values of a radiance for a person: black is no light, the 99.5th percentile of what is
+    lit is white, gamma 1.2.
+    """
     values = np.nan_to_num(np.asarray(radiance, dtype=np.float64), nan=0.0)
     lit = values[values > 0]
     white = np.percentile(lit, _WHITE_PERCENTILE) if lit.size else 1.0
@@ -101,8 +107,6 @@ def png(grey: NDArray[np.uint8]) -> bytes:
     rows, columns = grey.shape
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with memory.open(
-            driver="PNG", width=columns, height=rows, count=1, dtype="uint8"
-        ) as file:
+        with memory.open(driver="PNG", width=columns, height=rows, count=1, dtype="uint8") as file:
             file.write(grey, 1)
         return bytes(memory.getbuffer())

@@ -1,9 +1,11 @@
-"""The photometric models, as radiance factor I/F (the radiance relative to a perfect white surface lit head-on).
+"""The photometric models, as radiance factor I/F (the radiance relative to a perfect white surface
+lit head-on).
 
-Lommel-Seeliger: I/F = w/4 * mu0 / (mu0 + mu), isotropic scattering, single-scattering albedo w = 0.21
-(Hapke 2012, *Theory of Reflectance and Emittance Spectroscopy*, ch. 8 and 10; his radiance factor is pi r = w/4 * mu0/(mu0+mu) * p).
-It has no phase function: within one image, where the phase varies little, brightness is right relatively; between images it is not.
-Lambert: I/F = A mu0, A = 0.12. mu0 and mu are the cosines of incidence and emission; the phase is the angle between the
+Lommel-Seeliger: I/F = w/4 * mu0 / (mu0 + mu), isotropic scattering, single-scattering albedo w =
+0.21 (Hapke 2012, *Theory of Reflectance and Emittance Spectroscopy*, ch. 8 and 10; his radiance
+factor is pi r = w/4 * mu0/(mu0+mu) * p). It has no phase function: within one image, where the
+phase varies little, brightness is right relatively; between images it is not. Lambert: I/F = A mu0,
+A = 0.12. mu0 and mu are the cosines of incidence and emission; the phase is the angle between the
 directions to the Sun and to the camera, never their sum.
 """
 
@@ -49,9 +51,11 @@ def photometry(
     seen: NDArray[np.bool_],
     model: str = DEFAULT_MODEL,
 ) -> Photometry:
-    """Radiance and angles of points: normals (..., 3), directions to the Sun (3,) and to the camera (3,) or (..., 3).
+    """Radiance and angles of points: normals (..., 3), directions to the Sun (3,) and to the camera
+    (3,) or (..., 3).
 
-    Radiance is 0 where seen but not lit and NaN where not seen; everything is NaN where the normal is.
+    Radiance is 0 where seen but not lit and NaN where not seen; everything is NaN where the normal
+    is.
     """
     flat = np.ascontiguousarray(normals, dtype=np.float64).reshape(-1, 3)
     towards = np.ascontiguousarray(cameras, dtype=np.float64).reshape(-1, 3)

@@ -1,7 +1,8 @@
 """An area as it looks under one Sun from one view: at its own nodes, or in the camera's plane.
 
-Directions are unit ENU vectors of the terrain's frame, from the surface to the Sun. Both renders trace exactly. Nodata is never
-rendered: its radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
+Directions are unit ENU vectors of the terrain's frame, from the surface to the Sun. Both renders
+trace exactly. Nodata is never rendered: its radiance is NaN, it is neither lit nor seen, casts no
+shadow and hides nothing.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
+from .errors import CameraError, SunError
 from .reflectance import DEFAULT_MODEL, photometry
 from .scene import ScenePlan, nodes_enu, plan_scene
 from .sphere import mcmf_to_lonlat
 from .terrain import Terrain
-from .errors import CameraError, SunError
 from .view import View, camera_view
 
 Array = NDArray[np.float64]
@@ -30,8 +31,9 @@ _BLOCK_ROWS = 256
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
-    not lit), sunlit and visible as masks, angles in degrees (NaN without a surface), and where it is:
-    ``height_m`` (ENU z) at the area's nodes, ``position_mcmf_m`` (rows, cols, 3) in the camera's plane.
+    not lit), sunlit and visible as masks, angles in degrees (NaN without a surface), and where
+    it is: ``height_m`` (ENU z) at the area's nodes, ``position_mcmf_m`` (rows, cols, 3) in the
+    camera's plane.
     """
 
     radiance: Band
@@ -55,9 +57,9 @@ def render_enu(
 ) -> Photograph:
     """The core window's nodes, float32.
 
-    With a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out cast
-    shadows, not attached ones. CameraError when the camera is under the ground, SunError when the Sun
-    is below every horizon.
+    With a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out
+    cast shadows, not attached ones. CameraError when the camera is under the ground, SunError when
+    the Sun is below every horizon.
     """
     plan = plan or plan_scene(terrain, sun, view)
     check_sun(terrain, sun)
@@ -102,7 +104,8 @@ def render_camera(
     """The camera's plane, one first hit a pixel, float64.
 
     Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
-    drawn. A hit is visible even where its interpolated normal leans away (it counts as seen edge-on).
+    drawn. A hit is visible even where its interpolated normal leans away (it counts as seen
+    edge-on).
     """
     view = camera_view(camera, terrain.frame)
     plan = plan or plan_scene(terrain, sun, view, in_camera_plane=True)
@@ -126,24 +129,35 @@ def render_camera(
 def check_sun(terrain: Terrain, sun: Array) -> None:
     """SunError when the Sun stands below the horizon of even the highest node of the area.
 
-    Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips by acos(R / (R + h)).
+    Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips
+    by acos(R / (R + h)).
     """
-    places = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
-    radius = np.linalg.norm(places, axis=-1)
-    known = np.isfinite(radius)
-    if not known.any():
+    step = max(1, max(terrain.field.shape) // 256)
+    all_around = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.field.whole, step))
+    radius = np.linalg.norm(all_around, axis=-1)
+    lowest_m = float(np.nanmin(radius)) if np.isfinite(radius).any() else np.nan
+    if not _sun_above_horizon_deg(terrain, sun, lowest_m, step) < 0:
         return
-    elevation = np.arcsin(places[known] @ terrain.frame.direction_to_mcmf(sun) / radius[known])
-    lowest = float(radius[known].min())
-    everywhere = terrain.frame.to_mcmf(_coarse_nodes(terrain))
-    around = np.linalg.norm(everywhere, axis=-1)
-    lowest = float(np.nanmin(np.append(around, lowest)))
-    dip = np.arccos(np.clip(lowest / radius[known], -1.0, 1.0))
-    best = float(np.degrees((elevation + dip).max()))
+    best = _sun_above_horizon_deg(terrain, sun, lowest_m, 1)
     if best < 0:
         raise SunError(
-            f"the Sun stands {-best:.2f} deg below the horizon of the area's highest ground: nothing is lit"
+            f"the Sun stands {-best:.2f} deg below the horizon of the area's highest ground: "
+            "nothing is lit; state another Sun"
         )
+
+
+def _sun_above_horizon_deg(terrain: Terrain, sun: Array, lowest_m: float, step: int) -> float:
+    """Greatest elevation of the Sun above the dipped horizon of the core's nodes; NaN without
+    heights.
+    """
+    places = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core, step))
+    places = places[np.isfinite(places[..., 2])]
+    if not len(places):
+        return float("nan")
+    radius = np.linalg.norm(places, axis=-1)
+    elevation = np.arcsin(places @ terrain.frame.direction_to_mcmf(sun) / radius)
+    dip = np.arccos(np.clip(lowest_m / radius, -1.0, 1.0))
+    return float(np.degrees((elevation + dip).max()))
 
 
 def check_camera(terrain: Terrain, view: View) -> None:
@@ -151,18 +165,20 @@ def check_camera(terrain: Terrain, view: View) -> None:
     if view.position_m is None:
         return
     x, y, z = view.position_m
-    ground = float(terrain.field.heights_at(np.array([x]), np.array([y]))[0])
+    ground = float(terrain.field.heights_at(x, y))
     if z < ground:
+        name = view.camera.name if view.camera else "the view"
         _, _, height = mcmf_to_lonlat(terrain.frame.to_mcmf(view.position_m))
         raise CameraError(
-            f"{view.camera.name if view.camera else 'the view'}: the camera is {ground - z:.0f} m under the ground "
-            f"(it is {float(height):.0f} m above the reference sphere)"
+            f"{name}: the camera is {ground - z:.0f} m under the ground "
+            f"({float(height):.0f} m above the reference sphere)"
         )
 
 
 def _hidden(terrain: Terrain, view: View) -> Mask:
     if view.direction is not None:
         return terrain.field.occluded_nodes(view.direction, terrain.core)
+    assert view.position_m is not None
     return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
 
 
@@ -174,12 +190,6 @@ def _in_core(terrain: Terrain, points: Array) -> Mask:
     row = (field.y0_m - points[..., 1]) / field.gsd_m
     inside = (row >= row0 - 0.5) & (row <= row1 - 0.5) & (col >= col0 - 0.5) & (col <= col1 - 0.5)
     return np.asarray(inside)
-
-
-def _coarse_nodes(terrain: Terrain) -> Array:
-    rows, cols = terrain.field.z_m.shape
-    step = max(1, max(rows, cols) // 256)
-    return nodes_enu(terrain.field, terrain.field.whole, step)
 
 
 def _bands(

@@ -1,7 +1,7 @@
 """Which effects a render models, at what error, and why.
 
-Effects are left out only where the result is provably the same: on a connected surface no point rises above a ray that climbs
-more steeply than the steepest facet.
+Effects are left out only where the result is provably the same: on a connected surface no point
+rises above a ray that climbs more steeply than the steepest facet.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from .view import View
 Array = NDArray[np.float64]
 
 _BLOCK_ROWS = 512
-_ROUNDING = 1e-6  # of a slope: a skipped ray clears the steepest facet by more than rounding can take
+_ROUNDING = (
+    1e-6  # of a slope: a skipped ray clears the steepest facet by more than rounding can take
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,9 @@ class ScenePlan:
 
 @dataclass(frozen=True)
 class Steepness:
-    """Tangent of the steepest facet of a surface, and whether the surface is connected (no node lacks a height)."""
+    """Tangent of the steepest facet of a surface, and whether the surface is connected (no node
+    lacks a height).
+    """
 
     tangent: float
     connected: bool
@@ -80,7 +84,9 @@ def steepness(field: Heightfield) -> Steepness:
 
 
 def nodes_enu(field: Heightfield, window: Window, step: int = 1) -> Array:
-    """ENU positions (rows, cols, 3) of every ``step``-th node of a window; z is NaN without a height."""
+    """ENU positions (rows, cols, 3) of every ``step``-th node of a window; z is NaN without a
+    height.
+    """
     row0, row1, col0, col1 = window
     y, x = np.meshgrid(
         field.y0_m - np.arange(row0, row1, step) * field.gsd_m,
@@ -92,27 +98,33 @@ def nodes_enu(field: Heightfield, window: Window, step: int = 1) -> Array:
 
 
 def lowest_view_tangent(view: View, points_m: Array) -> float:
-    """Tangent of the least elevation at which ENU points (..., 3) see the camera; -inf where there is no point."""
+    """Tangent of the least elevation at which ENU points (..., 3) see the camera; inf without a
+    point.
+    """
     if view.direction is not None:
         return _tangent(view.direction)
+    assert view.position_m is not None
     height = view.position_m[2] - points_m[..., 2]
     away = np.hypot(view.position_m[0] - points_m[..., 0], view.position_m[1] - points_m[..., 1])
     with np.errstate(divide="ignore"):
         tangents = np.where(away > 0, height / np.where(away > 0, away, 1.0), np.inf)
     known = tangents[np.isfinite(height)]
-    return float(known.min()) if known.size else -math.inf
+    return float(known.min()) if known.size else math.inf
 
 
 def plan_scene(
-    terrain: Terrain, sun: Array, view: View, in_camera_plane: bool = False, ring: Decision | None = None
+    terrain: Terrain,
+    sun: Array,
+    view: View,
+    in_camera_plane: bool = False,
+    ring: Decision | None = None,
 ) -> ScenePlan:
     """Decide for a terrain, an ENU direction to the Sun and a view."""
     slope = steepness(terrain.field)
-    points = nodes_enu(terrain.field, terrain.core)
     others = (ring,) if ring is not None else ()
     return ScenePlan(
         cast_shadows=_shadow_decision(slope, sun),
-        occlusion=_occlusion_decision(slope, view, points, in_camera_plane),
+        occlusion=_occlusion_decision(slope, view, terrain, in_camera_plane),
         others=(*others, *_constant_decisions(terrain)),
     )
 
@@ -125,13 +137,19 @@ def _shadow_decision(slope: Steepness, sun: Array) -> Decision:
 
 
 def _occlusion_decision(
-    slope: Steepness, view: View, points: Array, in_camera_plane: bool
+    slope: Steepness, view: View, terrain: Terrain, in_camera_plane: bool
 ) -> Decision:
     unit = "share of visible nodes"
     if in_camera_plane:
         reason = "every pixel's ray is traced to its first hit"
         return Decision("occlusion", True, reason, 0.0, unit)
-    tangent = lowest_view_tangent(view, points)
+    row0, row1, col0, col1 = terrain.core
+    tangent = min(
+        lowest_view_tangent(
+            view, nodes_enu(terrain.field, (row, min(row + _BLOCK_ROWS, row1), col0, col1))
+        )
+        for row in range(row0, row1, _BLOCK_ROWS)
+    )
     modelled = not slope.clears(tangent)
     reason = _comparison(slope, "the camera's least elevation", tangent, modelled)
     return Decision("occlusion", modelled, reason, 0.0, unit)
@@ -160,18 +178,21 @@ def _constant_decisions(terrain: Terrain) -> tuple[Decision, ...]:
             round(math.degrees(SOLAR_RADIUS_RAD), 4),
             "deg of Sun elevation",
         ),
+        Decision("parallax of the Sun", False, "one direction for the whole area", parallax, "deg"),
         Decision(
-            "parallax of the Sun", False, "one direction for the whole area", parallax, "deg"
-        ),
-        Decision(
-            "scattered light", False, "what the Sun does not reach is black", None, "radiance factor"
+            "scattered light",
+            False,
+            "what the Sun does not reach is black",
+            None,
+            "radiance factor",
         ),
         Decision("albedo", False, "one albedo for the whole area", None, "radiance factor"),
     )
 
 
 def ring_needed_m(coarse: Terrain, tangent: float, margin_m: float) -> float:
-    """How far beyond the core terrain can rise above rays that climb with a tangent from the core, seen on coarse heights.
+    """How far beyond the core terrain can rise above rays that climb with a tangent from the core,
+    seen on coarse heights.
 
     ``margin_m`` is allowed for what the coarse heights smooth away, once above and once below.
     """
@@ -204,7 +225,9 @@ def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:
     if missing > 0:
         reason += f"; {missing:.1%} of that ring has no height in the DEM and hides nothing"
     whole = needed_m <= ring_m and missing == 0
-    return Decision("terrain beyond the area", True, reason, 0.0 if whole else None, "share of nodes")
+    return Decision(
+        "terrain beyond the area", True, reason, 0.0 if whole else None, "share of nodes"
+    )
 
 
 def _tangent(direction: Array) -> float:

@@ -1,8 +1,10 @@
-"""Where the Sun stands: the subsolar point at an instant, directions to it, and which directions a place can see at all.
+"""Where the Sun stands: the subsolar point at an instant, directions to it, and which directions a
+place can see at all.
 
-The Sun's position comes from pyerfa's series alone (Earth: epv00, Moon: moon98) and the Moon's rotation from the IAU
-series (Archinal et al. 2011, table 2), which stands in for the mean-Earth frame. Against DE421 the subsolar point is within
-0.0042 deg, 1990-2050; a Sun at a finite distance differs from these directions by at most 0.0007 deg (R / 1 au).
+The Sun's position comes from pyerfa's series alone (Earth: epv00, Moon: moon98) and the Moon's
+rotation from the IAU series (Archinal et al. 2011, table 2), which stands in for the mean-Earth
+frame. Against DE421 the subsolar point is within 0.0042 deg, 1990-2050; a Sun at a finite distance
+differs from these directions by at most 0.0007 deg (R / 1 au).
 """
 
 from __future__ import annotations
@@ -25,31 +27,37 @@ _J2000 = 2451545.0
 _LIGHT_TIME_DAY_PER_AU = erfa.AULT / erfa.DAYSEC
 
 # Nutation angles E1..E13: degrees at J2000 and degrees per day.
-_E0 = np.array(
-    "125.045 250.089 260.008 176.625 357.529 311.589 134.963 276.617 34.226 15.134 119.743 239.961 25.053".split(),
-    dtype=np.float64,
-)
-_E1 = np.array(
-    "-0.0529921 -0.1059842 13.0120009 13.3407154 0.9856003 26.4057084 13.0649930 0.3287146 1.7484877 "
-    "-0.1589763 0.0036096 0.1643573 12.9590088".split(),
-    dtype=np.float64,
-)
+# fmt: off
+_E0 = np.array([
+    125.045, 250.089, 260.008, 176.625, 357.529, 311.589, 134.963, 276.617, 34.226, 15.134,
+    119.743, 239.961, 25.053,
+])
+_E1 = np.array([
+    -0.0529921, -0.1059842, 13.0120009, 13.3407154, 0.9856003, 26.4057084, 13.0649930, 0.3287146,
+    1.7484877, -0.1589763, 0.0036096, 0.1643573, 12.9590088,
+])
+# Their amplitudes in the pole's right ascension (sine), its declination (cosine), the spin (sine).
 _RA = np.array([-3.8787, -0.1204, 0.0700, -0.0172, 0, 0.0072, 0, 0, 0, -0.0052, 0, 0, 0.0043])
 _DEC = np.array([1.5419, 0.0239, -0.0278, 0.0068, 0, -0.0029, 0.0009, 0, 0, 0.0008, 0, 0, -0.0009])
-_W = np.array(
-    [3.5610, 0.1208, -0.0642, 0.0158, 0.0252, -0.0066, -0.0047, -0.0046, 0.0028, 0.0052, 0.0040]
-    + [0.0019, -0.0044]
-)
+_W = np.array([
+    3.5610, 0.1208, -0.0642, 0.0158, 0.0252, -0.0066, -0.0047, -0.0046, 0.0028, 0.0052,
+    0.0040, 0.0019, -0.0044,
+])
+# fmt: on
 
 
 def subsolar_point(time_utc: str | dt.datetime) -> tuple[float, float]:
-    """Longitude (0..360) and latitude in degrees of the point that has the Sun overhead; a time without zone is UTC."""
+    """Longitude (0..360) and latitude in degrees of the point that has the Sun overhead; a time
+    without zone is UTC.
+    """
     lon, lat, _ = mcmf_to_lonlat(sun_direction_at(time_utc))
     return float(lon), float(lat)
 
 
 def sun_direction_at(time_utc: str | dt.datetime) -> Array:
-    """Unit vector (3,) in MCMF from the Moon's centre to where the Sun is seen (light time and aberration included)."""
+    """Unit vector (3,) in MCMF from the Moon's centre to where the Sun is seen (light time and
+    aberration included).
+    """
     jd1, jd2 = _terrestrial_time(_parse(time_utc))
     heliocentric, barycentric = erfa.epv00(jd1, jd2)
     lunar = erfa.moon98(jd1, jd2)
@@ -64,7 +72,9 @@ def sun_direction_at(time_utc: str | dt.datetime) -> Array:
 
 
 def lunar_rotation(days: float) -> Array:
-    """Rotation (3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` of TDB after J2000."""
+    """Rotation (3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` of TDB
+    after J2000.
+    """
     angles = np.radians(_E0 + _E1 * days)
     centuries = days / 36525.0
     ra = math.radians(269.9949 + 0.0031 * centuries + _RA @ np.sin(angles))
@@ -77,7 +87,8 @@ def lunar_rotation(days: float) -> Array:
 def direction_from_subsolar(lon_deg: float, lat_deg: float) -> Array:
     """MCMF direction (3,) to a Sun that stands overhead at a place.
 
-    Raises SunError for a place that does not exist. A latitude beyond +-1.59 deg never occurs, yet is allowed: experiments need it.
+    Raises SunError for a place that does not exist. A latitude beyond +-1.59 deg never occurs, yet
+    is allowed: experiments need it.
     """
     if not (math.isfinite(lon_deg) and math.isfinite(lat_deg) and abs(lat_deg) <= 90.0):
         raise SunError(f"no such subsolar point: longitude {lon_deg}, latitude {lat_deg}")
@@ -86,7 +97,9 @@ def direction_from_subsolar(lon_deg: float, lat_deg: float) -> Array:
 
 
 def direction_from_angles(frame: EnuFrame, azimuth_deg: float, elevation_deg: float) -> Array:
-    """MCMF direction (3,) to a Sun at an azimuth (clockwise from north) and elevation at the frame's origin."""
+    """MCMF direction (3,) to a Sun at an azimuth (clockwise from north) and elevation at the
+    frame's origin.
+    """
     if not (math.isfinite(azimuth_deg) and -90.0 <= elevation_deg <= 90.0):
         raise SunError(f"no such Sun: azimuth {azimuth_deg} deg, elevation {elevation_deg} deg")
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
@@ -99,7 +112,9 @@ def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> 
     """MCMF direction (3,) from the frame's origin to a Sun at a position (MCMF metres)."""
     position = np.asarray(sun_position_mcmf_m, dtype=np.float64)
     if position.shape != (3,) or not np.isfinite(position).all() or np.linalg.norm(position) < 1e9:
-        raise SunError(f"no such Sun position: {position.tolist()} (three MCMF coordinates in metres)")
+        raise SunError(
+            f"no such Sun position: {position.tolist()} (three MCMF coordinates in metres)"
+        )
     towards = position - frame.origin_mcmf_m
     return towards / np.linalg.norm(towards)
 
@@ -107,12 +122,13 @@ def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> 
 def reachable_suns(
     lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
 ) -> NDArray[np.bool_]:
-    """Which cells of a grid of Sun directions the Sun can ever visit at a latitude, bool (n_el, n_az).
+    """Which cells of a grid of Sun directions the Sun can ever visit at a latitude, bool (n_el,
+    n_az).
 
-    A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`). The Sun comes there when some
-    direction in the box has a declination within +-(1.59 deg + solar radius). With
-    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az)
-    the extremes over a box are exact: the function is monotone in cos(az), and for a given cos(az) it is a single cosine in el.
+    A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
+    The Sun comes there when some direction in the box has a declination within +-(1.59 deg + solar
+    radius). With sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) the extremes over a box are
+    exact: the function is monotone in cos(az), and for a given cos(az) it is a single cosine in el.
     """
     if not abs(lat_deg) <= 90.0:
         raise SunError(f"no such latitude: {lat_deg}")
@@ -126,9 +142,11 @@ def reachable_suns(
 
 
 def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees, from <= to: half way to the neighbours on the circle, in the order given.
+    """From and to (n,), degrees, from <= to: half way to the neighbours on the circle, in the order
+    given.
 
-    A gap over half a circle ends a partial range: there the box is as wide as on its other side. A single azimuth has no width.
+    A gap over half a circle ends a partial range: there the box is as wide as on its other side. A
+    single azimuth has no width.
     """
     azimuth = np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)) % 360.0
     order = np.argsort(azimuth, kind="stable")
@@ -143,7 +161,8 @@ def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
 
 
 def elevation_boxes(elevations_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees: half way to the neighbours, as wide outwards as inwards at the ends, within 0..90.
+    """From and to (n,), degrees: half way to the neighbours, as wide outwards as inwards at the
+    ends, within 0..90.
 
     The elevations must increase. A single elevation has no width.
     """
@@ -165,7 +184,9 @@ def _cosine_range(first_deg: Array, last_deg: Array) -> tuple[Array, Array]:
 
 
 def _extreme(sine: float, cosine: Array, low: Array, high: Array) -> Array:
-    """Greatest value of sine * sin(el) + cosine * cos(el) over low <= el <= high (radians, within 0..pi/2)."""
+    """Greatest value of sine * sin(el) + cosine * cos(el) over low <= el <= high (radians, within
+    0..pi/2).
+    """
     ends = np.maximum(
         sine * np.sin(low) + cosine * np.cos(low), sine * np.sin(high) + cosine * np.cos(high)
     )
@@ -179,16 +200,22 @@ def _parse(time_utc: str | dt.datetime) -> dt.datetime:
         try:
             time_utc = dt.datetime.fromisoformat(time_utc.strip())
         except ValueError as error:
-            raise SunError(f"no such time: {time_utc!r} (like 2024-01-01T00:00:00): {error}") from error
+            raise SunError(
+                f"no such time: {time_utc!r} (like 2024-01-01T00:00:00): {error}"
+            ) from error
     if time_utc.tzinfo is None:
         return time_utc
     return time_utc.astimezone(dt.UTC)
 
 
 def _terrestrial_time(time: dt.datetime) -> tuple[float, float]:
-    """Two-part Julian date of a UTC instant in TT, which stands in for TDB (they differ by under 2 ms)."""
+    """Two-part Julian date of a UTC instant in TT, which stands in for TDB (they differ by under 2
+    ms).
+    """
     seconds = time.second + time.microsecond * 1e-6
-    with warnings.catch_warnings():  # "dubious year": before 1960 and some years ahead, leap seconds unknown
+    with (
+        warnings.catch_warnings()
+    ):  # "dubious year": before 1960 and some years ahead, leap seconds unknown
         warnings.simplefilter("ignore", erfa.ErfaWarning)
         utc = erfa.dtf2d("UTC", time.year, time.month, time.day, time.hour, time.minute, seconds)
         jd1, jd2 = erfa.taitt(*erfa.utctai(*utc))

@@ -1,9 +1,13 @@
 """An area of the Moon as a heightfield in the east-north-up frame of its centre.
 
-The surface point over a node (x, y) of the tangent plane is where the vertical line of the frame meets the ground:
-``|origin + x e + y n + z u| = R + h(lon, lat)``. It is found by fixed-point iteration on h, whose error falls by the slope of
-the ground times the tangent of the angle between node and origin seen from the Moon's centre with every step (0.02 a step,
-100 km away on a 20 degree slope); it stops for each node on its own, so that a node's height never depends on the window.
+The surface point over a node (x, y) of the tangent plane is where the vertical line of the frame
+meets the ground:
+``|origin + x e + y n + z u| = R + h(lon, lat)``. It is found by fixed-point iteration on h, whose
+error falls by the slope of
+the ground times the tangent of the angle between node and origin seen from the Moon's centre with
+every step (0.02 a step,
+100 km away on a 20 degree slope); it stops for each node on its own, so that a node's height never
+depends on the window.
 """
 
 from __future__ import annotations
@@ -29,7 +33,9 @@ Indices = NDArray[np.int16]
 _TOLERANCE_M = 1e-3
 _ITERATIONS = 40
 _LIMB = 0.985
-"""Nodes further out than this share of the radius (80 deg from the centre) see the ground edge-on and get no height."""
+"""Nodes further out than this share of the radius (80 deg from the centre) see the ground edge-on
+and get no height.
+"""
 _BLOCK_NODES = 2_000_000
 _NODES_MAX = 400_000_000
 _SIZE_MAX_KM = 2000.0
@@ -38,9 +44,11 @@ _EDGE = 129
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle of the tangent plane at a centre (``size_km``: east-west, north-south), or a box of longitudes and latitudes.
+    """A rectangle of the tangent plane at a centre (``size_km``: east-west, north-south), or a box
+    of longitudes and latitudes.
 
-    ``Area(lon, lat, size_km)`` or ``Area.from_bounds``. Longitudes -180..360; ``AreaError`` refuses what is no place.
+    ``Area(lon, lat, size_km)`` or ``Area.from_bounds``. Longitudes -180..360; ``AreaError`` refuses
+    what is no place.
     """
 
     lon_deg: float
@@ -55,12 +63,17 @@ class Area:
         if self.size_km is not None:
             size = self.size_km if isinstance(self.size_km, tuple) else (self.size_km, self.size_km)
             if not all(math.isfinite(s) and 0.0 < s <= _SIZE_MAX_KM for s in size):
-                raise AreaError(f"a size of {size[0]:g} x {size[1]:g} km is not above 0 and at most {_SIZE_MAX_KM:g} km")
+                raise AreaError(
+                    f"a size of {size[0]:g} x {size[1]:g} km is not above 0 and at most "
+                    f"{_SIZE_MAX_KM:g} km"
+                )
             object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))
 
     @classmethod
     def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:
-        """A box in degrees; where ``east`` is not greater than ``west`` it crosses the antimeridian (or the prime meridian)."""
+        """A box in degrees; where ``east`` is not greater than ``west`` it crosses the antimeridian
+        (or the prime meridian).
+        """
         for lon in (west, east):
             if not -360.0 <= lon <= 720.0:
                 raise AreaError(f"longitude {lon:g} is not in -180..360 degrees")
@@ -88,7 +101,9 @@ class Area:
         lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         if self.box is not None:
             west, south, east, north = self.box
-            return np.asarray(((lon - west) % 360.0 <= east - west) & (lat >= south) & (lat <= north))
+            return np.asarray(
+                ((lon - west) % 360.0 <= east - west) & (lat >= south) & (lat <= north)
+            )
         x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         width, height = self._half_m
         return np.asarray((np.abs(x) <= width) & (np.abs(y) <= height) & (z > -MOON_RADIUS_M))
@@ -100,13 +115,19 @@ class Area:
 
     @cached_property
     def bounds(self) -> Bounds:
-        """The box of longitudes and latitudes that encloses the area; all longitudes where a pole lies inside."""
+        """The box of longitudes and latitudes that encloses the area; all longitudes where a pole
+        lies inside.
+        """
         if self.box is not None:
             return self.box
         width, height = self._half_m
         along = np.linspace(-1.0, 1.0, _EDGE)
-        x = np.concatenate([along * width, along * width, np.full(_EDGE, width), np.full(_EDGE, -width)])
-        y = np.concatenate([np.full(_EDGE, height), np.full(_EDGE, -height), along * height, along * height])
+        x = np.concatenate(
+            [along * width, along * width, np.full(_EDGE, width), np.full(_EDGE, -width)]
+        )
+        y = np.concatenate(
+            [np.full(_EDGE, height), np.full(_EDGE, -height), along * height, along * height]
+        )
         z = np.sqrt(MOON_RADIUS_M**2 - x**2 - y**2) - MOON_RADIUS_M
         lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
         south, north = float(lat.min()), float(lat.max())
@@ -114,7 +135,9 @@ class Area:
         if any(poles):
             return Bounds(0.0, -90.0 if poles[0] else south, 360.0, 90.0 if poles[1] else north)
         away = (lon - self.lon_deg + 180.0) % 360.0 - 180.0
-        return Bounds(self.lon_deg + float(away.min()), south, self.lon_deg + float(away.max()), north)
+        return Bounds(
+            self.lon_deg + float(away.min()), south, self.lon_deg + float(away.max()), north
+        )
 
     @cached_property
     def extent_m(self) -> tuple[float, float, float, float]:
@@ -126,12 +149,18 @@ class Area:
         lon, lat = np.meshgrid(np.linspace(west, east, _EDGE), np.linspace(south, north, _EDGE))
         x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         near = z > -MOON_RADIUS_M
-        return float(x[near].min()), float(x[near].max()), float(y[near].min()), float(y[near].max())
+        return (
+            float(x[near].min()),
+            float(x[near].max()),
+            float(y[near].min()),
+            float(y[near].max()),
+        )
 
 
 @dataclass(frozen=True)
 class NodeWindow:
-    """Nodes of a frame, counted from its origin and half open: x = column * gsd, y = -row * gsd (row 0 through the origin).
+    """Nodes of a frame, counted from its origin and half open: x = column * gsd, y = -row * gsd
+    (row 0 through the origin).
 
     All windows of one frame and cell size share their nodes.
     """
@@ -143,7 +172,9 @@ class NodeWindow:
 
     def __post_init__(self) -> None:
         if self.row1 <= self.row0 or self.col1 <= self.col0:
-            raise AreaError(f"a window of {self.row1 - self.row0} x {self.col1 - self.col0} nodes holds none")
+            raise AreaError(
+                f"a window of {self.row1 - self.row0} x {self.col1 - self.col0} nodes holds none"
+            )
 
     @classmethod
     def covering(cls, extent_m: tuple[float, float, float, float], gsd_m: float) -> NodeWindow:
@@ -163,12 +194,16 @@ class NodeWindow:
 
     def grown(self, nodes: int) -> NodeWindow:
         """With so many nodes more on every side."""
-        return NodeWindow(self.row0 - nodes, self.row1 + nodes, self.col0 - nodes, self.col1 + nodes)
+        return NodeWindow(
+            self.row0 - nodes, self.row1 + nodes, self.col0 - nodes, self.col1 + nodes
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """A heightfield with its frame, the window of the area inside it (rows and columns of the field) and where it came from."""
+    """A heightfield with its frame, the window of the area inside it (rows and columns of the
+    field) and where it came from.
+    """
 
     field: Heightfield
     frame: EnuFrame
@@ -180,7 +215,9 @@ class Terrain:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A square fragment in the frame of its own centre node, whose origin lies on the ground: that node's z is 0."""
+    """A square fragment in the frame of its own centre node, whose origin lies on the ground: that
+    node's z is 0.
+    """
 
     z_m: NDArray[np.float32]
     frame: EnuFrame
@@ -188,10 +225,14 @@ class Patch:
     """Index of the DEM that gave the centre's height."""
 
 
-def build_terrain(dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float = 0.0) -> Terrain:
-    """The heightfield of a window of the frame's nodes (the core) and of a ring of at least ``ring_m`` around it.
+def build_terrain(
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float = 0.0
+) -> Terrain:
+    """The heightfield of a window of the frame's nodes (the core) and of a ring of at least
+    ``ring_m`` around it.
 
-    Nodes without a height are NaN, and so are those from 80 degrees away from the frame's origin on; a terrain without any
+    Nodes without a height are NaN, and so are those from 80 degrees away from the frame's origin
+    on; a terrain without any
     height is no error here. ``AreaError`` when it would have more nodes than memory.
     """
     _require_gsd(gsd_m)
@@ -201,29 +242,39 @@ def build_terrain(dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: floa
     whole = window.grown(ring)
     rows, cols = whole.shape
     if rows * cols > _NODES_MAX:
-        raise AreaError(f"{rows} x {cols} nodes are too many for one area (limit {_NODES_MAX:.0e}); take a coarser --gsd")
+        raise AreaError(
+            f"{rows} x {cols} nodes are too many for one area (limit {_NODES_MAX:.0e}); "
+            "take a coarser --gsd"
+        )
     z, index = _heights(dems, frame, whole, gsd_m)
     field = Heightfield(z, gsd_m, whole.col0 * gsd_m, -whole.row0 * gsd_m)
     core = (ring, rows - ring, ring, cols - ring)
     return Terrain(field, frame, core, whole, index, dems.products)
 
 
-def terrain_from_area(dems: DemSet, area: Area, gsd_m: float | None = None, ring_m: float = 0.0) -> Terrain:
+def terrain_from_area(
+    dems: DemSet, area: Area, gsd_m: float | None = None, ring_m: float = 0.0
+) -> Terrain:
     """The area in the frame of its centre; the cell is the DEM's own at the centre unless given.
 
     ``AreaError`` when the area has no height in the DEM.
     """
     gsd_m = _native_gsd_m(dems, area) if gsd_m is None else gsd_m
     _require_gsd(gsd_m)
-    terrain = build_terrain(dems, area.frame, NodeWindow.covering(area.extent_m, gsd_m), gsd_m, ring_m)
+    terrain = build_terrain(
+        dems, area.frame, NodeWindow.covering(area.extent_m, gsd_m), gsd_m, ring_m
+    )
     row0, row1, col0, col1 = terrain.core
     if not (terrain.product_index[row0:row1, col0:col1] >= 0).any():
-        raise AreaError(f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}")
+        raise AreaError(
+            f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
+        )
     return terrain
 
 
 def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m: float) -> Patch:
-    """``size`` x ``size`` nodes around a surface point in its own frame, z relative to that point; ``size`` is odd.
+    """``size`` x ``size`` nodes around a surface point in its own frame, z relative to that point;
+    ``size`` is odd.
 
     ``AreaError`` when the point has no height.
     """
@@ -233,7 +284,10 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
     _require_gsd(gsd_m)
     height, number = dems.heights(lon_deg, lat_deg, gsd_m)
     if number < 0:
-        raise AreaError(f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM covers {dems.bounds}")
+        raise AreaError(
+            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM "
+            f"covers {dems.bounds}"
+        )
     frame = EnuFrame(lon_deg, lat_deg, float(height))
     half = size // 2
     z, _ = _heights(dems, frame, NodeWindow(-half, half + 1, -half, half + 1), gsd_m)
@@ -251,11 +305,15 @@ def _native_gsd_m(dems: DemSet, area: Area) -> float:
         coarsest = max(dem.gsd_m for dem in dems.dems)
         _, index = _solve(dems, area.frame, x.ravel(), y.ravel(), coarsest)
         if not (index >= 0).any():
-            raise AreaError(f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}") from None
+            raise AreaError(
+                f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
+            ) from None
         return dems.dems[int(index[index >= 0].min())].gsd_m
 
 
-def _heights(dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float) -> tuple[NDArray[np.float32], Indices]:
+def _heights(
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float
+) -> tuple[NDArray[np.float32], Indices]:
     """ENU z of a window's nodes and the DEM of each, a block of rows after the other."""
     rows, cols = window.shape
     z, index = np.empty((rows, cols), np.float32), np.empty((rows, cols), np.int16)
@@ -269,7 +327,9 @@ def _heights(dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float) ->
     return z, index
 
 
-def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> tuple[Array, Indices]:
+def _solve(
+    dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float
+) -> tuple[Array, Indices]:
     """ENU z over nodes (n,), NaN where there is no ground, and the index of each one's DEM."""
     up_m = MOON_RADIUS_M + frame.height_m
     away2 = x * x + y * y
@@ -287,7 +347,10 @@ def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> t
         found, numbers = dems.heights(np.degrees(lon), np.degrees(lat), gsd_m)
         height[active], index[active] = found, numbers
         active = active[np.abs(found - guess) >= _TOLERANCE_M]  # NaN is settled: no ground
-    height[active], index[active] = np.nan, -1  # never settled: a cliff seen edge-on, far from the centre
+    height[active], index[active] = (
+        np.nan,
+        -1,
+    )  # never settled: a cliff seen edge-on, far from the centre
     return np.sqrt((MOON_RADIUS_M + height) ** 2 - away2) - up_m, index
 
 

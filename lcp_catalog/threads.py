@@ -1,33 +1,51 @@
-"""The one owner of thread counts: numba's parallel kernels and OpenCV's own pool.
+"""The one owner of thread counts: how many threads the kernels and OpenCV may use in this process.
 
-Results never depend on the count. Numba's workqueue layer must be entered by one Python thread at a time; parallelism beyond that
-comes from processes (`engine`).
+Results never depend on it: every output value is computed by one thread from inputs that no thread writes.
 """
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import ModuleType, TracebackType
 
 import numba
 
 
-def set_threads(count: int) -> None:
-    """Let every kernel of this process use ``count`` threads (at least 1, at most what numba was started with)."""
-    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
-    cv2 = sys.modules.get("cv2")
-    if cv2 is None:
-        import cv2
-    cv2.setNumThreads(count)
+def thread_limit() -> int:
+    """The most threads the kernels can use in this process: what numba started with (``NUMBA_NUM_THREADS``, else all cores)."""
+    return int(numba.config.NUMBA_NUM_THREADS)
 
 
-@contextmanager
-def limit_threads(count: int) -> Iterator[None]:
-    """``set_threads`` for a block; the numba count is put back at its end."""
-    before = numba.get_num_threads()
-    set_threads(count)
-    try:
-        yield
-    finally:
-        set_threads(before)
+class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes it)
+    """Let the kernels, and OpenCV where it has been imported, use at most ``count`` threads from now on.
+
+    The limit is set at once and holds until the next one; as a context manager it is undone at the end of the block. A count beyond
+    ``thread_limit()`` is lowered to it. ``ValueError`` for a count below 1.
+    """
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"at least one thread is needed, not {count}")
+        opencv = _opencv()
+        self._kernels_before = numba.get_num_threads()
+        self._opencv_before = opencv.getNumThreads() if opencv else None
+        numba.set_num_threads(min(count, thread_limit()))
+        if opencv:
+            opencv.setNumThreads(min(count, os.cpu_count() or 1))
+
+    def __enter__(self) -> limit_threads:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        numba.set_num_threads(self._kernels_before)
+        opencv = _opencv()
+        if opencv and self._opencv_before is not None:
+            opencv.setNumThreads(self._opencv_before)
+
+
+def _opencv() -> ModuleType | None:
+    """OpenCV where somebody has imported it; it is not loaded only to be told to keep still."""
+    return sys.modules.get("cv2")

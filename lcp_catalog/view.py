@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .camera import Camera
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
+from .grid import Bounds
 from .sphere import EnuFrame, direction_enu, mcmf_to_lonlat
 
 Array = NDArray[np.float64]
@@ -19,7 +20,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """From where an area is seen: a direction (camera at infinity) or a position, in the area's ENU frame.
+    """From where an area is seen: a direction (camera at infinity) or a position, in the area's ENU
+    frame.
 
     ``camera`` limits what is visible to its image. Exactly one of direction and position is set.
     """
@@ -36,11 +38,14 @@ class View:
         """Unit directions (..., 3) from ENU points (..., 3) to the camera."""
         if self.direction is not None:
             return np.broadcast_to(self.direction, points_m.shape)
+        assert self.position_m is not None
         towards = self.position_m - points_m
         return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
     def describe(self) -> dict[str, Any]:
-        """What a result says about the view: the camera file's content, or the ENU direction or position."""
+        """What a result says about the view: the camera file's content, or the ENU direction or
+        position.
+        """
         if self.camera is not None:
             return self.camera.to_json()
         if self.direction is not None:
@@ -62,9 +67,11 @@ def nadir_view() -> View:
 def oblique_view(
     off_nadir_deg: float, view_azimuth_deg: float, altitude_m: float | None = None
 ) -> View:
-    """A view of the frame's origin from an azimuth, ``off_nadir_deg`` measured there between the vertical and the camera.
+    """A view of the frame's origin from an azimuth, ``off_nadir_deg`` measured there between the
+    vertical and the camera.
 
-    Without an altitude (above the reference sphere) the camera is at infinity. CameraError for angles outside 0..90 (excluded).
+    Without an altitude (above the reference sphere) the camera is at infinity. CameraError for
+    angles outside 0..90 (excluded).
     """
     if not 0.0 <= off_nadir_deg < 90.0 or not math.isfinite(view_azimuth_deg):
         raise CameraError(f"no such view: {off_nadir_deg} deg off nadir must lie within 0..90")
@@ -77,7 +84,9 @@ def oblique_view(
 
 
 def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:
-    """Distance from a point of the sphere to a camera at an altitude, seen ``off_nadir_deg`` from the vertical there."""
+    """Distance from a point of the sphere to a camera at an altitude, seen ``off_nadir_deg`` from
+    the vertical there.
+    """
     rise = MOON_RADIUS_M * math.cos(math.radians(off_nadir_deg))
     climb = altitude_m * (2 * MOON_RADIUS_M + altitude_m)
     return climb / (rise + math.sqrt(rise * rise + climb))
@@ -86,8 +95,9 @@ def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:
 def looking_camera(
     frame: EnuFrame, position_m: ArrayLike, gsd_m: float, size_m: tuple[float, float]
 ) -> Camera:
-    """A camera at an ENU position that looks at the frame's origin, north up in the image (away from the camera's foot where
-    it looks along north), with ``gsd_m`` a pixel there and an image of ``size_m`` (width, height) across the line of sight.
+    """A camera at an ENU position that looks at the frame's origin, north up in the image (away
+    from the camera's foot where it looks along north), with ``gsd_m`` a pixel there and an image
+    of ``size_m`` (width, height) across the line of sight.
     """
     position = np.asarray(position_m, dtype=np.float64)
     distance = float(np.linalg.norm(position))
@@ -108,25 +118,19 @@ def looking_camera(
     )
 
 
-@dataclass(frozen=True)
-class Footprint:
-    """Longitudes and latitudes (deg) that bound a piece of the sphere; east may exceed 360, west < east."""
+def footprint(camera: Camera, samples: int = 129) -> Bounds:
+    """Bounds of what the camera sees of the reference sphere; CameraError when it sees none of it,
+    or stands within.
 
-    west: float
-    south: float
-    east: float
-    north: float
-
-
-def footprint(camera: Camera, samples: int = 129) -> Footprint:
-    """Bounds of what the camera sees of the reference sphere; CameraError when it sees none of it, or stands within.
-
-    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb and the poles are looked at;
-    between samples the bounds are short by the sagitta of the border at most.
+    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb and
+    the poles are looked at; between samples the bounds are short by the sagitta of the border at
+    most.
     """
     position = camera.position_mcmf_m
     if np.linalg.norm(position) <= MOON_RADIUS_M:
-        raise CameraError(f"{camera.name}: the camera is below the reference sphere: state the area")
+        raise CameraError(
+            f"{camera.name}: the camera is below the reference sphere: state the area"
+        )
     seen = [_on_sphere(camera, _border_and_inside(camera, samples)), _limb(camera, 8 * samples)]
     poles = np.array([[0.0, 0.0, MOON_RADIUS_M], [0.0, 0.0, -MOON_RADIUS_M]])
     pole_seen = camera.in_image(camera.project(poles)) & (poles @ position > MOON_RADIUS_M**2)
@@ -135,9 +139,9 @@ def footprint(camera: Camera, samples: int = 129) -> Footprint:
         raise CameraError(f"{camera.name}: the camera does not see the Moon")
     lon, lat, _ = mcmf_to_lonlat(points)
     if pole_seen.any():
-        return Footprint(-180.0, float(lat.min()), 180.0, float(lat.max()))
+        return Bounds(-180.0, float(lat.min()), 180.0, float(lat.max()))
     west, east = _shortest_arc(lon)
-    return Footprint(west, float(lat.min()), east, float(lat.max()))
+    return Bounds(west, float(lat.min()), east, float(lat.max()))
 
 
 def _border_and_inside(camera: Camera, samples: int) -> Array:
@@ -154,7 +158,7 @@ def _border_and_inside(camera: Camera, samples: int) -> Array:
 
 
 def _on_sphere(camera: Camera, pixels: Array) -> Array:
-    """Where pixels' rays first meet the reference sphere, MCMF (n, 3); rays that miss are left out."""
+    """Where pixels' rays first meet the reference sphere, MCMF (n, 3); without rays that miss."""
     rays, position = camera.rays(pixels), camera.position_mcmf_m
     along = rays @ position
     under_root = along**2 - (position @ position - MOON_RADIUS_M**2)
@@ -178,12 +182,10 @@ def _limb(camera: Camera, samples: int) -> Array:
 
 
 def _shortest_arc(lon_deg: Array) -> tuple[float, float]:
-    """West and east end (west < 360, west <= east) of the shortest arc that holds all longitudes."""
+    """West and east end (west < 360, west <= east) of the shortest arc with all longitudes."""
     ordered = np.sort(lon_deg)
     gaps = np.diff(np.append(ordered, ordered[0] + 360.0))
     widest = int(np.argmax(gaps))
     west = ordered[(widest + 1) % ordered.size]
     east = ordered[widest]
     return float(west), float(east if east >= west else east + 360.0)
-
-

@@ -1,4 +1,6 @@
-"""Paths that tests share. The real data beside the checkout are optional: a test that needs them says so by its fixture."""
+"""Paths that tests share. The real data beside the checkout are optional: a test that needs them
+says so by its fixture.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def ldem_4(data: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Real lunar data: ``LCP_SHARED_DATA``, or ``shared/data`` in or beside the checkout; skipped without."""
+    """Real lunar data: ``LCP_SHARED_DATA``, or ``shared/data`` in or beside the checkout; skipped
+    without.
+    """
     root = HERE.parent
     places = [Path(os.environ["LCP_SHARED_DATA"])] if "LCP_SHARED_DATA" in os.environ else []
     places += [root / "shared" / "data", root.parent / "shared" / "data"]

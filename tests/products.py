@@ -1,4 +1,6 @@
-"""Small DEM products for tests, made from the archive's exact label texts with sizes, offsets and bounds cut consistently."""
+"""Small DEM products for tests, made from the archive's exact label texts with sizes, offsets and
+bounds cut consistently.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +21,27 @@ Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def hills(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
-    """A smooth surface of 2 km relief, continuous over the seam and the poles; heights in metres."""
+    """A smooth surface of 2 km relief, continuous over the seam and the poles; heights in
+    metres.
+    """
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     x, y, z = np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
-    return 600.0 * np.sin(40.0 * x + 1.0) + 500.0 * np.cos(33.0 * y) + 400.0 * np.sin(27.0 * z - 2.0) * np.cos(11.0 * x)
+    return (
+        600.0 * np.sin(40.0 * x + 1.0)
+        + 500.0 * np.cos(33.0 * y)
+        + 400.0 * np.sin(27.0 * z - 2.0) * np.cos(11.0 * x)
+    )
 
 
 def cut(text: str, **values: object) -> str:
-    """The label with other values; a key that the text does not have is a mistake. Units behind the value stay."""
+    """The label with other values; a key that the text does not have is a mistake. Units behind the
+    value stay.
+    """
     for key, value in values.items():
         name = re.escape(key.replace("POINTER_", "^"))
-        text, count = re.subn(rf'(?m)^(\s*{name}\s*=\s*)("[^"]*"|\'[^\']*\'|[^\s<]+)', rf"\g<1>{value}", text)
+        text, count = re.subn(
+            rf'(?m)^(\s*{name}\s*=\s*)("[^"]*"|\'[^\']*\'|[^\s<]+)', rf"\g<1>{value}", text
+        )
         assert count, f"the label has no {key}"
     return text
 
@@ -38,8 +50,14 @@ def label_text(name: str) -> str:
     return (LABELS / f"{name}.LBL").read_text(encoding="latin-1")
 
 
-def sldem_512(  # noqa: PLR0913
-    folder: Path, west: int, north: int, cols: int, rows: int, surface: Surface = hills, **changes: object
+def sldem_512(
+    folder: Path,
+    west: int,
+    north: int,
+    cols: int,
+    rows: int,
+    surface: Surface = hills,
+    **changes: object,
 ) -> Path:
     """A tile of SLDEM2015_512: float32 kilometres; returns the label's path."""
     name = f"SLDEM2015_512_{north:02d}N_{west:03d}_FLOAT"
@@ -68,7 +86,9 @@ def sldem_512(  # noqa: PLR0913
 
 
 def ldem_80s(folder: Path, pixels: int, surface: Surface = hills, **changes: object) -> Path:
-    """The middle of LDEM_80S_20M: int16 half metres around the south pole; returns the label's path."""
+    """The middle of LDEM_80S_20M: int16 half metres around the south pole; returns the label's
+    path.
+    """
     name = "LDEM_80S_20M"
     text = cut(
         label_text(name),
@@ -83,13 +103,17 @@ def ldem_80s(folder: Path, pixels: int, surface: Surface = hills, **changes: obj
     )
     at = (np.arange(pixels) - (pixels / 2 - 0.5)) * 20.0
     x, y = np.meshgrid(at, -at)
-    lat = -90.0 + 2.0 * np.degrees(np.arctan(np.hypot(x, y) / (2.0 * RADIUS_M)))  # Snyder (1987) eq. 20-14
+    lat = -90.0 + 2.0 * np.degrees(
+        np.arctan(np.hypot(x, y) / (2.0 * RADIUS_M))
+    )  # Snyder (1987) eq. 20-14
     height = surface(np.degrees(np.arctan2(x, y)), lat)
     return _write(folder, name, cut(text, **changes), np.round(height * 2.0).astype("<i2"))
 
 
 def gld100_attached(folder: Path, samples: np.ndarray) -> Path:
-    """WAC GLD100 with its label in front of the pixels: int16 metres, the whole Moon with as many rows as ``samples`` has."""
+    """WAC GLD100 with its label in front of the pixels: int16 metres, the whole Moon with as many
+    rows as ``samples`` has.
+    """
     rows, cols = samples.shape
     assert cols == 2 * rows
     per_degree = rows / 180.0
@@ -110,7 +134,7 @@ def gld100_attached(folder: Path, samples: np.ndarray) -> Path:
     return path
 
 
-def geotiff(  # noqa: PLR0913
+def geotiff(
     path: Path,
     heights: np.ndarray,
     west_m: float,
@@ -122,7 +146,13 @@ def geotiff(  # noqa: PLR0913
     offset: float = 0.0,
 ) -> Path:
     """A GeoTIFF whose north-west corner lies at map coordinates (west, north)."""
-    profile = {"driver": "GTiff", "count": 1, "dtype": heights.dtype, "width": heights.shape[1], "height": heights.shape[0]}
+    profile = {
+        "driver": "GTiff",
+        "count": 1,
+        "dtype": heights.dtype,
+        "width": heights.shape[1],
+        "height": heights.shape[0],
+    }
     where = from_origin(west_m, north_m, pixel_m, pixel_m)
     with rasterio.open(path, "w", **profile, crs=crs, transform=where, nodata=nodata) as dataset:
         dataset.write(heights, 1)
@@ -130,10 +160,20 @@ def geotiff(  # noqa: PLR0913
     return path
 
 
-def cylinder(path: Path, west: float, north: float, shape: tuple[int, int], per_degree: float, surface: Surface = hills) -> Path:
+def cylinder(
+    path: Path,
+    west: float,
+    north: float,
+    shape: tuple[int, int],
+    per_degree: float,
+    surface: Surface = hills,
+) -> Path:
     """A GeoTIFF cylinder of a surface, float64 so that only the resampling is judged."""
     rows, cols = shape
-    lon, lat = west + (np.arange(cols) + 0.5) / per_degree, north - (np.arange(rows) + 0.5) / per_degree
+    lon, lat = (
+        west + (np.arange(cols) + 0.5) / per_degree,
+        north - (np.arange(rows) + 0.5) / per_degree,
+    )
     heights = surface(*np.meshgrid(lon, lat))
     return geotiff(path, heights, west * DEGREE_M, north * DEGREE_M, DEGREE_M / per_degree)
 

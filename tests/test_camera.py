@@ -89,7 +89,9 @@ def test_a_lens_that_cannot_be_undone_is_refused():
 
 
 def test_points_past_the_fold_of_the_lens_are_not_seen():
-    """r + k1 r^3 turns back at r = 1/sqrt(3 |k1|): what lies further out would land in the image again."""
+    """r + k1 r^3 turns back at r = 1/sqrt(3 |k1|): what lies further out would land in the image
+    again.
+    """
     camera = camera_from_json(document(distortion=[-0.5, 0, 0, 0, 0]))
     far = EnuFrame(10.0, 20.0).to_mcmf([[141e3, 0, 0], [50e3, 0, 0]])
     assert np.isnan(camera.project(far)[0]).all()
@@ -181,7 +183,9 @@ def moon_from_afar(lon, lat, focal=100.0, distance=1e8, tilt_deg=0.0):
 
 
 def test_footprint_of_the_whole_disc():
-    """Seen from 100 000 km over the equator the disc ends acos(R/d) from its middle; it covers 3 pixels."""
+    """Seen from 100 000 km over the equator the disc ends acos(R/d) from its middle; it covers 3
+    pixels.
+    """
     bounds = footprint(moon_from_afar(350.0, 0.0))
     reach = np.degrees(np.arccos(MOON_RADIUS_M / (MOON_RADIUS_M + 1e8)))
     assert bounds.east - bounds.west == pytest.approx(2 * reach, abs=0.05)

@@ -1,5 +1,7 @@
 """What appears under its own name is whole; what fails leaves nothing behind."""
 
+# ruff: noqa: PT012 - the block of a context manager is what is tested
+
 import errno
 import os
 import subprocess
@@ -105,9 +107,10 @@ def test_disk_full(tmp_path, monkeypatch, when):
 
     if when == "sync":
         monkeypatch.setattr(files, "_sync", full)
-    with pytest.raises(OutputError, match=r"a\.bin: the disk is full"), write_aside(
-        tmp_path / "a.bin"
-    ) as aside:
+    with (
+        pytest.raises(OutputError, match=r"a\.bin: the disk is full"),
+        write_aside(tmp_path / "a.bin") as aside,
+    ):
         aside.write_bytes(b"x")
         if when == "write":
             full()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pyproj
 import pytest
@@ -20,17 +22,26 @@ SOUTH = Grid("polar-stereographic", 3000, 3000, 20.0, -29990.0, 29990.0, 0.0, -9
 NORTH_75 = Grid("polar-stereographic", 3000, 3000, 200.0, -3e5, 3e5, 30.0, 75.0)
 
 
+def grid_of(name: str) -> Grid:
+    return Grid.from_label(Label.from_text(label_text(name), Path(f"{name}.LBL")))
+
+
 def crs_of(grid: Grid) -> pyproj.CRS:
     if grid.pole:
-        text = f"+proj=stere +lat_0={90 * grid.pole} +lat_ts={grid.true_lat_deg} +lon_0={grid.center_lon_deg}"
+        text = f"+proj=stere +lat_0={90 * grid.pole} +lat_ts={grid.true_lat_deg}"
+        text += f" +lon_0={grid.center_lon_deg}"
     else:
         text = f"+proj=eqc +lat_ts={grid.true_lat_deg} +lon_0={grid.center_lon_deg} +over"
     return pyproj.CRS(f"{text} +R=1737400 +units=m +no_defs")
 
 
-@pytest.mark.parametrize("grid", [CYLINDER, NARROW, SOUTH, NORTH_75], ids=["eqc", "eqc-lat_ts", "south", "north-lat_ts"])
+@pytest.mark.parametrize(
+    "grid", [CYLINDER, NARROW, SOUTH, NORTH_75], ids=["eqc", "eqc-lat_ts", "south", "north-lat_ts"]
+)
 def test_closed_forms_agree_with_proj(grid: Grid) -> None:
-    column, row = np.meshgrid(np.linspace(-0.5, grid.width - 0.5, 37), np.linspace(-0.5, grid.height - 0.5, 31))
+    column, row = np.meshgrid(
+        np.linspace(-0.5, grid.width - 0.5, 37), np.linspace(-0.5, grid.height - 0.5, 31)
+    )
     x, y = grid.x0_m + column * grid.pixel_m, grid.y0_m - row * grid.pixel_m
     want = pyproj.Transformer.from_crs(crs_of(grid), SPHERE, always_xy=True).transform(x, y)
     lon, lat = grid.lonlat(column, row)
@@ -56,8 +67,8 @@ def test_polar_round_trip(lon: float, lat: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["LDEM_80S_20M", "LDEM_875S_5M"])
-def test_the_pole_lands_in_the_middle_of_polar_labels(name: str, labels: object) -> None:
-    grid = Grid.from_label(Label.from_text(label_text(name), path=None))  # type: ignore[arg-type]
+def test_the_pole_lands_in_the_middle_of_polar_labels(name: str) -> None:
+    grid = grid_of(name)
     column, row = grid.pixel(123.0, -90.0)
     # between the two middle pixels: map coordinates (0, 0)
     assert (column, row) == pytest.approx((grid.width / 2 - 0.5, grid.height / 2 - 0.5), abs=1e-6)
@@ -73,11 +84,14 @@ def test_the_pole_lands_in_the_middle_of_polar_labels(name: str, labels: object)
         ("LDEM_16", (0.0, -90.0, 360.0, 90.0)),
         ("SLDEM2015_512_00N_30N_000_045_FLOAT", (0.0, 0.0, 45.0, 30.0)),
         ("WAC_GLD100_E300N0450_256P_from_readme", (0.0, 0.0, 90.0, 60.0)),
-        ("NAC_DTM_APOLLO11", (23.3722758, 0.314609, 23.5115296, 1.2365388)),  # the label's own bounds
+        (
+            "NAC_DTM_APOLLO11",
+            (23.3722758, 0.314609, 23.5115296, 1.2365388),
+        ),  # the label's own bounds
     ],
 )
 def test_bounds_are_those_of_the_labels(name: str, bounds: tuple[float, ...]) -> None:
-    grid = Grid.from_label(Label.from_text(label_text(name), path=None))  # type: ignore[arg-type]
+    grid = grid_of(name)
     assert tuple(grid.bounds) == pytest.approx(bounds, abs=2e-6)
 
 
@@ -89,8 +103,8 @@ def test_bounds_with_a_pole_inside_hold_all_longitudes() -> None:
 
 
 def test_only_whole_turns_wrap() -> None:
-    assert Grid.from_label(Label.from_text(label_text("LDEM_16"), path=None)).wraps  # type: ignore[arg-type]
-    tile = Grid.from_label(Label.from_text(label_text("SLDEM2015_512_00N_30N_000_045_FLOAT"), path=None))  # type: ignore[arg-type]
+    assert grid_of("LDEM_16").wraps
+    tile = grid_of("SLDEM2015_512_00N_30N_000_045_FLOAT")
     assert not tile.wraps
     assert tile.period == 360 * 512
     assert not SOUTH.wraps
@@ -103,9 +117,12 @@ def test_cell_weights_are_ground_areas() -> None:
     _, bottom = CYLINDER.lonlat(0.0, row + 0.5)
     area = (np.sin(np.radians(top)) - np.sin(np.radians(bottom))) / np.radians(top - bottom)
     np.testing.assert_allclose(CYLINDER.cell_weight(np.zeros(3), row), area, rtol=1e-6)
-    # k of a polar stereographic map true at the pole is 2 / (1 + sin |lat|), Snyder (1987) eq. 21-33
+    # k of a polar stereographic map true at the pole is 2 / (1 + sin |lat|), Snyder (1987) eq.
+    # 21-33
     _, lat = SOUTH.lonlat(0.0, 0.0)
-    assert SOUTH.cell_weight(0.0, 0.0) == pytest.approx(((1.0 - np.sin(np.radians(lat))) / 2.0) ** 2)
+    assert SOUTH.cell_weight(0.0, 0.0) == pytest.approx(
+        ((1.0 - np.sin(np.radians(lat))) / 2.0) ** 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -116,7 +133,12 @@ def test_cell_weights_are_ground_areas() -> None:
         (EQC, "equirectangular", 0.0, 10.0),
         ("+proj=eqc +lat_ts=8 +lon_0=180 +R=1737400 +units=km", "equirectangular", 8.0, 10_000.0),
         ("+proj=stere +lat_0=90 +lat_ts=80 +R=1737400", "polar-stereographic", 80.0, 10.0),
-        ("+proj=stere +lat_0=-90 +k=0.97 +a=1737400 +b=1737400", "polar-stereographic", -70.0515564, 10.0),
+        (
+            "+proj=stere +lat_0=-90 +k=0.97 +a=1737400 +b=1737400",
+            "polar-stereographic",
+            -70.0515564,
+            10.0,
+        ),
         ("+proj=longlat +R=1737400", "equirectangular", 0.0, 10 * np.pi / 180 * 1737400),
     ],
 )

@@ -33,7 +33,9 @@ def read(text: str) -> Label:
         ("NAC_DTM_APOLLO11", 2.0, 1.0, "<f4", (13978, 2111)),
     ],
 )
-def test_exact_texts(name: str, pixel_m: float, scale_m: float, dtype: str, size: tuple[int, int]) -> None:
+def test_exact_texts(
+    name: str, pixel_m: float, scale_m: float, dtype: str, size: tuple[int, int]
+) -> None:
     label = read(label_text(name))
     assert label.pixel_m == pytest.approx(pixel_m, rel=1e-10)
     assert label.height_scale_m == scale_m
@@ -43,7 +45,11 @@ def test_exact_texts(name: str, pixel_m: float, scale_m: float, dtype: str, size
 
 def test_polar_labels_keep_their_exact_map_scale() -> None:
     label = read(label_text("LDEM_80S_20M"))  # MAP_RESOLUTION = 1516.17 would give 19.99997 m
-    assert (label.projection, label.pixel_m, label.center_lat_deg) == ("polar-stereographic", 20.0, -90.0)
+    assert (label.projection, label.pixel_m, label.center_lat_deg) == (
+        "polar-stereographic",
+        20.0,
+        -90.0,
+    )
     assert label.product_id == "LDEM_80S_20M"  # the label has no PRODUCT_ID
 
 
@@ -55,7 +61,9 @@ def test_jp2_label_takes_the_compressed_file(ldem_4: Path) -> None:
     assert label.center_lon_deg == 0.0  # its .IMG brother lies on a grid around 180 deg
 
 
-def test_a_jp2_label_without_scale_means_half_metres_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_jp2_label_without_scale_means_half_metres_and_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     label = read(label_text("SLDEM2015_512_00N_30N_000_045_JP2"))
     assert label.height_scale_m == 0.5
     assert "0.5 m are assumed" in caplog.text
@@ -65,7 +73,9 @@ def test_a_jp2_label_without_scale_means_half_metres_and_says_so(caplog: pytest.
     ("constant", "missing"),
     [("", ()), ("'N/A'", ()), ('"UNK"', ()), ("-32768", (-32768.0,)), ("16#8000#", (-32768.0,))],
 )
-def test_missing_constant_is_what_the_label_says_and_nothing_else(constant: str, missing: tuple[float, ...]) -> None:
+def test_missing_constant_is_what_the_label_says_and_nothing_else(
+    constant: str, missing: tuple[float, ...]
+) -> None:
     text = label_text("LDEM_16")
     if constant:
         text = text.replace("    UNIT  ", f"    MISSING_CONSTANT = {constant}\r\n    UNIT  ")
@@ -79,17 +89,23 @@ def test_missing_constant_by_the_bits_of_a_float() -> None:
 
 
 def test_isis_special_pixels_are_missing() -> None:
-    assert set(read(label_text("WAC_GLD100_E000N1800_016P_attached")).missing) == set(range(-32768, -32763))
+    assert set(read(label_text("WAC_GLD100_E000N1800_016P_attached")).missing) == set(
+        range(-32768, -32763)
+    )
 
 
 def test_rounded_map_scale_is_rebuilt_and_said(caplog: pytest.LogCaptureFixture) -> None:
-    text = cut(label_text("SLDEM2015_512_00N_30N_000_045_FLOAT"), MAP_SCALE="0.059225")  # 5e-6: 0.11 pixel at the far edge
+    text = cut(
+        label_text("SLDEM2015_512_00N_30N_000_045_FLOAT"), MAP_SCALE="0.059225"
+    )  # 5e-6: 0.11 pixel at the far edge
     with caplog.at_level(logging.WARNING):
         assert read(text).pixel_m == pytest.approx(59.225293797, rel=1e-10)
     assert "MAP_SCALE" in caplog.text
 
 
-def test_a_harmlessly_rounded_map_scale_is_not_worth_a_word(caplog: pytest.LogCaptureFixture, ldem_4: Path) -> None:
+def test_a_harmlessly_rounded_map_scale_is_not_worth_a_word(
+    caplog: pytest.LogCaptureFixture, ldem_4: Path
+) -> None:
     Label.read(ldem_4 / "LDEM_4.LBL")  # 7580.84 for 7580.8376: 0.0005 pixel
     assert not caplog.records
 
@@ -131,7 +147,10 @@ def test_refusals(change: dict[str, str], says: str) -> None:
 
 def test_oblique_maps_are_refused() -> None:
     text = label_text("LDEM_16")
-    oblique = text.replace(" MAP_PROJECTION_ROTATION", " OBLIQUE_PROJ_POLE_LATITUDE = 40.0 <deg>\r\n MAP_PROJECTION_ROTATION")
+    oblique = text.replace(
+        " MAP_PROJECTION_ROTATION",
+        " OBLIQUE_PROJ_POLE_LATITUDE = 40.0 <deg>\r\n MAP_PROJECTION_ROTATION",
+    )
     with pytest.raises(LabelError, match="oblique"):
         read(oblique)
     with pytest.raises(LabelError, match="oblique stereographic"):

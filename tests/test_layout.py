@@ -13,7 +13,7 @@ COMMANDS = sorted((ROOT / "cli").glob("*.py"))
 
 FENCES = {
     # package: modules of the library that may import it
-    "rasterio": {"dem", "label", "raster_out"},
+    "rasterio": {"raster", "raster_out"},
     "cv2": {"landmarks", "match", "threads"},
     "h5py": {"catalog"},
     "distributed": {"engine"},
@@ -26,15 +26,16 @@ FLOORS = [
     # from the ground up: a module imports only modules of lower floors, or its own
     {"_version", "errors", "constants"},
     {"sphere", "kernels", "threads", "files"},
-    {"config", "label", "grid"},
+    {"config", "label", "grid", "raster"},
     {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png"},
     {"terrain"},
-    {"scene"},
+    {"scene", "exposure"},
     {"render", "landmarks", "sweep", "plan"},
     {"catalog", "schema", "evaluate"},
     {"job"},
-    {"shards", "engine"},
+    {"shards", "engine", "assemble"},
     {"build", "report", "charts"},
+    {"estimate"},
 ]
 
 

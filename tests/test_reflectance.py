@@ -30,7 +30,9 @@ def test_level_ground_straight_down(elevation):
 
 
 def test_phase_is_an_angle_not_a_sum():
-    """Sun and camera on the same side: the phase is the difference of incidence and emission, on other sides their sum."""
+    """Sun and camera on the same side: the phase is the difference of incidence and emission, on
+    other sides their sum.
+    """
     sun = direction_enu(90.0, 30.0)
     same = shade(UP, sun, direction_enu(90.0, 50.0))
     other = shade(UP, sun, direction_enu(270.0, 50.0))
@@ -44,7 +46,7 @@ def test_phase_is_an_angle_not_a_sum():
 
 def test_twin_in_plain_numpy():
     rng = np.random.default_rng(3)
-    normals = rng.normal(size=(500, 3)) + [0, 0, 3]
+    normals = rng.normal((0, 0, 3), 1, size=(500, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     cameras = rng.normal(size=(500, 3)) * 0.2 + [0, 0, 1]
     cameras /= np.linalg.norm(cameras, axis=1)[:, None]
@@ -81,7 +83,7 @@ def test_nodata_and_the_unseen_are_nan():
 
 def test_nodes_of_a_sweep_shade_like_points():
     rng = np.random.default_rng(5)
-    normals = rng.normal(size=(20, 30, 3)) + [0, 0, 2]
+    normals = rng.normal((0, 0, 2), 1, size=(20, 30, 3))
     normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
     normals[3, 4] = np.nan
     dark, unseen = rng.random((2, 20, 30)) < 0.2

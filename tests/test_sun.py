@@ -22,7 +22,9 @@ def test_subsolar_point_of_the_facts():
 
 
 def test_subsolar_point_at_eclipses():
-    """In the middle of a solar eclipse the Earth's far side is behind: the Sun stands over the lunar far side."""
+    """In the middle of a solar eclipse the Earth's far side is behind: the Sun stands over the
+    lunar far side.
+    """
     # NASA eclipse catalogue: total solar 2017-08-21 18:26 UT, total lunar 2018-07-27 20:22 UT.
     # The Earth's libration in longitude is at most 8 deg.
     far, _ = sun.subsolar_point("2017-08-21T18:26:00Z")
@@ -139,7 +141,9 @@ def test_reachable_against_brute_force(lat, azimuths, elevations):
 
 
 def test_an_extreme_inside_a_box_counts():
-    """At 45 N the box around the south at 40 deg holds the meridian's crest although its corners may miss it."""
+    """At 45 N the box around the south at 40 deg holds the meridian's crest although its corners
+    may miss it.
+    """
     lat = 88.0  # noon elevation 2 deg +- 1.86: only boxes that reach below 3.86 deg
     suns = sun.reachable_suns(lat, [150.0, 180.0, 210.0], [3.0, 7.0, 11.0])
     assert suns[:, 1].tolist() == [True, False, False]

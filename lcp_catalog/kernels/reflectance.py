@@ -30,8 +30,9 @@ def radiance_factor(code, mu0, mu):
 def shade_nodes(normals, sun, camera, dark, unseen, code):
     """Radiance factor, float32 (rows, cols), under one Sun and one camera at infinity.
 
-    normals (rows, cols, 3); sun, camera (3,): unit vectors from the surface; dark, unseen (rows, cols): what terrain
-    keeps from the Sun or the camera. 0 where seen but not lit, NaN where not seen.
+    normals (rows, cols, 3); sun, camera (3,): unit vectors from the surface; dark, unseen (rows,
+    cols): what terrain keeps from the Sun or the camera. 0 where seen but not lit, NaN where not
+    seen.
     """
     rows, cols = dark.shape
     radiance = np.empty((rows, cols), np.float32)
@@ -51,10 +52,11 @@ def shade_nodes(normals, sun, camera, dark, unseen, code):
 
 @njit(cache=True, nogil=True)
 def shade_points(normals, sun, cameras, lit, seen, code):
-    """Radiance factor, incidence, emission and phase (radians), float64 (n,) each, of points with their own view.
+    """Radiance factor, incidence, emission and phase (radians), float64 (n,) each, of points with
+    their own view.
 
-    normals (n, 3); sun (3,); cameras (n, 3) or (1, 3) for all; lit, seen (n,) bool. The radiance is 0 where seen but not lit,
-    NaN where not seen; the angles are there wherever the normal is.
+    normals (n, 3); sun (3,); cameras (n, 3) or (1, 3) for all; lit, seen (n,) bool. The radiance is
+    0 where seen but not lit, NaN where not seen; the angles are there wherever the normal is.
     """
     n = normals.shape[0]
     shared = cameras.shape[0] == 1
@@ -83,7 +85,9 @@ def _dot(a, b):
 
 @njit(cache=True, nogil=True)
 def _angle(a, b):
-    """Angle between two vectors of any length, radians; good to the last bits at 0 and pi, where acos is not."""
+    """Angle between two vectors of any length, radians; good to the last bits at 0 and pi, where
+    acos is not.
+    """
     x = a[1] * b[2] - a[2] * b[1]
     y = a[2] * b[0] - a[0] * b[2]
     z = a[0] * b[1] - a[1] * b[0]

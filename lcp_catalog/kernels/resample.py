@@ -1,4 +1,6 @@
-"""Resampling of height grids: cubic convolution beside which nodata is never smeared, block means, ENU to longitude/latitude."""
+"""Resampling of height grids: cubic convolution beside which nodata is never smeared, block means,
+ENU to longitude/latitude.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from numba import njit
 
 @njit(cache=True, nogil=True, inline="always")
 def _keys(t, w):
-    """Weights of Keys' cubic convolution with a = -0.5 (IEEE ASSP 29, 1981, eq. 15) at fraction ``t`` of the middle interval.
+    """Weights of Keys' cubic convolution with a = -0.5 (IEEE ASSP 29, 1981, eq. 15) at fraction
+    ``t`` of the middle interval.
 
     Third order: a quadratic is reproduced exactly.
     """
@@ -22,7 +25,9 @@ def _keys(t, w):
 
 @njit(cache=True, nogil=True, inline="always")
 def _column(col, col0, cols, period):
-    """Index in the window of a column of the raster, turned around the Moon where need be; -1 outside."""
+    """Index in the window of a column of the raster, turned around the Moon where need be; -1
+    outside.
+    """
     c = col - col0
     if period > 0:
         if c < 0:
@@ -36,10 +41,13 @@ def _column(col, col0, cols, period):
 
 @njit(cache=True, nogil=True)
 def sample(grid, row0, col0, period, u, v, out):
-    """Heights at fractional pixels (column ``u``, row ``v``) of a raster of which ``grid`` is the window from (row0, col0).
+    """Heights at fractional pixels (column ``u``, row ``v``) of a raster of which ``grid`` is the
+    window from (row0, col0).
 
-    Cubic convolution where all sixteen pixels are there, bilinear over those of the four that are there otherwise, NaN where
-    the nearest pixel is missing. ``period``: columns around the Moon, 0 when the raster has no seam.
+    Cubic convolution where all sixteen pixels are there, bilinear over those of the four that are
+    there otherwise, NaN where
+    the nearest pixel is missing. ``period``: columns around the Moon, 0 when the raster has no
+    seam.
     """
     rows, cols = grid.shape
     wx = np.empty(4)
@@ -69,18 +77,27 @@ def sample(grid, row0, col0, period, u, v, out):
             for a in range(4):
                 g = grid[i - 1 + a]
                 value += wy[a] * (wx[0] * g[c0] + wx[1] * g[c1] + wx[2] * g[c2] + wx[3] * g[c3])
-        if value != value:
+        if math.isnan(value):
             value = _bilinear(grid, i, c1, c2, tu, tv)
         out[k] = value
 
 
 @njit(cache=True, nogil=True)
 def _bilinear(grid, i, c1, c2, tu, tv):
-    """Mean of the pixels that are there, by their bilinear weights; NaN where the nearest is missing."""
+    """Mean of the pixels that are there, by their bilinear weights; NaN where the nearest is
+    missing.
+    """
     rows = grid.shape[0]
-    near_row = i if tv < 0.5 or (tv == 0.5 and i >= 0) else i + 1
-    near_col = c1 if tu < 0.5 or (tu == 0.5 and c1 >= 0) else c2
-    if near_row < 0 or near_row >= rows or near_col < 0 or grid[near_row, near_col] != grid[near_row, near_col]:
+    nearest_there = False  # half-way between pixels there are two nearest, or four
+    for a in range(2):
+        if i + a < 0 or i + a >= rows or (a == 0 and tv > 0.5) or (a == 1 and tv < 0.5):
+            continue
+        for b in range(2):
+            c = c2 if b == 1 else c1
+            if c < 0 or (b == 0 and tu > 0.5) or (b == 1 and tu < 0.5):
+                continue
+            nearest_there = nearest_there or grid[i + a, c] == grid[i + a, c]
+    if not nearest_there:
         return np.nan
     total = 0.0
     weight = 0.0
@@ -100,7 +117,8 @@ def _bilinear(grid, i, c1, c2, tu, tv):
 
 @njit(cache=True, nogil=True)
 def block_means(grid, weight, factor, out):
-    """Means of ``factor`` x ``factor`` blocks by ``weight``; NaN where less than half a block's weight has data.
+    """Means of ``factor`` x ``factor`` blocks by ``weight``; NaN where less than half a block's
+    weight has data.
 
     ``weight`` broadcasts by its shape: (rows, cols), or (rows, 1) when it depends on the row only.
     """
@@ -122,7 +140,9 @@ def block_means(grid, weight, factor, out):
 
 @njit(cache=True, nogil=True)
 def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
-    """Longitude (0..2 pi) and latitude, radians, of ENU points; ``rotation`` is MCMF -> ENU, the frame's origin ``up_m`` from the centre."""
+    """Longitude (0..2 pi) and latitude, radians, of ENU points; ``rotation`` is MCMF -> ENU, the
+    frame's origin ``up_m`` from the centre.
+    """
     for k in range(x.size):
         e = x[k]
         n = y[k]

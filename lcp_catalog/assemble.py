@@ -1,0 +1,238 @@
+"""From all areas' candidates to one catalogue: the choice, the summaries over conditions, coverage, overview."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .catalog import Catalog, Coverage, Overview, summarise_usable
+from .config import BuildConfig
+from .dem import DemSet
+from .evaluate import LOCALIZABLE, UNIQUE, USABLE, Evaluation
+from .job import AreaResult, Candidates, CoverageCells
+from .landmarks.select import coverage, select, stable_id
+from .sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from .terrain import Area, NodeWindow, build_terrain
+
+Array = NDArray[np.float64]
+
+OVERVIEW_NODES = 480
+"""Longer side of the overview raster."""
+
+FIELD_PIXELS = 1024
+"""Side of the image for which the finest useful image resolution is stated."""
+
+
+def assemble(
+    config: BuildConfig, dem_paths: tuple[Path, ...], region: Area, gsd_m: float, results: list[AreaResult]
+) -> Catalog:
+    """Choose the points and fill every variable of the catalogue."""
+    dems = DemSet.open(dem_paths)
+    everything = _joined([result.candidates for result in results])
+    cells = _joined([result.cells for result in results])
+    spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
+    usable = (everything.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
+    usable[usable < config.points.min_usable_conditions] = 0
+    chosen = select(everything.lon_deg, everything.lat_deg, usable, _quality(everything.evaluation), spacing_m)
+    points = _rows(everything, chosen)
+    return Catalog(
+        **_places(points, dems, gsd_m),
+        **_worth(points.evaluation, config, gsd_m),
+        sun_azimuth=np.array(config.sun.azimuths_deg),
+        sun_elevation=np.array(config.sun.elevations_deg),
+        view_off_nadir=np.array(config.view.off_nadir_deg),
+        view_azimuth=np.array(config.view.azimuth_deg),
+        view_altitude=np.array(config.view.altitude_km),
+        config=_resolved(config, region, gsd_m, spacing_m).to_toml(),
+        sources=dems.sources(),
+        scene_plan=json.dumps({"decisions": decisions(config)}, sort_keys=True),
+        overview=_overview(dems, region, gsd_m),
+        coverage=_coverage(cells, everything, points, spacing_m),
+    )
+
+
+def _joined(parts: list[Any]) -> Any:
+    """One dataclass of arrays from many of the same kind."""
+    kind = type(parts[0])
+    columns = {}
+    for field in dataclasses.fields(kind):
+        values = [getattr(part, field.name) for part in parts]
+        nested = dataclasses.is_dataclass(values[0])
+        columns[field.name] = _joined(values) if nested else np.concatenate(values)
+    return kind(**columns)
+
+
+def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
+    """The same dataclass with some rows only."""
+    columns = {}
+    for field in dataclasses.fields(table):
+        value = getattr(table, field.name)
+        columns[field.name] = _rows(value, rows) if dataclasses.is_dataclass(value) else value[rows]
+    return type(table)(**columns)
+
+
+def _quality(evaluation: Evaluation) -> Array:
+    """Tie-break between candidates usable equally often: the finer they localise at the worst, the better."""
+    return -np.nan_to_num(_over_usable(evaluation.sigma_major_m, evaluation, np.max), nan=np.inf, posinf=1e30)
+
+
+def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Any) -> Array:
+    """A figure of each candidate over its usable conditions; NaN where there are none."""
+    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(len(values), -1)
+    some = ~np.isnan(masked).all(axis=1)
+    out = np.full(len(values), np.nan)
+    reduce = {np.max: np.nanmax, np.median: np.nanmedian, np.min: np.nanmin}[how]
+    if some.any():
+        out[some] = reduce(masked[some], axis=1)
+    return out
+
+
+def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
+    rotations = [enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)]
+    names = np.array(dems.products, dtype=object)
+    return {
+        "point_id": stable_id(points.lon_deg, points.lat_deg),
+        "longitude": points.lon_deg,
+        "latitude": points.lat_deg,
+        "elevation": points.elevation_m,
+        "position_mcmf": lonlat_to_mcmf(points.lon_deg, points.lat_deg, points.elevation_m),
+        "rotation_mcmf_to_enu": np.array(rotations).reshape(-1, 3, 3),
+        "gsd": np.full(len(points), gsd_m),
+        "dem_product": names[points.product] if len(points) else np.zeros(0, dtype=object),
+        "dem": points.patch_m,
+    }
+
+
+def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
+    worst = {
+        name: _over_usable(getattr(evaluation, name), evaluation, np.max)
+        for name in ("sigma_major_m", "sigma_minor_m", "second_peak", "false_match")
+    }
+    lowest, highest = summarise_usable(evaluation.condition, np.array(config.sun.elevations_deg))
+    return {
+        "condition": evaluation.condition,
+        "sun_elevation_min": lowest,
+        "sun_elevation_max": highest,
+        "harris_response": _over_usable(evaluation.harris, evaluation, np.median),
+        "localization_sigma": np.stack([worst["sigma_major_m"], worst["sigma_minor_m"]], axis=-1),
+        "second_peak": worst["second_peak"],
+        "false_match_probability": worst["false_match"],
+        "gsd_min": np.full(len(evaluation.condition), min(1.0, 2.0 * config.points.patch_nodes / FIELD_PIXELS) * gsd_m),
+        "gsd_max": _coarsest(evaluation) * gsd_m,
+        "shadow_dependence": _over_usable(evaluation.shadow_dependence, evaluation, np.max),
+        "occlusion_dependence": _over_usable(evaluation.occlusion_dependence, evaluation, np.max),
+    }
+
+
+def _coarsest(evaluation: Evaluation) -> Array:
+    """The scale up to which a point still localises in at least half of its usable conditions."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a point without usable conditions has no median: NaN
+        masked = np.where(evaluation.condition == USABLE, evaluation.coarsest_scale, np.nan)
+        flat = masked.reshape(len(masked), -1)
+        return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
+
+
+def _stages(evaluation: Evaluation) -> NDArray[np.int64]:
+    """How far each candidate came: 0 never localisable, 1 never unique as well, 2 never independent as well, 3 usable."""
+    condition = evaluation.condition
+    localizable = (condition & LOCALIZABLE) > 0
+    unique = localizable & ((condition & UNIQUE) > 0)
+    usable = condition == USABLE
+    return sum(stage.any(axis=(1, 2, 3)).astype(np.int64) for stage in (localizable, unique, usable))
+
+
+def _coverage(cells: CoverageCells, everything: Candidates, points: Candidates, spacing_m: float) -> Coverage:
+    status = coverage(
+        (cells.lon_deg, cells.lat_deg),
+        cells.has_ground,
+        (everything.lon_deg, everything.lat_deg),
+        _stages(everything.evaluation),
+        (points.lon_deg, points.lat_deg),
+        spacing_m,
+    )
+    return Coverage(longitude=cells.lon_deg, latitude=cells.lat_deg, status=status, spacing_m=spacing_m)
+
+
+def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
+    """A coarse raster of the region, heights above the reference sphere, in the frame of its centre."""
+    x0, x1, y0, y1 = region.extent_m
+    step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+    window = NodeWindow.covering(region.extent_m, step)
+    field = build_terrain(dems, region.frame, window, step).field
+    x = field.x0_m + np.arange(field.shape[1]) * step
+    y = field.y0_m - np.arange(field.shape[0]) * step
+    xx, yy = np.meshgrid(x, y)
+    _, _, height = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([xx, yy, field.z_m], axis=-1)))
+    return Overview(
+        height=height.astype(np.float32),
+        x=x,
+        y=y,
+        center_lon=region.frame.lon_deg,
+        center_lat=region.frame.lat_deg,
+    )
+
+
+def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float) -> BuildConfig:
+    """The configuration with what was derived from the DEM filled in."""
+    area = dataclasses.replace(config.area, gsd_m=gsd_m)
+    if not area.center_deg and not area.bounds_deg:
+        area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
+    search_m = config.points.search_nodes(gsd_m) * gsd_m
+    points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
+    return dataclasses.replace(config, area=area, points=points)
+
+
+def decisions(config: BuildConfig) -> list[dict[str, Any]]:
+    """What every area of a build models, in the words of ``lcp render --explain``."""
+    lowest = min(config.sun.elevations_deg)
+    return [
+        {
+            "effect": "cast_shadows",
+            "modelled": True,
+            "reason": "one scan an azimuth with an exact stencil of the nearest 4 cells; the figure is the measured share of nodes that differ from exact tracing",
+            "error_bound": 0.005,
+            "unit": "share of nodes",
+        },
+        {
+            "effect": "shadow_ring",
+            "modelled": True,
+            "reason": f"relief over the tangent of the lowest Sun ({lowest:g} deg), at most {config.model.ring_max_km:g} km; beyond that nothing shadows",
+            "error_bound": None,
+            "unit": "km",
+        },
+        {
+            "effect": "dependence",
+            "modelled": True,
+            "reason": "exact rays, the patch alone against all the terrain",
+            "error_bound": 0.0,
+            "unit": "share of nodes",
+        },
+        {
+            "effect": "one_direction_per_area",
+            "modelled": True,
+            "reason": "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance",
+            "error_bound": config.model.direction_tolerance_deg,
+            "unit": "degrees",
+        },
+        {
+            "effect": "perspective",
+            "modelled": False,
+            "reason": "each view is a bundle of parallel rays to the camera from the point; a finite altitude changes the angle over a patch only",
+            "error_bound": None,
+            "unit": "degrees",
+        },
+        {
+            "effect": "solar_disc",
+            "modelled": False,
+            "reason": "the Sun is a point; penumbra is not modelled in the sweep",
+            "error_bound": 0.27,
+            "unit": "degrees of elevation",
+        },
+    ]
