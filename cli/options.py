@@ -6,6 +6,8 @@ computed.
 
 from __future__ import annotations
 
+import datetime as dt
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -28,13 +30,36 @@ def _group(*options: Callable[[Command], Command]) -> Callable[[Command], Comman
     return decorate
 
 
-class Positive(click.FloatRange):
-    """A finite number above zero."""
+class Number(click.FloatRange):
+    """A number within bounds; nan and inf are none."""
 
     name = "number"
 
-    def __init__(self) -> None:
-        super().__init__(min=0.0, min_open=True, max=1e12)
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return float(number)
+
+
+class Instant(click.ParamType):
+    """A time in ISO 8601; without a zone it is UTC."""
+
+    name = "time"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            dt.datetime.fromisoformat(value.strip())
+        except ValueError:
+            self.fail(f"{value!r} is no time like 2024-01-01T00:00:00.", param, ctx)
+        return str(value)
+
+
+POSITIVE = Number(min=0.0, min_open=True)
+LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
+AZIMUTH = Number(-360, 360)
 
 
 dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
@@ -43,41 +68,43 @@ area_options = _group(
     click.option(
         "--center",
         nargs=2,
-        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)]),
+        type=click.Tuple([LONGITUDE, LATITUDE]),
         metavar="LON LAT",
         help="Centre of the area, degrees; with --size.",
     ),
-    click.option("--size", "size_km", type=Positive(), metavar="KM", help="Side of the area."),
+    click.option("--size", "size_km", type=POSITIVE, metavar="KM", help="Side of the area."),
     click.option(
         "--bounds",
         nargs=4,
-        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)] * 2),
+        type=click.Tuple([LONGITUDE, LATITUDE] * 2),
         metavar="W S E N",
         help="Area by its bounds, degrees; may cross the antimeridian.",
     ),
     click.option(
-        "--gsd", "gsd_m", type=Positive(), metavar="M", help="Cell size; default: the DEM's own."
+        "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: the DEM's own."
     ),
 )
 
 sun_options = _group(
     click.option(
         "--sun-azimuth",
-        type=click.FloatRange(-360, 360),
+        type=AZIMUTH,
         metavar="DEG",
         help="Azimuth of the Sun, clockwise from north, at the area's centre.",
     ),
     click.option(
         "--sun-elevation",
-        type=click.FloatRange(-90, 90),
+        type=Number(-90, 90),
         metavar="DEG",
         help="Elevation of the Sun above the horizontal at the area's centre.",
     ),
-    click.option("--time", "time_utc", metavar="UTC", help="Sun of an instant, ISO 8601."),
+    click.option(
+        "--time", "time_utc", type=Instant(), metavar="UTC", help="Sun of an instant, ISO 8601."
+    ),
     click.option(
         "--subsolar",
         nargs=2,
-        type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)]),
+        type=click.Tuple([LONGITUDE, LATITUDE]),
         metavar="LON LAT",
         help="Sun overhead at a place.",
     ),
@@ -95,20 +122,20 @@ view_options = _group(
     click.option("--camera", "camera_path", metavar="CAMERA.json", help="Camera that looks."),
     click.option(
         "--off-nadir",
-        type=click.FloatRange(0, 90, max_open=True),
+        type=Number(0, 90, max_open=True),
         metavar="DEG",
         help="Angle between the vertical and the camera at the area's centre.",
     ),
     click.option(
         "--view-azimuth",
-        type=click.FloatRange(-360, 360),
+        type=AZIMUTH,
         metavar="DEG",
         help="Azimuth of the camera, seen from the area's centre.",
     ),
     click.option(
         "--altitude",
         "altitude_km",
-        type=Positive(),
+        type=POSITIVE,
         metavar="KM",
         help="Altitude of the camera above the sphere; default: at infinity.",
     ),

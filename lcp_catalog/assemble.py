@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from .catalog import Catalog, Coverage, Overview, summarise_usable
 from .config import BuildConfig
+from .constants import MOON_RADIUS_M
 from .dem import DemSet
 from .evaluate import LOCALIZABLE, UNIQUE, USABLE, Evaluation
-from .job import AreaResult, Candidates, CoverageCells
+from .job import Candidates
 from .landmarks.select import coverage, select, stable_id
 from .sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from .terrain import Area, NodeWindow, build_terrain
@@ -30,12 +31,11 @@ FIELD_PIXELS = 1024
 
 
 def assemble(
-    config: BuildConfig, dem_paths: tuple[Path, ...], region: Area, gsd_m: float, results: list[AreaResult]
+    config: BuildConfig, dem_paths: tuple[Path, ...], region: Area, gsd_m: float, results: list[Candidates]
 ) -> Catalog:
     """Choose the points and fill every variable of the catalogue."""
     dems = DemSet.open(dem_paths)
-    everything = _joined([result.candidates for result in results])
-    cells = _joined([result.cells for result in results])
+    everything = _joined(results)
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     usable = (everything.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
     usable[usable < config.points.min_usable_conditions] = 0
@@ -53,7 +53,7 @@ def assemble(
         sources=dems.sources(),
         scene_plan=json.dumps({"decisions": decisions(config)}, sort_keys=True),
         overview=_overview(dems, region, gsd_m),
-        coverage=_coverage(cells, everything, points, spacing_m),
+        coverage=_coverage(dems, region, everything, points, spacing_m),
     )
 
 
@@ -148,16 +148,30 @@ def _stages(evaluation: Evaluation) -> NDArray[np.int64]:
     return sum(stage.any(axis=(1, 2, 3)).astype(np.int64) for stage in (localizable, unique, usable))
 
 
-def _coverage(cells: CoverageCells, everything: Candidates, points: Candidates, spacing_m: float) -> Coverage:
+def _coverage(dems: DemSet, region: Area, everything: Candidates, points: Candidates, spacing_m: float) -> Coverage:
+    """Status of the region's spacing cells: a lattice of its own plane, one spacing apart."""
+    x0, x1, y0, y1 = region.extent_m
+    x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
+    flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
+    lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(flat))
+    inside = region.contains(lon, lat)
+    lon, lat = lon[inside], lat[inside]
+    heights, _ = dems.heights(lon, lat, spacing_m / 8.0)
     status = coverage(
-        (cells.lon_deg, cells.lat_deg),
-        cells.has_ground,
+        (lon, lat),
+        np.isfinite(heights),
         (everything.lon_deg, everything.lat_deg),
         _stages(everything.evaluation),
         (points.lon_deg, points.lat_deg),
         spacing_m,
     )
-    return Coverage(longitude=cells.lon_deg, latitude=cells.lat_deg, status=status, spacing_m=spacing_m)
+    return Coverage(longitude=lon, latitude=lat, status=status, spacing_m=spacing_m)
+
+
+def _middles(low: float, high: float, step: float) -> Array:
+    """Middles of the cells of a span, ``step`` wide, centred on it."""
+    count = max(1, round((high - low) / step))
+    return (low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step
 
 
 def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:

@@ -20,7 +20,7 @@ from .dem import DemSet
 from .engine import run_tasks
 from .errors import AreaError, AreaFailedError
 from .files import check_output
-from .job import AreaJob, AreaResult, run_area
+from .job import AreaJob, Candidates, run_area
 from .plan import AreaGrid, plan_areas
 from .shards import Shards
 from .terrain import Area
@@ -130,7 +130,7 @@ def _run_areas(
     return failed
 
 
-def _checked(outcome: AreaResult) -> AreaResult:
-    if not isinstance(outcome, AreaResult):
+def _checked(outcome: Candidates) -> Candidates:
+    if not isinstance(outcome, Candidates):
         raise TypeError(f"an area gave {type(outcome).__name__}")
     return outcome

@@ -214,6 +214,8 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
         "principal_point_px",
         "image_size_px",
     )
+    if "name_model" in document:
+        raise CameraError(f"{name}: is a USGS ISD; only CAMERA.json is read so far")
     missing = [key for key in needed if key not in document]
     if missing:
         raise CameraError(f"{name}: lacks {', '.join(missing)}")

@@ -87,7 +87,7 @@ class PointConfig:
     patch_nodes: int = 33
     spacing_m: float | None = None  # two patch widths
     search_m: float | None = None  # 64 nodes
-    candidates_per_cell: int = 3
+    candidates_per_cell: int = 2
     image_noise: float = 0.02  # 1 sigma of a pixel, as a share of the patch's mean signal
     max_sigma_px: float = 0.1
     min_lit_share: float = 0.5

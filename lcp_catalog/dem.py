@@ -375,7 +375,7 @@ class DemSet:
         index[places] = np.where(np.isnan(found), np.int16(-1), np.int16(number))
 
     def _sample(self, number: int, u: Array, v: Array, factor: int, out: Array) -> None:
-        """Interpolate at fractional pixels, in halves while the window that they span is too large."""
+        """Interpolate at fractional pixels, in halves while their window is too large."""
         grid = self.dems[number].grid
         period = grid.period // factor if grid.wraps else 0
         if factor > 1:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .assemble import decisions
 from .build import Build
-from .job import AreaResult, run_area
+from .job import Candidates, run_area
 from .sweep import Conditions
 from .threads import limit_threads
 
@@ -42,12 +42,12 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "cell_renders": int(sum(cost)),
         "memory_mb_per_worker": round(WORKER_MB + widest * BYTES_A_NODE / 1e6),
         "seconds_estimate": round(seconds * sum(cost) / max(cost[sample], 1) / len(build.jobs) * per_area, 1),
-        "bytes_estimate": int(min(cells, len(result.candidates) * len(build.jobs)) * a_point * COMPRESSION),
+        "bytes_estimate": int(min(cells, len(result) * len(build.jobs)) * a_point * COMPRESSION),
         "decisions": decisions(config),
     }
 
 
-def _measured(build: Build, index: int) -> tuple[float, AreaResult]:
+def _measured(build: Build, index: int) -> tuple[float, Candidates]:
     """Seconds of one area after a first run that compiles the kernels."""
     with limit_threads(1):
         run_area(build.jobs[index])

@@ -22,6 +22,8 @@ from .raster_out import geotiff, node_transform, orthographic_crs
 from .reflectance import DEFAULT_MODEL
 from .render import Photograph, render_camera, render_enu
 from .scene import (
+    COARSE_NODES,
+    COARSE_SLOPE,
     ScenePlan,
     lowest_view_tangent,
     nodes_enu,
@@ -41,8 +43,6 @@ RING_MAX_M = 200e3
 _EXTENT_MAX_M = 2000e3
 _RELIEF_MAX_M = 20e3  # between the Moon's lowest and highest ground
 _HEIGHT_MAX_M = 11e3  # of any ground above or below the reference sphere
-_COARSE_NODES = 8  # the ring is looked for on nodes so many times coarser
-_COARSE_SLOPE = 0.35  # half a coarse cell at 35 deg: what coarse heights smooth away at most
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,9 @@ def prepare(request: Request) -> Scene:
     frame = area.frame
     to_sun = frame.direction_from_mcmf(request.sun.direction_mcmf(frame, request.view.camera))
     view = request.view.view(frame)
-    gsd_m = request.gsd_m or _native_gsd_m(dems, area)
+    gsd_m = _native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
+    if not 0.0 < gsd_m < math.inf:
+        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
     extent = area.extent_m
     _require_extent(extent)
     if request.in_camera_plane and view.camera is None:
@@ -298,7 +300,7 @@ def _coarse_terrain(
     view: View,
 ) -> Terrain:
     """The area and all around it that could matter, on coarse nodes."""
-    coarse_m = _COARSE_NODES * gsd_m
+    coarse_m = COARSE_NODES * gsd_m
     corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
     tangent = min(_sun_tangent(to_sun), lowest_view_tangent(view, corners))
     reach_m = min(RING_MAX_M, _RELIEF_MAX_M / tangent) if tangent > 0 else RING_MAX_M
@@ -314,14 +316,14 @@ def _height_reach_m(coarse: Terrain, view: View) -> float:
     height = np.linalg.norm(coarse.frame.to_mcmf(points), axis=-1) - MOON_RADIUS_M
     if not np.isfinite(height).any():
         return 0.0
-    margin = _COARSE_SLOPE * coarse.field.gsd_m
+    margin = COARSE_SLOPE * coarse.field.gsd_m
     highest = min(float(np.nanmax(np.abs(height))) + margin, _HEIGHT_MAX_M)
     tangent = lowest_view_tangent(view, points)
     return min(highest / tangent, RING_MAX_M) if tangent > 0 else RING_MAX_M
 
 
 def _ring_needed_m(coarse: Terrain, to_sun: Array, view: View) -> float:
-    margin = _COARSE_SLOPE * coarse.field.gsd_m
+    margin = COARSE_SLOPE * coarse.field.gsd_m
     view_tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
     tangent = min(_sun_tangent(to_sun), view_tangent)
     if not math.isfinite(tangent):

@@ -130,7 +130,7 @@ class Grid:
 
     @property
     def period(self) -> int:
-        """Pixels around the Moon when the grid is a cylinder with a whole number of them, else 0."""
+        """Pixels around the Moon of a cylinder that has a whole number of them, else 0."""
         if self.pole:
             return 0
         exact = 360.0 * self._ring_m / self.pixel_m

@@ -20,6 +20,7 @@ from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates
 from .plan import AreaGrid, AreaTask
+from .scene import COARSE_NODES, COARSE_SLOPE, ring_needed_m
 from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
 from .sweep import Conditions, Sweep
 from .terrain import Area, NodeWindow, Terrain, build_terrain, sample_patch
@@ -30,13 +31,6 @@ log = logging.getLogger(__name__)
 
 _CORNER_BORDER = 4
 """Nodes beyond the search region that the corner detector's window reaches."""
-
-_RELIEF_STEP = 16
-"""The relief around an area is first looked at with cells this many times coarser."""
-
-_RELIEF_MARGIN_M = 300.0
-"""Added to the coarse heights: block means cut peaks."""
-
 
 @dataclass(frozen=True)
 class AreaJob:
@@ -65,24 +59,7 @@ class Candidates:
         return len(self.lon_deg)
 
 
-@dataclass(frozen=True)
-class CoverageCells:
-    """The spacing cells of an area: where each lies, and whether it has ground at all; shapes (m,)."""
-
-    lon_deg: Array
-    lat_deg: Array
-    has_ground: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class AreaResult:
-    """What an area contributes."""
-
-    candidates: Candidates
-    cells: CoverageCells
-
-
-def run_area(job: AreaJob) -> AreaResult:
+def run_area(job: AreaJob) -> Candidates:
     """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
     config, task = job.config, job.task
     dems = DemSet.open(job.dem_paths)
@@ -92,7 +69,7 @@ def run_area(job: AreaJob) -> AreaResult:
     sweep = Sweep(terrain.field, terrain.core, Conditions.at(task.lat_deg, config), config.model.reflectance)
     core = _Core(job, terrain, halo)
     rows, cols = _find(sweep, core, config, job.gsd_m)
-    return AreaResult(_evaluated(job, dems, core, sweep, rows, cols), core.cells(config.points.spacing_nodes(job.gsd_m)))
+    return _evaluated(job, dems, core, sweep, rows, cols)
 
 
 def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
@@ -102,24 +79,14 @@ def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
 
 
 def _ring_m(job: AreaJob, dems: DemSet, window: NodeWindow) -> float:
-    """How far beyond the window terrain can shadow it at the lowest Sun: relief over the tangent, from coarse heights."""
+    """How far beyond the window terrain can shadow it at the lowest Sun, from coarse heights and at most what is configured."""
     cap_m = job.config.model.ring_max_km * 1e3
-    lowest = np.radians(min(job.config.sun.elevations_deg))
-    coarse_m = _RELIEF_STEP * job.gsd_m
-    spans = [window.row0, window.row1, window.col0, window.col1]
-    row0, row1, col0, col1 = (round(s / _RELIEF_STEP) for s in spans)
-    ring = int(cap_m / coarse_m) + 1
-    wide = build_terrain(dems, job.task.frame, NodeWindow(row0, row1, col0, col1), coarse_m, ring_m=ring * coarse_m)
-    z, (r0, r1, c0, c1) = wide.field.z_m, wide.core
-    inside = z[r0:r1, c0:c1]
-    if not np.isfinite(inside).any():
-        return 0.0
-    floor = float(np.nanmin(inside)) - _RELIEF_MARGIN_M
-    rows, cols = np.indices(z.shape)
-    away = np.maximum(np.maximum(r0 - rows, rows - r1 + 1), np.maximum(c0 - cols, cols - c1 + 1)) * coarse_m
-    reach = z + _RELIEF_MARGIN_M - floor > np.maximum(away - coarse_m, 0.0) * np.tan(lowest)
-    needed = away[reach & (away > 0)]
-    return float(min(cap_m, needed.max() + coarse_m)) if needed.size else 0.0
+    tangent = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
+    coarse_m = COARSE_NODES * job.gsd_m
+    spans = (window.row0, window.row1, window.col0, window.col1)
+    coarse = NodeWindow(*(round(span / COARSE_NODES) for span in spans))
+    wide = build_terrain(dems, job.task.frame, coarse, coarse_m, ring_m=cap_m)
+    return min(cap_m, ring_needed_m(wide, tangent, COARSE_SLOPE * coarse_m))
 
 
 class _Core:
@@ -152,21 +119,6 @@ class _Core:
         """The frame's own row and column of node [0, 0]: spacing cells are counted from the frame's origin."""
         window = self.terrain.window
         return window.row0 + self.terrain.core[0], window.col0 + self.terrain.core[2]
-
-    def cells(self, spacing: int) -> CoverageCells:
-        """Spacing cells, counted from the frame's origin; one of which less than half is the area's own is left to its neighbour."""
-        rows, cols = self.mine.shape
-        first = [-o % spacing for o in self.origin]
-        lon, lat, ground = [], [], []
-        for row in range(first[0] - spacing, rows, spacing):
-            for col in range(first[1] - spacing, cols, spacing):
-                block = np.s_[max(row, 0) : row + spacing, max(col, 0) : col + spacing]
-                if self.mine[block].sum() * 2 < spacing * spacing:
-                    continue
-                lon.append(self.lon[row + spacing // 2, col + spacing // 2])
-                lat.append(self.lat[row + spacing // 2, col + spacing // 2])
-                ground.append(bool(np.isfinite(self.z[block]).mean() >= 0.5))
-        return CoverageCells(np.array(lon, float), np.array(lat, float), np.array(ground, bool))
 
 
 def _find(

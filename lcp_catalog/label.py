@@ -113,7 +113,7 @@ class Label:
 
     @classmethod
     def from_text(cls, text: str, path: Path) -> Label:
-        """The label of ``text``; ``path`` is where it stood, for messages and for attached images."""
+        """The label of ``text``; ``path`` is where it stood."""
         try:
             return _Interpreter(parse_pvl(text), path).label()
         except LabelError as error:
@@ -121,7 +121,7 @@ class Label:
 
 
 def read_label_text(path: Path) -> str | None:
-    """Text of the PDS3 label that ``path`` is or begins with; None when the file is anything else."""
+    """Text of the PDS3 label that ``path`` is or begins with; None for anything else."""
     with path.open("rb") as file:
         head = file.read(_MAX_LABEL_BYTES)
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"PDS_VERSION_ID"):
@@ -179,7 +179,7 @@ _TOKEN = re.compile(
 
 
 def parse_pvl(text: str) -> Pvl:
-    """The statements of an ODL/PVL text, up to END. A key that comes twice keeps its first value."""
+    """The statements of an ODL/PVL text, up to END; a key's first value counts."""
     tokens = [m for m in _TOKEN.finditer(text) if m.lastgroup is not None]
     stack: list[Pvl] = [{}]
     at = 0

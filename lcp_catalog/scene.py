@@ -20,6 +20,12 @@ from .view import View
 
 Array = NDArray[np.float64]
 
+COARSE_NODES = 8
+"""A support ring is looked for on nodes so many times coarser."""
+
+COARSE_SLOPE = 0.35
+"""Height that coarse nodes smooth away at most, in coarse cells: half of one at 35 deg."""
+
 _BLOCK_ROWS = 512
 _ROUNDING = (
     1e-6  # of a slope: a skipped ray clears the steepest facet by more than rounding can take

@@ -18,7 +18,7 @@ import numpy as np
 
 from .errors import OutputExistsError
 from .files import write_aside
-from .job import AreaResult
+from .job import Candidates
 
 
 @dataclass(frozen=True)
@@ -50,16 +50,16 @@ class Shards:
     def path(self, name: str) -> Path:
         return self.folder / f"{name}.npz"
 
-    def write(self, name: str, result: AreaResult) -> None:
+    def write(self, name: str, result: Candidates) -> None:
         """Keep a finished area."""
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
             np.savez(stream, **_flatten("", result))
 
-    def read(self, name: str) -> AreaResult | None:
+    def read(self, name: str) -> Candidates | None:
         """A finished area, or None where there is none (or the file is damaged: it is computed again)."""
         try:
             with np.load(self.path(name), allow_pickle=False) as arrays:
-                result: AreaResult = _unflatten("", AreaResult, arrays)
+                result: Candidates = _unflatten("", Candidates, arrays)
                 return result
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None

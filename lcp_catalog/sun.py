@@ -122,23 +122,34 @@ def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> 
 def reachable_suns(
     lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
 ) -> NDArray[np.bool_]:
-    """Which cells of a grid of Sun directions the Sun can ever visit at a latitude, bool (n_el,
-    n_az).
+    """Which cells of a grid of Sun directions the Sun can ever visit, bool (n_el, n_az).
 
     A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
     The Sun comes there when some direction in the box has a declination within +-(1.59 deg + solar
-    radius). With sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) the extremes over a box are
-    exact: the function is monotone in cos(az), and for a given cos(az) it is a single cosine in el.
+    radius).
+    """
+    lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
+    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
+    return np.asarray((lowest <= limit) & (highest >= -limit))
+
+
+def declination_range(
+    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
+) -> tuple[Array, Array]:
+    """Least and greatest sine of the declination over each cell's box, (n_el, n_az) each; exact.
+
+    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az), and for a given
+    cos(az) it is a single cosine in el, so that the extremes are found in closed form.
     """
     if not abs(lat_deg) <= 90.0:
         raise SunError(f"no such latitude: {lat_deg}")
-    sin_lat, cos_lat = math.sin(math.radians(lat_deg)), max(0.0, math.cos(math.radians(lat_deg)))
+    lat = math.radians(lat_deg)
+    sin_lat, cos_lat = math.sin(lat), max(0.0, math.cos(lat))
     cos_min, cos_max = _cosine_range(*azimuth_boxes(azimuths_deg))
     low, high = (np.radians(edge)[:, None] for edge in elevation_boxes(elevations_deg))
     highest = _extreme(sin_lat, cos_lat * cos_max[None, :], low, high)
     lowest = -_extreme(-sin_lat, -cos_lat * cos_min[None, :], low, high)
-    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
-    return np.asarray((lowest <= limit) & (highest >= -limit))
+    return lowest, highest
 
 
 def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:

@@ -76,6 +76,8 @@ def oblique_view(
     if not 0.0 <= off_nadir_deg < 90.0 or not math.isfinite(view_azimuth_deg):
         raise CameraError(f"no such view: {off_nadir_deg} deg off nadir must lie within 0..90")
     direction = direction_enu(view_azimuth_deg, 90.0 - off_nadir_deg)
+    if off_nadir_deg == 0.0:
+        direction = np.array([0.0, 0.0, 1.0])  # not rounded: nothing hides what is seen from above
     if altitude_m is None:
         return View(direction=direction)
     if not (math.isfinite(altitude_m) and altitude_m > 0):

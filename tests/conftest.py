@@ -36,8 +36,9 @@ def shared_data() -> Path:
     without.
     """
     root = HERE.parent
-    places = [Path(os.environ["LCP_SHARED_DATA"])] if "LCP_SHARED_DATA" in os.environ else []
-    places += [root / "shared" / "data", root.parent / "shared" / "data"]
+    places = [root / "shared" / "data", root.parent / "shared" / "data"]
+    if "LCP_SHARED_DATA" in os.environ:
+        places = [Path(os.environ["LCP_SHARED_DATA"])]
     for place in places:
         if place.is_dir():
             return place

@@ -145,7 +145,12 @@ def test_what_is_wrong_is_named(tmp_path, changes, says):
 def test_files_that_are_no_cameras(tmp_path):
     with pytest.raises(CameraError, match="cannot be read"):
         read_camera(tmp_path / "none.json")
-    for text, says in (("{", "is not JSON"), ("[1]", "one JSON object"), ("\xff", "is not JSON")):
+    for text, says in (
+        ("{", "is not JSON"),
+        ("[1]", "one JSON object"),
+        ('{"name_model": "X"}', "USGS ISD"),
+        ("\xff", "is not JSON"),
+    ):
         (tmp_path / "c.json").write_bytes(text.encode("latin-1"))
         with pytest.raises(CameraError, match=says):
             read_camera(tmp_path / "c.json")

@@ -92,6 +92,10 @@ class TestLdem4:
                 dems.heights(o, a, gsd)[0] for o, a in zip(lon.ravel(), lat.ravel(), strict=True)
             ]
             np.testing.assert_array_equal(together.ravel(), alone)
+        lon = np.linspace(-180.0, 180.0, 1441) + 0.06  # a window all the way around
+        together, _ = dems.heights(lon, 33.3, 7580.0)
+        alone = [dems.heights(o, 33.3, 7580.0)[0] for o in lon]
+        np.testing.assert_array_equal(together, alone)
 
 
 def test_int16_counts_and_kilometres_agree(tmp_path: Path) -> None:

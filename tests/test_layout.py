@@ -29,12 +29,12 @@ FLOORS = [
     {"config", "label", "grid", "raster"},
     {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png"},
     {"terrain"},
-    {"scene", "exposure"},
+    {"scene"},
     {"render", "landmarks", "sweep", "plan"},
     {"catalog", "schema", "evaluate"},
     {"job"},
     {"shards", "engine", "assemble"},
-    {"build", "report", "charts"},
+    {"build", "report", "charts", "exposure"},
     {"estimate"},
 ]
 

@@ -140,10 +140,23 @@ def test_reachable_against_brute_force(lat, azimuths, elevations):
     assert (exact & ~sampled).mean() <= 0.02
 
 
+@pytest.mark.parametrize("lat", [0.0, 30.0, -30.0, 60.0, 90.0])
+@pytest.mark.parametrize("first", [0.0, 37.0, 90.0, 180.0])
+def test_declinations_of_wide_boxes_against_dense_samples(lat, first):
+    """Boxes of 120 x 40 deg, so that crests fall on edges and inside; samples 0.25 deg apart."""
+    azimuths, elevations = (first + np.array([0, 120, 240])) % 360, np.array([10.0, 50.0, 80.0])
+    lowest, highest = sun.declination_range(lat, azimuths, elevations)
+    az_from, az_to = sun.azimuth_boxes(azimuths)
+    el_from, el_to = sun.elevation_boxes(elevations)
+    for i, j in itertools.product(range(3), range(3)):
+        a = np.linspace(az_from[j], az_to[j], 481)
+        e = np.linspace(el_from[i], el_to[i], 161)[:, None]
+        sine = EnuFrame(0.0, lat).direction_to_mcmf(direction_enu(a, e))[..., 2]
+        assert sine.min() - 2e-5 <= lowest[i, j] <= sine.min() + 1e-12
+        assert sine.max() - 1e-12 <= highest[i, j] <= sine.max() + 2e-5
+
+
 def test_an_extreme_inside_a_box_counts():
-    """At 45 N the box around the south at 40 deg holds the meridian's crest although its corners
-    may miss it.
-    """
     lat = 88.0  # noon elevation 2 deg +- 1.86: only boxes that reach below 3.86 deg
     suns = sun.reachable_suns(lat, [150.0, 180.0, 210.0], [3.0, 7.0, 11.0])
     assert suns[:, 1].tolist() == [True, False, False]

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from products import cylinder, geotiff, hills, ldem_80s
 
+from lcp_catalog import terrain as terrain_module
 from lcp_catalog.dem import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
@@ -90,10 +91,15 @@ def test_row_0_is_north_and_column_0_west(moon: DemSet) -> None:
 
 
 @pytest.mark.parametrize("at", [(30.0, 20.0), (0.0, 10.0), (0.0, 90.0)])
-def test_windows_of_one_frame_share_their_nodes(moon: DemSet, at: tuple[float, float]) -> None:
-    """Bit for bit, whatever the window, so that the same ground gives the same id in every
-    build.
+@pytest.mark.parametrize("tolerance_m", [1e-3, 1100.0])
+def test_windows_of_one_frame_share_their_nodes(
+    moon: DemSet, at: tuple[float, float], tolerance_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit for bit, whatever the window, so that the same ground gives the same id in every build.
+
+    With a large tolerance nodes are left at different steps: none may depend on its neighbours.
     """
+    monkeypatch.setattr(terrain_module, "_TOLERANCE_M", tolerance_m)
     frame = EnuFrame(*at)
     for gsd_m in (3000.0, 9000.0):
         whole = build_terrain(moon, frame, NodeWindow(-30, 31, -40, 21), gsd_m, ring_m=5 * gsd_m)

@@ -12,8 +12,8 @@ from .tracing import NEVER, _crossing, _unit, node_exists
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walk(z, holes, j, i, du, dv, dz):
-    """Whether the surface z rises above the ray that leaves node (i, j); (du, dv) must not both be 0."""
+def walk(z, holes, summit, j, i, du, dv, dz):
+    """Whether the surface z, nowhere above ``summit``, rises above the ray that leaves node (i, j); (du, dv) not both 0."""
     rows, cols = z.shape
     oz = float(z[i, j])
     right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
@@ -41,6 +41,8 @@ def walk(z, holes, j, i, du, dv, dz):
         if s_out > 0.0 and height > oz + dz * s_out:
             return True
         s = s_out
+        if dz > 0.0 and oz + dz * s > summit:
+            return False
         if s_u < s_v:
             col += 1 if du > 0.0 else -1
         else:
@@ -55,13 +57,15 @@ def occluded_alone(z, rows, cols, half, du, dv, dz, out):
     size = 2 * half + 1
     for n in prange(rows.size):
         part = np.full((size, size), np.float32(np.nan), np.float32)
-        holes = False
+        holes, summit = False, -np.inf
         for a in range(size):
             for b in range(size):
                 i, j = rows[n] - half + a, cols[n] - half + b
                 if 0 <= i < z.shape[0] and 0 <= j < z.shape[1]:
                     part[a, b] = z[i, j]
                 holes |= math.isnan(part[a, b])
+                if part[a, b] > summit:
+                    summit = float(part[a, b])
         for a in range(size):
             for b in range(size):
                 hit = False
@@ -69,5 +73,5 @@ def occluded_alone(z, rows, cols, half, du, dv, dz, out):
                     if du == 0.0 and dv == 0.0:
                         hit = dz < 0.0 and node_exists(part, a, b)
                     else:
-                        hit = walk(part, holes, b, a, du, dv, dz)
+                        hit = walk(part, holes, summit, b, a, du, dv, dz)
                 out[n, a, b] = hit
