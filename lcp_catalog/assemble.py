@@ -15,9 +15,10 @@ from .catalog import Catalog, Coverage, Overview, summarise_usable
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
 from .dem import DemSet
-from .evaluate import LOCALIZABLE, UNIQUE, USABLE, Evaluation
+from .evaluate import Evaluation
 from .job import Candidates
 from .landmarks.select import coverage, select, stable_id
+from .schema import LOCALIZABLE, UNIQUE, USABLE
 from .sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from .terrain import Area, NodeWindow, build_terrain
 

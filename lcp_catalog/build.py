@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ._version import __version__
 from .assemble import assemble
-from .catalog import SCHEMA_VERSION, write_catalog
+from .catalog import write_catalog
 from .config import BuildConfig
 from .dem import DemSet
 from .engine import run_tasks
@@ -22,6 +22,7 @@ from .errors import AreaError, AreaFailedError
 from .files import check_output
 from .job import AreaJob, Candidates, run_area
 from .plan import AreaGrid, plan_areas
+from .schema import SCHEMA_VERSION
 from .shards import Shards
 from .terrain import Area
 

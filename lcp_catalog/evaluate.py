@@ -12,10 +12,8 @@ from .config import BuildConfig
 from .landmarks.independent import dependence, gather_patches
 from .landmarks.localize import coarsest_scale, lit_share, localization
 from .landmarks.unique import effective_samples, expected_correlation, false_match_probability, second_peak
+from .schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from .sweep import Image, Sweep
-
-EVALUATED, LOCALIZABLE, UNIQUE, UNSHADOWED, UNOCCLUDED = 1, 2, 4, 8, 16
-USABLE = EVALUATED | LOCALIZABLE | UNIQUE | UNSHADOWED | UNOCCLUDED
 
 SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
 """Decimations at which a patch is tried, as multiples of its cell size."""

@@ -1,109 +1,210 @@
-"""The choice among all candidates: evenly spread, those first that serve under the most conditions; and why holes are holes."""
+"""Which candidates become points, what covers each cell, and the id that the same ground has in every build."""
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..constants import MOON_RADIUS_M
 from ..sphere import lonlat_to_mcmf
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Places = tuple[ArrayLike, ArrayLike]
 
 ID_ROWS = 180_000
-"""Rows of the identifiers' grid: 0.001 degrees of latitude, 30 m."""
+"""Rows of 0.001 degrees of latitude (30.3 m)."""
 
-POINT, FEATURELESS, AMBIGUOUS, DEPENDENT, NODATA = 1, 2, 3, 4, 5
-STATUS = {POINT: "point", FEATURELESS: "featureless", AMBIGUOUS: "ambiguous", DEPENDENT: "dependent", NODATA: "nodata"}
+_ID_STRIDE = 2**20
+"""More than the most columns that a row has (360 000)."""
+
+_PAIRS = 4_000_000
+"""Pairs that are compared at once."""
 
 
-def select(lon_deg: Array, lat_deg: Array, usable: Indices, quality: Array, spacing_m: float) -> Indices:
-    """Indices of the chosen candidates, rising.
+class Status(IntEnum):
+    """What a spacing cell holds, or why it holds nothing; the numbers are those of the catalogue's ``coverage/status``."""
 
-    Greedy: most usable conditions first, then quality, then identifier; a candidate is taken unless a taken one lies nearer than
-    ``spacing_m`` (straight line). So no two points are nearer than that, and every usable candidate has a point within it.
-    Candidates with no usable condition are never taken.
+    POINT = 0
+    FEATURELESS = 1
+    AMBIGUOUS = 2
+    DEPENDENT = 3
+    NODATA = 4
+
+
+_BY_STAGE = np.array([Status.FEATURELESS, Status.AMBIGUOUS, Status.DEPENDENT, Status.POINT], dtype=np.uint8)
+
+
+def stable_id(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Index:
+    """A positive number for a place, the same in every build: (row + 1) * 2^20 + column of a fixed grid of cells.
+
+    Rows are 0.001 degrees of latitude (30 m) from the south pole; a row has round(360000 cos(latitude of its middle)) columns from
+    longitude 0 eastwards, so cells are about 30 m wide everywhere; the row at either pole is one cell. Longitudes 0 and
+    360 are the same. ValueError for a place that is not one.
     """
-    position = lonlat_to_mcmf(lon_deg, lat_deg)
-    cells = np.floor(position / spacing_m).astype(np.int64)
-    order = np.lexsort((stable_id(lon_deg, lat_deg), -quality, -usable))
-    taken: dict[tuple[int, int, int], list[int]] = {}
-    chosen = []
-    for index in order[usable[order] > 0].tolist():
-        x, y, z = cells[index].tolist()
-        near = [
-            other
-            for dx in (-1, 0, 1)
-            for dy in (-1, 0, 1)
-            for dz in (-1, 0, 1)
-            for other in taken.get((x + dx, y + dy, z + dz), ())
-        ]
-        if near and (np.linalg.norm(position[near] - position[index], axis=1) < spacing_m).any():
-            continue
-        taken.setdefault((x, y, z), []).append(index)
-        chosen.append(index)
-    return np.array(sorted(chosen), dtype=np.int64)
+    lon, lat = np.broadcast_arrays(np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64))
+    if not (np.isfinite(lon).all() and (np.abs(lat) <= 90.0).all()):
+        raise ValueError("a longitude is not finite, or a latitude lies outside -90..90 degrees")
+    row = np.clip(np.floor((lat + 90.0) * 1000.0).astype(np.int64), 0, ID_ROWS - 1)
+    columns = _id_columns(row)
+    turn = lon % 360.0
+    turn = np.where(turn >= 360.0, 0.0, turn)  # -1e-17 % 360 rounds to 360
+    column = np.minimum(np.floor(turn / 360.0 * columns).astype(np.int64), columns - 1)
+    return np.asarray((row + 1) * _ID_STRIDE + column)
 
 
-def stable_id(lon_deg: Array, lat_deg: Array) -> Indices:
-    """Identifier of the ground: the cell of a fixed grid of about 30 m (rows of 0.001 deg, columns as wide at the row's middle).
+def id_to_lonlat(point_id: ArrayLike) -> tuple[Array, Array]:
+    """Longitude (0..360) and latitude, degrees, of the middle of an id's cell; a pole for the cell around it.
 
-    row * 2^20 + column, 1-based rows; decoded by `id_to_lonlat`. At a pole every longitude of the last row's cell counts.
+    ValueError for a number that is no id.
     """
-    row = np.clip(np.floor((np.asarray(lat_deg) + 90.0) / 180.0 * ID_ROWS).astype(np.int64), 0, ID_ROWS - 1)
-    columns = _columns(row)
-    column = np.minimum(np.floor((np.asarray(lon_deg) % 360.0) / 360.0 * columns).astype(np.int64), columns - 1)
-    return (row + 1) * 2**20 + column
+    row, column = np.divmod(np.asarray(point_id, dtype=np.int64), _ID_STRIDE)
+    row = row - 1
+    if ((row < 0) | (row >= ID_ROWS)).any() or (column >= _id_columns(row)).any():
+        raise ValueError("not the id of a place")
+    lat = (row + 0.5) / 1000.0 - 90.0
+    lat = np.where(row == 0, -90.0, np.where(row == ID_ROWS - 1, 90.0, lat))
+    columns = _id_columns(row)
+    return np.where(columns == 1, 0.0, (column + 0.5) * 360.0 / columns), lat
 
 
-def id_to_lonlat(identifier: Indices) -> tuple[Array, Array]:
-    """Centre of an identifier's cell, degrees."""
-    row, column = np.asarray(identifier) // 2**20 - 1, np.asarray(identifier) % 2**20
-    return (column + 0.5) * 360.0 / _columns(row), (row + 0.5) * 180.0 / ID_ROWS - 90.0
+def _id_columns(row: Index) -> Index:
+    middle = np.radians((row + 0.5) / 1000.0 - 90.0)
+    columns = np.rint(2.0 * ID_ROWS * np.cos(middle)).astype(np.int64)
+    return np.where((row == 0) | (row == ID_ROWS - 1), 1, np.maximum(columns, 1))
 
 
-def _columns(row: Indices) -> Indices:
-    middle = np.radians((row + 0.5) * 180.0 / ID_ROWS - 90.0)
-    return np.maximum(1, np.round(2 * ID_ROWS * np.cos(middle))).astype(np.int64)
+def select(
+    lon_deg: ArrayLike,
+    lat_deg: ArrayLike,
+    usable_count: ArrayLike,
+    quality: ArrayLike,
+    spacing_m: float,
+    fill: float = 1.0,
+) -> Index:
+    """Indices of the candidates to keep, in the order of their stable ids.
+
+    Greedy over the whole Moon: most usable conditions first, then the higher quality, then the lower id (then longitude and
+    latitude), whatever the order of the input. Nobody is chosen closer than ``spacing_m`` (along the sphere) to a point chosen
+    before, so every candidate with a usable condition lies less than ``spacing_m`` from a point. ``fill`` < 1 adds a second
+    pass, in the same order, that takes candidates at least ``fill * spacing_m`` from every point: it evens out the gaps that a
+    greedy choice leaves, and ``fill * spacing_m`` is then both the least distance of two points and the bound on the distance
+    from a candidate. Candidates with no usable condition, or with a quality that is NaN, are never chosen, and no id twice.
+    """
+    if not (spacing_m > 0.0 and 0.0 < fill <= 1.0):
+        raise ValueError("spacing_m must be positive and fill in 0..1")
+    lon, lat = np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64)
+    usable, quality = np.asarray(usable_count), np.asarray(quality, np.float64)
+    if not len(lon):
+        return np.zeros(0, dtype=np.int64)
+    ids = stable_id(lon, lat)
+    order = np.lexsort((lat, lon % 360.0, ids, -quality, -usable.astype(np.int64)))
+    order = order[(usable[order] > 0) & ~np.isnan(quality[order])]
+    chosen = _Spread(spacing_m)
+    place = _unit(lon, lat)
+    for distance in (spacing_m, fill * spacing_m) if fill < 1.0 else (spacing_m,):
+        order = order[~chosen.take(place, ids, order, distance)]
+    picked = np.array(chosen.indices, dtype=np.int64)
+    return picked[np.argsort(ids[picked], kind="stable")]
 
 
-def nearest_m(lon_deg: Array, lat_deg: Array, points_lon: Array, points_lat: Array) -> Array:
-    """Straight-line distance from each place to the nearest point, metres; infinite where there is none."""
-    places, points = lonlat_to_mcmf(lon_deg, lat_deg), lonlat_to_mcmf(points_lon, points_lat)
-    if not len(points):
-        return np.full(len(places), math.inf)
-    step = max(1, 4_000_000 // max(len(points), 1))
-    parts = [
-        np.sqrt(np.min(((places[i : i + step, None] - points) ** 2).sum(axis=2), axis=1))
-        for i in range(0, len(places), step)
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+class _Spread:
+    """Points chosen so far, in cubes a chord wide, so that a neighbour lies in the same cube or one of the 26 around it."""
+
+    def __init__(self, spacing_m: float) -> None:
+        self.side = max(_chord(spacing_m), 1e-9)
+        self.cubes: dict[int, list[tuple[float, float, float]]] = {}
+        self.indices: list[int] = []
+        self.ids: set[int] = set()
+        span = int(2.0 / self.side) + 4
+        self._strides = np.array([span * span, span, 1], dtype=np.int64)
+        self._around = [int(self._strides @ (i, j, k)) for i in (0, -1, 1) for j in (0, -1, 1) for k in (0, -1, 1)]
+
+    def take(self, place: Array, ids: Index, order: Index, distance_m: float) -> Mask:
+        """Choose in the given order whoever is at least ``distance_m`` away from all; which of them were taken."""
+        limit = _chord(distance_m) ** 2
+        keys = (np.floor((place[order] + 1.0) / self.side).astype(np.int64) + 1) @ self._strides
+        taken = np.zeros(len(order), dtype=np.bool_)
+        rows = zip(order.tolist(), place[order].tolist(), keys.tolist(), ids[order].tolist(), strict=True)
+        for slot, (index, (x, y, z), key, point_id) in enumerate(rows):
+            if point_id in self.ids or self._crowded(x, y, z, key, limit):
+                continue
+            self.cubes.setdefault(key, []).append((x, y, z))
+            self.ids.add(point_id)
+            self.indices.append(index)
+            taken[slot] = True
+        return taken
+
+    def _crowded(self, x: float, y: float, z: float, key: int, limit: float) -> bool:
+        cubes = self.cubes
+        for step in self._around:
+            for a, b, c in cubes.get(key + step, ()):
+                if (a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2 < limit:
+                    return True
+        return False
+
+
+def _chord(distance_m: float) -> float:
+    """Chord on the unit sphere of a distance along the reference sphere; at most 2."""
+    return 2.0 * math.sin(min(distance_m / (2.0 * MOON_RADIUS_M), math.pi / 2.0))
+
+
+def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
+    return lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M
+
+
+def nearest(
+    lon_deg: ArrayLike, lat_deg: ArrayLike, to_lon_deg: ArrayLike, to_lat_deg: ArrayLike
+) -> tuple[Index, Array]:
+    """For each place the index of the nearest of the others and the distance along the sphere, metres (-1, inf: there is none).
+
+    Compares every pair: 1e4 with 1e4 takes about 0.3 s. Of equals the first.
+    """
+    here, there = _unit(lon_deg, lat_deg).reshape(-1, 3), _unit(to_lon_deg, to_lat_deg).reshape(-1, 3)
+    if not len(there):
+        return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
+    step = max(1, _PAIRS // len(there))
+    parts = [np.argmax(here[i : i + step] @ there.T, axis=1) for i in range(0, len(here), step)]
+    index = np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
+    chord = np.linalg.norm(here - there[index], axis=1)
+    return index, 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 
 def coverage(
-    cells: tuple[Array, Array], has_ground: NDArray[np.bool_], candidates: tuple[Array, Array], stages: Indices,
-    points: tuple[Array, Array], spacing_m: float,
+    cells: Places,
+    has_ground: Mask,
+    candidates: Places,
+    stages: Index,
+    points: Places,
+    spacing_m: float,
 ) -> NDArray[np.uint8]:
-    """Status of every spacing cell (lon, lat): a point within one spacing, or else how far the best candidate near it came.
+    """What each spacing cell holds, as `Status`; places are (longitudes, latitudes) in degrees, cells are given by their centres.
 
-    stages (n,) of the candidates: 0 never localisable, 1 localisable but never unique, 2 unique but dependent on the relief
-    around, 3 usable.
+    ``stages`` of the candidates: 0 never localisable, 1 never unique as well, 2 never independent as well, 3 usable. A candidate counts
+    for the cell whose centre is nearest, within one spacing.
+    POINT: a point lies within one spacing of the centre, or a usable candidate lies in the cell (and then, by `select`, a point
+    within one spacing of that candidate). Else the furthest stage that a candidate of the cell reached: DEPENDENT, AMBIGUOUS, or
+    FEATURELESS, also where there is no candidate. NODATA: no ground, no point near and no candidate.
     """
-    status = np.full(len(has_ground), FEATURELESS, dtype=np.uint8)
-    for stage, name in ((1, AMBIGUOUS), (2, DEPENDENT)):
-        some = stages == stage
-        near = nearest_m(*cells, candidates[0][some], candidates[1][some]) <= spacing_m * math.sqrt(0.5)
-        status[near] = name
-    status[nearest_m(*cells, *points) <= spacing_m] = POINT
-    status[~has_ground] = NODATA
-    return status
+    best = np.where(np.asarray(has_ground, dtype=np.bool_), 0, -1)
+    cell, away_m = nearest(*candidates, *cells)
+    own = away_m <= spacing_m
+    np.maximum.at(best, cell[own], np.asarray(stages, dtype=np.int64)[own])
+    best[nearest(*cells, *points)[1] <= spacing_m] = 3
+    return np.where(best < 0, np.uint8(Status.NODATA), _BY_STAGE[best])
 
 
-def largest_hole_m(cells: tuple[Array, Array], status: NDArray[np.uint8], points: tuple[Array, Array]) -> float:
-    """Greatest distance from a cell that is neither featureless nor without data to the nearest point, metres."""
-    counted = (status != FEATURELESS) & (status != NODATA)
-    away = nearest_m(cells[0][counted], cells[1][counted], *points)
-    return min(float(away.max()), math.pi * MOON_RADIUS_M) if away.size else 0.0
+def largest_hole(cells: Places, status: NDArray[np.uint8], points: Places) -> float:
+    """Greatest distance, metres, from the centre of a cell that is neither featureless nor without data to its nearest point.
+
+    0 where there is no such cell, infinite where there is one and no point.
+    """
+    counts = (status != Status.FEATURELESS) & (status != Status.NODATA)
+    if not counts.any():
+        return 0.0
+    lon, lat = (np.asarray(c, dtype=np.float64)[counts] for c in cells)
+    return float(nearest(lon, lat, *points)[1].max())

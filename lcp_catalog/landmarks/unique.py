@@ -21,10 +21,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _FLAT = 1e-3
-"""A window whose contrast is below this share of the patch's (or of the image's level) is flat: it is like nothing."""
+"""A window whose contrast is below this share of the whole image's is flat: it is like nothing."""
 
 _REFINED = 4
-"""Peaks of the half-resolution map that are looked at again at full resolution."""
+"""Peaks of the half-resolution map, at most, that are looked at again at full resolution."""
+
+_SLACK = 0.1
+"""A peak that stands lower at half resolution than the best one at full resolution by more than this is not looked at again."""
 
 _REACH = 3
 """Nodes around such a peak that are computed at full resolution; its place is known to half a coarse node or so."""
@@ -57,11 +60,47 @@ def second_peak(
     measured in docs/control-points.md.
     """
     exclusion = float(half) if exclusion is None else float(exclusion)
-    finder = _Finder(np.asarray(image, dtype=np.float32), half, search, exclusion)
-    coarse = not exact and half >= _COARSE_HALF_MIN
-    find = finder.by_halves if coarse else finder.in_full
     places = zip(np.asarray(rows).tolist(), np.asarray(cols).tolist(), strict=True)
+    finder = _Finder(np.asarray(image, dtype=np.float32), half, search, exclusion)
+    find = finder.in_full if exact or half < _COARSE_HALF_MIN else finder.by_halves
     return np.array([find(row, col) for row, col in places], dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """An image without gaps and without its mean, and what makes sums over its ``size`` x ``size`` windows correlations."""
+
+    image: Float
+    size: int
+
+    @cached_property
+    def contrast(self) -> Float:
+        """Standard deviation of every whole window, by its north-west node; float64 sums; 0 where it is flat."""
+        size = self.size
+        total, squares = cv2.integral2(self.image, sdepth=cv2.CV_64F, sqdepth=cv2.CV_64F)
+        mean, mean2 = (
+            (s[size:, size:] - s[:-size, size:] - s[size:, :-size] + s[:-size, :-size]) / size**2
+            for s in (total, squares)
+        )
+        contrast = np.sqrt(np.clip(mean2 - mean**2, 0.0, None)).astype(np.float32)
+        contrast[contrast <= _FLAT * float(self.image.std(dtype=np.float64))] = 0.0
+        return contrast
+
+    @cached_property
+    def inverse(self) -> Float:
+        """1 / contrast, 0 for a flat window: it correlates 0."""
+        return np.where(self.contrast > 0.0, 1.0 / np.where(self.contrast > 0.0, self.contrast, 1.0), 0.0).astype(np.float32)
+
+    def template(self, row: int, col: int) -> Float:
+        """The window with this north-west node, centred, over its own contrast and number of nodes."""
+        window = self.image[row : row + self.size, col : col + self.size]
+        return np.asarray((window - window.mean()) * (self.inverse[row, col] / np.float32(self.size**2)), dtype=np.float32)
+
+    def correlate(self, template: Float, r0: int, r1: int, c0: int, c1: int) -> Float:
+        """Correlation of a template with the windows whose north-west nodes are r0..r1, c0..c1 (inclusive)."""
+        region = self.image[r0 : r1 + self.size, c0 : c1 + self.size]
+        sums = cv2.matchTemplate(region, template, cv2.TM_CCORR)
+        return np.asarray(sums * self.inverse[r0 : r1 + 1, c0 : c1 + 1], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -74,33 +113,16 @@ class _Finder:
     exclusion: float
 
     @cached_property
-    def filled(self) -> Float:
-        """The image without gaps and without its mean, so that float32 sums keep their digits."""
+    def fine(self) -> _Level:
         whole = fill_missing(self.image, 2 * self.half + 1)
-        return np.asarray(whole - whole.mean(dtype=np.float64), dtype=np.float32)
+        return _Level(np.asarray(whole - whole.mean(dtype=np.float64), dtype=np.float32), 2 * self.half + 1)
 
     @cached_property
-    def contrast(self) -> Float:
-        """Standard deviation of every whole window, by its north-west node."""
-        return _contrast(self.filled, 2 * self.half + 1)
-
-    @cached_property
-    def flat(self) -> float:
-        """Contrast below which a window is rounding error."""
-        known = self.image[np.isfinite(self.image)]
-        return float(1e-6 * np.abs(known).max(initial=0.0))
-
-    @cached_property
-    def coarse(self) -> Float:
-        """2 x 2 means; an odd last row or column is left out."""
-        height, width = (n // 2 * 2 for n in self.filled.shape)
-        return np.ascontiguousarray(
-            cv2.resize(self.filled[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-        )
-
-    @cached_property
-    def coarse_contrast(self) -> Float:
-        return _contrast(self.coarse, self.half)
+    def coarse(self) -> _Level:
+        """2 x 2 means, an odd last row or column left out; ``half`` of its nodes cover 2 half of a patch's 2 half + 1."""
+        height, width = (n // 2 * 2 for n in self.image.shape)
+        even = self.fine.image[:height, :width]
+        return _Level(cv2.resize(even, (width // 2, height // 2), interpolation=cv2.INTER_AREA), self.half)
 
     def _known(self, row: int, col: int) -> float | None:
         """The answer where no search is needed."""
@@ -108,38 +130,47 @@ class _Finder:
         half = self.half
         if not (half <= row < height - half and half <= col < width - half):
             return math.nan
-        return 1.0 if self.contrast[row - half, col - half] <= self.flat else None
+        return None if self.fine.contrast[row - half, col - half] > 0.0 else 1.0
+
+    def _limits(self, row: int, col: int) -> tuple[int, int, int, int]:
+        """First and last north-west node, in rows and in columns, of the windows in the search square of a centre."""
+        top, left = row - self.half, col - self.half
+        last_row, last_col = (n - self.fine.size for n in self.image.shape)
+        return (
+            max(0, top - self.search),
+            min(last_row, top + self.search),
+            max(0, left - self.search),
+            min(last_col, left + self.search),
+        )
 
     def in_full(self, row: int, col: int) -> float:
         """Every node at full resolution."""
         known = self._known(row, col)
         if known is not None:
             return known
-        return self._highest(row, col, (row - self.search, row + self.search, col - self.search, col + self.search))
+        template = self.fine.template(row - self.half, col - self.half)
+        return self._highest(template, row, col, self._limits(row, col))
 
-    def _highest(self, row: int, col: int, box: tuple[int, int, int, int]) -> float:
-        """The highest maximum among centres in the box (inclusive) and the search square; -1 for none.
+    def _highest(self, template: Float, row: int, col: int, box: tuple[int, int, int, int]) -> float:
+        """The highest maximum among the windows of the box; -1 for none.
 
-        Nodes just outside the box take part in deciding what is a maximum, so the box is grown by one first and shrunk again
-        where it was cut by nothing but itself.
+        What lies on an edge of the box that is not one of the search square's has neighbours nobody looked at: it is no maximum.
         """
-        half, search = self.half, self.search
-        height, width = self.image.shape
-        r0, r1 = max(box[0], row - search, half), min(box[1], row + search, height - half - 1)
-        c0, c1 = max(box[2], col - search, half), min(box[3], col + search, width - half - 1)
+        limits = self._limits(row, col)
+        r0, c0 = max(box[0], limits[0]), max(box[2], limits[2])
+        r1, c1 = min(box[1], limits[1]), min(box[3], limits[3])
         if r0 > r1 or c0 > c1:
             return -1.0
-        template = self.filled[row - half : row + half + 1, col - half : col + half + 1]
-        region = self.filled[r0 - half : r1 + half + 1, c0 - half : c1 + half + 1]
-        contrast = self.contrast[r0 - half : r1 - half + 1, c0 - half : c1 - half + 1]
-        floor = max(self.flat, _FLAT * float(self.contrast[row - half, col - half]))
-        score = _correlate(region, template, contrast, floor)
+        score = self.fine.correlate(template, r0, r1, c0, c1)
         peak = _maxima(score)
-        peak[0, :] &= r0 == max(row - search, half)
-        peak[-1, :] &= r1 == min(row + search, height - half - 1)
-        peak[:, 0] &= c0 == max(col - search, half)
-        peak[:, -1] &= c1 == min(col + search, width - half - 1)
-        away = _away(np.arange(r0, r1 + 1) - row, np.arange(c0, c1 + 1) - col, self.exclusion)
+        for edge, is_limit in zip(
+            (peak[0], peak[-1], peak[:, 0], peak[:, -1]),
+            (r0 == limits[0], r1 == limits[1], c0 == limits[2], c1 == limits[3]),
+            strict=True,
+        ):
+            edge &= is_limit
+        top, left = row - self.half, col - self.half
+        away = _away(np.arange(r0 - top, r1 - top + 1), np.arange(c0 - left, c1 - left + 1), self.exclusion)
         return float(score[peak & away].max(initial=-1.0))
 
     def by_halves(self, row: int, col: int) -> float:
@@ -147,54 +178,42 @@ class _Finder:
         known = self._known(row, col)
         if known is not None:
             return known
+        top, left = row - self.half, col - self.half
+        template = self.fine.template(top, left)
         best = -1.0
-        for at_row, at_col in self._coarse_peaks(row, col):
-            box = (at_row - _REACH, at_row + _REACH, at_col - _REACH, at_col + _REACH)
-            best = max(best, self._highest(row, col, box))
+        for down, right, coarse in self._coarse_peaks(top, left):
+            if coarse < best - _SLACK:
+                break
+            r, c = top + down, left + right
+            best = max(best, self._highest(template, row, col, (r - _REACH, r + _REACH, c - _REACH, c + _REACH)))
         return best
 
-    def _coarse_peaks(self, row: int, col: int) -> list[tuple[int, int]]:
-        """Centres (full-resolution nodes) of the highest peaks of the half-resolution map, best first."""
-        half, size = self.half, self.half  # a coarse patch of ``half`` nodes covers 2 half of the 2 half + 1
-        top, left = (row - half + 1) // 2, (col - half + 1) // 2
+    def _coarse_peaks(self, top: int, left: int) -> list[tuple[int, int, float]]:
+        """Offsets in nodes and heights of the highest peaks of the half-resolution map, best first."""
+        level = self.coarse
+        last_row, last_col = (n - level.size for n in level.image.shape)
+        row, col = min((top + 1) // 2, last_row), min((left + 1) // 2, last_col)
         reach = self.search // 2 + 1
-        height, width = self.coarse.shape
-        top, left = min(top, height - size), min(left, width - size)
-        r0, r1 = max(0, top - reach), min(height - size, top + reach)
-        c0, c1 = max(0, left - reach), min(width - size, left + reach)
-        template = self.coarse[top : top + size, left : left + size]
-        contrast = self.coarse_contrast[r0 : r1 + 1, c0 : c1 + 1]
-        floor = max(self.flat, _FLAT * float(self.coarse_contrast[top, left]))
-        score = _correlate(self.coarse[r0 : r1 + size, c0 : c1 + size], template, contrast, floor)
-        dr, dc = 2 * (np.arange(r0, r1 + 1) - top), 2 * (np.arange(c0, c1 + 1) - left)
-        found = np.flatnonzero(_maxima(score) & _away(dr, dc, self.exclusion - _REACH))
-        if len(found) > _REFINED:
-            found = found[np.argsort(-score.ravel()[found], kind="stable")[:_REFINED]]
-        i, j = np.divmod(found, score.shape[1])
-        return [(row + int(dr[a]), col + int(dc[b])) for a, b in zip(i, j, strict=True)]
+        r0, r1 = max(0, row - reach), min(last_row, row + reach)
+        c0, c1 = max(0, col - reach), min(last_col, col + reach)
+        score = level.correlate(level.template(row, col), r0, r1, c0, c1)
+        down, right = 2 * (np.arange(r0, r1 + 1) - row), 2 * (np.arange(c0, c1 + 1) - col)
+        found = np.flatnonzero(_maxima(score) & _away(down, right, self.exclusion - _REACH))
+        height = score.ravel()[found]
+        best = np.argsort(-height, kind="stable")[:_REFINED]
+        i, j = np.divmod(found[best], score.shape[1])
+        return list(zip(down[i].tolist(), right[j].tolist(), height[best].tolist(), strict=True))
 
 
-def _contrast(image: Float, size: int) -> Float:
-    """Standard deviation of every whole ``size`` x ``size`` window, by its north-west node; float64 sums."""
-    total, squares = cv2.integral2(image, sdepth=cv2.CV_64F, sqdepth=cv2.CV_64F)
-    mean, mean2 = (
-        (s[size:, size:] - s[:-size, size:] - s[size:, :-size] + s[:-size, :-size]) / size**2 for s in (total, squares)
-    )
-    return np.sqrt(np.clip(mean2 - mean**2, 0.0, None)).astype(np.float32)
-
-
-def _correlate(region: Float, template: Float, contrast: Float, floor: float) -> Float:
-    """cv2's normalised correlation, 0 where the window is flat (cv2 divides rounding errors there)."""
-    score = cv2.matchTemplate(region, template, cv2.TM_CCOEFF_NORMED)
-    return np.where((contrast > floor) & np.isfinite(score), score, np.float32(0.0))
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
 def _maxima(score: Float) -> NDArray[np.bool_]:
-    return np.asarray(score >= cv2.dilate(score, np.ones((3, 3), np.uint8)))
+    return np.asarray(score >= cv2.dilate(score, _NEIGHBOURS))
 
 
-def _away(dr: NDArray[np.int64], dc: NDArray[np.int64], exclusion: float) -> NDArray[np.bool_]:
-    return np.asarray(dr[:, None] ** 2 + dc**2 > max(exclusion, 0.0) ** 2)
+def _away(down: Index, right: Index, exclusion: float) -> NDArray[np.bool_]:
+    return np.asarray((down**2)[:, None] + right**2 > max(exclusion, 0.0) ** 2)
 
 
 def expected_correlation(patches: Float, noise: float) -> Array:
