@@ -10,6 +10,7 @@ import rasterio
 
 from lcp_catalog.catalog import Catalog, Coverage, Overview, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.schema import COVERAGE_STATUS
 from lcp_catalog.sphere import EnuFrame, direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
 HADLEY = Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif"
@@ -37,7 +38,10 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
     side = max(1, int(np.ceil(np.sqrt(count))))
     axis = (np.arange(side) - (side - 1) / 2) * step_km * 1e3
     east, north = (a.ravel()[:count] for a in np.meshgrid(axis, -axis))
-    east, north = east + rng.normal(0, step_km * 120, count), north + rng.normal(0, step_km * 120, count)
+    east, north = (
+        east + rng.normal(0, step_km * 120, count),
+        north + rng.normal(0, step_km * 120, count),
+    )
     flat = np.stack([east, north, np.zeros(count)], axis=-1)
     lon, lat, _ = mcmf_to_lonlat(frame.to_mcmf(flat))
     elevation = height(lon, lat) if count else np.zeros(0)
@@ -65,7 +69,9 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
         "latitude": lat,
         "elevation": elevation,
         "position_mcmf": lonlat_to_mcmf(lon, lat, elevation),
-        "rotation_mcmf_to_enu": np.array([enu_rotation(o, a) for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3, 3),
+        "rotation_mcmf_to_enu": np.array(
+            [enu_rotation(o, a) for o, a in zip(lon, lat, strict=True)]
+        ).reshape(-1, 3, 3),
         "gsd": np.full(count, GSD_M),
         "dem_product": np.array(["WAC GLD100"] * count, dtype=object),
         "dem": dem,
@@ -98,7 +104,9 @@ def _conditions(rng, lat, suns, azimuths):
     count = len(lat)
     condition = np.zeros((count, 3, len(suns), len(azimuths)), dtype=np.uint8)
     for i in range(count):
-        north = direction_enu(*np.meshgrid(azimuths, suns)) @ np.array([0.0, np.cos(np.radians(lat[i])), np.sin(np.radians(lat[i]))])
+        north = direction_enu(*np.meshgrid(azimuths, suns)) @ np.array(
+            [0.0, np.cos(np.radians(lat[i])), np.sin(np.radians(lat[i]))]
+        )
         reachable = np.abs(np.degrees(np.arcsin(np.clip(north, -1, 1)))) < 6.0
         bad = rng.uniform(0, 360)
         away = np.abs((azimuths - bad + 180) % 360 - 180)
@@ -129,6 +137,10 @@ def _overview(frame, height, half_m):
 def _coverage(rng, frame, side, step_m, lon):
     axis = (np.arange(side + 2) - (side + 1) / 2) * step_m * side / (side + 2)
     xx, yy = (a.ravel() for a in np.meshgrid(axis, -axis))
-    cell_lon, cell_lat, _ = mcmf_to_lonlat(frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1)))
-    status = rng.choice([1, 1, 1, 1, 1, 1, 2, 3, 4, 5], len(xx)).astype(np.uint8)
+    cell_lon, cell_lat, _ = mcmf_to_lonlat(
+        frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1))
+    )
+    status = rng.choice(list(COVERAGE_STATUS), len(xx), p=[0.6, 0.1, 0.1, 0.1, 0.1]).astype(
+        np.uint8
+    )
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)

@@ -1,7 +1,7 @@
 """Corners that stay corners while the Sun moves.
 
-A shadow's edge is often the strongest corner of an image, and it lies elsewhere in the next image. No single image can tell it
-from ground; what is left after many Suns is ground (`Persistence`).
+A shadow's edge is often the strongest corner of an image, and it lies elsewhere in the next image.
+No single image can tell it from ground; what is left after many Suns is ground (`Persistence`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _HIGH_PERCENTILE = 99.0
-"""The response that counts as 1 in an image: high, so that one bright spot does not set the scale, yet above the ground's noise."""
+"""The response that counts as 1 in an image: high, so that one bright spot does not set the scale,
+yet above the ground's noise.
+"""
 
 
 def fill_missing(image: Image, size: int) -> Image:
@@ -30,16 +32,20 @@ def fill_missing(image: Image, size: int) -> Image:
     if not missing.any() or missing.all():
         return filled
     known = (~missing).astype(np.float32)
-    box = {"ddepth": cv2.CV_64F, "ksize": (size, size), "normalize": False}
-    total = cv2.boxFilter(filled, borderType=cv2.BORDER_CONSTANT, **box)
-    count = np.rint(cv2.boxFilter(known, borderType=cv2.BORDER_CONSTANT, **box))
+    total, count = (
+        cv2.boxFilter(z, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for z in (filled, known)
+    )
+    count = np.rint(count)
     overall = filled.sum(dtype=np.float64) / known.sum(dtype=np.float64)
     local = np.where(count > 0, total / np.maximum(count, 1.0), overall)
     return np.where(missing, local, filled).astype(np.float32)
 
 
 def robust_contrast(image: Image) -> float:
-    """A standard deviation of the lit nodes that outliers do not move: (84th - 16th percentile) / 2; 0 where nothing is lit."""
+    """A standard deviation of the lit nodes that outliers do not move: (84th - 16th percentile) /
+    2; 0 where nothing is lit.
+    """
     lit = image[np.isfinite(image) & (image > 0.0)]
     if not lit.size:
         return 0.0
@@ -48,12 +54,14 @@ def robust_contrast(image: Image) -> float:
 
 
 def harris(image: Image, block: int = 7, k: float = 0.04) -> Image:
-    """Response of Harris and Stephens (1988) per node: det M - k trace(M)^2, M summed over ``block`` x ``block`` nodes.
+    """Response of Harris and Stephens (1988) per node: det M - k trace(M)^2, M summed over
+    ``block`` x ``block`` nodes.
 
-    cv2's response grows with the fourth power of contrast, so the image is divided by its own robust contrast first: the
-    response does not change when the image is multiplied by a number. An image without contrast answers 0. NaN where the
-    window or its gradients (3 x 3 Sobel) would touch a missing node or the image's border. The edges of shadows answer
-    strongly: see `Persistence`.
+    cv2's response grows with the fourth power of contrast, so the image is divided by its own
+    robust contrast first: the response does not change when the image is multiplied by a number. An
+    image without contrast answers 0. NaN where the window or its gradients (3 x 3 Sobel) would
+    touch a missing node or the image's border. The edges of shadows answer strongly: see
+    `Persistence`.
     """
     margin = block // 2 + 1
     known = cv2.erode(
@@ -72,10 +80,12 @@ def harris(image: Image, block: int = 7, k: float = 0.04) -> Image:
 
 
 def relative_response(image: Image, block: int = 7, k: float = 0.04) -> Image:
-    """Square root of the Harris response over its own 99th percentile of positive lit responses, clipped to 0..1.
+    """Fourth root of the Harris response over its own 99th percentile of positive lit responses,
+    clipped to 0..1.
 
-    The root makes it proportional to det(M)^(1/2), the reciprocal of the area of the uncertainty ellipse, and keeps a few
-    shadow edges from drowning the rest of an image. 0 in shadow; NaN where the response is NaN.
+    The response grows with the fourth power of contrast: the root makes it proportional to
+    contrast, so that ground which is there under every Sun outweighs the edges of shadows, ten
+    times as strong, that pass. 0 in shadow; NaN where the response is NaN.
     """
     response = harris(image, block, k)
     lit = np.isfinite(response) & np.nan_to_num(image > 0.0)
@@ -83,7 +93,7 @@ def relative_response(image: Image, block: int = 7, k: float = 0.04) -> Image:
     if not positive.size:
         return np.where(np.isfinite(response), np.float32(0.0), np.float32(np.nan))
     high = np.percentile(positive, _HIGH_PERCENTILE)
-    share = np.sqrt(np.clip(np.nan_to_num(response) / high, 0.0, 1.0))
+    share = np.clip(np.nan_to_num(response) / high, 0.0, 1.0) ** 0.25
     share = np.where(lit, share, 0.0).astype(np.float32)
     return np.where(np.isfinite(response), share, np.float32(np.nan))
 
@@ -92,9 +102,10 @@ def relative_response(image: Image, block: int = 7, k: float = 0.04) -> Image:
 class Persistence:
     """Relative corner response, added up over conditions.
 
-    ``lit`` counts, per node, the conditions in which the node was valid and lit. The score is the mean over *all* added
-    conditions, so a node that is dark or unseen under half of the Suns gets at most one half, and a shadow's edge, which
-    passes a node under one or two Suns of many, nearly nothing.
+    ``lit`` counts, per node, the conditions in which the node was valid and lit. The score is the
+    mean over *all* added conditions, so a node that is dark or unseen under half of the Suns gets
+    at most one half, and a shadow's edge, which passes a node under one or two Suns of many, nearly
+    nothing.
     """
 
     shape: tuple[int, int]
@@ -126,12 +137,14 @@ def candidates(
     radius: int | None = None,
     origin: tuple[int, int] = (0, 0),
 ) -> tuple[Index, Index]:
-    """Rows and columns of the best local maxima, at most ``per_cell`` in every ``spacing_px`` x ``spacing_px`` cell.
+    """Rows and columns of the best local maxima, at most ``per_cell`` in every ``spacing_px`` x
+    ``spacing_px`` cell.
 
-    A maximum is the highest valid node within ``radius`` nodes in both directions (default: an eighth of the spacing, at
-    least 1) and has a positive score; equal neighbours: the first by (row, column). ``border`` nodes along the edges are left
-    out. Cells count from the node ``-origin`` of this array: give the array's place in a fixed grid of nodes as ``origin``,
-    and the same ground is cut into the same cells in every build. Ordered by (row, column).
+    A maximum is the highest valid node within ``radius`` nodes in both directions (default: an
+    eighth of the spacing, at least 1) and has a positive score; equal neighbours: the first by
+    (row, column). ``border`` nodes along the edges are left out. Cells count from the node
+    ``-origin`` of this array: give the array's place in a fixed grid of nodes as ``origin``, and
+    the same ground is cut into the same cells in every build. Ordered by (row, column).
     """
     radius = max(1, spacing_px // 8) if radius is None else radius
     usable = _inner(score.shape, border) & np.isfinite(score)
@@ -154,8 +167,12 @@ def _inner(shape: tuple[int, ...], border: int) -> Mask:
     return inner
 
 
-def _without_ties(rows: Index, cols: Index, radius: int, shape: tuple[int, ...]) -> tuple[Index, Index]:
-    """Of maxima closer than the radius (they are equal, or neither would be one) the first by (row, column)."""
+def _without_ties(
+    rows: Index, cols: Index, radius: int, shape: tuple[int, ...]
+) -> tuple[Index, Index]:
+    """Of maxima closer than the radius (they are equal, or neither would be one) the first by (row,
+    column).
+    """
     taken = np.zeros(shape, dtype=np.bool_)
     keep = np.zeros(len(rows), dtype=np.bool_)
     for i, (row, col) in enumerate(zip(rows.tolist(), cols.tolist(), strict=True)):
@@ -166,7 +183,7 @@ def _without_ties(rows: Index, cols: Index, radius: int, shape: tuple[int, ...])
 
 
 def _rank_in_group(first: Index, second: Index) -> Index:
-    """Place of each element within its run of equal (first, second); the input is sorted by them."""
+    """Place of each element within its run of equal (first, second); sorted input."""
     if not len(first):
         return np.zeros(0, dtype=np.int64)
     new = np.r_[True, (first[1:] != first[:-1]) | (second[1:] != second[:-1])]

@@ -13,7 +13,8 @@ Mask = NDArray[np.bool_]
 def gather_patches(
     array: NDArray[Any], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
 ) -> NDArray[Any]:
-    """The (2 half + 1)^2 nodes around each (row, col), shape (n, 2 half + 1, 2 half + 1), of the array's own type.
+    """The (2 half + 1)^2 nodes around each (row, col), shape (n, 2 half + 1, 2 half + 1), of the
+    array's own type.
 
     Nodes outside the array are NaN for floats, False for booleans, 0 for whole numbers.
     """
@@ -33,11 +34,13 @@ def gather_patches(
 
 
 def dependence(alone: Mask, full: Mask, valid: Mask | None = None) -> NDArray[np.float64]:
-    """Share of each patch's valid nodes that are lit (or visible) with the fragment alone but not with all terrain, (n,).
+    """Share of each patch's valid nodes that are lit (or visible) with the fragment alone but not
+    with all terrain, (n,).
 
-    ``alone`` and ``full`` (n, p, p) are traced on the same surface, so a difference is terrain outside the patch and nothing
-    else. More terrain can only take light away; should a node be lit in ``full`` alone, it does not count. ``valid`` (default:
-    all nodes) are the nodes with a height; NaN where a patch has none.
+    ``alone`` and ``full`` (n, p, p) are traced on the same surface, so a difference is terrain
+    outside the patch and nothing else. More terrain can only take light away; should a node be lit
+    in ``full`` alone, it does not count. ``valid`` (default: all nodes) are the nodes with a
+    height; NaN where a patch has none.
     """
     lost = alone & ~full
     if valid is None:

@@ -1,4 +1,6 @@
-"""Which candidates become points, what covers each cell, and the id that the same ground has in every build."""
+"""Which candidates become points, what covers each cell, and the id that the same ground has in
+every build.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ _PAIRS = 4_000_000
 
 
 class Status(IntEnum):
-    """What a spacing cell holds, or why it holds nothing; the numbers are those of the catalogue's ``coverage/status``."""
+    """What a spacing cell holds, or why it holds nothing; the numbers are those of the catalogue's
+    ``coverage/status``.
+    """
 
     POINT = 0
     FEATURELESS = 1
@@ -36,15 +40,19 @@ class Status(IntEnum):
     NODATA = 4
 
 
-_BY_STAGE = np.array([Status.FEATURELESS, Status.AMBIGUOUS, Status.DEPENDENT, Status.POINT], dtype=np.uint8)
+_BY_STAGE = np.array(
+    [Status.FEATURELESS, Status.AMBIGUOUS, Status.DEPENDENT, Status.POINT], dtype=np.uint8
+)
 
 
 def stable_id(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Index:
-    """A positive number for a place, the same in every build: (row + 1) * 2^20 + column of a fixed grid of cells.
+    """A positive number for a place, the same in every build: (row + 1) * 2^20 + column of a fixed
+    grid of cells.
 
-    Rows are 0.001 degrees of latitude (30 m) from the south pole; a row has round(360000 cos(latitude of its middle)) columns from
-    longitude 0 eastwards, so cells are about 30 m wide everywhere; the row at either pole is one cell. Longitudes 0 and
-    360 are the same. ValueError for a place that is not one.
+    Rows are 0.001 degrees of latitude (30 m) from the south pole; a row has round(360000
+    cos(latitude of its middle)) columns from longitude 0 eastwards, so cells are about 30 m wide
+    everywhere; the row at either pole is one cell. Longitudes 0 and 360 are the same. ValueError
+    for a place that is not one.
     """
     lon, lat = np.broadcast_arrays(np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64))
     if not (np.isfinite(lon).all() and (np.abs(lat) <= 90.0).all()):
@@ -58,7 +66,8 @@ def stable_id(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Index:
 
 
 def id_to_lonlat(point_id: ArrayLike) -> tuple[Array, Array]:
-    """Longitude (0..360) and latitude, degrees, of the middle of an id's cell; a pole for the cell around it.
+    """Longitude (0..360) and latitude, degrees, of the middle of an id's cell; a pole for the cell
+    around it.
 
     ValueError for a number that is no id.
     """
@@ -88,12 +97,14 @@ def select(
 ) -> Index:
     """Indices of the candidates to keep, in the order of their stable ids.
 
-    Greedy over the whole Moon: most usable conditions first, then the higher quality, then the lower id (then longitude and
-    latitude), whatever the order of the input. Nobody is chosen closer than ``spacing_m`` (along the sphere) to a point chosen
-    before, so every candidate with a usable condition lies less than ``spacing_m`` from a point. ``fill`` < 1 adds a second
-    pass, in the same order, that takes candidates at least ``fill * spacing_m`` from every point: it evens out the gaps that a
-    greedy choice leaves, and ``fill * spacing_m`` is then both the least distance of two points and the bound on the distance
-    from a candidate. Candidates with no usable condition, or with a quality that is NaN, are never chosen, and no id twice.
+    Greedy over the whole Moon: most usable conditions first, then the higher quality, then the
+    lower id (then longitude and latitude), whatever the order of the input. Nobody is chosen closer
+    than ``spacing_m`` (along the sphere) to a point chosen before, so every candidate with a usable
+    condition lies less than ``spacing_m`` from a point. ``fill`` < 1 adds a second pass, in the
+    same order, that takes candidates at least ``fill * spacing_m`` from every point: it evens out
+    the gaps that a greedy choice leaves, and ``fill * spacing_m`` is then both the least distance
+    of two points and the bound on the distance from a candidate. Candidates with no usable
+    condition, or with a quality that is NaN, are never chosen, and no id twice.
     """
     if not (spacing_m > 0.0 and 0.0 < fill <= 1.0):
         raise ValueError("spacing_m must be positive and fill in 0..1")
@@ -113,7 +124,9 @@ def select(
 
 
 class _Spread:
-    """Points chosen so far, in cubes a chord wide, so that a neighbour lies in the same cube or one of the 26 around it."""
+    """Points chosen so far, in cubes a chord wide, so that a neighbour lies in the same cube or one
+    of the 26 around it.
+    """
 
     def __init__(self, spacing_m: float) -> None:
         self.side = max(_chord(spacing_m), 1e-9)
@@ -122,14 +135,23 @@ class _Spread:
         self.ids: set[int] = set()
         span = int(2.0 / self.side) + 4
         self._strides = np.array([span * span, span, 1], dtype=np.int64)
-        self._around = [int(self._strides @ (i, j, k)) for i in (0, -1, 1) for j in (0, -1, 1) for k in (0, -1, 1)]
+        self._around = [
+            int(self._strides @ (i, j, k))
+            for i in (0, -1, 1)
+            for j in (0, -1, 1)
+            for k in (0, -1, 1)
+        ]
 
     def take(self, place: Array, ids: Index, order: Index, distance_m: float) -> Mask:
-        """Choose in the given order whoever is at least ``distance_m`` away from all; which of them were taken."""
+        """Choose in the given order whoever is at least ``distance_m`` away from all; which of them
+        were taken.
+        """
         limit = _chord(distance_m) ** 2
         keys = (np.floor((place[order] + 1.0) / self.side).astype(np.int64) + 1) @ self._strides
         taken = np.zeros(len(order), dtype=np.bool_)
-        rows = zip(order.tolist(), place[order].tolist(), keys.tolist(), ids[order].tolist(), strict=True)
+        rows = zip(
+            order.tolist(), place[order].tolist(), keys.tolist(), ids[order].tolist(), strict=True
+        )
         for slot, (index, (x, y, z), key, point_id) in enumerate(rows):
             if point_id in self.ids or self._crowded(x, y, z, key, limit):
                 continue
@@ -149,8 +171,11 @@ class _Spread:
 
 
 def _chord(distance_m: float) -> float:
-    """Chord on the unit sphere of a distance along the reference sphere; at most 2."""
-    return 2.0 * math.sin(min(distance_m / (2.0 * MOON_RADIUS_M), math.pi / 2.0))
+    """Chord on the unit sphere of a distance along the reference sphere; more than any chord beyond
+    half a turn.
+    """
+    half_angle = distance_m / (2.0 * MOON_RADIUS_M)
+    return 2.0 * math.sin(half_angle) if half_angle <= math.pi / 2.0 else 3.0
 
 
 def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
@@ -160,11 +185,15 @@ def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
 def nearest(
     lon_deg: ArrayLike, lat_deg: ArrayLike, to_lon_deg: ArrayLike, to_lat_deg: ArrayLike
 ) -> tuple[Index, Array]:
-    """For each place the index of the nearest of the others and the distance along the sphere, metres (-1, inf: there is none).
+    """For each place the index of the nearest of the others and the distance along the sphere,
+    metres (-1, inf: there is none).
 
     Compares every pair: 1e4 with 1e4 takes about 0.3 s. Of equals the first.
     """
-    here, there = _unit(lon_deg, lat_deg).reshape(-1, 3), _unit(to_lon_deg, to_lat_deg).reshape(-1, 3)
+    here, there = (
+        _unit(lon_deg, lat_deg).reshape(-1, 3),
+        _unit(to_lon_deg, to_lat_deg).reshape(-1, 3),
+    )
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
     step = max(1, _PAIRS // len(there))
@@ -182,13 +211,15 @@ def coverage(
     points: Places,
     spacing_m: float,
 ) -> NDArray[np.uint8]:
-    """What each spacing cell holds, as `Status`; places are (longitudes, latitudes) in degrees, cells are given by their centres.
+    """What each spacing cell holds, as `Status`; places are (longitudes, latitudes) in degrees,
+    cells are given by their centres.
 
-    ``stages`` of the candidates: 0 never localisable, 1 never unique as well, 2 never independent as well, 3 usable. A candidate counts
-    for the cell whose centre is nearest, within one spacing.
-    POINT: a point lies within one spacing of the centre, or a usable candidate lies in the cell (and then, by `select`, a point
-    within one spacing of that candidate). Else the furthest stage that a candidate of the cell reached: DEPENDENT, AMBIGUOUS, or
-    FEATURELESS, also where there is no candidate. NODATA: no ground, no point near and no candidate.
+    ``stages`` of the candidates: 0 never localisable, 1 never unique as well, 2 never independent
+    as well, 3 usable. A candidate counts for the cell whose centre is nearest, within one spacing.
+    POINT: a point lies within one spacing of the centre, or a usable candidate lies in the cell
+    (and then, by `select`, a point within one spacing of that candidate). Else the furthest stage
+    that a candidate of the cell reached: DEPENDENT, AMBIGUOUS, or FEATURELESS, also where there is
+    no candidate. NODATA: no ground, no point near and no candidate.
     """
     best = np.where(np.asarray(has_ground, dtype=np.bool_), 0, -1)
     cell, away_m = nearest(*candidates, *cells)
@@ -199,7 +230,8 @@ def coverage(
 
 
 def largest_hole(cells: Places, status: NDArray[np.uint8], points: Places) -> float:
-    """Greatest distance, metres, from the centre of a cell that is neither featureless nor without data to its nearest point.
+    """Greatest distance, metres, from the centre of a cell that is neither featureless nor without
+    data to its nearest point.
 
     0 where there is no such cell, infinite where there is one and no point.
     """

@@ -1,0 +1,40 @@
+"""``lcp inspect``: what is in a catalogue, and whether it is intact."""
+
+# ruff: noqa: PLC0415 - the library is imported when the command runs, so that --help is quick
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+EXIT_NOT_INTACT = 4
+
+
+@click.command()
+@click.argument("catalog", metavar="CATALOG.h5", type=click.Path(exists=True, dir_okay=False))
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+def command(catalog: str, as_json: bool) -> int:
+    """Say what is in a catalogue, and whether it is intact.
+
+    Every dataset is read and its checksum, its shape and its values are checked. The exit code is 4
+    when something is wrong. The usable share is that of the evaluated conditions.
+    """
+    from lcp_catalog.report import describe
+
+    found = describe(catalog)
+    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
+    return 0 if found["intact"] else EXIT_NOT_INTACT
+
+
+def _text(path: str, found: dict[str, Any]) -> str:
+    from lcp_catalog.report import summary_rows
+
+    lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
+    lines += [f"  {problem}" for problem in found["problems"]]
+    if found["points"] is not None:
+        lines[0] += f", schema {found['schema_version']}, made by {found['software']}"
+        lines += [f"{name:14} {text}" for name, text in summary_rows(found)]
+        lines += [f"{'source':14} {s['name']}, {s['size']} bytes" for s in found["sources"]]
+    return "\n".join(lines)

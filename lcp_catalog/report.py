@@ -1,0 +1,555 @@
+"""What a catalogue holds, for people: a summary as one model for text and JSON, and a page that needs nothing but itself."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .catalog import Catalog, evaluated, read_catalog, usable, verify
+from .charts import (
+    STEPS,
+    Map,
+    Mark,
+    SunDisc,
+    data_uri,
+    hillshade,
+    histogram,
+    number,
+    shade_class,
+    symbol,
+)
+from .errors import CatalogError
+from .files import check_output, write_bytes
+from .schema import COVERAGE_STATUS, SCHEMA_VERSION
+from .sphere import EnuFrame, lonlat_to_mcmf
+
+Array = NDArray[Any]
+
+CARDS_MAX = 60
+"""Patches that a page shows; of more points a third are the best, a third the worst, a third a sample between."""
+
+HOLES = {
+    "featureless": ("ring", "hole", "nothing that localises"),
+    "ambiguous": (
+        "cross",
+        "hole",
+        "localises, but looks like other ground within the search radius",
+    ),
+    "dependent": ("triangle", "hole", "unique, but shadowed or hidden by relief outside the patch"),
+    "nodata": ("square", "hole", "no heights in the elevation model"),
+}
+"""Symbol, class and meaning of a spacing cell without a point."""
+
+
+# -- the model
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Shares of usable conditions of a catalogue, from its flags."""
+
+    catalog: Catalog
+
+    @cached_property
+    def _usable(self) -> Array:
+        return usable(self.catalog.condition)
+
+    @cached_property
+    def _evaluated(self) -> Array:
+        return evaluated(self.catalog.condition)
+
+    def _share(self, axis: tuple[int, ...] | None) -> Array:
+        """Usable among evaluated conditions, summed over axes; NaN where nothing was evaluated."""
+        good, all_ = self._usable.sum(axis=axis), self._evaluated.sum(axis=axis)
+        return np.where(all_ > 0, good / np.maximum(all_, 1), np.nan)
+
+    @cached_property
+    def share(self) -> float:
+        """Of all points' evaluated conditions the share that is usable."""
+        return float(self._share(None))
+
+    @cached_property
+    def by_point(self) -> Array:
+        return self._share((1, 2, 3))
+
+    @cached_property
+    def by_view(self) -> Array:
+        return self._share((0, 2, 3))
+
+    @cached_property
+    def by_view_and_sun(self) -> Array:
+        """(view, sun_elevation, sun_azimuth)"""
+        return self._share((0,))
+
+    @cached_property
+    def by_point_and_sun(self) -> Array:
+        """(point, sun_elevation, sun_azimuth), over the views"""
+        return self._share((1,))
+
+    @cached_property
+    def suns(self) -> int:
+        """Sun cells that were evaluated for at least one point."""
+        return int(self._evaluated.any(axis=(0, 1)).sum())
+
+
+def describe(path: Path | str) -> dict[str, Any]:
+    """What is in a catalogue, and whether it is intact, as plain values; what cannot be read is None.
+
+    Never raises for a bad file: ``intact`` is false then and ``problems`` say why. ``usable_share`` is the share of all evaluated
+    conditions (points x views x Suns) that are usable; ``bounds`` are those of the points, with west above east where they
+    cross the prime meridian.
+    """
+    problems = verify(path)
+    found: dict[str, Any] = {
+        "points": None,
+        "usable_share": None,
+        "intact": not problems,
+        "problems": problems,
+    }
+    found |= {"schema_version": None, "sources": None, "bounds": None}
+    try:
+        catalog = read_catalog(path)
+    except CatalogError as error:
+        if not problems:  # it changed meanwhile
+            found |= {"intact": False, "problems": [str(error)]}
+        return found
+    return found | summary(catalog)
+
+
+def summary(catalog: Catalog) -> dict[str, Any]:
+    """The figures of a catalogue as plain values, ready for JSON."""
+    statistics = Statistics(catalog)
+    return {
+        "points": len(catalog),
+        "usable_share": _plain(statistics.share),
+        "schema_version": SCHEMA_VERSION,
+        "software": f"lcp-catalog {catalog.software_version}",
+        "sources": catalog.sources,
+        "bounds": bounds(catalog.longitude, catalog.latitude),
+        "region": _region(catalog),
+        "spacing_m": catalog.coverage.spacing_m,
+        "patch_nodes": catalog.patch_nodes,
+        "gsd_m": _range(catalog.gsd),
+        "products": dict(sorted(Counter(catalog.dem_product.tolist()).items())),
+        "suns_evaluated": statistics.suns,
+        "sun_elevation_deg": _range(catalog.sun_elevation),
+        "views": _views(catalog, statistics),
+        "localization_sigma_m": _percentiles(catalog.localization_sigma[:, 0]),
+        "second_peak": _percentiles(catalog.second_peak),
+        "coverage": _coverage(catalog),
+    }
+
+
+def bounds(lon_deg: Array, lat_deg: Array) -> dict[str, float] | None:
+    """The narrowest box of longitudes (0..360) and latitudes around points; None without any."""
+    if not len(lon_deg):
+        return None
+    lon = np.sort(np.asarray(lon_deg) % 360.0)
+    gaps = np.diff(np.append(lon, lon[0] + 360.0))
+    widest = int(np.argmax(gaps))
+    west, east = lon[(widest + 1) % len(lon)], lon[widest]
+    return {
+        "west": float(west),
+        "south": float(np.min(lat_deg)),
+        "east": float(east),
+        "north": float(np.max(lat_deg)),
+    }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _range(values: Array) -> list[float] | None:
+    return [float(values.min()), float(values.max())] if len(values) else None
+
+
+def _percentiles(values: Array) -> dict[str, float] | None:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
+    return {"p05": float(low), "median": float(middle), "p95": float(high)}
+
+
+def _region(catalog: Catalog) -> dict[str, float]:
+    view = catalog.overview
+    cell = abs(float(view.x[1] - view.x[0])) if len(view.x) > 1 else 0.0
+    return {
+        "center_lon": view.center_lon,
+        "center_lat": view.center_lat,
+        "width_km": len(view.x) * cell / 1e3,
+        "height_km": len(view.y) * cell / 1e3,
+    }
+
+
+def _views(catalog: Catalog, statistics: Statistics) -> list[dict[str, Any]]:
+    altitudes = catalog.view_altitude
+    return [
+        {
+            "off_nadir_deg": float(catalog.view_off_nadir[k]),
+            "azimuth_deg": float(catalog.view_azimuth[k]),
+            "altitude_km": _plain(altitudes[k]),
+            "usable_share": _plain(statistics.by_view[k]),
+        }
+        for k in range(len(altitudes))
+    ]
+
+
+def _coverage(catalog: Catalog) -> dict[str, int]:
+    return {
+        name: int(np.count_nonzero(catalog.coverage.status == code))
+        for code, name in COVERAGE_STATUS.items()
+    }
+
+
+def view_name(view: dict[str, Any]) -> str:
+    """A viewpoint in words."""
+    where = "straight down"
+    if view["off_nadir_deg"]:
+        where = f"{view['off_nadir_deg']:g}° off nadir, camera at azimuth {view['azimuth_deg']:g}°"
+    high = "parallel rays" if view["altitude_km"] is None else f"{view['altitude_km']:g} km high"
+    return f"{where}, {high}"
+
+
+def percent(share: float | None) -> str:
+    """A share for people; a dash for none."""
+    return "–" if share is None or not np.isfinite(share) else f"{100 * share:.1f} %"
+
+
+def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """A `summary` as names and lines for people."""
+    region, box, gsd = found["region"], found["bounds"], found["gsd_m"]
+    rows = [
+        ("points", str(found["points"])),
+        (
+            "region",
+            f"{region['width_km']:.4g} x {region['height_km']:.4g} km around {region['center_lon']:.4f}° E {region['center_lat']:.4f}° N",
+        ),
+    ]
+    if box:
+        text = f"{box['west']:.4f} to {box['east']:.4f}° E, {box['south']:.4f} to {box['north']:.4f}° N"
+        rows.append(("points within", text))
+    cell = "" if gsd is None else f" of {' to '.join(dict.fromkeys(number(g, 4) for g in gsd))} m"
+    rows += [
+        ("patches", f"{found['patch_nodes']} x {found['patch_nodes']} nodes{cell}"),
+        ("spacing", f"{number(found['spacing_m'], 4)} m"),
+        ("DEM", ", ".join(f"{name} ({count})" for name, count in found["products"].items()) or "–"),
+        ("Suns", _suns_line(found)),
+        (
+            "usable",
+            f"{percent(found['usable_share'])} of the evaluated conditions (points x views x Suns)",
+        ),
+    ]
+    rows += [
+        (f"  view {k}", f"{percent(v['usable_share'])}  {view_name(v)}")
+        for k, v in enumerate(found["views"])
+    ]
+    for name, key, unit in (
+        ("sigma", "localization_sigma_m", " m"),
+        ("second peak", "second_peak", ""),
+    ):
+        figures = found[key]
+        if figures:
+            low, middle, high = (number(figures[p]) for p in ("p05", "median", "p95"))
+            rows.append((name, f"{middle}{unit} in the median, 5..95 %: {low} to {high}{unit}"))
+    rows.append(
+        ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
+    )
+    return rows
+
+
+def _suns_line(found: dict[str, Any]) -> str:
+    low, high = found["sun_elevation_deg"]
+    return f"{found['suns_evaluated']} directions evaluated, elevations {low:g} to {high:g}°"
+
+
+# -- the page
+
+
+def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool = False) -> None:
+    """Draw a catalogue as one page. Raises CatalogError for a catalogue that cannot be read, and as `files.check_output` does."""
+    check_output(output, overwrite)
+    page = render_report(read_catalog(catalog_path), Path(catalog_path).name)
+    write_bytes(output, page.encode("utf-8"), overwrite)
+
+
+def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> str:
+    """The page as HTML that refers to nothing outside itself; equal catalogues give equal text."""
+    statistics, found = Statistics(catalog), summary(catalog)
+    disc = SunDisc(catalog.sun_elevation, catalog.sun_azimuth)
+    title = escape(f"{catalog.title}: {name}")
+    body = [
+        f"<header><h1>{escape(catalog.title)}</h1><p class='file'>{escape(name)}</p></header>",
+        _facts(found),
+        _map_section(catalog, statistics),
+        _validity_section(statistics, found, disc),
+        _figures_section(catalog),
+        _cards_section(catalog, statistics, disc, cards_max),
+        _provenance(catalog),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n'
+        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{disc.definitions()}\n<main>\n"
+        + "\n".join(body)
+        + f"\n</main>\n<script>{_SCRIPT}</script>\n</body>\n</html>\n"
+    )
+
+
+def _facts(found: dict[str, Any]) -> str:
+    sigma, coverage = found["localization_sigma_m"], found["coverage"]
+    ground = sum(coverage.values()) - coverage["nodata"]
+    tiles = [
+        (str(found["points"]), "control points"),
+        (percent(found["usable_share"]), "of the evaluated conditions are usable"),
+        (
+            "–" if sigma is None else f"{number(sigma['median'])} m",
+            "median localisation, 1 sigma, worst usable condition",
+        ),
+        (
+            percent(coverage["point"] / ground if ground else None),
+            "of the spacing cells with ground have a point near",
+        ),
+    ]
+    shown = "".join(
+        f"<div class='tile'><strong>{value}</strong><span>{text}</span></div>"
+        for value, text in tiles
+    )
+    rows = "".join(
+        f"<dt>{escape(name.strip())}</dt><dd>{escape(text)}</dd>"
+        for name, text in summary_rows(found)
+        if not name.startswith(" ") and name != "points"
+    )
+    return f"<section><div class='tiles'>{shown}</div><dl>{rows}</dl></section>"
+
+
+def _map_section(catalog: Catalog, statistics: Statistics) -> str:
+    view = catalog.overview
+    chart = Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+    drawn = chart.draw(
+        [*_hole_marks(catalog, chart), *_point_marks(catalog, statistics, chart)],
+        "map of the control points",
+    )
+    return (
+        "<section><h2>Where the points are</h2>"
+        f"<figure>{drawn}<figcaption>{_ramp('usable share of a point’s evaluated conditions')}{_hole_legend(catalog)}"
+        "<p>Relief lit from the north-west, 45° high; north is up at the centre (orthographic).</p></figcaption></figure></section>"
+    )
+
+
+def _point_marks(catalog: Catalog, statistics: Statistics, chart: Map) -> list[Mark]:
+    places = chart.frame.from_mcmf(catalog.position_mcmf)
+    order = np.argsort(statistics.by_point, kind="stable")
+    return [
+        Mark(
+            float(places[i, 0]),
+            float(places[i, 1]),
+            "dot",
+            shade_class(float(np.nan_to_num(statistics.by_point[i]))),
+            f"{catalog.point_id[i]}: {percent(statistics.by_point[i])} usable",
+        )
+        for i in order
+    ]
+
+
+def _hole_marks(catalog: Catalog, chart: Map) -> list[Mark]:
+    cells = catalog.coverage
+    places = chart.frame.from_mcmf(lonlat_to_mcmf(cells.longitude, cells.latitude))
+    return [
+        Mark(float(x), float(y), *HOLES[COVERAGE_STATUS[int(code)]][:2], COVERAGE_STATUS[int(code)])
+        for (x, y, _), code in zip(places, cells.status, strict=True)
+        if COVERAGE_STATUS[int(code)] in HOLES
+    ]
+
+
+def _hole_legend(catalog: Catalog) -> str:
+    counts = _coverage(catalog)
+    entries = "".join(
+        f"<li>{symbol(shape, css)} <b>{name}</b> {counts[name]}: {meaning}</li>"
+        for name, (shape, css, meaning) in HOLES.items()
+        if counts[name]
+    )
+    return (
+        f"<p>Cells without a point near:</p><ul class='holes'>{entries}</ul>"
+        if entries
+        else "<p>No holes.</p>"
+    )
+
+
+def _ramp(text: str) -> str:
+    boxes = "".join(f"<i class='b{k}'></i>" for k in range(STEPS))
+    return (
+        f"<p class='ramp'><span>{text}:</span> <span class='scale-of'>0 % {boxes} 100 %</span></p>"
+    )
+
+
+def _validity_section(statistics: Statistics, found: dict[str, Any], disc: SunDisc) -> str:
+    figures = "".join(
+        f"<figure>{disc.draw(share, f'usable share by Sun, view {k}', large=True)}"
+        f"<figcaption><b>{escape(view_name(view)).capitalize()}</b><br>{percent(view['usable_share'])} usable</figcaption></figure>"
+        for k, (share, view) in enumerate(
+            zip(statistics.by_view_and_sun, found["views"], strict=True)
+        )
+    )
+    return (
+        "<section><h2>Under which Suns they serve</h2><p>The Sun’s sky over a point: the outer circle is the horizon, the centre the zenith, "
+        "azimuth clockwise from north. Coloured cells were evaluated; elsewhere the Sun never comes.</p>"
+        f"{_ramp('share of the points that are usable')}<div class='discs'>{figures}</div></section>"
+    )
+
+
+def _figures_section(catalog: Catalog) -> str:
+    charts = [
+        ("Localisation, 1 sigma, major axis (m)", catalog.localization_sigma[:, 0], "m"),
+        ("Second peak of correlation", catalog.second_peak, ""),
+        ("Cell size of the patches (m)", catalog.gsd, "m"),
+        ("Coarsest useful image resolution (m)", catalog.gsd_max, "m"),
+    ]
+    figures = "".join(
+        f"<figure><h3>{title}</h3>{histogram(values, unit, title)}</figure>"
+        for title, values, unit in charts
+    )
+    return (
+        "<section><h2>How well they work</h2><p>Localisation and second peak are those of each point’s worst usable condition.</p>"
+        f"<div class='histograms'>{figures}</div></section>"
+    )
+
+
+def _chosen(statistics: Statistics, most: int) -> tuple[Array, str]:
+    """Which points get a card, best first, and the sentence that says so."""
+    order = np.argsort(-np.nan_to_num(statistics.by_point), kind="stable")
+    if len(order) <= most:
+        return order, f"All {len(order)} points, the most widely usable first."
+    third = most // 3
+    between = order[third:-third]
+    sample = between[np.linspace(0, len(between) - 1, most - 2 * third).astype(int)]
+    text = f"{most} of {len(order)} points: the {third} most widely usable, the {third} least, and an even sample between."
+    return np.concatenate([order[:third], sample, order[-third:]]), text
+
+
+def _cards_section(catalog: Catalog, statistics: Statistics, disc: SunDisc, most: int) -> str:
+    chosen, text = _chosen(statistics, most)
+    if not len(chosen):
+        return "<section><h2>The patches</h2><p>The catalogue has no points.</p></section>"
+    orders = (
+        ("usable", "share usable"),
+        ("sigma", "sigma"),
+        ("peak", "second peak"),
+        ("id", "identifier"),
+    )
+    options = "".join(f"<option value='{value}'>{name}</option>" for value, name in orders)
+    cards = "".join(_card(catalog, statistics, disc, int(i)) for i in chosen)
+    views = len(catalog.view_off_nadir)
+    discs = "share of the views" if views > 1 else "usable or not"
+    return (
+        f"<section><h2>The patches</h2><p>{text} Relief lit from the north-west; the disc is the Sun’s sky over the point ({discs}).</p>"
+        f"<p class='sort'><label>Order by <select id='order'>{options}</select></label></p><div class='cards' id='cards'>{cards}</div></section>"
+    )
+
+
+def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> str:
+    picture = data_uri(hillshade(catalog.dem[i], float(catalog.gsd[i])))
+    share, sigma = float(statistics.by_point[i]), catalog.localization_sigma[i]
+    size_km = (catalog.patch_nodes - 1) * float(catalog.gsd[i]) / 1e3
+    rows = (
+        (
+            "place",
+            f"{catalog.longitude[i]:.4f}° E, {catalog.latitude[i]:.4f}° N, {catalog.elevation[i]:.0f} m",
+        ),
+        ("usable", percent(share)),
+        ("sigma", f"{number(float(sigma[0]))} x {number(float(sigma[1]))} m"),
+        ("second peak", number(float(catalog.second_peak[i]))),
+        ("false match", number(float(catalog.false_match_probability[i]), 2)),
+        (
+            "image",
+            f"{number(float(catalog.gsd_min[i]))} to {number(float(catalog.gsd_max[i]))} m a pixel",
+        ),
+    )
+    facts = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in rows)
+    keys = {
+        "usable": -share,
+        "sigma": float(sigma[0]),
+        "peak": float(catalog.second_peak[i]),
+        "id": int(catalog.point_id[i]),
+    }
+    data = " ".join(
+        f'data-{name}="{json.dumps(value) if value == value else 1e300}"'
+        for name, value in keys.items()
+    )
+    small = disc.draw(
+        statistics.by_point_and_sun[i], f"Suns under which point {catalog.point_id[i]} is usable"
+    )
+    return (
+        f'<article {data}><h3>{catalog.point_id[i]}</h3><div class="pair"><img src="{picture}" alt="relief of the patch, {number(size_km)} km wide"'
+        f">{small}</div><dl>{facts}</dl></article>"
+    )
+
+
+def _provenance(catalog: Catalog) -> str:
+    sources = "".join(
+        f"<li><b>{escape(str(s.get('name', '')))}</b>, {escape(str(s.get('size', '')))} bytes<br><code>sha256 {escape(str(s.get('sha256', '')))}</code></li>"
+        for s in catalog.sources
+    )
+    plan = json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False)
+    return (
+        "<section><h2>Where it comes from</h2>"
+        f"<p>Made by lcp-catalog {escape(catalog.software_version)}, schema {SCHEMA_VERSION}, from:</p><ul class='sources'>{sources}</ul>"
+        f"<details><summary>Configuration</summary><pre>{escape(catalog.config)}</pre></details>"
+        f"<details><summary>What was modelled, and why</summary><pre>{escape(plan)}</pre></details></section>"
+    )
+
+
+_STYLE = """
+:root{color-scheme:light dark;--bg:#fbfbf9;--card:#fff;--ink:#1c1d20;--soft:#5d6068;--line:#d9dade;--void:#eeeeec;
+--r0:#440f54;--r1:#414487;--r2:#2a788e;--r3:#22a884;--r4:#7ad151;--r5:#f2d91c}
+@media (prefers-color-scheme:dark){:root{--bg:#15161a;--card:#1e2026;--ink:#e9e9ec;--soft:#a0a3ad;--line:#383b44;--void:#2a2c33;--r0:#6b2a80;--r1:#5560ad}}
+*{box-sizing:border-box}
+body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
+main{max-width:1120px;margin:0 auto;padding:24px 20px 64px}
+h1{font-size:1.7rem;line-height:1.2;margin:0}h2{font-size:1.25rem;margin:44px 0 8px}h3{font-size:.95rem;margin:0 0 6px}
+p{margin:6px 0;max-width:72ch}.file,.none{color:var(--soft);margin:2px 0 0;overflow-wrap:anywhere}
+.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px;margin:22px 0}
+.tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px 14px}
+.tile strong{display:block;font-size:1.6rem;line-height:1.2}.tile span{color:var(--soft);font-size:.86rem}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:2px 16px;margin:0}dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere;min-width:0}
+figure{margin:0}figcaption{font-size:.88rem;color:var(--soft)}figcaption b{color:var(--ink)}
+svg{display:block;max-width:100%;font:12px system-ui,sans-serif}svg text{fill:var(--soft)}.defs{position:absolute}
+.map{width:100%;height:auto;font-size:14px}.frame{fill:none;stroke:var(--line)}
+.graticule polyline{fill:none;stroke:#fff;stroke-opacity:.35;stroke-width:1}.scale path{fill:none;stroke:var(--ink);stroke-width:1.6}
+.halo{fill:none;stroke:#111;stroke-width:3.2;stroke-opacity:.75}.hole{fill:none;stroke:#ffe9c9;stroke-width:1.4}
+.c0{fill:var(--r0)}.c1{fill:var(--r1)}.c2{fill:var(--r2)}.c3{fill:var(--r3)}.c4{fill:var(--r4)}.c5{fill:var(--r5)}
+.marks .c0,.marks .c1,.marks .c2,.marks .c3,.marks .c4,.marks .c5{stroke:#fff;stroke-width:1}
+.holes{list-style:none;padding:0;margin:4px 0;display:grid;gap:2px}.key{display:inline-block;width:18px;height:18px;vertical-align:-4px;background:#77787c;border-radius:3px}
+.ramp{display:flex;flex-wrap:wrap;gap:2px 10px;align-items:center}.scale-of{display:inline-flex;align-items:center;gap:2px;white-space:nowrap}
+.ramp i{display:inline-block;width:26px;height:12px;border-radius:2px}.ramp i:first-of-type{margin-left:6px}.ramp i:last-of-type{margin-right:6px}
+.b0{background:var(--r0)}.b1{background:var(--r1)}.b2{background:var(--r2)}.b3{background:var(--r3)}.b4{background:var(--r4)}.b5{background:var(--r5)}
+.horizon{fill:var(--void);stroke:var(--soft);stroke-width:.8}.disc use{stroke:var(--bg);stroke-width:.7}
+.ring{fill:none;stroke:var(--soft);stroke-width:.5;stroke-dasharray:2 3}.tick,.axis{stroke:var(--soft);fill:none}.small{font-size:9px}
+.disc .names text{text-anchor:middle}
+.discs{display:grid;grid-template-columns:repeat(auto-fit,minmax(240px,1fr));gap:18px;margin-top:12px}.discs .disc{width:100%;max-width:340px;margin:0 auto}
+.discs figcaption{text-align:center}
+.histograms{display:grid;grid-template-columns:repeat(auto-fit,minmax(260px,1fr));gap:24px;margin-top:14px}.histogram{width:100%;max-width:420px}
+.bars rect{fill:var(--r2)}.ticks text{text-anchor:middle;font-size:11px}.single strong{font-size:1.3rem}
+.cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:14px;margin-top:10px}
+article{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}article dl{font-size:.84rem;gap:0 10px;margin-top:8px}
+.pair{display:grid;grid-template-columns:1fr 1fr;gap:8px;align-items:center}.pair img{width:100%;aspect-ratio:1;border-radius:4px;background:var(--void)}
+.pair .disc{width:100%}.sources{padding-left:18px}code,pre{font:12px/1.5 ui-monospace,Menlo,Consolas,monospace}code{overflow-wrap:anywhere}
+pre{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}summary{cursor:pointer;padding:6px 0}
+select{font:inherit;color:inherit;background:var(--card);border:1px solid var(--line);border-radius:6px;padding:2px 6px}
+@media (max-width:520px){main{padding:16px 14px 48px}dl{grid-template-columns:1fr;gap:0}dl dd{margin-bottom:6px}article dl{grid-template-columns:max-content 1fr}article dl dd{margin:0}.map{font-size:25px}}
+"""
+
+_SCRIPT = """
+document.getElementById('order')?.addEventListener('change',e=>{const box=document.getElementById('cards'),key=e.target.value;
+[...box.children].sort((a,b)=>a.dataset[key]-b.dataset[key]).forEach(c=>box.append(c))});
+"""

@@ -1,0 +1,198 @@
+"""Corners: contrast does not matter, gaps do not answer, moving shadows do not last, candidates are
+spread evenly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcp_catalog.landmarks.corners import (
+    Persistence,
+    candidates,
+    fill_missing,
+    harris,
+    relative_response,
+)
+
+
+def bumps(centres, shape=(96, 96), sigma=3.0, level=1.0):
+    row, col = np.mgrid[0 : shape[0], 0 : shape[1]]
+    image = np.full(shape, level)
+    for r, c in centres:
+        image += 0.5 * np.exp(-((row - r) ** 2 + (col - c) ** 2) / (2 * sigma**2))
+    return image.astype(np.float32)
+
+
+def noise(seed, shape=(96, 96)):
+    return (1.0 + 0.1 * np.random.default_rng(seed).normal(size=shape)).astype(np.float32)
+
+
+def naive_harris(image, block, k):
+    """Sums of Sobel gradients in plain NumPy, cv2's scale (1 / (4 block) of 8-bit-free images),
+    inner nodes only.
+    """
+    z = np.pad(image.astype(float), 1, mode="reflect")
+    gx = (z[:-2, 2:] + 2 * z[1:-1, 2:] + z[2:, 2:]) - (z[:-2, :-2] + 2 * z[1:-1, :-2] + z[2:, :-2])
+    gy = (z[2:, :-2] + 2 * z[2:, 1:-1] + z[2:, 2:]) - (z[:-2, :-2] + 2 * z[:-2, 1:-1] + z[:-2, 2:])
+    window = np.lib.stride_tricks.sliding_window_view
+    xx, yy, xy = (window(g, (block, block)).sum(axis=(2, 3)) for g in (gx * gx, gy * gy, gx * gy))
+    xx, yy, xy = (m / (4.0 * block) ** 2 for m in (xx, yy, xy))
+    return xx * yy - xy**2 - k * (xx + yy) ** 2
+
+
+def test_the_response_is_that_of_harris_and_stephens():
+    image = noise(1, (40, 50))
+    low, high = np.percentile(image, [15.865, 84.135])
+    expected = naive_harris(image / ((high - low) / 2.0), 7, 0.04)
+    found = harris(image)[3:-3, 3:-3]
+    inner = np.isfinite(found)
+    assert inner.sum() == (40 - 8) * (50 - 8)
+    np.testing.assert_allclose(found[inner], expected[inner], rtol=2e-3, atol=1e-4 * expected.max())
+
+
+@given(st.floats(1e-3, 1e3))
+def test_brightness_does_not_matter(factor):
+    image = noise(2, (48, 48))
+    scaled = (image * factor).astype(np.float32)
+    np.testing.assert_allclose(relative_response(scaled), relative_response(image), atol=2e-3)
+
+
+def test_a_shifted_image_has_shifted_corners():
+    image = noise(3)
+    whole, part = harris(image), harris(np.ascontiguousarray(image[8:, 5:]))
+    ratio = whole[8:, 5:] / part  # the contrast of the part is a little another
+    known = np.isfinite(ratio)
+    assert np.ptp(ratio[known & (np.abs(part) > 1e-3 * np.nanmax(part))]) < 1e-2
+
+
+@pytest.mark.parametrize("flip", [np.flipud, np.fliplr, np.transpose])
+def test_a_mirrored_image_has_mirrored_corners(flip):
+    image = bumps([(30, 40), (60, 25), (50, 70)]) + noise(4) * 0.01
+    mirrored = relative_response(np.ascontiguousarray(flip(image)))
+    np.testing.assert_allclose(mirrored, flip(relative_response(image)), atol=1e-4)
+
+
+def test_a_gap_answers_nothing_and_makes_no_corner_beside_it():
+    image = bumps([(30, 30)])
+    image[60:70, 60:70] = np.nan
+    response = harris(image)
+    assert np.isnan(response[56:74, 56:74]).all()  # a window of 7 and a Sobel of 3 reach 4 nodes
+    assert np.isfinite(response[:50, :50][4:, 4:]).all()
+    assert np.unravel_index(np.nanargmax(response), response.shape)[0] < 45
+
+
+def test_an_image_without_light_or_contrast_has_no_corners():
+    for image in (np.zeros((30, 30)), np.ones((30, 30)), np.full((30, 30), np.nan)):
+        assert (np.nan_to_num(relative_response(image.astype(np.float32))) == 0.0).all()
+
+
+def test_missing_nodes_are_filled_with_what_is_around_them():
+    image = np.ones((20, 20), np.float32)
+    image[:, 10:] = 3.0
+    image[2, 2] = image[15, 17] = np.nan
+    filled = fill_missing(image, 5)
+    assert filled[2, 2] == pytest.approx(1.0)
+    assert filled[15, 17] == pytest.approx(3.0)
+    assert np.isnan(image[2, 2])  # the caller's array is his
+    far = np.full((20, 20), np.nan, np.float32)
+    far[0, 0], far[0, 1] = 1.0, 2.0
+    assert fill_missing(far, 3)[19, 19] == pytest.approx(1.5)
+
+
+def moving_shadow(step):
+    """Three bumps, and the corner of a shadow that lies elsewhere under every Sun."""
+    image = bumps([(30, 30), (70, 34), (40, 74)])
+    image[10 + 6 * step : 22 + 6 * step, 52:64] = 0.0
+    return image
+
+
+def test_persistence_keeps_ground_and_drops_shadow_edges():
+    one = relative_response(moving_shadow(4))
+    shadow, ground = np.s_[30:50, 47:69], np.s_[24:37, 24:37]
+    assert np.nanmax(one[shadow]) > 1.5 * np.nanmax(
+        one[ground]
+    )  # in a single image the shadow wins
+    persistence = Persistence((96, 96))
+    for step in range(12):
+        persistence.add(moving_shadow(step))
+    score = persistence.score()
+    assert score[ground].max() > 1.25 * score[:, 46:70].max()
+    assert persistence.conditions == 12
+    assert persistence.lit[30, 30] == 12
+    assert persistence.lit[45, 55] < 12
+
+
+def test_the_score_is_a_mean_over_all_conditions():
+    image, dark = noise(5), np.zeros((96, 96), np.float32)
+    once, half = Persistence((96, 96)), Persistence((96, 96))
+    assert (once.score() == 0.0).all()
+    once.add(image)
+    half.add(image)
+    half.add(dark)
+    np.testing.assert_allclose(half.score(), once.score() / 2.0)
+    assert 0.0 <= once.score().min() <= once.score().max() <= 1.0
+
+
+def test_candidates_are_found_where_they_are():
+    score = bumps([(30, 40), (60, 25)], level=0.0)
+    rows, cols = candidates(score, spacing_px=32, per_cell=1, border=8)
+    assert {(30, 40), (60, 25)} <= set(zip(rows.tolist(), cols.tolist(), strict=True))
+
+
+@given(st.integers(0, 10_000), st.integers(6, 30), st.integers(1, 4), st.integers(0, 12))
+def test_no_cell_has_too_many_and_no_two_are_neighbours(seed, spacing, per_cell, border):
+    score = np.abs(noise(seed, (60, 70)))
+    rows, cols = candidates(score, spacing, per_cell, border, radius=3)
+    assert (rows >= border).all()
+    assert (rows < 60 - border).all()
+    assert (cols >= border).all()
+    assert (cols < 70 - border).all()
+    _, counts = np.unique(np.stack([rows // spacing, cols // spacing]), axis=1, return_counts=True)
+    assert counts.max(initial=0) <= per_cell
+    apart = np.maximum(np.abs(rows[:, None] - rows), np.abs(cols[:, None] - cols))
+    assert (apart[~np.eye(len(rows), dtype=bool)] > 3).all()
+    for r, c in zip(rows, cols, strict=True):
+        block = np.s_[
+            max(border, r - 3) : min(60 - border, r + 4),
+            max(border, c - 3) : min(70 - border, c + 4),
+        ]
+        assert score[r, c] == score[block].max()
+
+
+def test_the_best_of_a_cell_are_kept():
+    score = np.zeros((40, 40), np.float32)
+    for value, row in ((0.3, 5), (0.9, 15), (0.6, 25)):
+        score[row, 20] = value
+    rows, _ = candidates(score, spacing_px=40, per_cell=2, border=2, radius=3)
+    assert rows.tolist() == [15, 25]
+
+
+def test_equals_are_decided_by_row_and_column():
+    score = np.ones((30, 30), np.float32)
+    rows, cols = candidates(score, spacing_px=30, per_cell=1, border=3, radius=4)
+    assert (rows.tolist(), cols.tolist()) == ([3], [3])
+
+
+def test_only_valid_nodes_with_a_positive_score():
+    score = bumps([(30, 40)], level=0.0)
+    valid = np.ones_like(score, dtype=bool)
+    valid[25:36, 35:46] = False
+    rows, cols = candidates(score, 96, 9, 8, valid=valid)
+    assert valid[rows, cols].all()
+    assert candidates(np.zeros((50, 50), np.float32), 10, 3, 2)[0].size == 0
+    assert candidates(score, 10, 3, 60)[0].size == 0
+
+
+def test_cells_are_fixed_on_the_grid_and_not_on_the_array():
+    score = np.abs(noise(7, (128, 128)))
+    rows, cols = candidates(score, 16, 1, 8, origin=(1000, -500))
+    part = np.ascontiguousarray(score[37:, 21:])
+    again = candidates(part, 16, 1, 8, origin=(1037, -479))
+    inside = (rows >= 37 + 24) & (cols >= 21 + 24)
+    whole = set(zip(rows[inside].tolist(), cols[inside].tolist(), strict=True))
+    moved = set(zip((again[0] + 37).tolist(), (again[1] + 21).tolist(), strict=True))
+    assert whole <= moved
+    assert len(whole) > 20
