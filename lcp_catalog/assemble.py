@@ -38,10 +38,7 @@ def assemble(
     dems = DemSet.open(dem_paths)
     everything = _joined(results)
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
-    usable = (everything.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
-    usable[usable < config.points.min_usable_conditions] = 0
-    chosen = select(everything.lon_deg, everything.lat_deg, usable, _quality(everything.evaluation), spacing_m)
-    points = _rows(everything, chosen)
+    points = _rows(everything, choose(everything, config, gsd_m))
     return Catalog(
         **_places(points, dems, gsd_m),
         **_worth(points.evaluation, config, gsd_m),
@@ -56,6 +53,14 @@ def assemble(
         overview=_overview(dems, region, gsd_m),
         coverage=_coverage(dems, region, everything, points, spacing_m),
     )
+
+
+def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
+    """Rows of the candidates that become points: most usable conditions first, then the finest localisation, evenly spread."""
+    usable = (candidates.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
+    usable[usable < config.points.min_usable_conditions] = 0
+    spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
+    return select(candidates.lon_deg, candidates.lat_deg, usable, _quality(candidates.evaluation), spacing_m)
 
 
 def _joined(parts: list[Any]) -> Any:

@@ -1,4 +1,6 @@
-"""The catalogue as an HDF5 file that is also netCDF-4: write, read, verify. Nothing else knows HDF5."""
+"""The catalogue as an HDF5 file that is also netCDF-4: write, read, verify. Nothing else knows
+HDF5.
+"""
 
 from __future__ import annotations
 
@@ -113,7 +115,9 @@ class Overview:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Every spacing cell of the region: whether a point is near, or why there is none (`schema.COVERAGE_STATUS`)."""
+    """Every spacing cell of the region: whether a point is near, or why there is none
+    (`schema.COVERAGE_STATUS`).
+    """
 
     longitude: Array  # (cell,) degrees
     latitude: Array
@@ -123,11 +127,12 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class Catalog:
-    """A catalogue in memory: the variables of the file under their own names (units in docs/catalogue.md).
+    """A catalogue in memory: the variables of the file under their own names (units in
+    docs/catalogue.md).
 
-    n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays are converted to the schema's types; what does
-    not fit together or is out of range is a CatalogError. ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given
-    as JSON text.
+    n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays become the
+    schema's types; what does not fit together or is out of range is a CatalogError.
+    ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON text.
     """
 
     sun_elevation: Array  # (e,) degrees, rising
@@ -266,7 +271,9 @@ def _typed(name: str, value: Any, kind: str) -> Array:
 
 
 def _digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:
-    """SHA-256 over names, shapes and content, so that damage is noticed wherever HDF5 has no checksum of its own."""
+    """SHA-256 over names, shapes and content, so that damage is noticed wherever HDF5 has no
+    checksum of its own.
+    """
     total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
     for name in sorted(values):
         array = values[name]
@@ -282,7 +289,9 @@ def _key(group: str, name: str) -> str:
 
 
 def _variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
-    """Attributes of a variable: unit, meaning, and what CF readers need for flags, text and the views' angles."""
+    """Attributes of a variable: unit, meaning, and what CF readers need for flags, text and the
+    views' angles.
+    """
     found: dict[str, Any] = {"long_name": variable.long_name, "units": variable.units}
     if variable.dtype == TEXT:
         found["_Encoding"] = "utf-8"
@@ -327,7 +336,8 @@ def evaluated(condition: ArrayLike) -> NDArray[np.bool_]:
 
 
 def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[Array, Array]:
-    """Lowest and highest usable Sun elevation, each (point, view, sun_azimuth) in degrees; NaN where none is usable.
+    """Lowest and highest usable Sun elevation, each (point, view, sun_azimuth) in degrees; NaN
+    where none is usable.
 
     condition: uint8 (point, view, sun_elevation, sun_azimuth).
     """
@@ -344,7 +354,8 @@ def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[Ar
 
 
 def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:
-    """Write the file; it appears under its name only when it is whole. Equal catalogues give equal bytes.
+    """Write the file; it appears under its name only when it is whole. Equal catalogues give
+    equal bytes.
 
     Raises OutputExistsError and OutputError as `files.check_output` does.
     """
@@ -391,14 +402,18 @@ def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Arr
 
 
 def _as_bytes(texts: Array) -> Array:
-    """Text of a fixed length in bytes: unlike that of variable length it can be compressed and checksummed."""
+    """Text of a fixed length in bytes: unlike that of variable length it can be compressed and
+    checksummed.
+    """
     encoded = [text.encode() for text in texts]
     length = max((len(text) for text in encoded), default=1)
     return np.array(encoded, dtype=h5py.string_dtype("utf-8", max(length, 1)))
 
 
 def _chunks(array: Array) -> tuple[int, ...]:
-    """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along their longest axis."""
+    """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along
+    their longest axis.
+    """
     shape = [max(1, length) for length in array.shape]
     shape[0] = max(
         1, min(shape[0], _CHUNK_BYTES // (array.itemsize * max(1, int(np.prod(shape[1:])))))
@@ -413,7 +428,9 @@ def _chunks(array: Array) -> tuple[int, ...]:
 
 
 def read_catalog(path: Path | str) -> Catalog:
-    """Read a catalogue whole. CatalogError, one line, when it is none or is damaged; `verify` says everything that is wrong."""
+    """Read a catalogue whole. CatalogError, one line, when it is none or is damaged; `verify`
+    says everything that is wrong.
+    """
     with _opened(path) as file:
         problems = list(_identity_problems(file)) or list(_structure_problems(file))
         if problems:
@@ -422,6 +439,9 @@ def read_catalog(path: Path | str) -> Catalog:
             values, attributes, groups = _values(file), _attributes(file), _group_attributes(file)
         except _HDF5_ERRORS as error:
             raise CatalogError(f"{path}: is damaged: {_line(error)}") from error
+    problems = _shape_problems(values) or _value_problems(values)
+    if problems:
+        raise CatalogError(f"{path}: {_first_few(problems)}")
     try:
         return _catalog(values, attributes, groups)
     except CatalogError as error:
@@ -510,7 +530,8 @@ def _catalog(
 def verify(path: Path | str) -> list[str]:
     """Everything that is wrong with a catalogue, one line each; empty when it is intact.
 
-    Reads every dataset (and so checks its checksums), then schema, digest of the content, and values. Never raises for a bad file.
+    Reads every dataset (and so checks its checksums), then looks at the schema, the digest of the
+    content, and the values. Never raises for a bad file.
     """
     try:
         file = _opened(path)
@@ -539,7 +560,9 @@ def _content_problems(file: h5py.File) -> list[str]:
 
 
 def _identity_problems(file: h5py.File) -> Iterator[str]:
-    """Whether the file is a catalogue of a version that is understood; when not, nothing else is worth saying."""
+    """Whether the file is a catalogue of a version that is understood; when not, nothing else is
+    worth saying.
+    """
     try:
         version = file.attrs.get("schema_version")
         body = file.attrs.get("body")
@@ -610,7 +633,8 @@ def _variable_problems(
         yield f"{name}: has no checksums"
     dims = _dims(dataset)
     if dims != variable.dims:
-        yield f"{name}: has the dimensions ({', '.join(dims)}) instead of ({', '.join(variable.dims)})"
+        wanted = ", ".join(variable.dims)
+        yield f"{name}: has the dimensions ({', '.join(dims)}) instead of ({wanted})"
     for attribute, expected in _variable_attributes(short, variable).items():
         found = dataset.attrs.get(attribute)
         if not np.array_equal(found, expected):
@@ -642,7 +666,9 @@ def _text_problems(attributes: dict[str, Any]) -> Iterator[str]:
 
 
 def _shape_problems(values: Values) -> list[str]:
-    """Dimensions that have different lengths in different variables, or a wrong number of dimensions."""
+    """Dimensions that have different lengths in different variables, or a wrong number of
+    dimensions.
+    """
     lines: list[str] = []
     for group, variables in GROUPS.items():
         lengths = dict(_FIXED)
@@ -767,7 +793,9 @@ def _check_conditions(values: Values) -> Iterator[str]:
 
 
 def _check_figures(values: Values) -> Iterator[str]:
-    """Figures are numbers in their ranges; NaN is allowed for a point that is usable under no condition."""
+    """Figures are numbers in their ranges; NaN is allowed for a point that is usable under no
+    condition.
+    """
     some = usable(values["condition"]).any(axis=(1, 2, 3))
     shares = ("false_match_probability", "shadow_dependence", "occlusion_dependence")
     limits = {name: (0.0, 1.0) for name in shares} | {

@@ -1,7 +1,10 @@
-"""Pictures of a catalogue as inline SVG and PNG: shaded relief, maps, azimuth-elevation discs, histograms. Text in, text out.
+"""Pictures of a catalogue as inline SVG and PNG: shaded relief, maps, azimuth-elevation discs,
+histograms. Text in, text out.
 
 Colours are CSS classes of the page (``c0`` .. ``c5`` from no to all), so that a chart follows light and dark.
 """
+
+# ruff: noqa: E501 - lines of markup
 
 from __future__ import annotations
 
@@ -38,7 +41,9 @@ def shade_class(share: float) -> str:
 
 
 def hillshade(height_m: Array, cell_m: float) -> NDArray[np.uint8]:
-    """Relief lit from the north-west, stretched to 25..245, as (rows, cols, 2) grey and alpha; no ground is transparent."""
+    """Relief lit from the north-west, stretched to 25..245, as (rows, cols, 2) grey and alpha;
+    no ground is transparent.
+    """
     height = np.asarray(height_m, dtype=np.float64)
     if min(height.shape) < 2:
         return np.zeros((*height.shape, 2), dtype=np.uint8)
@@ -75,7 +80,9 @@ def number(value: float, digits: int = 3) -> str:
 
 @dataclass(frozen=True)
 class SunDisc:
-    """The Sun's sky over a point: azimuth clockwise from north (up), elevation 90 at the centre, the horizon the outer circle."""
+    """The Sun's sky over a point: azimuth clockwise from north (up), elevation 90 at the centre,
+    the horizon the outer circle.
+    """
 
     sun_elevation: Array
     sun_azimuth: Array
@@ -90,7 +97,9 @@ class SunDisc:
         return f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
 
     def draw(self, share: Array, label: str, large: bool = False) -> str:
-        """A disc of shares 0..1, shape (elevation, azimuth); NaN: not evaluated, no cell. Large ones carry a scale."""
+        """A disc of shares 0..1, shape (elevation, azimuth); NaN: not evaluated, no cell. Large
+        ones carry a scale.
+        """
         cells = "".join(
             f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}">{self._title(i, j, share[i, j]) if large else ""}</use>'
             for i, j in np.argwhere(np.isfinite(share))
@@ -138,7 +147,9 @@ def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
 
 
 def _spans(values: Array, low: float, high: float) -> list[tuple[float, float]]:
-    """Cells around rising values: to the middle between neighbours, as wide outwards as inwards at the ends."""
+    """Cells around rising values: to the middle between neighbours, as wide outwards as inwards
+    at the ends.
+    """
     if len(values) == 1:
         return [(max(low, float(values[0]) - 5.0), min(high, float(values[0]) + 5.0))]
     middles = (values[1:] + values[:-1]) / 2.0
@@ -211,7 +222,9 @@ def _ticks(low: float, high: float, width: float) -> Iterator[tuple[float, float
 
 @dataclass(frozen=True)
 class Mark:
-    """Something on a map: its place (metres in the map's frame), symbol, colour class and what the pointer is told."""
+    """Something on a map: its place (metres in the map's frame), symbol, colour class and what
+    the pointer is told.
+    """
 
     x_m: float
     y_m: float
@@ -298,7 +311,9 @@ class Map:
         return shape.replace("</g>", f"<title>{escape(mark.title)}</title></g>")
 
     def _graticule(self) -> tuple[str, str]:
-        """Meridians and parallels at round degrees, and their names where they leave the map at the south and the west."""
+        """Meridians and parallels at round degrees, and their names where they leave the map at
+        the south and the west.
+        """
         lon, lat = self._lonlat_limits()
         lines, labels = [], []
         for value in _round_degrees(*lon):

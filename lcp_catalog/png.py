@@ -14,7 +14,8 @@ _COLOUR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
-    """PNG of (rows, cols) grey or (rows, cols, 2 | 3 | 4) grey-alpha, RGB, RGBA; equal pixels give equal bytes.
+    """PNG of (rows, cols) grey or (rows, cols, 2 | 3 | 4) grey-alpha, RGB, RGBA; equal pixels
+    give equal bytes.
 
     ValueError for another shape or type, or an empty picture.
     """
@@ -31,7 +32,9 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _up_filtered(lines: NDArray[Any]) -> bytes:
-    """Each row as its difference from the row above (filter 2), which packs relief better than the pixels themselves."""
+    """Each row as its difference from the row above (filter 2), which packs relief better than
+    the pixels themselves.
+    """
     above = np.vstack([np.zeros_like(lines[:1]), lines[:-1]])
     return np.hstack([np.full((len(lines), 1), 2, np.uint8), lines - above]).tobytes()
 

@@ -1,4 +1,8 @@
-"""What a catalogue holds, for people: a summary as one model for text and JSON, and a page that needs nothing but itself."""
+"""What a catalogue holds, for people: a summary as one model for text and JSON, and a page that
+needs nothing but itself.
+"""
+
+# ruff: noqa: E501 - lines of markup and style
 
 from __future__ import annotations
 
@@ -34,7 +38,9 @@ from .sphere import EnuFrame, lonlat_to_mcmf
 Array = NDArray[Any]
 
 CARDS_MAX = 60
-"""Patches that a page shows; of more points a third are the best, a third the worst, a third a sample between."""
+"""Patches that a page shows; of more points a third are the best, a third the worst, a third a
+sample between.
+"""
 
 HOLES = {
     "featureless": ("ring", "hole", "nothing that localises"),
@@ -101,7 +107,8 @@ class Statistics:
 
 
 def describe(path: Path | str) -> dict[str, Any]:
-    """What is in a catalogue, and whether it is intact, as plain values; what cannot be read is None.
+    """What is in a catalogue, and whether it is intact, as plain values; what cannot be read is
+    None.
 
     Never raises for a bad file: ``intact`` is false then and ``problems`` say why. ``usable_share`` is the share of all evaluated
     conditions (points x views x Suns) that are usable; ``bounds`` are those of the points, with west above east where they
@@ -220,6 +227,10 @@ def view_name(view: dict[str, Any]) -> str:
     return f"{where}, {high}"
 
 
+def _latitude(lat_deg: float) -> str:
+    return f"{abs(lat_deg):.4f}° {'S' if lat_deg < 0.0 else 'N'}"
+
+
 def percent(share: float | None) -> str:
     """A share for people; a dash for none."""
     return "–" if share is None or not np.isfinite(share) else f"{100 * share:.1f} %"
@@ -232,11 +243,11 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("points", str(found["points"])),
         (
             "region",
-            f"{region['width_km']:.4g} x {region['height_km']:.4g} km around {region['center_lon']:.4f}° E {region['center_lat']:.4f}° N",
+            f"{region['width_km']:.4g} x {region['height_km']:.4g} km around {region['center_lon']:.4f}° E, {_latitude(region['center_lat'])}",
         ),
     ]
     if box:
-        text = f"{box['west']:.4f} to {box['east']:.4f}° E, {box['south']:.4f} to {box['north']:.4f}° N"
+        text = f"{box['west']:.4f} to {box['east']:.4f}° E, {_latitude(box['south'])} to {_latitude(box['north'])}"
         rows.append(("points within", text))
     cell = "" if gsd is None else f" of {' to '.join(dict.fromkeys(number(g, 4) for g in gsd))} m"
     rows += [
@@ -276,7 +287,9 @@ def _suns_line(found: dict[str, Any]) -> str:
 
 
 def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool = False) -> None:
-    """Draw a catalogue as one page. Raises CatalogError for a catalogue that cannot be read, and as `files.check_output` does."""
+    """Draw a catalogue as one page. Raises CatalogError for a catalogue that cannot be read, and
+    as `files.check_output` does.
+    """
     check_output(output, overwrite)
     page = render_report(read_catalog(catalog_path), Path(catalog_path).name)
     write_bytes(output, page.encode("utf-8"), overwrite)
@@ -464,15 +477,16 @@ def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> st
     rows = (
         (
             "place",
-            f"{catalog.longitude[i]:.4f}° E, {catalog.latitude[i]:.4f}° N, {catalog.elevation[i]:.0f} m",
+            f"{catalog.longitude[i]:.4f}° E, {_latitude(catalog.latitude[i])}",
         ),
+        ("elevation", f"{catalog.elevation[i]:.0f} m"),
         ("usable", percent(share)),
         ("sigma", f"{number(float(sigma[0]))} x {number(float(sigma[1]))} m"),
         ("second peak", number(float(catalog.second_peak[i]))),
         ("false match", number(float(catalog.false_match_probability[i]), 2)),
         (
             "image",
-            f"{number(float(catalog.gsd_min[i]))} to {number(float(catalog.gsd_max[i]))} m a pixel",
+            f"{number(float(catalog.gsd_min[i]))} to {number(float(catalog.gsd_max[i]))} m/px",
         ),
     )
     facts = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in rows)
@@ -483,7 +497,7 @@ def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> st
         "id": int(catalog.point_id[i]),
     }
     data = " ".join(
-        f'data-{name}="{json.dumps(value) if value == value else 1e300}"'
+        f'data-{name}="{json.dumps(value) if np.isfinite(value) else 1e300}"'
         for name, value in keys.items()
     )
     small = disc.draw(
@@ -538,7 +552,7 @@ svg{display:block;max-width:100%;font:12px system-ui,sans-serif}svg text{fill:va
 .disc .names text{text-anchor:middle}
 .discs{display:grid;grid-template-columns:repeat(auto-fit,minmax(240px,1fr));gap:18px;margin-top:12px}.discs .disc{width:100%;max-width:340px;margin:0 auto}
 .discs figcaption{text-align:center}
-.histograms{display:grid;grid-template-columns:repeat(auto-fit,minmax(260px,1fr));gap:24px;margin-top:14px}.histogram{width:100%;max-width:420px}
+.histograms{display:grid;grid-template-columns:repeat(auto-fit,minmax(230px,1fr));gap:24px;margin-top:14px}.histogram{width:100%;max-width:420px}
 .bars rect{fill:var(--r2)}.ticks text{text-anchor:middle;font-size:11px}.single strong{font-size:1.3rem}
 .cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:14px;margin-top:10px}
 article{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}article dl{font-size:.84rem;gap:0 10px;margin-top:8px}

@@ -1,4 +1,6 @@
-"""Synthetic catalogues for tests: real relief of Hadley, places on a grid, conditions by simple rules."""
+"""Synthetic catalogues for tests: real relief of Hadley, places on a grid, conditions by simple
+rules.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
 
     def height(lon, lat):
         x, y = np.radians(lon) * radius, np.radians(lat) * radius
-        col, row = to_pixel * (x, y)
+        col, row = to_pixel @ (x, y)
         return raster[
             np.clip(np.asarray(row).astype(int), 0, raster.shape[0] - 1),
             np.clip(np.asarray(col).astype(int), 0, raster.shape[1] - 1),
@@ -100,7 +102,9 @@ def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
 
 
 def _conditions(rng, lat, suns, azimuths):
-    """Evaluated where the Sun comes, usable but for low Suns from each point's own bad side, and some noise."""
+    """Evaluated where the Sun comes, usable but for low Suns from each point's own bad side, and
+    some noise.
+    """
     count = len(lat)
     condition = np.zeros((count, 3, len(suns), len(azimuths)), dtype=np.uint8)
     for i in range(count):

@@ -196,3 +196,10 @@ def test_cells_are_fixed_on_the_grid_and_not_on_the_array():
     moved = set(zip((again[0] + 37).tolist(), (again[1] + 21).tolist(), strict=True))
     assert whole <= moved
     assert len(whole) > 20
+
+
+def test_equals_on_both_sides_of_a_cell_edge_are_one_candidate():
+    score = np.zeros((40, 40), np.float32)
+    score[20, 18] = score[20, 21] = 0.5
+    rows, cols = candidates(score, spacing_px=20, per_cell=1, border=2, radius=4)
+    assert (rows.tolist(), cols.tolist()) == ([20], [18])

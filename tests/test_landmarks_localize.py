@@ -196,3 +196,12 @@ def test_the_coarsest_scale_is_the_end_of_an_unbroken_climb():
     assert (
         coarsest_scale(patches, 1e-6, (1.0, 4.0, 5.0), 0.1)[0] == 4.0
     )  # at 5, six pixels are left
+
+
+def test_a_shift_that_is_a_gain_is_no_shift():
+    row, col = np.mgrid[0:P, 0:P].astype(np.float64)
+    ridge = 1.0 + 0.2 * np.sin(row / 3.0)
+    grows, slopes = np.exp(0.03 * col) * ridge, Texture(1)() * ridge
+    found = localization(np.stack([grows, slopes]).astype(np.float32), 0.01)
+    assert found.sigma_major_px[0] > 1.0  # its plain tensor would say noise / (0.03 * 33) = 0.01
+    assert found.sigma_major_px[1] < 0.1

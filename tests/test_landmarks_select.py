@@ -232,3 +232,16 @@ def test_the_largest_hole():
 def test_the_numbers_are_those_of_the_catalogue():
     schema = pytest.importorskip("lcp_catalog.schema")
     assert {int(s): s.name.lower() for s in Status} == schema.COVERAGE_STATUS
+
+
+def test_a_cell_is_served_by_a_point_within_a_spacing_of_its_centre():
+    spacing = 10 * KM
+    step = spacing / DEG_M
+    cells, point = (
+        (np.array([0.0, 1.0, 2.0]) * step, np.zeros(3)),
+        (np.array([-0.05 * step]), np.zeros(1)),
+    )
+    near = (np.array([0.1 * step]), np.zeros(1))
+    ground = np.ones(3, dtype=bool)
+    assert coverage(cells, ground, near, [3], near, spacing)[:2].tolist() == [Status.POINT] * 2
+    assert coverage(cells, ground, point, [3], point, spacing)[1] == Status.FEATURELESS

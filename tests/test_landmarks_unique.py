@@ -267,3 +267,28 @@ def test_the_chain_for_many_points():
         effective_samples(patches),
     )
     assert ((chance >= 0.0) & (chance < 0.05)).all()
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_two_gaps_of_one_shape_are_not_alike(exact):
+    image = field(11)
+    for col in (60, 80):
+        image[54:67, col - 6 : col + 3] = np.nan
+    assert second_peak(image, [60], [60], HALF, SEARCH, exact=exact)[0] < 0.6
+
+
+def test_a_high_level_costs_no_digits():
+    image = field(12, contrast=1.0, level=0.0)
+    rows, cols = np.array(PLACES).T
+    low, high = (
+        second_peak(z, rows, cols, HALF, SEARCH, exact=True)
+        for z in (image, image + np.float32(3000))
+    )
+    np.testing.assert_allclose(low, high, atol=1e-3)
+
+
+def test_the_edge_of_a_refined_box_is_no_maximum():
+    image = field(13, (300, 300), smooth=4.0)
+    rows, cols = np.random.default_rng(1).integers(60, 240, size=(2, 150))
+    exact, quick = (second_peak(image, rows, cols, HALF, SEARCH, 4.0, e) for e in (True, False))
+    assert (quick <= exact + 1e-5).all()

@@ -1,0 +1,293 @@
+"""The summary and the page: figures counted again, nothing outside the page, pictures that are pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import catalogs
+import cv2
+import numpy as np
+import pytest
+
+from lcp_catalog import charts, report
+from lcp_catalog.catalog import Overview, write_catalog
+from lcp_catalog.errors import CatalogError, OutputExistsError
+from lcp_catalog.png import encode_png
+from lcp_catalog.sphere import EnuFrame
+
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Checks that elements nest, and collects every address the page names."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.counts: dict[str, int] = {}
+        self.ids: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.counts[tag] = self.counts.get(tag, 0) + 1
+        for name, value in attrs:
+            if name in ("href", "src", "srcset", "xlink:href", "action", "data", "poster"):
+                self.addresses.append(value or "")
+            if name == "id":
+                self.ids.append(value or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, tag
+        assert self.open[-1] == tag, (self.open, tag)
+        self.open.pop()
+
+
+def parsed(html: str) -> Page:
+    page = Page()
+    page.feed(html)
+    page.close()
+    assert page.open == []
+    return page
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    return report.render_report(catalogs.catalog(70, 9), "a&b.h5")
+
+
+def decoded(address: str) -> np.ndarray:
+    content = base64.b64decode(address.removeprefix("data:image/png;base64,"))
+    return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def test_the_page_refers_to_nothing_outside(html: str) -> None:
+    page = parsed(html)
+    assert all(a.startswith(("data:image/png;base64,", "#")) for a in page.addresses)
+    assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
+
+
+def test_what_the_page_uses_it_holds(html: str) -> None:
+    page = parsed(html)
+    assert len(page.ids) == len(set(page.ids))
+    used = {a[1:] for a in page.addresses if a.startswith("#")}
+    assert used
+    assert used <= set(page.ids)
+
+
+def test_the_page_shows_the_catalogue(html: str) -> None:
+    found = catalogs.catalog(70, 9)
+    page = parsed(html)
+    assert page.counts["article"] == report.CARDS_MAX
+    assert "60 of 70 points: the 20 most widely usable, the 20 least" in html
+    assert "a&amp;b.h5" in html
+    assert "a&b.h5" not in html
+    assert html.count('class="c') > 70
+    assert f"<h3>{found.point_id[0]}</h3>" in html or f"{found.point_id[0]}: " in html
+    pictures = [a for a in page.addresses if a.startswith("data:")]
+    assert len(pictures) == 61
+    assert decoded(pictures[0]).shape[:2] == found.overview.height.shape
+    assert decoded(pictures[1]).shape[:2] == (9, 9)
+    for status in ("featureless", "ambiguous", "dependent", "nodata"):
+        count = report.summary(found)["coverage"][status]
+        assert f"<b>{status}</b> {count}:" in html
+    assert "sha256 " + "0" * 64 in html
+
+
+def test_texts_of_the_catalogue_cannot_become_markup() -> None:
+    bad = "<script>alert(1)</script>"
+    html = report.render_report(
+        catalogs.catalog(
+            3,
+            title=bad,
+            config=bad,
+            scene_plan={"a": bad},
+            sources=[{"name": bad}],
+            dem_product=[bad] * 3,
+        ),
+        bad,
+    )
+    parsed(html)
+    assert bad not in html
+
+
+def test_equal_catalogues_are_equal_pages(html: str) -> None:
+    assert report.render_report(catalogs.catalog(70, 9), "a&b.h5") == html
+
+
+def test_few_and_no_points_have_pages() -> None:
+    one = report.render_report(catalogs.catalog(1), "one.h5")
+    assert parsed(one).counts["article"] == 1
+    none = report.render_report(catalogs.catalog(0), "none.h5")
+    assert "article" not in parsed(none).counts
+    assert "The catalogue has no points." in none
+
+
+def test_a_region_without_ground_and_one_node_has_a_page() -> None:
+    void = Overview(
+        height=np.full((1, 1), np.nan),
+        x=np.zeros(1),
+        y=np.zeros(1),
+        center_lon=3.5,
+        center_lat=26.0,
+    )
+    parsed(report.render_report(catalogs.catalog(1, overview=void), "void.h5"))
+
+
+@pytest.mark.parametrize("lat", [-90.0, 89.9, 0.0])
+def test_a_map_anywhere_parses(lat: float) -> None:
+    x = np.linspace(-40e3, 40e3, 33)
+    drawn = charts.Map(np.zeros((33, 33)), x, x[::-1], EnuFrame(359.9, lat)).draw([], "map")
+    parsed(drawn)
+    assert "nan" not in drawn
+
+
+def test_written_page_is_whole_and_kept(tmp_path: Path) -> None:
+    path, page = tmp_path / "c.h5", tmp_path / "c.html"
+    write_catalog(catalogs.catalog(3), path)
+    report.write_report(path, page)
+    assert page.read_text(encoding="utf-8").endswith("</html>\n")
+    with pytest.raises(OutputExistsError):
+        report.write_report(path, page)
+    path.write_bytes(b"nothing")
+    with pytest.raises(CatalogError):
+        report.write_report(path, page, overwrite=True)
+    assert page.read_text(encoding="utf-8").endswith("</html>\n")
+
+
+# -- figures
+
+
+def test_usable_share_counts_evaluated_conditions(tmp_path: Path) -> None:
+    found = catalogs.catalog(20)
+    flags = found.condition.ravel().tolist()
+    share = sum(f == 31 for f in flags) / sum(f & 1 for f in flags)
+    statistics = report.Statistics(found)
+    assert statistics.share == pytest.approx(share)
+    one = found.condition[7].ravel().tolist()
+    assert statistics.by_point[7] == pytest.approx(
+        sum(f == 31 for f in one) / sum(f & 1 for f in one)
+    )
+    cell = found.condition[:, 1, 3, :]
+    column = int(np.argmax((cell & 1).sum(axis=0)))
+    expected = (cell[:, column] == 31).sum() / (cell[:, column] & 1).sum()
+    assert statistics.by_view_and_sun[1, 3, column] == pytest.approx(expected)
+    assert np.isnan(statistics.by_view_and_sun[:, (found.condition == 0).all(axis=(0, 1))]).all()
+    path = tmp_path / "c.h5"
+    write_catalog(found, path)
+    described = report.describe(path)
+    assert described["usable_share"] == pytest.approx(share)
+    assert described["points"] == 20
+    assert described["intact"] is True
+
+
+def test_a_bad_file_is_described(tmp_path: Path) -> None:
+    path = tmp_path / "bad.h5"
+    path.write_bytes(b"nothing")
+    described = report.describe(path)
+    assert described["intact"] is False
+    assert len(described["problems"]) == 1
+    assert described["points"] is None
+
+
+@pytest.mark.parametrize(
+    ("lon", "west", "east"),
+    [([10.0, 20.0], 10.0, 20.0), ([350.0, 5.0, 355.0], 350.0, 5.0), ([42.0], 42.0, 42.0)],
+)
+def test_bounds_are_the_narrowest(lon: list[float], west: float, east: float) -> None:
+    box = report.bounds(np.array(lon), np.linspace(-3.0, 4.0, len(lon)))
+    assert (box["west"], box["east"]) == (west, east)
+    assert box["south"] == -3.0
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (118.0, "118"),
+        (1.23456, "1.23"),
+        (1e-7, "1.00e-07"),
+        (100.0, "100"),
+        (np.nan, "–"),
+    ],
+)
+def test_numbers_read_well(value: float, text: str) -> None:
+    assert charts.number(value) == text
+
+
+# -- pictures
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_png_is_read_by_others(channels: int) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, channels), dtype=np.uint8)
+    found = cv2.imdecode(np.frombuffer(encode_png(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert io.BytesIO(encode_png(pixels)).read(4) == b"\x89PNG"
+    if channels == 1:
+        np.testing.assert_array_equal(found, pixels[..., 0])
+    elif channels == 2:  # OpenCV gives grey and alpha as four channels
+        np.testing.assert_array_equal(found[..., [0, 3]], pixels)
+    else:
+        order = [2, 1, 0, 3][:channels]
+        np.testing.assert_array_equal(found[..., order], pixels)
+
+
+@pytest.mark.parametrize(
+    "pixels", [np.zeros((2, 2)), np.zeros((0, 3), np.uint8), np.zeros((1, 1, 5), np.uint8)]
+)
+def test_what_is_no_picture_is_refused(pixels: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"picture"):
+        encode_png(pixels)
+
+
+def test_slopes_to_the_north_west_are_bright() -> None:
+    row, col = np.indices((21, 21)) - 10
+    lit = charts.hillshade(500.0 - 30.0 * np.hypot(row, col), 100.0)  # a cone
+    assert lit[4, 4, 0] > 200 > 100 > lit[16, 16, 0]  # row 0 is north, column 0 west
+    holed = np.zeros((5, 5))
+    holed[0, 0] = np.nan
+    assert charts.hillshade(holed, 1.0)[0, 0, 1] == 0
+
+
+def test_the_disc_has_north_up_and_east_right() -> None:
+    disc = charts.SunDisc(np.array([0.0, 30.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
+    outline = re.search(r'id="s1-1" d="M([^A]*)A', disc.definitions())
+    assert outline is not None
+    x, y = (float(v) for v in outline[1].split())  # elevation 15, azimuth 45: up and right
+    assert (x, y) == pytest.approx(
+        (100 * 75 / 90 * np.sqrt(0.5), -100 * 75 / 90 * np.sqrt(0.5)), abs=0.06
+    )
+    share = np.full((3, 4), np.nan)
+    share[1, 1] = 1.0
+    drawn = disc.draw(share, "d")
+    assert drawn.count("<use") == 1
+    assert '<use href="#s1-1" class="c5">' in drawn
+
+
+def test_a_map_puts_places_where_they_are() -> None:
+    x = np.arange(-5, 6) * 100.0
+    chart = charts.Map(np.zeros((11, 11)), x, x[::-1], EnuFrame(0.0, 0.0))
+    west, north = chart.pixel(-550.0, 550.0)
+    east, south = chart.pixel(550.0, -550.0)
+    assert (west, north) == pytest.approx((84.0, 14.0))
+    assert east == pytest.approx(946.0)
+    assert south > north
+
+
+def test_histograms_count_everything() -> None:
+    values = np.random.default_rng(2).normal(5.0, 2.0, 500)
+    drawn = charts.histogram([*values, np.nan], "m", "h")
+    parsed(drawn)
+    assert sum(int(n) for n in re.findall(r": (\d+)</title>", drawn)) == 500
+    assert "3 points" in charts.histogram([2.0, 2.0, 2.0], "m", "h")
+    assert "no values" in charts.histogram([np.nan], "m", "h")
