@@ -6,7 +6,7 @@ import errno
 
 import click
 
-from lcp_catalog.errors import LcpError
+from lcp_catalog.errors import ConfigError, LcpError
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -24,7 +24,7 @@ def exit_code_of(error: BaseException) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else EXIT_FAILED
     click.echo(f"lcp: {_one_line(error)}", err=True)
-    return EXIT_FAILED
+    return EXIT_USAGE if isinstance(error, ConfigError) else EXIT_FAILED
 
 
 def _one_line(error: BaseException) -> str:

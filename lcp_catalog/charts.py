@@ -178,7 +178,7 @@ def histogram(values: ArrayLike, unit: str, label: str, bins: int = 24) -> str:
         return '<p class="none">no values</p>'
     low, high = float(known.min()), float(known.max())
     if high - low <= 1e-9 * max(abs(high), 1e-300):
-        return f'<p class="single"><strong>{number(high)}</strong> {escape(unit)} for all {known.size} points</p>'
+        return f'<p class="single"><strong>{number(high, 4)}</strong> {escape(unit)} for all {known.size} points</p>'
     counts, edges = np.histogram(known, bins=_nice_edges(low, high, bins))
     width, height = 300.0, 120.0
     step = width / len(counts)

@@ -555,7 +555,7 @@ svg{display:block;max-width:100%;font:12px system-ui,sans-serif}svg text{fill:va
 .histograms{display:grid;grid-template-columns:repeat(auto-fit,minmax(230px,1fr));gap:24px;margin-top:14px}.histogram{width:100%;max-width:420px}
 .bars rect{fill:var(--r2)}.ticks text{text-anchor:middle;font-size:11px}.single strong{font-size:1.3rem}
 .cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:14px;margin-top:10px}
-article{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}article dl{font-size:.84rem;gap:0 10px;margin-top:8px}
+article{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}article dl{font-size:.8rem;gap:0 10px;margin-top:8px}
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:8px;align-items:center}.pair img{width:100%;aspect-ratio:1;border-radius:4px;background:var(--void)}
 .pair .disc{width:100%}.sources{padding-left:18px}code,pre{font:12px/1.5 ui-monospace,Menlo,Consolas,monospace}code{overflow-wrap:anywhere}
 pre{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}summary{cursor:pointer;padding:6px 0}

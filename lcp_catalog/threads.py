@@ -1,6 +1,7 @@
 """The one owner of thread counts: how many threads the kernels and OpenCV may use in this process.
 
-Results never depend on it: every output value is computed by one thread from inputs that no thread writes.
+Results never depend on it: every output value is computed by one thread from inputs that no thread
+writes.
 """
 
 from __future__ import annotations
@@ -13,15 +14,19 @@ import numba
 
 
 def thread_limit() -> int:
-    """The most threads the kernels can use in this process: what numba started with (``NUMBA_NUM_THREADS``, else all cores)."""
+    """The most threads the kernels can use in this process: what numba started with
+    (``NUMBA_NUM_THREADS``, else all cores).
+    """
     return int(numba.config.NUMBA_NUM_THREADS)
 
 
 class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes it)
-    """Let the kernels, and OpenCV where it has been imported, use at most ``count`` threads from now on.
+    """Let the kernels, and OpenCV where it has been imported, use at most ``count`` threads from
+    now on.
 
-    The limit is set at once and holds until the next one; as a context manager it is undone at the end of the block. A count beyond
-    ``thread_limit()`` is lowered to it. ``ValueError`` for a count below 1.
+    The limit is set at once and holds until the next one; as a context manager it is undone at the
+    end of the block. A count beyond ``thread_limit()`` is lowered to it. ``ValueError`` for a count
+    below 1.
     """
 
     def __init__(self, count: int) -> None:
@@ -38,7 +43,10 @@ class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes 
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         numba.set_num_threads(self._kernels_before)
         opencv = _opencv()

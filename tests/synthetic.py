@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def cratered(size: int, gsd_m: float = 20.0, seed: int = 1, relief_m: float = 1.0) -> NDArray[np.float32]:
+def cratered(
+    size: int, gsd_m: float = 20.0, seed: int = 1, relief_m: float = 1.0
+) -> NDArray[np.float32]:
     """A fractal highland with craters, float32 (size, size).
 
-    Power-law noise (amplitude ~ k^-1.85) of 600 m per 4096 nodes of 20 m, and craters of 3 to size/3 nodes with N(>D) ~ D^-2, depth 0.02-0.13 D
-    and a rim that falls off as the cube; slopes are then cut to 32 deg at the 99.5th percentile, as on the Moon.
-    ``relief_m`` scales all heights afterwards.
+    Power-law noise (amplitude ~ k^-1.85) of 600 m per 4096 nodes of 20 m, and craters of 3 to
+    size/3 nodes with N(>D) ~ D^-2, depth 0.02-0.13 D and a rim that falls off as the cube; slopes
+    are then cut to 32 deg at the 99.5th percentile, as on the Moon. ``relief_m`` scales all heights
+    afterwards.
     """
     rng = np.random.default_rng(seed)
     z = _fractal(size, rng) * 600.0 * (size * gsd_m / 81920.0) ** 0.85
@@ -44,4 +47,6 @@ def _stamp_craters(z: NDArray[np.float64], gsd_m: float, rng: np.random.Generato
         j0, j1 = max(int(col - reach), 0), min(int(col + reach) + 2, size)
         r = np.hypot(np.arange(i0, i1)[:, None] - row, np.arange(j0, j1) - col) / (d / 2.0)
         outside = rim * (np.maximum(r, 1.0) ** -3 - 1.0 / 27.0) * (27.0 / 26.0)
-        z[i0:i1, j0:j1] += np.where(r < 1.0, (depth + rim) * r * r - depth, np.maximum(outside, 0.0))
+        z[i0:i1, j0:j1] += np.where(
+            r < 1.0, (depth + rim) * r * r - depth, np.maximum(outside, 0.0)
+        )

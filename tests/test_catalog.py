@@ -1,4 +1,4 @@
-"""The catalogue file: what other programs read, what damage is noticed, equal bytes for equal data."""
+"""The file: what other programs read, what damage is noticed, equal bytes for equal data."""
 
 from __future__ import annotations
 
@@ -338,7 +338,7 @@ def test_a_changed_byte_is_noticed_by_its_checksum(copy: Path) -> None:
 
 
 def test_no_damage_raises_or_passes(written: Path, tmp_path: Path) -> None:
-    """One byte turned at 60 places: it is noticed, or no part of the content (what is read is equal)."""
+    """One byte turned at 60 places: it is noticed, or what is read is equal all the same."""
     content, path = written.read_bytes(), tmp_path / "turned.h5"
     sound = read_catalog(written).values()
     noticed = 0

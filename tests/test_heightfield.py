@@ -1,4 +1,6 @@
-"""Heightfields against judges that share no code with the kernels (`twins`); only the public interface is used."""
+"""Heightfields against judges that share no code with the kernels (`twins`); only the public
+interface is used.
+"""
 
 from __future__ import annotations
 
@@ -27,25 +29,41 @@ GSD, X0, Y0 = 4.0, 10.0, 20.0
 ROUNDING_M = 1e-9
 """Margins smaller than this are ties, which float64 may decide either way."""
 
-AXES = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, -1, 0), (-1, 1, 0), (-1, -1, 0)]
+AXES = [
+    (1, 0, 0),
+    (0, 1, 0),
+    (-1, 0, 0),
+    (0, -1, 0),
+    (1, 1, 0),
+    (1, -1, 0),
+    (-1, 1, 0),
+    (-1, -1, 0),
+]
 SPECIAL_AZIMUTHS = [0, 45, 90, 135, 180, 225, 270, 315]
 SPECIAL_ELEVATIONS = [0, 1e-6, 0.1, 5, 45, 89.9, 90, -5, -40, -90]
 quick = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def sun(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
-    """Unit ENU vector; exactly on an axis or a diagonal where the azimuth is, so that the judge means the same ray."""
+    """Unit ENU vector; exactly on an axis or a diagonal where the azimuth is, so that the judge
+    means the same ray.
+    """
     a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
     east, north = math.sin(a), math.cos(a)
     if azimuth_deg % 45 == 0:
-        east, north = (float(np.sign(round(c, 9))) * (1 if azimuth_deg % 90 == 0 else math.sqrt(0.5)) for c in (east, north))
+        east, north = (
+            float(np.sign(round(c, 9))) * (1 if azimuth_deg % 90 == 0 else math.sqrt(0.5))
+            for c in (east, north)
+        )
     level = 0.0 if abs(elevation_deg) == 90 else math.cos(e)
     return np.array([east * level, north * level, math.sin(e)])
 
 
 @st.composite
 def terrains(draw, holes=None) -> np.ndarray:
-    """Small terrains: ties of whole numbers, noise, spikes and pits, cliffs, float32 of all sizes; some with nodata."""
+    """Small terrains: ties of whole numbers, noise, spikes and pits, cliffs, float32 of all sizes;
+    some with nodata.
+    """
     rows, cols = draw(st.integers(2, 14)), draw(st.integers(2, 14))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(["whole", "noise", "spikes", "cliff", "mixed"]))
@@ -90,7 +108,12 @@ class TestOccludedNodes:
         assert agrees(field(z).occluded_nodes(direction), margins)
 
     @quick
-    @given(st.integers(0, 2**32 - 1), st.sampled_from(AXES), st.sampled_from([0, 1, -1, Fraction(1, 2), 2]), st.booleans())
+    @given(
+        st.integers(0, 2**32 - 1),
+        st.sampled_from(AXES),
+        st.sampled_from([0, 1, -1, Fraction(1, 2), 2]),
+        st.booleans(),
+    )
     @example(1, (1, 0, 0), 0, False)
     def test_ties_are_decided_as_fractions_are(self, seed, axis, rise, holes):
         rng = np.random.default_rng(seed)
@@ -108,14 +131,19 @@ class TestOccludedNodes:
         ray = in_cells(direction, GSD)
         margins, answer = node_margins(z.astype(float), ray), field(z).occluded_nodes(direction)
         for i, j in np.argwhere(np.abs(margins) > 1e-6):
-            # a ray that starts under its own facets hits nothing from above: only the answer "free" is compared
+            # a ray that starts under its own facets hits nothing from above: only the answer "free"
+            # is compared
             if not answer[i, j]:
-                assert math.isnan(textbook_hit(z.astype(float), (float(j), float(i), float(z[i, j])), ray))
+                assert math.isnan(
+                    textbook_hit(z.astype(float), (float(j), float(i), float(z[i, j])), ray)
+                )
 
     @quick
     @given(terrains(), suns)
     def test_transposing_mirrors_the_answer(self, z, direction):
-        mirrored = np.array([-direction[1], -direction[0], direction[2]])  # the diagonal stays where it is
+        mirrored = np.array(
+            [-direction[1], -direction[0], direction[2]]
+        )  # the diagonal stays where it is
         there, back = field(z).occluded_nodes(direction), field(z.T).occluded_nodes(mirrored).T
         margins = node_margins(z.astype(float), in_cells(direction, GSD))
         assert (there == back)[~(np.abs(margins) <= ROUNDING_M)].all()
@@ -124,15 +152,24 @@ class TestOccludedNodes:
     @given(terrains(), suns, st.data())
     def test_a_window_is_a_part_of_the_whole(self, z, direction, data):
         row0, col0 = data.draw(st.integers(0, len(z))), data.draw(st.integers(0, z.shape[1]))
-        window = row0, data.draw(st.integers(row0, len(z))), col0, data.draw(st.integers(col0, z.shape[1]))
+        window = (
+            row0,
+            data.draw(st.integers(row0, len(z))),
+            col0,
+            data.draw(st.integers(col0, z.shape[1])),
+        )
         part = field(z).occluded_nodes(direction, window)
-        assert (part == field(z).occluded_nodes(direction)[window[0] : window[1], window[2] : window[3]]).all()
+        assert (
+            part == field(z).occluded_nodes(direction)[window[0] : window[1], window[2] : window[3]]
+        ).all()
 
     def test_one_spike_on_a_plain_shades_a_line(self):
         z = np.zeros((5, 9), np.float32)
         z[2, 6] = 3.0
         dark = Heightfield(z, 1.0).occluded_nodes([1, 0, 1])
-        assert dark[2].tolist() == [False] * 4 + [True, True] + [False] * 3  # node 3 touches the top: not strictly above
+        assert (
+            dark[2].tolist() == [False] * 4 + [True, True] + [False] * 3
+        )  # node 3 touches the top: not strictly above
         assert not dark[[0, 1, 3, 4]].any()
 
     def test_diagonal_is_north_west_to_south_east(self):
@@ -148,7 +185,10 @@ class TestOccludedNodes:
         z[2, 0] = 0.0
         z[2, 3] = 9.0
         assert not Heightfield(z, 1.0).occluded_nodes([1, 0, 0.1]).any()
-        z[1, 2], z[1, 3] = 9.0, 9.0  # now (2, 3) is the corner of a triangle; the ray meets it in that node only
+        z[1, 2], z[1, 3] = (
+            9.0,
+            9.0,
+        )  # now (2, 3) is the corner of a triangle; the ray meets it in that node only
         assert Heightfield(z, 1.0).occluded_nodes([1, 0, 0.1])[2, 0]
 
     def test_straight_up_is_free_and_straight_down_is_not(self):
@@ -158,11 +198,21 @@ class TestOccludedNodes:
 
     def test_threads_do_not_matter(self):
         f, direction, camera = field(cratered(96)), sun(37, 3), [50.0, -100.0, 30.0]
-        rays = np.array([[[x, y, -1.0] for x in np.linspace(-2, 2, 40)] for y in np.linspace(-2, 2, 40)])
+        rays = np.array(
+            [[[x, y, -1.0] for x in np.linspace(-2, 2, 40)] for y in np.linspace(-2, 2, 40)]
+        )
 
         def answers():
-            yield from (f.occluded_nodes(direction), f.occluded_nodes_from(camera), f.first_hits([200, -170, 90], rays))
-            yield from (f.sweep_occluded(0.6, np.radians([1, 5, 20])), f.normals(), f.occluded_alone([9], [9], 8, direction))
+            yield from (
+                f.occluded_nodes(direction),
+                f.occluded_nodes_from(camera),
+                f.first_hits([200, -170, 90], rays),
+            )
+            yield from (
+                f.sweep_occluded(0.6, np.radians([1, 5, 20])),
+                f.normals(),
+                f.occluded_alone([9], [9], 8, direction),
+            )
 
         with limit_threads(1):
             one = list(answers())
@@ -177,8 +227,14 @@ class TestOccludedNodesFrom:
     def test_is_that_of_every_triangle_clipped(self, z, seed, on_grid, low):
         rng = np.random.default_rng(seed)
         u, v = rng.uniform(-5, z.shape[1] + 4), rng.uniform(-5, z.shape[0] + 4)
-        camera = (round(u), round(v), rng.uniform(-5, 5 if low else 60)) if on_grid else (u, v, rng.uniform(-5, 5 if low else 60))
-        answer = field(z).occluded_nodes_from([X0 + camera[0] * GSD, Y0 - camera[1] * GSD, camera[2]])
+        camera = (
+            (round(u), round(v), rng.uniform(-5, 5 if low else 60))
+            if on_grid
+            else (u, v, rng.uniform(-5, 5 if low else 60))
+        )
+        answer = field(z).occluded_nodes_from(
+            [X0 + camera[0] * GSD, Y0 - camera[1] * GSD, camera[2]]
+        )
         assert agrees(answer, node_margins_to(z.astype(float), camera))
 
     def test_a_camera_on_a_node_sees_it_and_its_neighbours(self):
@@ -209,9 +265,16 @@ class TestFirstHits:
     def test_is_the_textbooks_unless_terrain_stands_in_between(self, z, seed):
         rng = np.random.default_rng(seed)
         rows, cols = z.shape
-        camera = np.array([rng.uniform(-8, cols + 7), rng.uniform(-8, rows + 7), rng.uniform(60, 90)])
-        aims = np.stack([rng.uniform(-1, cols, 8), rng.uniform(-1, rows, 8), rng.uniform(-4, 4, 8)], 1)
-        ranges = field(z).first_hits([X0 + camera[0] * GSD, Y0 - camera[1] * GSD, camera[2]], (aims - camera) * [GSD, -GSD, 1])
+        camera = np.array(
+            [rng.uniform(-8, cols + 7), rng.uniform(-8, rows + 7), rng.uniform(60, 90)]
+        )
+        aims = np.stack(
+            [rng.uniform(-1, cols, 8), rng.uniform(-1, rows, 8), rng.uniform(-4, 4, 8)], 1
+        )
+        ranges = field(z).first_hits(
+            [X0 + camera[0] * GSD, Y0 - camera[1] * GSD, camera[2]],
+            (aims - camera) * [GSD, -GSD, 1],
+        )
         corners = triangles(z.astype(float))
         for ray, got in zip(aims - camera, ranges, strict=True):
             want = textbook_hit(z.astype(float), tuple(camera), tuple(ray))
@@ -230,31 +293,44 @@ class TestFirstHits:
         points = origin + s[:, None] * (aims - origin)
         seen = np.isfinite(s)
         assert seen.sum() > 100
-        np.testing.assert_allclose(f.heights_at(points[seen, 0], points[seen, 1]), points[seen, 2], atol=1e-8)
+        np.testing.assert_allclose(
+            f.heights_at(points[seen, 0], points[seen, 1]), points[seen, 2], atol=1e-8
+        )
 
     def test_straight_down_and_units_of_the_direction(self):
         f = field(np.full((4, 4), 2.0, np.float32))
         down = [[[0, 0, -1.0], [0, 0, -4.0], [0, 0, 1.0], [0, 0, 0], [np.nan, 0, -1]]]
-        np.testing.assert_array_equal(f.first_hits([X0 + 5, Y0 - 5, 10.0], down), [[8, 2, np.nan, np.nan, np.nan]])
-        np.testing.assert_array_equal(f.first_hits([X0 + 500, Y0, 10.0], down), np.full((1, 5), np.nan))
+        np.testing.assert_array_equal(
+            f.first_hits([X0 + 5, Y0 - 5, 10.0], down), [[8, 2, np.nan, np.nan, np.nan]]
+        )
+        np.testing.assert_array_equal(
+            f.first_hits([X0 + 500, Y0, 10.0], down), np.full((1, 5), np.nan)
+        )
 
     def test_from_under_the_ground_nothing_is_hit(self):
         f = field(np.zeros((6, 6), np.float32))
-        assert np.isnan(f.first_hits([X0 + 9, Y0 - 9, -1.0], [[1, 0, 1], [0, 0, 1], [0, 0, -1], [1, 1, 0.1]])).all()
+        assert np.isnan(
+            f.first_hits([X0 + 9, Y0 - 9, -1.0], [[1, 0, 1], [0, 0, 1], [0, 0, -1], [1, 1, 0.1]])
+        ).all()
 
     def test_under_the_border_or_through_a_hole_nothing_is_hit(self):
         z = np.zeros((6, 9), np.float32)
         f = field(z)
         assert np.isnan(f.first_hits([X0 - 40, Y0 - 10, -5.0], [[1, 0, 0.05], [1, 0, 0.2]])).all()
         z[:, 3:5] = np.nan
-        into = field(z).first_hits([X0 + 3.5 * GSD, Y0 - 10, 1.0], [[1, 0, -0.5]])  # under the far rim
+        into = field(z).first_hits(
+            [X0 + 3.5 * GSD, Y0 - 10, 1.0], [[1, 0, -0.5]]
+        )  # under the far rim
         assert np.isnan(into).all()
         over = field(z).first_hits([X0 + 3.5 * GSD, Y0 - 10, 1.0], [[1, 0, -0.1]])
         assert over == pytest.approx(10.0)
 
     def test_at_the_limb_rays_pass_or_hit(self):
         f = field(np.zeros((50, 50), np.float32))
-        s = f.first_hits([X0 - 1000, Y0 - 100, 1.0], [[1, 0, -1 / 1100], [1, 0, 0], [1, 0, 1e-9], [1, 0, -1 / 999]])
+        s = f.first_hits(
+            [X0 - 1000, Y0 - 100, 1.0],
+            [[1, 0, -1 / 1100], [1, 0, 0], [1, 0, 1e-9], [1, 0, -1 / 999]],
+        )
         np.testing.assert_allclose(s, [1100, np.nan, np.nan, np.nan], rtol=1e-12)
 
 
@@ -281,7 +357,9 @@ class TestOccludedPoints:
         points = np.stack([x[i, j], y[i, j], z[i, j]], 1) + np.array([3e-10, -2e-10, 1e-7])
         margins = node_margins(z.astype(float), in_cells(direction, GSD))[i, j]
         sure = ~(np.abs(margins) <= ROUNDING_M)
-        assert (f.occluded_points(points, direction) == f.occluded_nodes(direction)[i, j])[sure].all()
+        assert (f.occluded_points(points, direction) == f.occluded_nodes(direction)[i, j])[
+            sure
+        ].all()
 
     def test_a_lit_slope_does_not_shade_its_own_hits(self):
         slope = np.tile(np.arange(30, dtype=np.float32), (30, 1))
@@ -290,8 +368,12 @@ class TestOccludedPoints:
         origin = np.array([-300.0, 100.0, 4000.0])
         s = f.first_hits(origin, aims - origin)
         hits = (origin + s[:, None] * (aims - origin))[np.isfinite(s)]
-        assert not f.occluded_points(hits, np.array([-1, 0, 0.01])).any()  # the Sun in front of the slope
-        assert not f.occluded_points(hits, np.array([1, 0, 1.001]) / 2).any()  # and just above its face
+        assert not f.occluded_points(
+            hits, np.array([-1, 0, 0.01])
+        ).any()  # the Sun in front of the slope
+        assert not f.occluded_points(
+            hits, np.array([1, 0, 1.001]) / 2
+        ).any()  # and just above its face
         assert f.occluded_points(hits[hits[:, 0] < 27], np.array([1, 0, 0.999]) / 2).all()
 
 
@@ -316,8 +398,12 @@ class TestSweep:
     @classmethod
     def craters(cls):
         f = Heightfield(cratered(384), 20.0)
-        exact = np.array([[f.occluded_nodes(sun(a, e)) for e in cls.ELEVATIONS] for a in cls.AZIMUTHS])
-        swept = np.array([f.sweep_occluded(math.radians(a), np.radians(cls.ELEVATIONS)) for a in cls.AZIMUTHS])
+        exact = np.array(
+            [[f.occluded_nodes(sun(a, e)) for e in cls.ELEVATIONS] for a in cls.AZIMUTHS]
+        )
+        swept = np.array(
+            [f.sweep_occluded(math.radians(a), np.radians(cls.ELEVATIONS)) for a in cls.AZIMUTHS]
+        )
         return exact, swept.astype(bool)
 
     def test_differs_from_exact_by_less_than_half_a_percent(self, craters):
@@ -341,7 +427,9 @@ class TestSweep:
         row0, col0 = data.draw(st.integers(0, 60)), data.draw(st.integers(0, 60))
         window = row0, data.draw(st.integers(row0, 64)), col0, data.draw(st.integers(col0, 64))
         elevations = np.radians([1, 10])
-        whole = f.sweep_occluded(math.radians(azimuth), elevations)[:, window[0] : window[1], window[2] : window[3]]
+        whole = f.sweep_occluded(math.radians(azimuth), elevations)[
+            :, window[0] : window[1], window[2] : window[3]
+        ]
         part = f.sweep_occluded(math.radians(azimuth), elevations, window)
         assert part.shape == whole.shape
         assert (part != whole).mean() < 0.01 if part.size else True  # float32 sums start elsewhere
@@ -366,7 +454,9 @@ class TestSweep:
 class TestNormalsAndHeights:
     def test_a_plane_has_one_normal(self):
         rows, cols = np.mgrid[:5, :6]
-        f = Heightfield(3.0 * cols - 2.0 * rows, 2.0)  # rises 1.5 a metre eastwards and 1 northwards
+        f = Heightfield(
+            3.0 * cols - 2.0 * rows, 2.0
+        )  # rises 1.5 a metre eastwards and 1 northwards
         want = np.array([-1.5, -1.0, 1.0]) / math.sqrt(1.5**2 + 1 + 1)
         np.testing.assert_allclose(f.normals(), np.broadcast_to(want, (5, 6, 3)), atol=1e-7)
         np.testing.assert_allclose(f.normals_at([3.3, 0.0], [-2.2, 0.0]), [want, want], atol=1e-12)
@@ -395,7 +485,9 @@ class TestNormalsAndHeights:
 
     def test_between_nodes_the_triangle_counts(self):
         f = Heightfield([[0, 4], [8, 0]], 1.0)
-        np.testing.assert_allclose(f.heights_at([0.75, 0.25, 0.5, 2.0], [-0.25, -0.75, -0.5, 0.0]), [2, 4, 0, np.nan])
+        np.testing.assert_allclose(
+            f.heights_at([0.75, 0.25, 0.5, 2.0], [-0.25, -0.75, -0.5, 0.0]), [2, 4, 0, np.nan]
+        )
 
 
 class TestBirth:
@@ -414,7 +506,15 @@ class TestBirth:
         assert np.isnan(Heightfield(z, 1.0).z_m[0, 1])
         assert z[0, 1] == np.inf
 
-    @pytest.mark.parametrize(("z", "gsd"), [(np.zeros(4), 1.0), (np.zeros((0, 3)), 1.0), (np.zeros((3, 3)), 0.0), (np.zeros((3, 3)), np.nan)])
+    @pytest.mark.parametrize(
+        ("z", "gsd"),
+        [
+            (np.zeros(4), 1.0),
+            (np.zeros((0, 3)), 1.0),
+            (np.zeros((3, 3)), 0.0),
+            (np.zeros((3, 3)), np.nan),
+        ],
+    )
     def test_what_is_no_heightfield(self, z, gsd):
         with pytest.raises(ValueError, match="must be"):
             Heightfield(z, gsd)

@@ -1,8 +1,10 @@
-"""Slow judges of the ray kernels. They share no code and no idea with the kernels: no traversal, no pyramid, no edge walking.
+"""Slow judges of the ray kernels. They share no code and no idea with the kernels: no traversal, no
+pyramid, no edge walking.
 
-`blocking` clips the vertical plane of a ray with *every* triangle of the raster; `blocking_exact` does the same in rational arithmetic.
-`textbook_hit` is Amanatides and Woo 1987 with Moeller and Trumbore 1997, written from the papers.
-All take heights (rows, cols), and rays in cell units: u = column, v = row (down), z in metres.
+`blocking` clips the vertical plane of a ray with *every* triangle of the raster; `blocking_exact`
+does the same in rational arithmetic. `textbook_hit` is Amanatides and Woo 1987 with Moeller and
+Trumbore 1997, written from the papers. All take heights (rows, cols), and rays in cell units: u =
+column, v = row (down), z in metres.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ FAR = 1e30
 
 
 def in_cells(direction: Array, gsd_m: float) -> tuple[float, float, float]:
-    """An ENU direction in cell units, scaled so that the longer of du and dv is 1 (or as it is when vertical)."""
+    """An ENU direction in cell units, scaled so that the longer of du and dv is 1 (or as it is when
+    vertical).
+    """
     east, north, up = (float(c) for c in direction)
     longest = max(abs(east), abs(north))
     if longest == 0.0:
@@ -40,19 +44,26 @@ def triangles(z: Array) -> Array:
 
 
 def blocking(
-    corners: Array, origin: tuple[float, float, float], ray: tuple[float, float, float], s_max: float = FAR
+    corners: Array,
+    origin: tuple[float, float, float],
+    ray: tuple[float, float, float],
+    s_max: float = FAR,
 ) -> float:
-    """By how much the triangles rise above the ray at most, over 0 < s <= s_max, metres; -inf where none is under it.
+    """By how much the triangles rise above the ray at most, over 0 < s <= s_max, metres; -inf where
+    none is under it.
 
-    Within one triangle the ray's footprint is a segment and both heights are linear along it: the largest rise is at an end. Each
-    triangle is clipped by itself with the half planes of its three sides (Cyrus and Beck 1978). A rise at s = 0 itself does not count.
+    Within one triangle the ray's footprint is a segment and both heights are linear along it: the
+    largest rise is at an end. Each triangle is clipped by itself with the half planes of its three
+    sides (Cyrus and Beck 1978). A rise at s = 0 itself does not count.
     """
     (ou, ov, oz), (du, dv, dz) = origin, ray
     if len(corners) == 0:
         return -math.inf
     near, far = np.zeros(len(corners)), np.full(len(corners), float(s_max))
     a, b, c = corners[:, 0, :2], corners[:, 1, :2], corners[:, 2, :2]
-    turn = np.sign((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+    turn = np.sign(
+        (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    )
     for p, q in ((a, b), (b, c), (c, a)):
         nu, nv = -(q[:, 1] - p[:, 1]) * turn, (q[:, 0] - p[:, 0]) * turn  # inwards
         inside = nu * (ou - p[:, 0]) + nv * (ov - p[:, 1])
@@ -68,7 +79,9 @@ def blocking(
     (zu, zv), z0 = _gradients(corners[hit]), corners[hit, 0]
     rises = []
     for s in (near[hit], far[hit]):
-        over = z0[:, 2] + zu * (ou + du * s - z0[:, 0]) + zv * (ov + dv * s - z0[:, 1]) - (oz + dz * s)
+        over = (
+            z0[:, 2] + zu * (ou + du * s - z0[:, 0]) + zv * (ov + dv * s - z0[:, 1]) - (oz + dz * s)
+        )
         rises.append(np.where(s > 0, over, -math.inf))
     return float(np.max(rises))
 
@@ -76,7 +89,9 @@ def blocking(
 def _gradients(corners: Array) -> tuple[Array, Array]:
     e, f = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     det = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
-    return (e[:, 2] * f[:, 1] - f[:, 2] * e[:, 1]) / det, (e[:, 0] * f[:, 2] - f[:, 0] * e[:, 2]) / det
+    return (e[:, 2] * f[:, 1] - f[:, 2] * e[:, 1]) / det, (
+        e[:, 0] * f[:, 2] - f[:, 0] * e[:, 2]
+    ) / det
 
 
 def node_margins(z: Array, ray: tuple[float, float, float]) -> Array:
@@ -92,7 +107,9 @@ def node_margins_to(z: Array, camera: tuple[float, float, float]) -> Array:
     corners, out = triangles(z), np.full(z.shape, np.nan)
     for i, j in np.argwhere(np.isfinite(z)):
         start = (float(j), float(i), float(z[i, j]))
-        out[i, j] = _margin(corners, start, tuple(c - o for c, o in zip(camera, start, strict=True)), 1.0)
+        out[i, j] = _margin(
+            corners, start, tuple(c - o for c, o in zip(camera, start, strict=True)), 1.0
+        )
     return out
 
 
@@ -106,7 +123,9 @@ def _margin(corners: Array, start: tuple, ray: tuple, s_max: float = FAR) -> flo
 def blocked_exactly(
     z: NDArray, node: tuple[int, int], ray: tuple[Fraction | int, Fraction | int, Fraction | int]
 ) -> bool:
-    """Whether some existing triangle lies strictly above the ray from a node at s > 0, in rational arithmetic: ties are decided."""
+    """Whether some existing triangle lies strictly above the ray from a node at s > 0, in rational
+    arithmetic: ties are decided.
+    """
     du, dv, dz = (Fraction(c) for c in ray)
     origin = (Fraction(node[1]), Fraction(node[0]), Fraction(float(z[node])))
     return any(_above_exactly(t, origin, (du, dv, dz)) for t in _exact_triangles(z))
@@ -133,13 +152,22 @@ def _above_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
             far = -inside / rate if far is None else min(far, -inside / rate)
         elif inside < 0:
             return False
-    return far is not None and near <= far and any(
-        s > 0 and az + zu * (ou + du * s - au) + zv * (ov + dv * s - av) > oz + dz * s for s in (near, far)
+    return (
+        far is not None
+        and near <= far
+        and any(
+            s > 0 and az + zu * (ou + du * s - au) + zv * (ov + dv * s - av) > oz + dz * s
+            for s in (near, far)
+        )
     )
 
 
-def textbook_hit(z: Array, origin: tuple[float, float, float], ray: tuple[float, float, float]) -> float:
-    """First hit at s > 1e-9 of a ray with the triangles, from either side, cell after cell; NaN for none. The start may lie outside."""
+def textbook_hit(
+    z: Array, origin: tuple[float, float, float], ray: tuple[float, float, float]
+) -> float:
+    """First hit at s > 1e-9 of a ray with the triangles, from either side, cell after cell; NaN for
+    none. The start may lie outside.
+    """
     rows, cols = z.shape
     start = _enter(rows, cols, origin, ray)
     if start is None:
@@ -150,7 +178,12 @@ def textbook_hit(z: Array, origin: tuple[float, float, float], ray: tuple[float,
     t_u = ((j + (du > 0)) - ou) / du if du else math.inf
     t_v = ((i + (dv > 0)) - ov) / dv if dv else math.inf
     while 0 <= i <= rows - 2 and 0 <= j <= cols - 2:
-        hits = [h for a in (-1, 0, 1) for b in (-1, 0, 1) for h in _cell_hits(z, i + a, j + b, origin, ray)]
+        hits = [
+            h
+            for a in (-1, 0, 1)
+            for b in (-1, 0, 1)
+            for h in _cell_hits(z, i + a, j + b, origin, ray)
+        ]
         hits = [h for h in hits if h > 1e-9]
         if hits and min(hits) <= min(t_u, t_v) + 1e-9:
             return min(hits)
@@ -181,7 +214,9 @@ def _cell_hits(z: Array, i: int, j: int, origin: tuple, ray: tuple) -> Iterator[
     for a, b in ((i, j + 1), (i + 1, j)):
         corners = [(j, i, z[i, j]), (b, a, z[a, b]), (j + 1, i + 1, z[i + 1, j + 1])]
         if all(math.isfinite(c[2]) for c in corners):
-            t = _moeller_trumbore(np.array(origin), np.array(ray), *np.array(corners, dtype=np.float64))
+            t = _moeller_trumbore(
+                np.array(origin), np.array(ray), *np.array(corners, dtype=np.float64)
+            )
             if t is not None:
                 yield t
 
