@@ -110,17 +110,21 @@ def command(
         _tell_plan(build, workers, as_json)
         return 0
     assert output is not None
-    with progress("areas") as update:
-        report = build_catalog(
-            build,
-            Path(output),
-            jobs=workers,
-            scheduler=scheduler,
-            resume=resume,
-            overwrite=overwrite,
-            keep_going=keep_going,
-            progress=update,
-        )
+    try:
+        with progress("areas") as update:
+            report = build_catalog(
+                build,
+                Path(output),
+                jobs=workers,
+                scheduler=scheduler,
+                resume=resume,
+                overwrite=overwrite,
+                keep_going=keep_going,
+                progress=update,
+            )
+    except KeyboardInterrupt:
+        click.echo("\nfinished areas are kept: run again with --resume", err=True)
+        raise
     if depfile:
         _write_depfile(depfile, output, build)
     click.echo(f"{output}: {report.points} control points from {report.areas} areas", err=True)

@@ -51,7 +51,9 @@ def assemble(
         sources=dems.sources(),
         scene_plan=json.dumps({"decisions": decisions(config)}, sort_keys=True),
         overview=_overview(dems, region, gsd_m),
-        coverage=_coverage(dems, region, everything, points, spacing_m),
+        coverage=_coverage(
+            dems, region, everything, points, spacing_m, config.points.min_usable_conditions
+        ),
     )
 
 
@@ -145,16 +147,19 @@ def _coarsest(evaluation: Evaluation) -> Array:
         return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
 
 
-def _stages(evaluation: Evaluation) -> NDArray[np.int64]:
-    """How far each candidate came: 0 never localisable, 1 never unique as well, 2 never independent as well, 3 usable."""
+def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
+    """How far each candidate came: 0 never localisable, 1 never unique as well, 2 never independent as well (or in too few
+    conditions), 3 usable."""
     condition = evaluation.condition
     localizable = (condition & LOCALIZABLE) > 0
     unique = localizable & ((condition & UNIQUE) > 0)
-    usable = condition == USABLE
-    return sum(stage.any(axis=(1, 2, 3)).astype(np.int64) for stage in (localizable, unique, usable))
+    stages = localizable.any(axis=(1, 2, 3)).astype(np.int64) + unique.any(axis=(1, 2, 3))
+    return stages + ((condition == USABLE).sum(axis=(1, 2, 3)) >= min_usable)
 
 
-def _coverage(dems: DemSet, region: Area, everything: Candidates, points: Candidates, spacing_m: float) -> Coverage:
+def _coverage(
+    dems: DemSet, region: Area, everything: Candidates, points: Candidates, spacing_m: float, min_usable: int
+) -> Coverage:
     """Status of the region's spacing cells: a lattice of its own plane, one spacing apart."""
     x0, x1, y0, y1 = region.extent_m
     x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
@@ -167,7 +172,7 @@ def _coverage(dems: DemSet, region: Area, everything: Candidates, points: Candid
         (lon, lat),
         np.isfinite(heights),
         (everything.lon_deg, everything.lat_deg),
-        _stages(everything.evaluation),
+        _stages(everything.evaluation, min_usable),
         (points.lon_deg, points.lat_deg),
         spacing_m,
     )

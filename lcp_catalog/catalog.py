@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._version import __version__
 from .constants import FRAME, MOON_RADIUS_M
-from .errors import CatalogError
+from .errors import CatalogError, OutputError
 from .files import check_output, write_aside
 from .schema import (
     COORDINATES,
@@ -362,15 +362,30 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     check_output(path, overwrite)
     values, attributes, groups = catalog.values(), catalog.attributes(), catalog.group_attributes()
     attributes["content_sha256"] = _digest(values, attributes, groups)
-    with write_aside(path, overwrite) as aside, _create(aside) as file:
-        file.attrs.update(attributes)
-        for group, variables in GROUPS.items():
-            place = file.create_group(group, track_order=True) if group else file
-            place.attrs.update(groups.get(group, {}))
-            for name in sorted(
-                variables, key=lambda name: variables[name].dims != (name,)
-            ):  # scales first
-                _write_variable(place, name, variables[name], values[_key(group, name)])
+    with write_aside(path, overwrite) as aside:
+        try:
+            with _create(aside) as file:
+                file.attrs.update(attributes)
+                for group, variables in GROUPS.items():
+                    _write_group(file, group, variables, values, groups)
+        except (OSError, RuntimeError) as error:  # HDF5 wraps a full disk in either
+            if "errno = 28" in str(error):
+                raise OutputError(f"{path}: the disk is full; free some space and run again") from error
+            raise OutputError(f"{path}: cannot be written: {_line(error)}") from error
+
+
+def _write_group(
+    file: h5py.File,
+    group: str,
+    variables: Mapping[str, Variable],
+    values: Values,
+    attributes: Mapping[str, Mapping[str, float]],
+) -> None:
+    place = file.create_group(group, track_order=True) if group else file
+    place.attrs.update(attributes.get(group, {}))
+    scales_first = sorted(variables, key=lambda name: variables[name].dims != (name,))
+    for name in scales_first:
+        _write_variable(place, name, variables[name], values[_key(group, name)])
 
 
 def _create(path: Path) -> h5py.File:

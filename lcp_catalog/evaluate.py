@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .config import BuildConfig
+from .landmarks.corners import fill_missing
 from .landmarks.independent import dependence, gather_patches
 from .landmarks.localize import coarsest_scale, lit_share, localization
 from .landmarks.unique import effective_samples, expected_correlation, false_match_probability, second_peak
@@ -83,10 +84,12 @@ def _judge(
 ) -> None:
     """Fill one condition of all candidates."""
     points = config.points
-    pictures = gather_patches(image.radiance, patches.rows, patches.cols, patches.half)
-    seen = np.nan_to_num(pictures)  # the navigator's own render has the same pixels missing: they carry nothing
+    raw = gather_patches(image.radiance, patches.rows, patches.cols, patches.half)
+    # what is not seen carries nothing: filled with its surroundings it has no texture, and it counts as unlit
+    filled = fill_missing(image.radiance, 2 * patches.half + 1)
+    seen = gather_patches(filled, patches.rows, patches.cols, patches.half)
     where = localization(seen, points.image_noise)
-    localizable = where.localizable(points.max_sigma_px) & (lit_share(seen) >= points.min_lit_share)
+    localizable = where.localizable(points.max_sigma_px) & (lit_share(raw) >= points.min_lit_share)
     result.sigma_major_m[at] = where.sigma_major_px * gsd_m
     result.sigma_minor_m[at] = where.sigma_minor_px * gsd_m
     result.harris[at] = where.harris
