@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._version import __version__
 from .constants import FRAME, MOON_RADIUS_M
-from .errors import CatalogError, OutputError
-from .files import check_output, write_aside
+from .errors import CatalogError
+from .files import check_output, write_bytes
 from .schema import (
     COORDINATES,
     COVERAGE,
@@ -362,16 +362,13 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     check_output(path, overwrite)
     values, attributes, groups = catalog.values(), catalog.attributes(), catalog.group_attributes()
     attributes["content_sha256"] = _digest(values, attributes, groups)
-    with write_aside(path, overwrite) as aside:
-        try:
-            with _create(aside) as file:
-                file.attrs.update(attributes)
-                for group, variables in GROUPS.items():
-                    _write_group(file, group, variables, values, groups)
-        except (OSError, RuntimeError) as error:  # HDF5 wraps a full disk in either
-            if "errno = 28" in str(error):
-                raise OutputError(f"{path}: the disk is full; free some space and run again") from error
-            raise OutputError(f"{path}: cannot be written: {_line(error)}") from error
+    with _create() as file:
+        file.attrs.update(attributes)
+        for group, variables in GROUPS.items():
+            _write_group(file, group, variables, values, groups)
+        file.flush()
+        image = file.id.get_file_image()
+    write_bytes(path, image, overwrite)
 
 
 def _write_group(
@@ -388,8 +385,9 @@ def _write_group(
         _write_variable(place, name, variables[name], values[_key(group, name)])
 
 
-def _create(path: Path) -> h5py.File:
-    return h5py.File(path, "w", libver=("earliest", "v110"), track_order=True)
+def _create() -> h5py.File:
+    """A file in memory: HDF5 leaves a file that it cannot write open, and crashes on it when the interpreter ends."""
+    return h5py.File("catalog", "w", driver="core", backing_store=False, libver=("earliest", "v110"), track_order=True)
 
 
 def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Array) -> None:

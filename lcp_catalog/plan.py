@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .config import ModelConfig
 from .constants import MOON_RADIUS_M
-from .sphere import EnuFrame, lonlat_to_mcmf
+from .sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from .terrain import Area, NodeWindow
 
 Array = NDArray[np.float64]
@@ -85,8 +85,37 @@ class AreaTask:
 
 
 def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
-    """The areas that touch the region, from south to north and west to east."""
-    return [task for row, column in _touched(grid, region) if (task := _task(grid, row, column, region, gsd_m))]
+    """The areas that touch the region, from south to north and west to east.
+
+    An area's part of the region is found from places all over its box, and from the region's own outline where it runs through it
+    (a sliver can slip between the box's places).
+    """
+    outline = _outline(grid, region)
+    rows, columns = grid.owner(*outline)
+    areas = sorted(set(_touched(grid, region)) | set(zip(rows.tolist(), columns.tolist(), strict=True)))
+    tasks = []
+    for row, column in areas:
+        mine = (rows == row) & (columns == column)
+        task = _task(grid, row, column, region, (outline[0][mine], outline[1][mine]), gsd_m)
+        if task is not None:
+            tasks.append(task)
+    return tasks
+
+
+def _outline(grid: AreaGrid, region: Area) -> tuple[Array, Array]:
+    """Longitudes and latitudes along the region's edge, as close as the places inside a box."""
+    x0, x1, y0, y1 = region.extent_m
+    step_m = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1)
+    along = np.linspace(0.0, 1.0, math.ceil(max(x1 - x0, y1 - y0) / step_m) + 2)
+    low, high = np.zeros_like(along), np.ones_like(along)
+    east, north = np.concatenate([along, along, low, high]), np.concatenate([low, high, along, along])
+    if region.box is not None:
+        west, south, box_east, box_north = region.box
+        return west + east * (box_east - west), south + north * (box_north - south)
+    x, y = x0 + east * (x1 - x0), y0 + north * (y1 - y0)
+    z = np.sqrt(MOON_RADIUS_M**2 - x**2 - y**2) - MOON_RADIUS_M
+    lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+    return lon, lat
 
 
 def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
@@ -102,15 +131,19 @@ def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
         yield from ((row, column) for column in wanted)
 
 
-def _task(grid: AreaGrid, row: int, column: int, region: Area, gsd_m: float) -> AreaTask | None:
+def _task(
+    grid: AreaGrid, row: int, column: int, region: Area, outline: tuple[Array, Array], gsd_m: float
+) -> AreaTask | None:
     west, south, east, north = grid.box(row, column)
     lon, lat = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))
     inside = region.contains(lon, lat)
-    if not inside.any():
+    lons, lats = np.concatenate([lon[inside], outline[0]]), np.concatenate([lat[inside], outline[1]])
+    if not lons.size:
         return None
     task_lon, task_lat = (west + east) / 2.0, (south + north) / 2.0
-    x, y, _ = np.moveaxis(EnuFrame(task_lon, task_lat).from_mcmf(lonlat_to_mcmf(lon[inside], lat[inside])), -1, 0)
-    margin = (1.0 if inside.all() else math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1) / gsd_m) + 1.0
+    x, y, _ = np.moveaxis(EnuFrame(task_lon, task_lat).from_mcmf(lonlat_to_mcmf(lons, lats)), -1, 0)
+    step = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1) / gsd_m
+    margin = 1.0 if inside.all() else step + 1.0
     return AreaTask(
         row=row,
         column=column,

@@ -146,7 +146,10 @@ def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_grow_is_one_line(tmp_path: Path, config: str) -> None:
-    """A limit on file sizes stands for the full disk: both come back from the system when a file is written."""
+    """A limit on file sizes stands for the full disk: both come back from the system when a file is written.
+
+    The limit lets the areas' files pass and meets the catalogue.
+    """
     output = tmp_path / "x.h5"
     done = subprocess.run(
         lcp("build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "1"),

@@ -1,0 +1,212 @@
+"""Bundles of rays: nodes towards a direction or a camera, surface points towards a direction, a
+camera towards the surface.
+
+Every ray is answered by one thread, so that results do not depend on their number. Rays and units
+as in `tracing`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from .surface import node_exists, surface_height
+from .tracing import NEVER, UNDERGROUND_M, blocked, met
+
+BAND_ROWS = 8
+NODE_LEVEL = 1
+"""Pyramid level at which a ray from the surface starts: most are decided close by."""
+
+CAMERA_LEVEL = 3
+NEAR_CAMERA = 1e-6
+"""A segment's last cells' share in which terrain is not looked for: the camera itself may stand on
+a node.
+"""
+
+ON_SURFACE_M = 1e-3
+"""A point this near the surface, above or below, lies on it."""
+
+ON_GRID = 1e-9
+"""A position this near a grid line or diagonal (in cells) lies on it."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scaled(du, dv, dz):
+    """A ray with max(|du|, |dv|) = 1, and the factor; components that only rounding made differ
+    from an axis or a diagonal are put on it.
+
+    (0, 0, dz, 0) when vertical. sin(pi) is 1.2e-16, not 0; the change moves a ray by 1e-10 cells
+    over 1e5.
+    """
+    longest = max(abs(du), abs(dv))
+    if not longest > 1e-15 * abs(dz):
+        return 0.0, 0.0, dz, 0.0
+    du, dv = du / longest, dv / longest
+    if abs(du) < 1e-15:
+        du = 0.0
+    if abs(dv) < 1e-15:
+        dv = 0.0
+    if abs(abs(du) - abs(dv)) < 1e-15:
+        du, dv = math.copysign(1.0, du), math.copysign(1.0, dv)
+    return du, dv, dz / longest, longest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def on_grid(u, v):
+    """A position moved onto the grid line or diagonal beside which it lies only by rounding."""
+    if abs(u - round(u)) < ON_GRID:
+        u = float(round(u))
+    if abs(v - round(v)) < ON_GRID:
+        v = float(round(v))
+    diagonal = float(round(u - v))
+    if abs(u - v - diagonal) < ON_GRID:
+        if u == round(u):
+            v = u - diagonal
+        else:
+            u = v + diagonal
+    return u, v
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _enter(rows, cols, ou, ov, du, dv):
+    """Parameters s >= 0 between which a ray is over the raster; the first is greater when it never
+    is.
+    """
+    first, last = 0.0, NEVER
+    for axis in range(2):
+        start, rate, limit = (ou, du, cols - 1.0) if axis == 0 else (ov, dv, rows - 1.0)
+        if rate != 0.0:
+            a, b = -start / rate, (limit - start) / rate
+            first, last = max(first, min(a, b)), min(last, max(a, b))
+        elif start < 0.0 or start > limit:
+            last = -1.0
+    return first, last
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _spread(k, bands):
+    """The k-th band to do: neighbours in time lie a golden section apart, so that every thread's
+    share holds all kinds of ground.
+    """
+    step = max(int(bands * 0.6180339887498949), 1)
+    while math.gcd(step, bands) != 1:
+        step += 1
+    return (k * step) % bands
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
+    """For every node of the window, whether the surface rises above its ray; nodata: False. (du,
+    dv) must not both be 0.
+    """
+    row0, row1, col0, col1 = window
+    bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
+    for band in prange(bands):
+        first = row0 + _spread(band, bands) * BAND_ROWS
+        for i in range(first, min(first + BAND_ROWS, row1)):
+            for j in range(col0, col1):
+                oz = np.float64(z[i, j])
+                out[i - row0, j - col0] = not math.isnan(oz) and blocked(
+                    z, holes, pyramid, summit, float(j), float(i), oz, du, dv, dz, NEVER, NODE_LEVEL
+                )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
+    """Whether the surface rises above the segment from a node to a camera that is not under the
+    ground.
+    """
+    oz = np.float64(z[i, j])
+    du, dv, dz, longest = scaled(cu - j, cv - i, cz - oz)
+    if longest == 0.0:
+        return dz < 0.0 and node_exists(z, i, j)
+    end = longest - NEAR_CAMERA
+    return end > 0.0 and blocked(
+        z, holes, pyramid, summit, float(j), float(i), oz, du, dv, dz, end, NODE_LEVEL
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
+    """For every node of the window, whether the surface rises above the segment from it to the
+    camera; nodata: False.
+    """
+    row0, row1, col0, col1 = window
+    cu, cv = on_grid(cu, cv)
+    buried = surface_height(z, cu, cv) > cz + UNDERGROUND_M
+    bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
+    for band in prange(bands):
+        first = row0 + _spread(band, bands) * BAND_ROWS
+        for i in range(first, min(first + BAND_ROWS, row1)):
+            for j in range(col0, col1):
+                out[i - row0, j - col0] = not math.isnan(z[i, j]) and (
+                    buried or _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz)
+                )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
+    u, v = on_grid(u, v)
+    ground = surface_height(z, u, v)
+    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no ground
+        oz = ground
+    elif ground > oz:
+        return True
+    if du == 0.0 and dv == 0.0:
+        return dz < 0.0 and ground == oz
+    first, last = _enter(z.shape[0], z.shape[1], u, v, du, dv)
+    if not first <= last:
+        return False
+    if first > 0.0:
+        u = min(max(u + du * first, 0.0), z.shape[1] - 1.0)
+        v = min(max(v + dv * first, 0.0), z.shape[0] - 1.0)
+        oz += dz * first
+        if surface_height(z, u, v) > oz:
+            return True
+    return blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz, NEVER, NODE_LEVEL)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def occluded_points(z, holes, pyramid, summit, u, v, heights, du, dv, dz, out):
+    """For points (n,), whether the surface rises above their rays; NaN: False."""
+    for k in prange(u.size):
+        known = not math.isnan(u[k] + v[k] + heights[k])
+        out[k] = known and _point_blocked(
+            z, holes, pyramid, summit, u[k], v[k], heights[k], du, dv, dz
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz):
+    """Parameter at which a ray from anywhere first meets the surface from above; NaN when it does
+    not.
+    """
+    rows, cols = z.shape
+    du, dv, dz, longest = scaled(du, dv, dz)
+    if longest == 0.0:
+        fall = oz - surface_height(z, ou, ov)
+        return max(fall, 0.0) / -dz if dz < 0.0 and fall >= -UNDERGROUND_M else math.nan
+    first, last = _enter(rows, cols, ou, ov, du, dv)
+    if oz + dz * first > summit:
+        first = max(first, (summit - oz) / dz) if dz < 0.0 else NEVER
+    if not first < last:
+        return math.nan
+    if first > 0.0:
+        ou = min(max(ou + du * first, 0.0), cols - 1.0)
+        ov = min(max(ov + dv * first, 0.0), rows - 1.0)
+        oz += dz * first
+    if surface_height(z, ou, ov) > oz + UNDERGROUND_M:
+        return math.nan
+    s = met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, CAMERA_LEVEL)
+    return (first + s) / longest if s >= 0.0 else math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def first_hits(z, holes, pyramid, summit, ou, ov, oz, directions, out):
+    """First hits of rays (n, 3) (du, dv, dz) of any length that leave one point."""
+    ou, ov = on_grid(ou, ov)
+    for k in prange(out.size):
+        du, dv, dz = directions[k, 0], directions[k, 1], directions[k, 2]
+        out[k] = math.nan
+        if math.isfinite(du + dv + dz) and abs(du) + abs(dv) + abs(dz) > 0.0:
+            out[k] = first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz)
