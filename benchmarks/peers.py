@@ -18,9 +18,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import drjit as dr
 import mitsuba as mi
+from synthetic import cratered
+
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.sphere import direction_enu
-from synthetic import cratered
 
 mi.set_variant("llvm_ad_rgb")
 
@@ -36,7 +37,10 @@ def mesh(z: np.ndarray) -> mi.Scene:
     x, y = np.meshgrid(np.arange(cols) * CELL_M, -np.arange(rows) * CELL_M)
     corner = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1)).ravel()
     faces = np.concatenate(
-        [np.stack([corner, corner + cols + 1, corner + 1], 1), np.stack([corner, corner + cols, corner + cols + 1], 1)]
+        [
+            np.stack([corner, corner + cols + 1, corner + 1], 1),
+            np.stack([corner, corner + cols, corner + cols + 1], 1),
+        ]
     )
     shape = mi.Mesh("terrain", z.size, len(faces))
     parameters = mi.traverse(shape)
@@ -75,7 +79,10 @@ def main(sizes: list[int]) -> None:
                 ratios.append(ours[-1] / theirs[-1])
                 differ.append(100.0 * float(np.mean(mine.ravel() != other.astype(bool))))
             figures = (statistics.median(values) for values in (ours, theirs, ratios, differ))
-            print("{:5d} {:7.1f} {:11.1f} {:8.1f} {:6.2f} {:9.3f}".format(n, elevation, *figures), flush=True)
+            print(
+                "{:5d} {:7.1f} {:11.1f} {:8.1f} {:6.2f} {:9.3f}".format(n, elevation, *figures),
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

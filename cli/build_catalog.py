@@ -29,7 +29,9 @@ class NumberList(click.ParamType):
 
     name = "numbers"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
         if isinstance(value, tuple):
             return value
         try:
@@ -37,7 +39,9 @@ class NumberList(click.ParamType):
                 start, stop, step = (float(part) for part in value.split(":"))
                 if not step > 0 or not math.isfinite((stop - start) / step):
                     self.fail(f"{value!r}: the step must be positive", param, ctx)
-                return tuple(start + i * step for i in range(math.floor((stop - start) / step + 1e-9) + 1))
+                return tuple(
+                    start + i * step for i in range(math.floor((stop - start) / step + 1e-9) + 1)
+                )
             return tuple(float(part) for part in value.split(","))
         except ValueError:
             self.fail(f"{value!r} is neither A,B,C nor START:STOP:STEP", param, ctx)
@@ -48,7 +52,9 @@ class ViewParam(click.ParamType):
 
     name = "view"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
         try:
             parts = [float(part) for part in value.split(":")]
         except ValueError:
@@ -61,21 +67,88 @@ class ViewParam(click.ParamType):
 @click.command("build-catalog")
 @dem_argument
 @output_option("CATALOG.h5", required=False)
-@click.option("--config", "config_path", type=click.Path(path_type=Path), metavar="BUILD.toml", help="The whole configuration; flags override it.")
+@click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path),
+    metavar="BUILD.toml",
+    help="The whole configuration; flags override it.",
+)
 @area_options
-@click.option("--sun-azimuths", type=NumberList(), metavar="LIST", help="Azimuths of the Sun's grid: A,B,C or START:STOP:STEP, degrees.")
-@click.option("--sun-elevations", type=NumberList(), metavar="LIST", help="Elevations of the Sun's grid, degrees.")
-@click.option("--view", "views", type=ViewParam(), multiple=True, metavar="OFF:AZ[:KM]", help="A viewpoint: angle off the vertical at the point, azimuth, altitude; may be repeated.")
-@click.option("--reflectance", type=click.Choice(REFLECTANCES), default=None, help="Photometric model.")
-@click.option("--spacing", "spacing_km", type=click.FloatRange(0, min_open=True), metavar="KM", help="Least distance of two points; default: two patches.")
-@click.option("--search", "search_km", type=click.FloatRange(0, min_open=True), metavar="KM", help="Radius inside which a point must be unique; default: 64 cells.")
-@click.option("--noise", "image_noise", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE", help="1-sigma image noise as a share of the mean signal.")
-@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Areas computed side by side; default: the cores of this machine.")
-@click.option("--scheduler", metavar="ADDRESS", help="A dask scheduler to send the areas to.")
-@click.option("--plan", "plan_only", is_flag=True, help="Say what the build would do; compute one area to time it.")
-@click.option("--json", "as_json", is_flag=True, help="With --plan: one JSON object on stdout.")
-@click.option("--resume", is_flag=True, help="Take up the finished areas of a run that was broken off.")
-@click.option("--keep-going", is_flag=True, help="Write the catalogue even if areas failed (exit code 3).")
+@click.option(
+    "--sun-azimuths",
+    type=NumberList(),
+    metavar="LIST",
+    help="Azimuths of the Sun's grid: A,B,C or START:STOP:STEP, degrees.",
+)
+@click.option(
+    "--sun-elevations",
+    type=NumberList(),
+    metavar="LIST",
+    help="Elevations of the Sun's grid, degrees.",
+)
+@click.option(
+    "--view",
+    "views",
+    type=ViewParam(),
+    multiple=True,
+    metavar="OFF:AZ[:KM]",
+    help="A viewpoint: angle off the vertical at the point, azimuth, altitude; may be repeated.",
+)
+@click.option(
+    "--reflectance", type=click.Choice(REFLECTANCES), default=None, help="Photometric model."
+)
+@click.option(
+    "--spacing",
+    "spacing_km",
+    type=click.FloatRange(0, min_open=True),
+    metavar="KM",
+    help="Least distance of two points; default: two patches.",
+)
+@click.option(
+    "--search",
+    "search_km",
+    type=click.FloatRange(0, min_open=True),
+    metavar="KM",
+    help="Radius inside which a point must be unique; default: 64 cells.",
+)
+@click.option(
+    "--noise",
+    "image_noise",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    metavar="SHARE",
+    help="1-sigma image noise as a share of the mean signal.",
+)
+@click.option(
+    "--jobs",
+    "-j",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Areas computed side by side; default: the cores of this machine.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="A dask scheduler to send the areas to.",
+)
+@click.option(
+    "--plan",
+    "plan_only",
+    is_flag=True,
+    help="Say what the build would do; compute one area to time it.",
+)
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="With --plan: one JSON object on stdout.",
+)
+@click.option(
+    "--resume", is_flag=True, help="Take up the finished areas of a run that was broken off."
+)
+@click.option(
+    "--keep-going", is_flag=True, help="Write the catalogue even if areas failed (exit code 3)."
+)
 @overwrite_option
 @depfile_option
 def command(
@@ -154,13 +227,20 @@ def _configuration(
     config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
     area: dict[str, Any] = {}
     if center or bounds:
-        area = {"center_deg": tuple(center or ()), "size_km": size_km, "bounds_deg": tuple(bounds or ())}
+        area = {
+            "center_deg": tuple(center or ()),
+            "size_km": size_km,
+            "bounds_deg": tuple(bounds or ()),
+        }
     columns = list(zip(*views, strict=True))
     return dataclasses.replace(
         config,
         area=_over(config.area, gsd_m=gsd_m, **area),
         sun=_over(config.sun, azimuths_deg=sun_azimuths, elevations_deg=sun_elevations),
-        view=_over(config.view, **dict(zip(("off_nadir_deg", "azimuth_deg", "altitude_km"), columns, strict=False))),
+        view=_over(
+            config.view,
+            **dict(zip(("off_nadir_deg", "azimuth_deg", "altitude_km"), columns, strict=False)),
+        ),
         points=_over(
             config.points,
             spacing_m=spacing_km and spacing_km * 1e3,
@@ -173,7 +253,9 @@ def _configuration(
 
 def _over(section: Any, **values: Any) -> Any:
     """A section with the flags that were given; with an area given, what the file said of the area's place is dropped."""
-    given = {name: value for name, value in values.items() if value is not None or name == "size_km"}
+    given = {
+        name: value for name, value in values.items() if value is not None or name == "size_km"
+    }
     return dataclasses.replace(section, **given) if given else section
 
 
@@ -187,9 +269,13 @@ def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
     for name, value in document.items():
         if name == "decisions":
             for decision in value:
-                click.echo(f"  {decision['effect']}: {'modelled' if decision['modelled'] else 'not modelled'}; {decision['reason']}")
+                click.echo(
+                    f"  {decision['effect']}: {'modelled' if decision['modelled'] else 'not modelled'}; {decision['reason']}"
+                )
         else:
-            click.echo(f"{name:24} {value:,}" if isinstance(value, int) else f"{name:24} {value:,.1f}")
+            click.echo(
+                f"{name:24} {value:,}" if isinstance(value, int) else f"{name:24} {value:,.1f}"
+            )
 
 
 def _write_depfile(depfile: str, output: str, build: Any) -> None:

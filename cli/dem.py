@@ -31,7 +31,7 @@ def info(dem: tuple[str, ...], as_json: bool, places: tuple[tuple[float, float],
     """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS3 by image
     or label).
     """
-    from lcp_catalog.dem import Dem  # rasterio and numba: only when the command runs  # noqa: PLC0415
+    from lcp_catalog.dem import Dem  # rasterio and numba: only when the command runs
 
     opened = [
         Dem.open(path) for path in dem

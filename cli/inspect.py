@@ -1,7 +1,5 @@
 """``lcp inspect``: what is in a catalogue, and whether it is intact."""
 
-# ruff: noqa: PLC0415 - the library is imported when the command runs, so that --help is quick
-
 from __future__ import annotations
 
 import json

@@ -22,7 +22,6 @@ COMMANDS = {
 }
 
 
-
 class LazyGroup(click.Group):
     """A group that knows its commands by name and imports a command's module when it is asked for."""
 
@@ -51,7 +50,9 @@ def cli(debug: bool, verbose: int) -> None:
         import logging
 
         level = logging.DEBUG if verbose > 1 else logging.INFO
-        logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+        logging.basicConfig(
+            level=level, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr
+        )
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -1,7 +1,5 @@
 """``lcp render``: an area under one Sun and one view."""
 
-# ruff: noqa: PLC0415 - the library is imported when the command runs, so that --help is quick
-
 from __future__ import annotations
 
 import json

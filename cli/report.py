@@ -1,7 +1,5 @@
 """``lcp report``: a catalogue as one self-contained page."""
 
-# ruff: noqa: PLC0415 - the library is imported when the command runs, so that --help is quick
-
 from __future__ import annotations
 
 import click

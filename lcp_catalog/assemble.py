@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from .dem import DemSet
 from .evaluate import Evaluation
 from .job import Candidates
 from .landmarks.select import coverage, select, stable_id
+from .scene import Decision
 from .schema import LOCALIZABLE, UNIQUE, USABLE
 from .sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from .terrain import Area, NodeWindow, build_terrain
@@ -32,7 +35,11 @@ FIELD_PIXELS = 1024
 
 
 def assemble(
-    config: BuildConfig, dem_paths: tuple[Path, ...], region: Area, gsd_m: float, results: list[Candidates]
+    config: BuildConfig,
+    dem_paths: tuple[Path, ...],
+    region: Area,
+    gsd_m: float,
+    results: list[Candidates],
 ) -> Catalog:
     """Choose the points and fill every variable of the catalogue."""
     dems = DemSet.open(dem_paths)
@@ -62,7 +69,9 @@ def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray
     usable = (candidates.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
     usable[usable < config.points.min_usable_conditions] = 0
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
-    return select(candidates.lon_deg, candidates.lat_deg, usable, _quality(candidates.evaluation), spacing_m)
+    return select(
+        candidates.lon_deg, candidates.lat_deg, usable, _quality(candidates.evaluation), spacing_m
+    )
 
 
 def _joined(parts: list[Any]) -> Any:
@@ -87,22 +96,25 @@ def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
 
 def _quality(evaluation: Evaluation) -> Array:
     """Tie-break between candidates usable equally often: the finer they localise at the worst, the better."""
-    return -np.nan_to_num(_over_usable(evaluation.sigma_major_m, evaluation, np.max), nan=np.inf, posinf=1e30)
+    return -np.nan_to_num(
+        _over_usable(evaluation.sigma_major_m, evaluation, np.nanmax), nan=np.inf, posinf=1e30
+    )
 
 
-def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Any) -> Array:
+def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
     """A figure of each candidate over its usable conditions; NaN where there are none."""
     masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(len(values), -1)
     some = ~np.isnan(masked).all(axis=1)
     out = np.full(len(values), np.nan)
-    reduce = {np.max: np.nanmax, np.median: np.nanmedian, np.min: np.nanmin}[how]
     if some.any():
-        out[some] = reduce(masked[some], axis=1)
+        out[some] = how(masked[some], axis=1)
     return out
 
 
 def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
-    rotations = [enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)]
+    rotations = [
+        enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)
+    ]
     names = np.array(dems.products, dtype=object)
     return {
         "point_id": stable_id(points.lon_deg, points.lat_deg),
@@ -119,7 +131,7 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
 
 def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
     worst = {
-        name: _over_usable(getattr(evaluation, name), evaluation, np.max)
+        name: _over_usable(getattr(evaluation, name), evaluation, np.nanmax)
         for name in ("sigma_major_m", "sigma_minor_m", "second_peak", "false_match")
     }
     lowest, highest = summarise_usable(evaluation.condition, np.array(config.sun.elevations_deg))
@@ -127,21 +139,28 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
         "condition": evaluation.condition,
         "sun_elevation_min": lowest,
         "sun_elevation_max": highest,
-        "harris_response": _over_usable(evaluation.harris, evaluation, np.median),
+        "harris_response": _over_usable(evaluation.harris, evaluation, np.nanmedian),
         "localization_sigma": np.stack([worst["sigma_major_m"], worst["sigma_minor_m"]], axis=-1),
         "second_peak": worst["second_peak"],
         "false_match_probability": worst["false_match"],
-        "gsd_min": np.full(len(evaluation.condition), min(1.0, 2.0 * config.points.patch_nodes / FIELD_PIXELS) * gsd_m),
+        "gsd_min": np.full(
+            len(evaluation.condition),
+            min(1.0, 2.0 * config.points.patch_nodes / FIELD_PIXELS) * gsd_m,
+        ),
         "gsd_max": _coarsest(evaluation) * gsd_m,
-        "shadow_dependence": _over_usable(evaluation.shadow_dependence, evaluation, np.max),
-        "occlusion_dependence": _over_usable(evaluation.occlusion_dependence, evaluation, np.max),
+        "shadow_dependence": _over_usable(evaluation.shadow_dependence, evaluation, np.nanmax),
+        "occlusion_dependence": _over_usable(
+            evaluation.occlusion_dependence, evaluation, np.nanmax
+        ),
     }
 
 
 def _coarsest(evaluation: Evaluation) -> Array:
     """The scale up to which a point still localises in at least half of its usable conditions."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a point without usable conditions has no median: NaN
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # a point without usable conditions has no median: NaN
         masked = np.where(evaluation.condition == USABLE, evaluation.coarsest_scale, np.nan)
         flat = masked.reshape(len(masked), -1)
         return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
@@ -158,7 +177,12 @@ def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
 
 
 def _coverage(
-    dems: DemSet, region: Area, everything: Candidates, points: Candidates, spacing_m: float, min_usable: int
+    dems: DemSet,
+    region: Area,
+    everything: Candidates,
+    points: Candidates,
+    spacing_m: float,
+    min_usable: int,
 ) -> Coverage:
     """Status of the region's spacing cells: a lattice of its own plane, one spacing apart."""
     x0, x1, y0, y1 = region.extent_m
@@ -182,7 +206,7 @@ def _coverage(
 def _middles(low: float, high: float, step: float) -> Array:
     """Middles of the cells of a span, ``step`` wide, centred on it."""
     count = max(1, round((high - low) / step))
-    return (low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step
+    return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
 
 
 def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
@@ -217,47 +241,31 @@ def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float)
 def decisions(config: BuildConfig) -> list[dict[str, Any]]:
     """What every area of a build models, in the words of ``lcp render --explain``."""
     lowest = min(config.sun.elevations_deg)
-    return [
-        {
-            "effect": "cast_shadows",
-            "modelled": True,
-            "reason": "one scan an azimuth with an exact stencil of the nearest 4 cells; the figure is the measured share of nodes that differ from exact tracing",
-            "error_bound": 0.005,
-            "unit": "share of nodes",
-        },
-        {
-            "effect": "shadow_ring",
-            "modelled": True,
-            "reason": f"relief over the tangent of the lowest Sun ({lowest:g} deg), at most {config.model.ring_max_km:g} km; beyond that nothing shadows",
-            "error_bound": None,
-            "unit": "km",
-        },
-        {
-            "effect": "dependence",
-            "modelled": True,
-            "reason": "exact rays, the patch alone against all the terrain",
-            "error_bound": 0.0,
-            "unit": "share of nodes",
-        },
-        {
-            "effect": "one_direction_per_area",
-            "modelled": True,
-            "reason": "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance",
-            "error_bound": config.model.direction_tolerance_deg,
-            "unit": "degrees",
-        },
-        {
-            "effect": "perspective",
-            "modelled": False,
-            "reason": "each view is a bundle of parallel rays to the camera from the point; a finite altitude changes the angle over a patch only",
-            "error_bound": None,
-            "unit": "degrees",
-        },
-        {
-            "effect": "solar_disc",
-            "modelled": False,
-            "reason": "the Sun is a point; penumbra is not modelled in the sweep",
-            "error_bound": 0.27,
-            "unit": "degrees of elevation",
-        },
+    tolerance = config.model.direction_tolerance_deg
+    ring = f"relief over the tangent of the lowest Sun ({lowest:g} deg), at most {config.model.ring_max_km:g} km"
+    made = [
+        ("cast_shadows", True, _SCAN, 0.0075, "share of nodes"),
+        ("shadow_ring", True, ring, None, "km"),
+        (
+            "dependence",
+            True,
+            "exact rays, the patch alone against all the terrain",
+            0.0,
+            "share of nodes",
+        ),
+        ("one_direction_per_area", True, _DIRECTION, tolerance, "degrees"),
+        ("perspective", False, _PARALLEL, None, "degrees"),
+        (
+            "solar_disc",
+            False,
+            "the Sun is a point; a shadow's edge has no penumbra",
+            0.27,
+            "degrees of elevation",
+        ),
     ]
+    return [asdict(Decision(*row)) for row in made]
+
+
+_SCAN = "one scan an azimuth with an exact stencil of the nearest cells; measured against exact rays, worst case"
+_DIRECTION = "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance"
+_PARALLEL = "each view is a bundle of parallel rays to the camera from the point; over a patch the angle changes a little"

@@ -99,18 +99,31 @@ def build_catalog(
     shards = Shards.beside(output, build.fingerprint())
     shards.begin(resume)
     failed = _run_areas(build, shards, jobs, scheduler, keep_going, progress)
-    results = {job.task.name: shards.read(job.task.name) for job in build.jobs if job.task.name not in failed}
+    results = {
+        job.task.name: shards.read(job.task.name)
+        for job in build.jobs
+        if job.task.name not in failed
+    }
     whole = {name: result for name, result in results.items() if result is not None}
     if not whole:
-        raise AreaFailedError(f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}")
-    catalog = assemble(build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values()))
+        raise AreaFailedError(
+            f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
+        )
+    catalog = assemble(
+        build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values())
+    )
     write_catalog(catalog, output, overwrite=overwrite)
     shards.remove()
     return BuildReport(points=len(catalog.point_id), areas=len(whole), failed=failed)
 
 
 def _run_areas(
-    build: Build, shards: Shards, jobs: int, scheduler: str | None, keep_going: bool, progress: Progress
+    build: Build,
+    shards: Shards,
+    jobs: int,
+    scheduler: str | None,
+    keep_going: bool,
+    progress: Progress,
 ) -> dict[str, str]:
     """Compute the areas that no shard holds; the failed ones come back by name."""
     todo = [job for job in build.jobs if shards.read(job.task.name) is None]
@@ -121,7 +134,9 @@ def _run_areas(
         if isinstance(outcome, Exception):
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
             if not keep_going:
-                raise AreaFailedError(f"{cause} (finished areas are kept: run again with --resume)") from outcome
+                raise AreaFailedError(
+                    f"{cause} (finished areas are kept: run again with --resume)"
+                ) from outcome
             log.warning("%s", cause)
             failed[name] = cause
         else:

@@ -387,7 +387,14 @@ def _write_group(
 
 def _create() -> h5py.File:
     """A file in memory: HDF5 leaves a file that it cannot write open, and crashes on it when the interpreter ends."""
-    return h5py.File("catalog", "w", driver="core", backing_store=False, libver=("earliest", "v110"), track_order=True)
+    return h5py.File(
+        "catalog",
+        "w",
+        driver="core",
+        backing_store=False,
+        libver=("earliest", "v110"),
+        track_order=True,
+    )
 
 
 def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Array) -> None:

@@ -7,6 +7,7 @@ DEM", and the derived value is what the catalogue stores.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import tomllib
 from dataclasses import dataclass, field
@@ -37,10 +38,21 @@ class AreaConfig:
 
     def __post_init__(self) -> None:
         _require(len(self.center_deg) in (0, 2), "area.center_deg wants a longitude and a latitude")
-        _require(len(self.bounds_deg) in (0, 4), "area.bounds_deg wants west, south, east and north")
-        _require(not (self.center_deg and self.bounds_deg), "area wants center_deg or bounds_deg, not both")
-        _require(bool(self.center_deg) == (self.size_km is not None), "area.center_deg and area.size_km go together")
-        _require(self.gsd_m is None or 0.0 < self.gsd_m < math.inf, f"area.gsd_m must be positive, not {self.gsd_m}")
+        _require(
+            len(self.bounds_deg) in (0, 4), "area.bounds_deg wants west, south, east and north"
+        )
+        _require(
+            not (self.center_deg and self.bounds_deg),
+            "area wants center_deg or bounds_deg, not both",
+        )
+        _require(
+            bool(self.center_deg) == (self.size_km is not None),
+            "area.center_deg and area.size_km go together",
+        )
+        _require(
+            self.gsd_m is None or 0.0 < self.gsd_m < math.inf,
+            f"area.gsd_m must be positive, not {self.gsd_m}",
+        )
 
 
 @dataclass(frozen=True)
@@ -56,8 +68,14 @@ class SunConfig:
             ("elevations_deg", self.elevations_deg, 0.0, 90.0001),
         ):
             _require(len(values) > 0, f"sun.{name} is empty")
-            _require(all(b > a for a, b in zip(values, values[1:], strict=False)), f"sun.{name} must rise strictly")
-            _require(low <= values[0] and values[-1] < high, f"sun.{name} must lie in {low:g}..{high:g} degrees")
+            _require(
+                all(b > a for a, b in itertools.pairwise(values)),
+                f"sun.{name} must rise strictly",
+            )
+            _require(
+                low <= values[0] and values[-1] < high,
+                f"sun.{name} must lie in {low:g}..{high:g} degrees",
+            )
 
 
 @dataclass(frozen=True)
@@ -71,10 +89,22 @@ class ViewConfig:
 
     def __post_init__(self) -> None:
         lengths = {len(self.off_nadir_deg), len(self.azimuth_deg), len(self.altitude_km)}
-        _require(len(lengths) == 1 and lengths != {0}, "view.off_nadir_deg, azimuth_deg and altitude_km must be of one length")
-        _require(all(0.0 <= v < 90.0 for v in self.off_nadir_deg), "view.off_nadir_deg must lie in 0..90 degrees")
-        _require(all(0.0 <= v < 360.0 for v in self.azimuth_deg), "view.azimuth_deg must lie in 0..360 degrees")
-        _require(all(v > 0.0 for v in self.altitude_km), "view.altitude_km must be positive (inf: parallel rays)")
+        _require(
+            len(lengths) == 1 and lengths != {0},
+            "view.off_nadir_deg, azimuth_deg and altitude_km must be of one length",
+        )
+        _require(
+            all(0.0 <= v < 90.0 for v in self.off_nadir_deg),
+            "view.off_nadir_deg must lie in 0..90 degrees",
+        )
+        _require(
+            all(0.0 <= v < 360.0 for v in self.azimuth_deg),
+            "view.azimuth_deg must lie in 0..360 degrees",
+        )
+        _require(
+            all(v > 0.0 for v in self.altitude_km),
+            "view.altitude_km must be positive (inf: parallel rays)",
+        )
 
     def __len__(self) -> int:
         return len(self.off_nadir_deg)
@@ -100,11 +130,15 @@ class PointConfig:
             self.patch_nodes % 2 == 1 and 9 <= self.patch_nodes <= 257,
             f"points.patch_nodes must be odd, 9..257, not {self.patch_nodes}",
         )
-        _require(self.spacing_m is None or self.spacing_m > 0.0, "points.spacing_m must be positive")
+        _require(
+            self.spacing_m is None or self.spacing_m > 0.0, "points.spacing_m must be positive"
+        )
         _require(self.search_m is None or self.search_m > 0.0, "points.search_m must be positive")
         _require(self.candidates_per_cell >= 1, "points.candidates_per_cell must be at least 1")
         _require(self.min_usable_conditions >= 1, "points.min_usable_conditions must be at least 1")
-        _require(0.0 < self.image_noise < 1.0, "points.image_noise is a share of the mean signal, 0..1")
+        _require(
+            0.0 < self.image_noise < 1.0, "points.image_noise is a share of the mean signal, 0..1"
+        )
         _require(self.max_sigma_px > 0.0, "points.max_sigma_px must be positive")
         for name in ("min_lit_share", "max_second_peak", "max_dependence"):
             _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
@@ -120,7 +154,11 @@ class PointConfig:
 
     def spacing_nodes(self, gsd_m: float) -> int:
         """Least distance of two points, in nodes: two patches unless the configuration says otherwise."""
-        return 2 * (self.patch_nodes - 1) if self.spacing_m is None else max(1, round(self.spacing_m / gsd_m))
+        return (
+            2 * (self.patch_nodes - 1)
+            if self.spacing_m is None
+            else max(1, round(self.spacing_m / gsd_m))
+        )
 
 
 @dataclass(frozen=True)
@@ -133,7 +171,10 @@ class ModelConfig:
     area_nodes_max: int = 512
 
     def __post_init__(self) -> None:
-        _require(0.05 <= self.direction_tolerance_deg <= 10.0, "model.direction_tolerance_deg must lie in 0.05..10")
+        _require(
+            0.05 <= self.direction_tolerance_deg <= 10.0,
+            "model.direction_tolerance_deg must lie in 0.05..10",
+        )
         _require(self.ring_max_km >= 0.0, "model.ring_max_km must not be negative")
         _require(self.area_nodes_max >= 16, "model.area_nodes_max must be at least 16")
 
@@ -168,13 +209,17 @@ class BuildConfig:
         sections = {f.name: f for f in dataclasses.fields(cls)}
         hints = get_type_hints(cls)
         unknown = sorted(set(document) - set(sections))
-        _require(not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}")
+        _require(
+            not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"
+        )
         return cls(**{name: _section(hints[name], name, table) for name, table in document.items()})
 
     def to_toml(self) -> str:
         """The configuration as TOML; what is ``None`` is left out. ``from_dict`` of it gives an equal configuration."""
         document = {
-            name: {k: list(v) if isinstance(v, tuple) else v for k, v in table.items() if v is not None}
+            name: {
+                k: list(v) if isinstance(v, tuple) else v for k, v in table.items() if v is not None
+            }
             for name, table in dataclasses.asdict(self).items()
         }
         return tomli_w.dumps(document)
@@ -200,7 +245,9 @@ def _value(name: str, hint: Any, value: object) -> object:
         _require(_is_number(value), f"{name} must be a number")
         return float(value)  # type: ignore[arg-type]  # checked on the line above
     if "int" in kinds:
-        _require(isinstance(value, int) and not isinstance(value, bool), f"{name} must be a whole number")
+        _require(
+            isinstance(value, int) and not isinstance(value, bool), f"{name} must be a whole number"
+        )
     else:
         _require(isinstance(value, str), f"{name} must be a text")
     return value

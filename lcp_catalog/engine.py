@@ -24,7 +24,10 @@ log = logging.getLogger(__name__)
 
 
 def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int = 1, scheduler: str | None = None
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Yield (index of the task, its result or the exception that ended it) in the order in which tasks end.
 
@@ -41,7 +44,9 @@ def run_tasks(
         yield from _in_processes(function, tasks, min(jobs, len(tasks)))
 
 
-def _here(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[tuple[int, Result | Exception]]:
+def _here(
+    function: Callable[[Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result | Exception]]:
     with limit_threads(1):
         for index, task in enumerate(tasks):
             yield index, _outcome(function, task)
@@ -85,7 +90,9 @@ def _in_processes(
 
 def _died(outcome: Result | Exception) -> Result | Exception:
     if isinstance(outcome, BrokenProcessPool):
-        return RuntimeError("its process died (killed, or out of memory); try fewer --jobs or a smaller area")
+        return RuntimeError(
+            "its process died (killed, or out of memory); try fewer --jobs or a smaller area"
+        )
     return outcome
 
 
@@ -95,7 +102,8 @@ def _one_pool(
     """Keep one task a worker in the pool, so that a broken pool has few suspects."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
-    waiting, running = list(indices), {}
+    waiting = list(indices)
+    running: dict[Future[Any], int] = {}
     broken = False
     try:
         while (waiting and not broken) or running:
@@ -141,8 +149,13 @@ def _on_cluster(
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        raise ConfigError("--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'") from error
+        raise ConfigError(
+            "--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'"
+        ) from error
     with Client(scheduler, timeout="10s") as client:
-        futures = {client.submit(_on_one_thread, function, task, pure=False): index for index, task in enumerate(tasks)}
+        futures = {
+            client.submit(_on_one_thread, function, task, pure=False): index
+            for index, task in enumerate(tasks)
+        }
         for future in as_completed(list(futures)):
             yield futures[future], _result_of(future)

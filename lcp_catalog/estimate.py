@@ -40,8 +40,12 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "views": len(config.view),
         "cell_renders": int(sum(cost)),
         "memory_mb_per_worker": _peak_mb(),
-        "seconds_estimate": round(seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1),
-        "bytes_estimate": int(FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))),
+        "seconds_estimate": round(
+            seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1
+        ),
+        "bytes_estimate": int(
+            FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
+        ),
         "decisions": decisions(config),
     }
 

@@ -12,7 +12,12 @@ from .config import BuildConfig
 from .landmarks.corners import fill_missing
 from .landmarks.independent import dependence, gather_patches
 from .landmarks.localize import coarsest_scale, lit_share, localization
-from .landmarks.unique import effective_samples, expected_correlation, false_match_probability, second_peak
+from .landmarks.unique import (
+    effective_samples,
+    expected_correlation,
+    false_match_probability,
+    second_peak,
+)
 from .schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from .sweep import Image, Sweep
 
@@ -40,7 +45,9 @@ class Evaluation:
     def empty(cls, count: int, shape: tuple[int, int, int]) -> Evaluation:
         """``count`` candidates, nothing evaluated."""
         condition = np.zeros((count, *shape), dtype=np.uint8)
-        blank = [np.full((count, *shape), np.nan, dtype=np.float32) for _ in dataclasses.fields(cls)[1:]]
+        blank = [
+            np.full((count, *shape), np.nan, dtype=np.float32) for _ in dataclasses.fields(cls)[1:]
+        ]
         return cls(condition, *blank)
 
     def with_rows(self, rows: NDArray[np.int64], other: Evaluation) -> Evaluation:
@@ -54,14 +61,20 @@ class Evaluation:
 
 
 def evaluate(
-    sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], config: BuildConfig, gsd_m: float
+    sweep: Sweep,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    config: BuildConfig,
+    gsd_m: float,
 ) -> Evaluation:
     """Evaluate candidates at nodes (rows, cols) of the sweep's window under every condition that can happen."""
     result = Evaluation.empty(len(rows), sweep.conditions.shape)
     if not len(rows):
         return result
     patches = _Patches(sweep, rows, cols, config.points.half)
-    hidden = [patches.occlusion_dependence(view) for view in range(len(sweep.conditions.off_nadir_deg))]
+    hidden = [
+        patches.occlusion_dependence(view) for view in range(len(sweep.conditions.off_nadir_deg))
+    ]
     shaded: dict[tuple[int, int], Float] = {}
     for image in sweep.images():
         sun = (image.elevation, image.azimuth)
@@ -95,16 +108,24 @@ def _judge(
     result.harris[at] = where.harris
     flags = np.full(len(localizable), EVALUATED, dtype=np.uint8)
     flags |= np.where(localizable, LOCALIZABLE, 0).astype(np.uint8)
-    flags |= np.where(result.shadow_dependence[at] <= points.max_dependence, UNSHADOWED, 0).astype(np.uint8)
-    flags |= np.where(result.occlusion_dependence[at] <= points.max_dependence, UNOCCLUDED, 0).astype(np.uint8)
+    flags |= np.where(result.shadow_dependence[at] <= points.max_dependence, UNSHADOWED, 0).astype(
+        np.uint8
+    )
+    flags |= np.where(
+        result.occlusion_dependence[at] <= points.max_dependence, UNOCCLUDED, 0
+    ).astype(np.uint8)
     tried = np.flatnonzero(localizable)
     if len(tried):
         search = points.search_nodes(gsd_m)
-        peak = second_peak(image.radiance, patches.rows[tried], patches.cols[tried], patches.half, search)
+        peak = second_peak(
+            image.radiance, patches.rows[tried], patches.cols[tried], patches.half, search
+        )
         true = expected_correlation(seen[tried], points.image_noise)
         column = (tried, *at[1:])
         result.second_peak[column] = peak
-        result.false_match[column] = false_match_probability(true, peak, effective_samples(seen[tried]))
+        result.false_match[column] = false_match_probability(
+            true, peak.astype(np.float64), effective_samples(seen[tried])
+        )
         result.coarsest_scale[column] = coarsest_scale(
             seen[tried], points.image_noise, SCALES, points.max_sigma_px, points.min_lit_share
         )
@@ -115,13 +136,17 @@ def _judge(
 class _Patches:
     """The candidates' windows in the heightfield, and what terrain outside them does to them."""
 
-    def __init__(self, sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], half: int) -> None:
+    def __init__(
+        self, sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
+    ) -> None:
         self.sweep, self.rows, self.cols, self.half = sweep, rows, cols, half
         self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
 
     def shadow_dependence(self, elevation: int, azimuth: int) -> Float:
         """Share of each patch's nodes that only terrain outside the patch keeps from the Sun."""
-        return self._dependence(self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad))
+        return self._dependence(
+            self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
+        )
 
     def occlusion_dependence(self, view: int) -> Float:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""

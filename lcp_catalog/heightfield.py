@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,7 +78,7 @@ class Heightfield:
         return pyramid.build_pyramid(self.z_m)
 
     @property
-    def _traced(self) -> tuple[NDArray[np.float32], bool, tuple[NDArray[np.float32], ...], float]:
+    def _traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
         """What every ray kernel wants first: heights, whether any is missing, pyramid, summit."""
         return self.z_m, self.has_holes, self._pyramid, self._extremes[1]
 
@@ -98,7 +99,7 @@ class Heightfield:
         """
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         if not math.isfinite(east + north + up) or max(abs(east), abs(north), abs(up)) == 0.0:
-            raise ValueError(f"no direction: {direction}")
+            raise ValueError(f"no direction: {direction!r}")
         du, dv, dz, _ = rays.scaled(east, -north, up * self.gsd_m)
         return float(du), float(dv), float(dz)
 
@@ -137,7 +138,7 @@ class Heightfield:
     def _node_units(self, position_m: ArrayLike) -> tuple[float, float, float]:
         x, y, z = (float(v) for v in np.asarray(position_m, dtype=np.float64))
         if not math.isfinite(x + y + z):
-            raise ValueError(f"no position: {position_m}")
+            raise ValueError(f"no position: {position_m!r}")
         return (x - self.x0_m) / self.gsd_m, (self.y0_m - y) / self.gsd_m, z
 
     def occluded_points(self, points_m: ArrayLike, direction: ArrayLike) -> Mask:

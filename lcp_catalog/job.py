@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 _CORNER_BORDER = 4
 """Nodes beyond the search region that the corner detector's window reaches."""
 
+
 @dataclass(frozen=True)
 class AreaJob:
     """What a worker needs to know; small, so that it travels well."""
@@ -66,7 +67,9 @@ def run_area(job: AreaJob) -> Candidates:
     half, search = config.points.half, config.points.search_nodes(job.gsd_m)
     halo = search + half + _CORNER_BORDER
     terrain = _terrain(job, dems, halo)
-    sweep = Sweep(terrain.field, terrain.core, Conditions.at(task.lat_deg, config), config.model.reflectance)
+    sweep = Sweep(
+        terrain.field, terrain.core, Conditions.at(task.lat_deg, config), config.model.reflectance
+    )
     core = _Core(job, terrain, halo)
     rows, cols = _find(sweep, core, config, job.gsd_m)
     return _evaluated(job, dems, core, sweep, rows, cols)
@@ -98,7 +101,11 @@ class _Core:
         self.z = terrain.field.z_m[r0:r1, c0:c1]
         self.lon, self.lat = self._places((r0, r1, c0, c1))
         row, column = job.grid.owner(self.lon, self.lat)
-        mine = (row == job.task.row) & (column == job.task.column) & job.region.contains(self.lon, self.lat)
+        mine = (
+            (row == job.task.row)
+            & (column == job.task.column)
+            & job.region.contains(self.lon, self.lat)
+        )
         edge = np.ones_like(mine)
         edge[halo:-halo, halo:-halo] = False
         self.mine = mine & ~edge
@@ -108,7 +115,8 @@ class _Core:
         r0, r1, c0, c1 = window
         field = self.terrain.field
         x, y = np.meshgrid(
-            field.x0_m + np.arange(c0, c1) * field.gsd_m, field.y0_m - np.arange(r0, r1) * field.gsd_m
+            field.x0_m + np.arange(c0, c1) * field.gsd_m,
+            field.y0_m - np.arange(r0, r1) * field.gsd_m,
         )
         z = np.where(np.isfinite(self.z), self.z, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M))
         lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
@@ -155,8 +163,14 @@ def _evaluated(
     parts = Evaluation.empty(len(rows), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
-        turned = sweep if turn == 0.0 else Sweep(sweep.field, sweep.window, sweep.conditions, sweep.reflectance, float(turn))
-        parts = parts.with_rows(group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m))
+        turned = (
+            sweep
+            if turn == 0.0
+            else Sweep(sweep.field, sweep.window, sweep.conditions, sweep.reflectance, float(turn))
+        )
+        parts = parts.with_rows(
+            group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m)
+        )
     patches, elevation, product = _patches(dems, lon, lat, job)
     return Candidates(lon, lat, elevation, patches, product, parts)
 
@@ -165,13 +179,14 @@ def _has_whole_patch(
     z: NDArray[np.float32], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
 ) -> NDArray[np.bool_]:
     finite = np.isfinite(z)
-    whole = [finite[r - half : r + half + 1, c - half : c + half + 1].all() for r, c in zip(rows, cols, strict=True)]
+    whole = [
+        finite[r - half : r + half + 1, c - half : c + half + 1].all()
+        for r, c in zip(rows, cols, strict=True)
+    ]
     return np.array(whole, dtype=np.bool_)
 
 
-def _turns(
-    frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig
-) -> Array:
+def _turns(frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig) -> Array:
     """Azimuth of each point's own north in the area's frame, radians, in steps of twice the direction tolerance; 0 within it."""
     north = np.stack([enu_rotation(o, a)[1] for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3)
     east_up = frame.direction_from_mcmf(north)

@@ -58,9 +58,15 @@ class AreaGrid:
 
     def owner(self, lon_deg: Array, lat_deg: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Row and column of the area that owns each place; every place has exactly one owner."""
-        row = np.clip(np.floor((np.asarray(lat_deg) + 90.0) / self.height_deg).astype(np.int64), 0, self.rows - 1)
+        row = np.clip(
+            np.floor((np.asarray(lat_deg) + 90.0) / self.height_deg).astype(np.int64),
+            0,
+            self.rows - 1,
+        )
         rows, back = np.unique(row, return_inverse=True)
-        columns = np.array([self.columns(int(r)) for r in rows], dtype=np.int64)[back].reshape(row.shape)
+        columns = np.array([self.columns(int(r)) for r in rows], dtype=np.int64)[back].reshape(
+            row.shape
+        )
         column = np.floor((np.asarray(lon_deg) % 360.0) / 360.0 * columns).astype(np.int64)
         return row, np.minimum(column, columns - 1)
 
@@ -92,7 +98,9 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
     """
     outline = _outline(grid, region)
     rows, columns = grid.owner(*outline)
-    areas = sorted(set(_touched(grid, region)) | set(zip(rows.tolist(), columns.tolist(), strict=True)))
+    areas = sorted(
+        set(_touched(grid, region)) | set(zip(rows.tolist(), columns.tolist(), strict=True))
+    )
     tasks = []
     for row, column in areas:
         mine = (rows == row) & (columns == column)
@@ -108,7 +116,10 @@ def _outline(grid: AreaGrid, region: Area) -> tuple[Array, Array]:
     step_m = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1)
     along = np.linspace(0.0, 1.0, math.ceil(max(x1 - x0, y1 - y0) / step_m) + 2)
     low, high = np.zeros_like(along), np.ones_like(along)
-    east, north = np.concatenate([along, along, low, high]), np.concatenate([low, high, along, along])
+    east, north = (
+        np.concatenate([along, along, low, high]),
+        np.concatenate([low, high, along, along]),
+    )
     if region.box is not None:
         west, south, box_east, box_north = region.box
         return west + east * (box_east - west), south + north * (box_north - south)
@@ -127,7 +138,11 @@ def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
         columns = grid.columns(row)
         width = 360.0 / columns
         start, stop = math.floor(west / width) - 1, math.floor(east / width) + 1
-        wanted = range(columns) if stop - start + 1 >= columns else sorted({c % columns for c in range(start, stop + 1)})
+        wanted = (
+            range(columns)
+            if stop - start + 1 >= columns
+            else sorted({c % columns for c in range(start, stop + 1)})
+        )
         yield from ((row, column) for column in wanted)
 
 
@@ -137,7 +152,10 @@ def _task(
     west, south, east, north = grid.box(row, column)
     lon, lat = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))
     inside = region.contains(lon, lat)
-    lons, lats = np.concatenate([lon[inside], outline[0]]), np.concatenate([lat[inside], outline[1]])
+    lons, lats = (
+        np.concatenate([lon[inside], outline[0]]),
+        np.concatenate([lat[inside], outline[1]]),
+    )
     if not lons.size:
         return None
     task_lon, task_lat = (west + east) / 2.0, (south + north) / 2.0

@@ -1,4 +1,4 @@
-"""What a catalogue file holds: every variable's dimensions, type, unit and meaning, in one table that writer, reader and check share."""
+"""What a catalogue file holds: dimensions, type, unit and meaning of every variable, for writer, reader and check alike."""
 
 from __future__ import annotations
 
@@ -30,55 +30,105 @@ COORDINATES = {
     "patch_row": Variable(("patch_row",), "i4", "1", "nodes south of the patch's centre"),
     "patch_col": Variable(("patch_col",), "i4", "1", "nodes east of the patch's centre"),
     "view": Variable(("view",), "i4", "1", "number of the viewpoint"),
-    "sun_elevation": Variable(("sun_elevation",), "f8", "degree", "elevation of the Sun at the point"),
-    "sun_azimuth": Variable(("sun_azimuth",), "f8", "degree", "azimuth of the Sun at the point, clockwise from north"),
+    "sun_elevation": Variable(
+        ("sun_elevation",), "f8", "degree", "elevation of the Sun at the point"
+    ),
+    "sun_azimuth": Variable(
+        ("sun_azimuth",), "f8", "degree", "azimuth of the Sun at the point, clockwise from north"
+    ),
     "mcmf_axis": Variable(("mcmf_axis",), "i4", "1", "axis of the Moon-fixed frame: x, y, z"),
     "enu_axis": Variable(("enu_axis",), "i4", "1", "axis of the point's frame: east, north, up"),
-    "ellipse_axis": Variable(("ellipse_axis",), "i4", "1", "axis of the error ellipse: major, minor"),
+    "ellipse_axis": Variable(
+        ("ellipse_axis",), "i4", "1", "axis of the error ellipse: major, minor"
+    ),
 }
 
 VARIABLES = {
-    "view_off_nadir": Variable(("view",), "f8", "degree", "angle at the point between the vertical and the camera"),
-    "view_azimuth": Variable(("view",), "f8", "degree", "azimuth of the camera seen from the point"),
-    "view_altitude": Variable(("view",), "f8", "km", "altitude of the camera, inf for parallel rays"),
-    "point_id": Variable(("point",), "i8", "1", "identifier of the ground, the same in every build"),
+    "view_off_nadir": Variable(
+        ("view",), "f8", "degree", "angle at the point between the vertical and the camera"
+    ),
+    "view_azimuth": Variable(
+        ("view",), "f8", "degree", "azimuth of the camera seen from the point"
+    ),
+    "view_altitude": Variable(
+        ("view",), "f8", "km", "altitude of the camera, inf for parallel rays"
+    ),
+    "point_id": Variable(
+        ("point",), "i8", "1", "identifier of the ground, the same in every build"
+    ),
     "longitude": Variable(("point",), "f8", "degrees_east", "planetocentric longitude, 0..360"),
     "latitude": Variable(("point",), "f8", "degrees_north", "planetocentric latitude"),
-    "elevation": Variable(("point",), "f8", "m", "height of the patch's centre above the reference sphere"),
-    "position_mcmf": Variable(("point", "mcmf_axis"), "f8", "m", "position of the patch's centre, Moon-fixed frame"),
+    "elevation": Variable(
+        ("point",), "f8", "m", "height of the patch's centre above the reference sphere"
+    ),
+    "position_mcmf": Variable(
+        ("point", "mcmf_axis"), "f8", "m", "position of the patch's centre, Moon-fixed frame"
+    ),
     "rotation_mcmf_to_enu": Variable(
-        ("point", "enu_axis", "mcmf_axis"), "f8", "1", "rotation to the point's frame, rows east, north, up"
+        ("point", "enu_axis", "mcmf_axis"),
+        "f8",
+        "1",
+        "rotation to the point's frame, rows east, north, up",
     ),
     "gsd": Variable(("point",), "f8", "m", "cell size of the patch"),
     "dem_product": Variable(("point",), "str", "1", "DEM product that the patch was cut from"),
     "dem": Variable(
-        ("point", "patch_row", "patch_col"), "f4", "m",
+        ("point", "patch_row", "patch_col"),
+        "f4",
+        "m",
         "up coordinate of the patch's nodes in the point's frame, row 0 north, column 0 west",
     ),
-    "condition": Variable(_CONDITION, "u1", "1", "what holds for the point under each view and Sun"),
+    "condition": Variable(
+        _CONDITION, "u1", "1", "what holds for the point under each view and Sun"
+    ),
     "sun_elevation_min": Variable(
-        ("point", "view", "sun_azimuth"), "f8", "degree", "lowest usable elevation of the Sun, NaN for none"
+        ("point", "view", "sun_azimuth"),
+        "f8",
+        "degree",
+        "lowest usable elevation of the Sun, NaN for none",
     ),
     "sun_elevation_max": Variable(
-        ("point", "view", "sun_azimuth"), "f8", "degree", "highest usable elevation of the Sun, NaN for none"
+        ("point", "view", "sun_azimuth"),
+        "f8",
+        "degree",
+        "highest usable elevation of the Sun, NaN for none",
     ),
-    "harris_response": Variable(("point",), "f8", "1", "Harris response of the patch, median over usable conditions"),
+    "harris_response": Variable(
+        ("point",), "f8", "1", "Harris response of the patch, median over usable conditions"
+    ),
     "localization_sigma": Variable(
-        ("point", "ellipse_axis"), "f8", "m", "1-sigma of the position, worst usable condition, at the stated noise"
+        ("point", "ellipse_axis"),
+        "f8",
+        "m",
+        "1-sigma of the position, worst usable condition, at the stated noise",
     ),
     "second_peak": Variable(
-        ("point",), "f8", "1", "highest correlation with anything else in the search radius, worst usable condition"
+        ("point",),
+        "f8",
+        "1",
+        "highest correlation with anything else in the search radius, worst usable condition",
     ),
     "false_match_probability": Variable(
-        ("point",), "f8", "1", "probability that the highest correlation is elsewhere, worst usable condition"
+        ("point",),
+        "f8",
+        "1",
+        "probability that the highest correlation is elsewhere, worst usable condition",
     ),
     "gsd_min": Variable(("point",), "f8", "m", "finest image resolution at which the point works"),
-    "gsd_max": Variable(("point",), "f8", "m", "coarsest image resolution at which the point works"),
+    "gsd_max": Variable(
+        ("point",), "f8", "m", "coarsest image resolution at which the point works"
+    ),
     "shadow_dependence": Variable(
-        ("point",), "f8", "1", "share of the patch that terrain outside it darkens, worst usable condition"
+        ("point",),
+        "f8",
+        "1",
+        "share of the patch that terrain outside it darkens, worst usable condition",
     ),
     "occlusion_dependence": Variable(
-        ("point",), "f8", "1", "share of the patch that terrain outside it hides, worst usable condition"
+        ("point",),
+        "f8",
+        "1",
+        "share of the patch that terrain outside it hides, worst usable condition",
     ),
 }
 

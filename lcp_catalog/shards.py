@@ -41,7 +41,8 @@ class Shards:
             theirs = json.loads(note.read_text(encoding="utf-8")).get("fingerprint")
             if theirs != self.fingerprint:
                 raise OutputExistsError(
-                    f"{self.folder}: finished areas of a run with another configuration, DEM or version; run without --resume to drop them"
+                    f"{self.folder}: finished areas of a run with another configuration, DEM or version; "
+                    "run without --resume to drop them"
                 )
         self.folder.mkdir(exist_ok=True)
         with write_aside(note, overwrite=True) as path:
@@ -53,7 +54,8 @@ class Shards:
     def write(self, name: str, result: Candidates) -> None:
         """Keep a finished area."""
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
-            np.savez(stream, **_flatten("", result))
+            arrays: dict[str, Any] = _flatten("", result)
+            np.savez(stream, **arrays)
 
     def read(self, name: str) -> Candidates | None:
         """A finished area, or None where there is none (or the file is damaged: it is computed again)."""
@@ -80,8 +82,10 @@ def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:
 
 
 def _unflatten(prefix: str, kind: Any, arrays: Any) -> Any:
-    if not dataclasses.is_dataclass(kind):
+    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
         return arrays[prefix]
     hints = get_type_hints(kind)
     names = [field.name for field in dataclasses.fields(kind)]
-    return kind(**{name: _unflatten(f"{prefix}.{name}".lstrip("."), hints[name], arrays) for name in names})
+    return kind(
+        **{name: _unflatten(f"{prefix}.{name}".lstrip("."), hints[name], arrays) for name in names}
+    )

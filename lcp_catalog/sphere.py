@@ -64,7 +64,9 @@ def azimuth_elevation(direction: ArrayLike) -> tuple[Array, Array]:
     """Azimuth (0..360 deg, clockwise from north) and elevation (deg) of ENU directions of shape (..., 3), any length."""
     east, north, up = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
     azimuth = np.degrees(np.arctan2(east, north)) % 360.0
-    return np.where(azimuth >= 360.0, 0.0, azimuth), np.degrees(np.arctan2(up, np.hypot(east, north)))
+    return np.where(azimuth >= 360.0, 0.0, azimuth), np.degrees(
+        np.arctan2(up, np.hypot(east, north))
+    )
 
 
 def central_angle_deg(lon1: ArrayLike, lat1: ArrayLike, lon2: ArrayLike, lat2: ArrayLike) -> Array:
@@ -83,7 +85,9 @@ class EnuFrame:
     height_m: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lon_deg) and abs(self.lat_deg) <= 90.0 and np.isfinite(self.height_m)):
+        if not (
+            np.isfinite(self.lon_deg) and abs(self.lat_deg) <= 90.0 and np.isfinite(self.height_m)
+        ):
             raise ValueError(f"no such place: longitude {self.lon_deg}, latitude {self.lat_deg}")
 
     @cached_property

@@ -94,7 +94,9 @@ class Sweep:
     def unseen(self) -> list[Mask]:
         """For each view the nodes that terrain hides (nodata is NaN in the normals)."""
         views = range(len(self.conditions.off_nadir_deg))
-        return [self._occluded(self.conditions.view_direction(view, self.turn_rad)) for view in views]
+        return [
+            self._occluded(self.conditions.view_direction(view, self.turn_rad)) for view in views
+        ]
 
     def _occluded(self, direction: Array) -> Mask:
         if direction[2] >= 1.0 - 1e-15:  # straight above: a heightfield hides nothing of itself
@@ -116,5 +118,7 @@ class Sweep:
                 sun = self.conditions.sun_direction(int(elevation), azimuth, self.turn_rad)
                 for view in wanted:
                     camera = self.conditions.view_direction(view, self.turn_rad)
-                    radiance = shade_nodes(self.normals, sun, camera, dark[slot], self.unseen[view], code)
+                    radiance = shade_nodes(
+                        self.normals, sun, camera, dark[slot], self.unseen[view], code
+                    )
                     yield Image(view, int(elevation), azimuth, radiance)

@@ -17,7 +17,7 @@ def thread_limit() -> int:
     """The most threads the kernels can use in this process: what numba started with
     (``NUMBA_NUM_THREADS``, else all cores).
     """
-    return int(numba.config.NUMBA_NUM_THREADS)
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # made when numba is imported
 
 
 class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes it)

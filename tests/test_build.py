@@ -8,10 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from lcp_catalog import build as build_module
 from lcp_catalog.build import Build, build_catalog
 from lcp_catalog.catalog import Catalog, read_catalog, verify
-from lcp_catalog.config import AreaConfig, BuildConfig, ModelConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.config import (
+    AreaConfig,
+    BuildConfig,
+    ModelConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
 from lcp_catalog.dem import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError
 from lcp_catalog.heightfield import Heightfield
@@ -68,8 +76,9 @@ def test_patches_are_the_dem_in_the_points_own_frame(catalog: Catalog) -> None:
     for i in range(len(catalog.point_id)):
         enu = np.stack([x, y, catalog.dem[i].astype(np.float64)], axis=-1)
         mcmf = enu @ catalog.rotation_mcmf_to_enu[i] + catalog.position_mcmf[i]
-        lon, lat = np.degrees(np.arctan2(mcmf[..., 1], mcmf[..., 0])), np.degrees(
-            np.arctan2(mcmf[..., 2], np.hypot(mcmf[..., 0], mcmf[..., 1]))
+        lon, lat = (
+            np.degrees(np.arctan2(mcmf[..., 1], mcmf[..., 0])),
+            np.degrees(np.arctan2(mcmf[..., 2], np.hypot(mcmf[..., 0], mcmf[..., 1]))),
         )
         heights, _ = dems.heights(lon, lat, 474.0)
         np.testing.assert_allclose(np.linalg.norm(mcmf, axis=-1) - 1_737_400.0, heights, atol=5e-3)
@@ -106,7 +115,9 @@ def test_independence_flags_mean_what_they_say(catalog: Catalog) -> None:
     disagreements = checked = 0
     for i in range(len(catalog.point_id)):
         frame = EnuFrame(catalog.longitude[i], catalog.latitude[i])
-        wide = build_terrain(dems, frame, NodeWindow(-half, half + 1, -half, half + 1), 474.0, ring_m=60e3).field
+        wide = build_terrain(
+            dems, frame, NodeWindow(-half, half + 1, -half, half + 1), 474.0, ring_m=60e3
+        ).field
         middle = wide.shape[0] // 2
         window = (middle - half, middle + half + 1, middle - half, middle + half + 1)
         patch = Heightfield(wide.z_m[window[0] : window[1], window[2] : window[3]], 474.0)
@@ -133,10 +144,16 @@ def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
     usable = catalog.condition == USABLE
     for point, view, elevation, azimuth in np.argwhere(usable):
         at = (point, view, azimuth)
-        assert catalog.sun_elevation_min[at] <= catalog.sun_elevation[elevation] <= catalog.sun_elevation_max[at]
+        assert (
+            catalog.sun_elevation_min[at]
+            <= catalog.sun_elevation[elevation]
+            <= catalog.sun_elevation_max[at]
+        )
     assert (catalog.shadow_dependence <= CONFIG.points.max_dependence).all()
     assert (catalog.second_peak <= CONFIG.points.max_second_peak).all()
-    assert (catalog.localization_sigma[:, 0] <= CONFIG.points.max_sigma_px * 474.0 * (1 + 1e-6)).all()
+    assert (
+        catalog.localization_sigma[:, 0] <= CONFIG.points.max_sigma_px * 474.0 * (1 + 1e-6)
+    ).all()
 
 
 def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: Path) -> None:
@@ -146,7 +163,9 @@ def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: P
 
 def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> None:
     """A region shifted by 7 km finds the same candidates in the middle, at the same nodes."""
-    other = dataclasses.replace(CONFIG, area=dataclasses.replace(CONFIG.area, center_deg=(3.7, 26.15)))
+    other = dataclasses.replace(
+        CONFIG, area=dataclasses.replace(CONFIG.area, center_deg=(3.7, 26.15))
+    )
     task = Build.plan((DEM,), CONFIG).jobs[len(Build.plan((DEM,), CONFIG).jobs) // 2]
     twin = next(job for job in Build.plan((DEM,), other).jobs if job.task.name == task.task.name)
     ours, theirs = run_area(task), run_area(twin)

@@ -81,7 +81,19 @@ def test_plan_writes_nothing_and_speaks_json(
 
 
 def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--view", "0", "--view", "30:90:100", "--sun-elevations", "10:30:10", "--center", "3.4", "26.1", "--size", "20"]
+    flags = [
+        "--view",
+        "0",
+        "--view",
+        "30:90:100",
+        "--sun-elevations",
+        "10:30:10",
+        "--center",
+        "3.4",
+        "26.1",
+        "--size",
+        "20",
+    ]
     assert run(["build-catalog", DEM, "--config", config, "--plan", "--json", *flags]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["views"] == 2
@@ -117,13 +129,28 @@ def test_mistakes_are_one_line(
     error = capsys.readouterr().err
     assert says in error
     assert "Traceback" not in error
-    assert len([line for line in error.splitlines() if line and not line.startswith(("Usage", "Try"))]) == 1
+    assert (
+        len([line for line in error.splitlines() if line and not line.startswith(("Usage", "Try"))])
+        == 1
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path) -> None:
     output = tmp_path / "x.h5"
-    arguments = ["build-catalog", DEM, "-o", str(output), "--center", "3.5", "26", "--size", "60", "--jobs", "2"]
+    arguments = [
+        "build-catalog",
+        DEM,
+        "-o",
+        str(output),
+        "--center",
+        "3.5",
+        "26",
+        "--size",
+        "60",
+        "--jobs",
+        "2",
+    ]
     process = subprocess.Popen(
         lcp(*arguments),
         stderr=subprocess.PIPE,

@@ -8,14 +8,24 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from lcp_catalog.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.errors import ConfigError
 
-rising = st.lists(st.floats(0.0, 89.0), min_size=1, max_size=6, unique=True).map(lambda v: tuple(sorted(v)))
+rising = st.lists(st.floats(0.0, 89.0), min_size=1, max_size=6, unique=True).map(
+    lambda v: tuple(sorted(v))
+)
 
 
-@given(elevations=rising, noise=st.floats(1e-6, 0.99), size=st.floats(0.1, 1e4), half=st.integers(4, 60))
-def test_toml_keeps_every_value(elevations: tuple[float, ...], noise: float, size: float, half: int) -> None:
+@given(
+    elevations=rising,
+    noise=st.floats(1e-6, 0.99),
+    size=st.floats(0.1, 1e4),
+    half=st.integers(4, 60),
+)
+def test_toml_keeps_every_value(
+    elevations: tuple[float, ...], noise: float, size: float, half: int
+) -> None:
     config = BuildConfig(
         area=AreaConfig(center_deg=(-3.25, 89.5), size_km=size),
         sun=SunConfig(elevations_deg=elevations),
@@ -55,5 +65,5 @@ def test_bad_files_name_the_file_and_the_key(tmp_path: Path, text: str, names: s
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="nowhere.toml"):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml"):
         BuildConfig.from_toml(tmp_path / "nowhere.toml")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
+
 from lcp_catalog.engine import run_tasks
 from lcp_catalog.errors import ConfigError
 

@@ -59,11 +59,17 @@ def room(path: Path) -> str:
 
 @pytest.mark.parametrize("package", FENCES)
 def test_only_its_rooms_import(package: str) -> None:
-    users = {room(path) for path in LIBRARY if any(name.split(".")[0] == package for name in imports(path))}
+    users = {
+        room(path)
+        for path in LIBRARY
+        if any(name.split(".")[0] == package for name in imports(path))
+    }
     assert users <= FENCES[package]
 
 
-@pytest.mark.parametrize("path", [p for p in LIBRARY if room(p) != "__init__"], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", [p for p in LIBRARY if room(p) != "__init__"], ids=lambda p: p.stem
+)
 def test_imports_go_down(path: Path) -> None:
     floor = {name: level for level, names in enumerate(FLOORS) for name in names}
     own = room(path)
@@ -77,7 +83,9 @@ def test_imports_go_down(path: Path) -> None:
 def test_kernels_import_nothing_of_ours_but_constants() -> None:
     for path in (ROOT / "lcp_catalog" / "kernels").glob("*.py"):
         ours = {name for name in imports(path) if name.startswith("lcp_catalog")}
-        assert all(name.startswith(("lcp_catalog.kernels", "lcp_catalog.constants")) for name in ours), path
+        assert all(
+            name.startswith(("lcp_catalog.kernels", "lcp_catalog.constants")) for name in ours
+        ), path
 
 
 def test_the_library_never_prints_or_exits() -> None:
@@ -92,5 +100,12 @@ def test_the_library_never_prints_or_exits() -> None:
 
 def test_commands_hold_no_science() -> None:
     for path in COMMANDS:
-        heavy = {name.split(".")[0] for name in imports(path)} & {"numpy", "cv2", "h5py", "numba", "rasterio", "erfa"}
+        heavy = {name.split(".")[0] for name in imports(path)} & {
+            "numpy",
+            "cv2",
+            "h5py",
+            "numba",
+            "rasterio",
+            "erfa",
+        }
         assert not heavy, f"{path.name} imports {heavy}"

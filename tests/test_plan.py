@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from lcp_catalog.config import ModelConfig
 from lcp_catalog.plan import AreaGrid, plan_areas
 from lcp_catalog.sphere import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
@@ -28,7 +29,9 @@ def test_corners_are_within_the_tolerance_of_the_centre(tolerance_deg: float) ->
     for row in range(grid.rows):
         west, south, east, north = grid.box(row, 0)
         middle = (west + east) / 2.0, (south + north) / 2.0
-        away = central_angle_deg(*middle, np.array([west, east, west, east]), np.array([south, south, north, north]))
+        away = central_angle_deg(
+            *middle, np.array([west, east, west, east]), np.array([south, south, north, north])
+        )
         # a wedge that ends at the pole is no square: 1.2 is the most that any row needs
         assert away.max() <= 1.2 * tolerance_deg, (row, away)
 
@@ -53,9 +56,13 @@ def test_every_place_of_the_region_lies_in_a_window(lon: float, lat: float, size
     z = np.sqrt(1737.4e3**2 - x**2 - y**2) - 1737.4e3
     lons, lats, _ = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
     rows, columns = GRID.owner(lons, lats)
-    for row, column, one_lon, one_lat in zip(rows.flat, columns.flat, lons.flat, lats.flat, strict=True):
+    for row, column, one_lon, one_lat in zip(
+        rows.flat, columns.flat, lons.flat, lats.flat, strict=True
+    ):
         task = tasks[int(row), int(column)]
-        east, north, _ = EnuFrame(task.lon_deg, task.lat_deg).from_mcmf(lonlat_to_mcmf(one_lon, one_lat))
+        east, north, _ = EnuFrame(task.lon_deg, task.lat_deg).from_mcmf(
+            lonlat_to_mcmf(one_lon, one_lat)
+        )
         assert task.window.row0 <= -north / 118.0 <= task.window.row1 - 1
         assert task.window.col0 <= east / 118.0 <= task.window.col1 - 1
 
