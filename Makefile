@@ -8,7 +8,7 @@ PHOTO := sample_data/AS15-M-0414
 CATALOG := build/hadley.h5
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog test test-slow check bench clean venv
+.PHONY: all catalog test test-slow check bench bench-peers clean venv
 
 all: catalog
 
@@ -47,6 +47,10 @@ check: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m pytest benchmarks --benchmark-enable --benchmark-sort=name
+
+bench-peers: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
+	$(BIN)/python benchmarks/peers.py 1024 2048
 
 clean:
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

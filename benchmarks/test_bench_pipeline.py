@@ -1,0 +1,60 @@
+"""A whole area through the pipeline, the reading of terrain, and the memory that terrain takes a cell."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from lcp_catalog.build import Build
+from lcp_catalog.config import BuildConfig
+from lcp_catalog.dem import DemSet
+from lcp_catalog.job import run_area
+from lcp_catalog.sphere import EnuFrame
+from lcp_catalog.sweep import Conditions
+from lcp_catalog.terrain import NodeWindow, build_terrain
+from lcp_catalog.threads import limit_threads
+
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
+DEM = SAMPLE / "hadley_gld100_256ppd.tif"
+GSD_M = 118.45
+
+
+def test_area(benchmark):
+    """The middle area of the sample's build, on one thread: terrain, sweep, candidates, evaluation."""
+    build = Build.plan((DEM,), BuildConfig.from_toml(SAMPLE / "hadley.toml"))
+    job = build.jobs[len(build.jobs) // 2 - 3]
+    with limit_threads(1):
+        result = benchmark.pedantic(run_area, (job,), rounds=3, warmup_rounds=1)
+    if benchmark.stats:
+        conditions = Conditions.at(job.task.lat_deg, build.config).count
+        seconds = benchmark.stats.stats.min
+        benchmark.extra_info["candidates"] = len(result)
+        benchmark.extra_info["conditions"] = conditions
+        benchmark.extra_info["ms a candidate and condition"] = round(
+            1e3 * seconds / (len(result) * conditions), 3
+        )
+
+
+@pytest.mark.parametrize("nodes", [1024, 2048])
+def test_terrain(benchmark, nodes):
+    """From the GeoTIFF to a heightfield; bytes a cell that stay, and that are held at the most meanwhile."""
+    dems, frame = DemSet.open([DEM]), EnuFrame(5.0, 25.0)
+    window = NodeWindow(-nodes // 2, nodes // 2, -nodes // 2, nodes // 2)
+
+    def make():
+        terrain = build_terrain(dems, frame, window, GSD_M)
+        terrain.field.occluded_nodes([1.0, 0.0, 0.1], (0, 2, 0, 2))  # makes the pyramid
+        return terrain
+
+    benchmark.pedantic(make, rounds=3, warmup_rounds=1)
+    tracemalloc.start()
+    terrain = make()
+    kept, peak = (size / nodes**2 for size in tracemalloc.get_traced_memory())
+    tracemalloc.stop()
+    del terrain
+    if benchmark.stats:
+        benchmark.extra_info["Mnode/s"] = round(nodes**2 / benchmark.stats.stats.min / 1e6, 2)
+        benchmark.extra_info["bytes a cell kept"] = round(kept, 2)
+        benchmark.extra_info["bytes a cell at most"] = round(peak, 1)
