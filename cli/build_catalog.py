@@ -117,7 +117,7 @@ class ViewParam(click.ParamType):
     "image_noise",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     metavar="SHARE",
-    help="1-sigma image noise as a share of the mean signal.",
+    help="1 sigma of image minus render, as a share of the mean signal; default 0.15.",
 )
 @click.option(
     "--jobs",

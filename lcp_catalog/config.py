@@ -118,10 +118,14 @@ class PointConfig:
     spacing_m: float | None = None  # two patch widths
     search_m: float | None = None  # 64 nodes
     candidates_per_cell: int = 2
-    image_noise: float = 0.02  # 1 sigma of a pixel, as a share of the patch's mean signal
-    max_sigma_px: float = 0.1
+    image_noise: float = 0.15
+    """1 sigma of the difference between image and render at a pixel, as a share of the patch's mean signal: the sensor's noise and
+    whatever the DEM does not know. Measured on Apollo 15 frame AS15-M-0414 against GLD100, Sun 14 deg high: 0.13 to 0.20 over
+    all contrasts (docs/control-points.md)."""
+    max_sigma_px: float = 0.5
     min_lit_share: float = 0.5
     max_second_peak: float = 0.8
+    max_false_match: float = 0.05
     max_dependence: float = 0.02
     min_usable_conditions: int = 1
 
@@ -140,7 +144,7 @@ class PointConfig:
             0.0 < self.image_noise < 1.0, "points.image_noise is a share of the mean signal, 0..1"
         )
         _require(self.max_sigma_px > 0.0, "points.max_sigma_px must be positive")
-        for name in ("min_lit_share", "max_second_peak", "max_dependence"):
+        for name in ("min_lit_share", "max_second_peak", "max_false_match", "max_dependence"):
             _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
 
     @property

@@ -123,13 +123,15 @@ def _judge(
         true = expected_correlation(seen[tried], points.image_noise)
         column = (tried, *at[1:])
         result.second_peak[column] = peak
-        result.false_match[column] = false_match_probability(
+        mistaken = false_match_probability(
             true, peak.astype(np.float64), effective_samples(seen[tried])
         )
+        result.false_match[column] = mistaken
         result.coarsest_scale[column] = coarsest_scale(
             seen[tried], points.image_noise, SCALES, points.max_sigma_px, points.min_lit_share
         )
-        flags[tried] |= np.where(peak <= points.max_second_peak, UNIQUE, 0).astype(np.uint8)
+        unique = (peak <= points.max_second_peak) & (mistaken <= points.max_false_match)
+        flags[tried] |= np.where(unique, UNIQUE, 0).astype(np.uint8)
     result.condition[at] = flags
 
 

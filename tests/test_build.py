@@ -151,6 +151,7 @@ def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
         )
     assert (catalog.shadow_dependence <= CONFIG.points.max_dependence).all()
     assert (catalog.second_peak <= CONFIG.points.max_second_peak).all()
+    assert (catalog.false_match_probability <= CONFIG.points.max_false_match).all()
     assert (
         catalog.localization_sigma[:, 0] <= CONFIG.points.max_sigma_px * 474.0 * (1 + 1e-6)
     ).all()
