@@ -26,9 +26,10 @@ PIXEL_NODES = 3.3
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Centred normalised correlation of two windows."""
+    """Centred normalised correlation of two windows; 0 where one of them is flat (all in shadow)."""
     a, b = a - a.mean(), b - b.mean()
-    return float((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum()))
+    power = float(np.sqrt((a * a).sum() * (b * b).sum()))
+    return float((a * b).sum()) / power if power > 0.0 else 0.0
 
 
 @pytest.mark.slow
