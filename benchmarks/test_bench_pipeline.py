@@ -9,7 +9,7 @@ import pytest
 
 from lcp_catalog.build import Build
 from lcp_catalog.config import BuildConfig
-from lcp_catalog.dem import DemSet
+from lcp_catalog.demset import DemSet
 from lcp_catalog.job import run_area
 from lcp_catalog.sphere import EnuFrame
 from lcp_catalog.sweep import Conditions

@@ -279,7 +279,7 @@ def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
 
 
 def _write_depfile(depfile: str, output: str, build: Any) -> None:
-    from lcp_catalog.dem import DemSet
+    from lcp_catalog.demset import DemSet
     from lcp_catalog.files import depfile_text, write_bytes
 
     sources = [path for opened in DemSet.open(build.dem_paths).dems for path in opened.files]

@@ -45,6 +45,8 @@ def info(dem: tuple[str, ...], as_json: bool, places: tuple[tuple[float, float],
 
 
 def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> dict[str, Any]:
+    from lcp_catalog.demset import height_at
+
     found = dem.statistics()
     span = dem.abs_latitude_use
     return {
@@ -61,7 +63,7 @@ def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> d
         "nodata_share": found.nodata_share,
         "abs_latitude_use": None if span is None else list(span),
         "samples": [
-            {"lon": lon, "lat": lat, "height_m": dem.height_at(lon, lat)} for lon, lat in places
+            {"lon": lon, "lat": lat, "height_m": height_at(dem, lon, lat)} for lon, lat in places
         ],
     }
 

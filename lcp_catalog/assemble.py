@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .catalog import Catalog, Coverage, Overview, summarise_usable
+from .catalog import Catalog, Coverage, Overview
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
-from .dem import DemSet
+from .demset import DemSet
 from .evaluate import Evaluation
+from .flags import summarise_usable
 from .job import Candidates
 from .landmarks.select import coverage, select, stable_id
 from .scene import Decision

@@ -16,7 +16,7 @@ from ._version import __version__
 from .assemble import assemble
 from .catalog import write_catalog
 from .config import BuildConfig
-from .dem import DemSet
+from .demset import DemSet
 from .engine import run_tasks
 from .errors import AreaError, AreaFailedError
 from .files import check_output

@@ -15,7 +15,7 @@ from . import sun
 from ._version import __version__
 from .camera import Camera
 from .constants import FRAME, MOON_RADIUS_M
-from .dem import DemSet
+from .demset import DemSet
 from .errors import AreaError, CameraError, SunError
 from .grid import Bounds
 from .raster_out import geotiff, node_transform, orthographic_crs

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
-from .dem import DemSet
+from .demset import DemSet
 from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .constants import MOON_RADIUS_M
-from .dem import DemSet
+from .demset import DemSet
 from .errors import AreaError
 from .grid import Bounds
 from .heightfield import Heightfield, Window

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import rasterio
 
-from lcp_catalog.catalog import Catalog, Coverage, Overview, summarise_usable
+from lcp_catalog.catalog import Catalog, Coverage, Overview
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.flags import summarise_usable
 from lcp_catalog.schema import COVERAGE_STATUS
 from lcp_catalog.sphere import EnuFrame, direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 

@@ -20,7 +20,7 @@ from lcp_catalog.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.dem import DemSet
+from lcp_catalog.demset import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.job import run_area

@@ -15,10 +15,7 @@ import xarray
 
 from lcp_catalog import schema
 from lcp_catalog.catalog import (
-    Coverage,
     read_catalog,
-    summarise_usable,
-    usable,
     verify,
     write_catalog,
 )
@@ -197,16 +194,6 @@ def test_json_texts_may_be_given() -> None:
     assert found.scene_plan == {"decisions": [1]}
 
 
-def test_summary_of_usable_suns() -> None:
-    condition = np.zeros((1, 1, 3, 3), dtype=np.uint8)
-    condition[0, 0, :, 0] = [31, 15, 31]
-    condition[0, 0, :, 1] = [15, 31, 0]
-    lowest, highest = summarise_usable(condition, [10.0, 20.0, 30.0])
-    np.testing.assert_array_equal(lowest, [[[10.0, 20.0, np.nan]]])
-    np.testing.assert_array_equal(highest, [[[30.0, 20.0, np.nan]]])
-    assert usable([31, 30, 15, 0]).tolist() == [True, False, False, False]
-
-
 def test_statuses_are_those_of_the_selection() -> None:
     assert {status.value: status.name.lower() for status in Status} == schema.COVERAGE_STATUS
 
@@ -372,42 +359,3 @@ def test_other_files(tmp_path: Path) -> None:
     assert verify(tmp_path / "none.h5") == ["there is no such file"]
     with pytest.raises(CatalogError, match="there is no such file"):
         read_catalog(tmp_path / "none.h5")
-
-
-# -- birth
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "text"),
-    [
-        ("gsd", np.ones(3), "gsd: 3 along point where others have 4"),
-        ("dem", np.zeros((4, 9)), "dem: 2 dimensions"),
-        ("dem", np.zeros((4, 8, 8)), "no centre node"),
-        ("point_id", np.array([1.5, 2, 3, 4]), "not whole numbers"),
-        ("condition", np.full((4, 3, 8, 24), 300), "condition: does not fit into u1"),
-        ("condition", np.full((4, 3, 8, 24), 64, np.uint8), "has bits that mean nothing"),
-        ("longitude", np.array(["a"] * 4), "not numbers"),
-        ("sources", "{", "sources is no JSON"),
-    ],
-)
-def test_what_does_not_fit_is_refused_at_birth(name: str, value: object, text: str) -> None:
-    with pytest.raises(CatalogError, match=text):
-        catalogs.catalog(4, **{name: value})
-
-
-def test_a_point_that_is_never_usable_may_lack_figures() -> None:
-    spoilt = catalogs.arrays(2)
-    spoilt["condition"][0] &= 15
-    lowest, highest = summarise_usable(spoilt["condition"], spoilt["sun_elevation"])
-    spoilt |= {"sun_elevation_min": lowest, "sun_elevation_max": highest}
-    spoilt["second_peak"][0] = np.nan
-    catalogs.Catalog(**spoilt)
-    spoilt["second_peak"][1] = np.nan
-    with pytest.raises(CatalogError, match="second_peak"):
-        catalogs.Catalog(**spoilt)
-
-
-def test_cells_of_different_lengths_are_refused() -> None:
-    cells = Coverage(longitude=np.zeros(2), latitude=np.zeros(3), status=np.zeros(2), spacing_m=1.0)
-    with pytest.raises(CatalogError):
-        catalogs.catalog(1, coverage=cells)

@@ -11,7 +11,7 @@ import pytest
 from products import cut, label_text
 
 from lcp_catalog.errors import LabelError
-from lcp_catalog.label import Label, Quantity, find_image, find_label, parse_pvl
+from lcp_catalog.label import Label, find_image, find_label
 
 
 def read(text: str) -> Label:
@@ -160,30 +160,6 @@ def test_oblique_maps_are_refused() -> None:
 def test_an_image_without_a_map_is_refused() -> None:
     with pytest.raises(LabelError, match="IMAGE_MAP_PROJECTION"):
         read(label_text("NAC_EDR_M103595705LE"))
-
-
-def test_pvl() -> None:
-    pvl = parse_pvl(
-        """A = 1 /* not = this */
-        B = {"x y
-             z", 'w', 2 <km>}
-        OBJECT = O
-          C = 16#FF#
-          GROUP = G
-            D = 2009-07-13T17:33:17
-          END_GROUP = G
-        END_OBJECT = O
-        ^E = ("F.IMG", 3 <BYTES>)
-        A = 2
-        END
-        Z = 1"""
-    )
-    assert pvl == {
-        "A": 1.0,
-        "B": ["x y z", "w", Quantity(2.0, "KM")],
-        "O": {"C": "16#FF#", "G": {"D": "2009-07-13T17:33:17"}},
-        "^E": ["F.IMG", Quantity(3.0, "BYTES")],
-    }
 
 
 class TestFinding:

@@ -25,17 +25,19 @@ FENCES = {
 FLOORS = [
     # from the ground up: a module imports only modules of lower floors, or its own
     {"_version", "errors", "constants"},
-    {"sphere", "kernels", "threads", "files", "schema"},
-    {"config", "label", "grid", "raster"},
-    {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png"},
-    {"terrain"},
+    {"sphere", "kernels", "threads", "files", "schema", "pvl"},
+    {"config", "samples", "label", "grid", "raster", "datasets"},
+    {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png", "flags"},
+    {"demset", "checks"},
+    {"terrain", "contents"},
     {"scene"},
     {"render", "landmarks", "sweep", "plan"},
     {"catalog", "evaluate"},
     {"job"},
     {"shards", "engine", "assemble"},
-    {"build", "report", "charts", "exposure"},
-    {"estimate"},
+    {"build", "charts", "exposure"},
+    {"summary", "estimate"},
+    {"report"},
 ]
 
 

@@ -1,4 +1,4 @@
-"""The summary and the page: figures counted again, nothing outside the page, real pictures."""
+"""The page: nothing outside it, real pictures."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from lcp_catalog.catalog import Overview, write_catalog
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.png import encode_png
 from lcp_catalog.sphere import EnuFrame
+from lcp_catalog.summary import summary
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -99,7 +100,7 @@ def test_the_page_shows_the_catalogue(html: str) -> None:
     assert decoded(pictures[0]).shape[:2] == found.overview.height.shape
     assert decoded(pictures[1]).shape[:2] == (9, 9)
     for status in ("featureless", "ambiguous", "dependent", "nodata"):
-        count = report.summary(found)["coverage"][status]
+        count = summary(found)["coverage"][status]
         assert f"<b>{status}</b> {count}:" in html
     assert "sha256 " + "0" * 64 in html
 
@@ -166,48 +167,6 @@ def test_written_page_is_whole_and_kept(tmp_path: Path) -> None:
 
 
 # -- figures
-
-
-def test_usable_share_counts_evaluated_conditions(tmp_path: Path) -> None:
-    found = catalogs.catalog(20)
-    flags = found.condition.ravel().tolist()
-    share = sum(f == 31 for f in flags) / sum(f & 1 for f in flags)
-    statistics = report.Statistics(found)
-    assert statistics.share == pytest.approx(share)
-    one = found.condition[7].ravel().tolist()
-    assert statistics.by_point[7] == pytest.approx(
-        sum(f == 31 for f in one) / sum(f & 1 for f in one)
-    )
-    cell = found.condition[:, 1, 3, :]
-    column = int(np.argmax((cell & 1).sum(axis=0)))
-    expected = (cell[:, column] == 31).sum() / (cell[:, column] & 1).sum()
-    assert statistics.by_view_and_sun[1, 3, column] == pytest.approx(expected)
-    assert np.isnan(statistics.by_view_and_sun[:, (found.condition == 0).all(axis=(0, 1))]).all()
-    path = tmp_path / "c.h5"
-    write_catalog(found, path)
-    described = report.describe(path)
-    assert described["usable_share"] == pytest.approx(share)
-    assert described["points"] == 20
-    assert described["intact"] is True
-
-
-def test_a_bad_file_is_described(tmp_path: Path) -> None:
-    path = tmp_path / "bad.h5"
-    path.write_bytes(b"nothing")
-    described = report.describe(path)
-    assert described["intact"] is False
-    assert len(described["problems"]) == 1
-    assert described["points"] is None
-
-
-@pytest.mark.parametrize(
-    ("lon", "west", "east"),
-    [([10.0, 20.0], 10.0, 20.0), ([350.0, 5.0, 355.0], 350.0, 5.0), ([42.0], 42.0, 42.0)],
-)
-def test_bounds_are_the_narrowest(lon: list[float], west: float, east: float) -> None:
-    box = report.bounds(np.array(lon), np.linspace(-3.0, 4.0, len(lon)))
-    assert (box["west"], box["east"]) == (west, east)
-    assert box["south"] == -3.0
 
 
 @pytest.mark.parametrize(

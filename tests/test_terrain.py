@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from products import cylinder, geotiff, hills, ldem_80s
 
 from lcp_catalog import terrain as terrain_module
-from lcp_catalog.dem import DemSet
+from lcp_catalog.demset import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.terrain import (

@@ -1,0 +1,103 @@
+"""The datasets of the file and their attributes by name, and the digest over them all; nothing
+here knows HDF5.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .schema import (
+    COORDINATES,
+    COVERAGE,
+    COVERAGE_STATUS,
+    FLAG_MASKS,
+    FLAG_MEANINGS,
+    OVERVIEW,
+    VARIABLES,
+    Variable,
+)
+
+TEXT = "str"
+
+GROUPS: dict[str, dict[str, Variable]] = {
+    "": COORDINATES | VARIABLES,
+    "overview": OVERVIEW,
+    "coverage": COVERAGE,
+}
+"""Every dataset of the file by group and name; the root group has no name."""
+
+GROUP_ATTRIBUTES = {"overview": ("center_lon", "center_lat"), "coverage": ("spacing_m",)}
+
+GLOBAL_ATTRIBUTES = (
+    "Conventions",
+    "title",
+    "product_version",
+    "schema_version",
+    "software",
+    "software_version",
+    "body",
+    "frame",
+    "reference_radius_m",
+    "config",
+    "sources",
+    "scene_plan",
+    "content_sha256",
+)
+
+FIXED = {"mcmf_axis": 3, "enu_axis": 3, "ellipse_axis": 2}
+"""Lengths of the dimensions that every catalogue shares."""
+
+Array = NDArray[Any]
+Values = Mapping[str, Array]
+"""Every dataset of the file by its path in it."""
+
+
+def key(group: str, name: str) -> str:
+    """Path of a variable inside the file."""
+    return f"{group}/{name}" if group else name
+
+
+def variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
+    """Attributes of a variable: unit, meaning, and what CF readers need for flags, text and the
+    views' angles.
+    """
+    found: dict[str, Any] = {"long_name": variable.long_name, "units": variable.units}
+    if variable.dtype == TEXT:
+        found["_Encoding"] = "utf-8"
+    if name in ("longitude", "latitude"):
+        found["standard_name"] = name
+    if name == "condition":
+        found |= {
+            "flag_masks": np.array(FLAG_MASKS, np.uint8),
+            "flag_meanings": " ".join(FLAG_MEANINGS),
+        }
+    if name == "status":
+        codes = np.array(list(COVERAGE_STATUS), np.uint8)
+        found |= {"flag_values": codes, "flag_meanings": " ".join(COVERAGE_STATUS.values())}
+    if "view" in variable.dims and len(variable.dims) > 1:
+        found["coordinates"] = "view_off_nadir view_azimuth view_altitude"
+    return found
+
+
+def centred(count: int) -> NDArray[np.int32]:
+    """Indices of a patch's nodes counted from its centre."""
+    return np.arange(count, dtype=np.int32) - count // 2
+
+
+def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:
+    """SHA-256 over names, shapes and content, so that damage is noticed wherever HDF5 has no
+    checksum of its own.
+    """
+    total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
+    for name in sorted(values):
+        array = values[name]
+        total.update(f"{name} {array.shape}".encode())
+        text = array.dtype == object
+        total.update(json.dumps(list(array.ravel())).encode() if text else array.tobytes())
+    return total.hexdigest()
