@@ -381,17 +381,21 @@ def twin_normals(z):
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    azimuths=st.tuples(*[st.integers(0, 3600).map(lambda tenths: tenths / 10)] * 2),
+    azimuths=st.tuples(*[st.integers(0, 3599).map(lambda tenths: tenths / 10 + 0.05)] * 2),
     elevation=st.sampled_from([0.5, 5.0, 20.0, 45.0, 80.0]),
     off_nadir=st.sampled_from([10.0, 45.0, 80.0]),
     near=st.booleans(),
     holes=st.booleans(),
 )
 def test_sunlit_and_visible_equal_brute_force(seed, azimuths, elevation, off_nadir, near, holes):
-    """Every node of random terrain; nodes that the judge itself cannot tell (within 1e-7) are left out."""
+    """Every node of random terrain; nodes that the judge itself cannot tell (within 1e-7) are left out.
+
+    No azimuth along a grid line: sin(pi) is not 0 in floating point, and on the raster's last column that
+    decides whether there is ground under a ray (test_heightfield.py has the exact directions).
+    """
     rng = np.random.default_rng(seed)
     z = (rng.normal(size=rng.integers(2, 13, 2)) * rng.choice([1.0, 8.0, 60.0])).astype(np.float32)
     if holes:
