@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 HERE = Path(__file__).resolve().parent
 
@@ -43,3 +44,10 @@ def shared_data() -> Path:
         if place.is_dir():
             return place
     pytest.skip("the shared lunar data are not here; set LCP_SHARED_DATA to their folder")
+
+
+settings.register_profile(
+    "ci", derandomize=True
+)  # a landing never hangs on the day's dice; people's runs explore
+if os.environ.get("CI"):
+    settings.load_profile("ci")
