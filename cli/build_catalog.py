@@ -12,11 +12,12 @@ from typing import Any
 import click
 
 from .options import (
-    REFLECTANCES,
     area_options,
+    check_accuracy,
     check_area,
     dem_argument,
     depfile_option,
+    model_options,
     output_option,
     overwrite_option,
 )
@@ -95,9 +96,7 @@ class ViewParam(click.ParamType):
     metavar="OFF:AZ[:KM]",
     help="A viewpoint: angle off the vertical at the point, azimuth, altitude; may be repeated.",
 )
-@click.option(
-    "--reflectance", type=click.Choice(REFLECTANCES), default=None, help="Photometric model."
-)
+@model_options
 @click.option(
     "--spacing",
     "spacing_km",
@@ -216,6 +215,8 @@ def _configuration(
     sun_elevations: tuple[float, ...] | None,
     views: tuple[tuple[float, ...], ...],
     reflectance: str | None,
+    accuracy: str | None,
+    tolerance: float | None,
     spacing_km: float | None,
     search_km: float | None,
     image_noise: float | None,
@@ -224,6 +225,7 @@ def _configuration(
     from lcp_catalog.config import BuildConfig
 
     check_area(center, size_km, bounds)
+    check_accuracy(accuracy, tolerance)
     config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
     area: dict[str, Any] = {}
     if center or bounds:
@@ -247,8 +249,18 @@ def _configuration(
             search_m=search_km and search_km * 1e3,
             image_noise=image_noise,
         ),
-        model=_over(config.model, reflectance=reflectance),
+        model=_over(
+            _undecided(config.model) if accuracy or tolerance is not None else config.model,
+            reflectance=reflectance,
+            accuracy=accuracy,
+            tolerance=tolerance,
+        ),
     )
+
+
+def _undecided(model: Any) -> Any:
+    """The file's model without its tier and tolerance: a flag replaces whichever of both it states."""
+    return dataclasses.replace(model, accuracy=None, tolerance=None)
 
 
 def _over(section: Any, **values: Any) -> Any:

@@ -71,7 +71,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
     oblique = (flags["off_nadir"], flags["view_azimuth"], flags["altitude_km"])
     options.check_view(flags["camera_path"], *oblique, flags["frame"])
+    options.check_accuracy(flags["accuracy"], flags["tolerance"])
 
+    from lcp_catalog.accuracy import accuracy
     from lcp_catalog.camera import read_camera
     from lcp_catalog.exposure import Request, SunChoice, ViewChoice
     from lcp_catalog.terrain import Area
@@ -94,7 +96,8 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
         view=ViewChoice(camera, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
         in_camera_plane=flags["frame"] == "camera",
-        model=flags["reflectance"],
+        model=flags["reflectance"] or options.REFLECTANCES[0],
+        accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
     )
 
 

@@ -245,7 +245,13 @@ def decisions(config: BuildConfig) -> list[dict[str, Any]]:
     tolerance = config.model.direction_tolerance_deg
     ring = f"relief over the tangent of the lowest Sun ({lowest:g} deg), at most {config.model.ring_max_km:g} km"
     made = [
-        ("cast_shadows", True, _SCAN, 0.0075, "share of nodes"),
+        (
+            "cast_shadows",
+            True,
+            config.model.precision.tier,
+            config.model.precision.node_error,
+            "share of nodes",
+        ),
         ("shadow_ring", True, ring, None, "km"),
         (
             "dependence",
@@ -267,6 +273,5 @@ def decisions(config: BuildConfig) -> list[dict[str, Any]]:
     return [asdict(Decision(*row)) for row in made]
 
 
-_SCAN = "one scan an azimuth with an exact stencil of the nearest cells; measured against exact rays, worst case"
 _DIRECTION = "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance"
 _PARALLEL = "each view is a bundle of parallel rays to the camera from the point; over a patch the angle changes a little"

@@ -16,6 +16,7 @@ from typing import Any, get_type_hints
 
 import tomli_w
 
+from .accuracy import Accuracy, accuracy
 from .errors import ConfigError
 
 PARALLEL_ALTITUDE_KM = math.inf
@@ -170,6 +171,9 @@ class ModelConfig:
     """How an area is modelled."""
 
     reflectance: str = "lommel-seeliger"
+    accuracy: str | None = None
+    """Tier of shadows and visibility; none: the one that the tolerance wants, else `accuracy.DEFAULT_TIER`."""
+    tolerance: float | None = None
     direction_tolerance_deg: float = 0.5
     ring_max_km: float = 100.0
     area_nodes_max: int = 512
@@ -179,8 +183,14 @@ class ModelConfig:
             0.05 <= self.direction_tolerance_deg <= 10.0,
             "model.direction_tolerance_deg must lie in 0.05..10",
         )
+        accuracy(self.accuracy, self.tolerance)  # says what is wrong with them
         _require(self.ring_max_km >= 0.0, "model.ring_max_km must not be negative")
         _require(self.area_nodes_max >= 16, "model.area_nodes_max must be at least 16")
+
+    @property
+    def precision(self) -> Accuracy:
+        """The tier and tolerance that are meant."""
+        return accuracy(self.accuracy, self.tolerance)
 
 
 @dataclass(frozen=True)

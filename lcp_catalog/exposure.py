@@ -7,12 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import sun
 from ._version import __version__
+from .accuracy import TIERS, Accuracy
 from .camera import Camera
 from .constants import FRAME, MOON_RADIUS_M
 from .demset import DemSet
@@ -102,6 +104,7 @@ class Request:
     view: ViewChoice = ViewChoice()
     in_camera_plane: bool = False
     model: str = DEFAULT_MODEL
+    accuracy: Accuracy = TIERS["standard"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +161,12 @@ def prepare(request: Request) -> Scene:
 
 def expose(scene: Scene) -> Photograph:
     """Render a scene; CameraError when the camera sees nothing of the area."""
-    model = scene.request.model
-    if scene.request.in_camera_plane:
-        result = render_camera(scene.terrain, scene.camera, scene.sun, model=model, plan=scene.plan)
+    request = scene.request
+    how: dict[str, Any] = {"model": request.model, "accuracy": request.accuracy, "plan": scene.plan}
+    if request.in_camera_plane:
+        result = render_camera(scene.terrain, scene.camera, scene.sun, **how)
     else:
-        result = render_enu(scene.terrain, scene.sun, scene.view, model=model, plan=scene.plan)
+        result = render_enu(scene.terrain, scene.sun, scene.view, **how)
     if not result.visible.any():
         who = scene.view.camera.name if scene.view.camera else "the view"
         raise CameraError(f"{who}: the camera sees nothing of the area")
@@ -209,6 +213,7 @@ def tags(scene: Scene) -> dict[str, str]:
         "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
         "camera": json.dumps(scene.view.describe(), sort_keys=True),
         "reflectance": scene.request.model,
+        "accuracy": scene.request.accuracy.tier,
         "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
         "scene_plan": str(scene.plan),
     }

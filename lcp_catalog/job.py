@@ -7,7 +7,7 @@ them is the build's, over all areas at once.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +68,11 @@ def run_area(job: AreaJob) -> Candidates:
     halo = search + half + _CORNER_BORDER
     terrain = _terrain(job, dems, halo)
     sweep = Sweep(
-        terrain.field, terrain.core, Conditions.at(task.lat_deg, config), config.model.reflectance
+        terrain.field,
+        terrain.core,
+        Conditions.at(task.lat_deg, config),
+        config.model.reflectance,
+        config.model.precision,
     )
     core = _Core(job, terrain, halo)
     rows, cols = _find(sweep, core, config, job.gsd_m)
@@ -163,11 +167,7 @@ def _evaluated(
     parts = Evaluation.empty(len(rows), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
-        turned = (
-            sweep
-            if turn == 0.0
-            else Sweep(sweep.field, sweep.window, sweep.conditions, sweep.reflectance, float(turn))
-        )
+        turned = sweep if turn == 0.0 else replace(sweep, turn_rad=float(turn))
         parts = parts.with_rows(
             group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m)
         )

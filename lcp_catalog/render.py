@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .accuracy import TIERS, Accuracy
 from .camera import Camera
 from .errors import CameraError, SunError
 from .reflectance import DEFAULT_MODEL, photometry
 from .scene import ScenePlan, nodes_enu, plan_scene
+from .shadows import occluded
 from .sphere import mcmf_to_lonlat
 from .terrain import Terrain
 from .view import View, camera_view
@@ -53,6 +55,7 @@ def render_enu(
     *,
     model: str = DEFAULT_MODEL,
     shadows: bool = True,
+    accuracy: Accuracy = TIERS["reference"],
     plan: ScenePlan | None = None,
 ) -> Photograph:
     """The core window's nodes, float32.
@@ -68,9 +71,9 @@ def render_enu(
     lit = np.ones((row1 - row0, col1 - col0), dtype=np.bool_)
     seen = lit.copy()
     if shadows and plan.cast_shadows.modelled:
-        lit = ~field.occluded_nodes(sun, terrain.core)
+        lit = ~occluded(field, sun, accuracy, terrain.core)
     if plan.occlusion.modelled:
-        seen = ~_hidden(terrain, view)
+        seen = ~_hidden(terrain, view, accuracy)
     angles = [np.empty(lit.shape, dtype=np.float32) for _ in range(4)]
     for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
@@ -99,6 +102,7 @@ def render_camera(
     *,
     model: str = DEFAULT_MODEL,
     shadows: bool = True,
+    accuracy: Accuracy = TIERS["reference"],
     plan: ScenePlan | None = None,
 ) -> Photograph:
     """The camera's plane, one first hit a pixel, float64.
@@ -175,9 +179,9 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-def _hidden(terrain: Terrain, view: View) -> Mask:
+def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
     if view.direction is not None:
-        return terrain.field.occluded_nodes(view.direction, terrain.core)
+        return occluded(terrain.field, view.direction, accuracy, terrain.core)
     assert view.position_m is not None
     return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
 

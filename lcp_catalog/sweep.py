@@ -12,10 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .accuracy import Accuracy
 from .config import BuildConfig
 from .heightfield import Heightfield, Window
 from .kernels.reflectance import shade_nodes
 from .reflectance import model_code
+from .shadows import occluded, occluded_sweep
 from .sphere import direction_enu
 from .sun import reachable_suns
 
@@ -84,6 +86,7 @@ class Sweep:
     window: Window
     conditions: Conditions
     reflectance: str
+    accuracy: Accuracy
     turn_rad: float = 0.0
 
     @cached_property
@@ -101,7 +104,7 @@ class Sweep:
     def _occluded(self, direction: Array) -> Mask:
         if direction[2] >= 1.0 - 1e-15:  # straight above: a heightfield hides nothing of itself
             return np.zeros(self.normals.shape[:2], dtype=np.bool_)
-        return self.field.occluded_nodes(direction, self.window)
+        return occluded(self.field, direction, self.accuracy, self.window)
 
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[Image]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those named)."""
@@ -113,7 +116,9 @@ class Sweep:
                 continue
             azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad
             elevations_rad = np.radians(self.conditions.sun_elevation_deg[elevations])
-            dark = self.field.sweep_occluded(float(azimuth_rad), elevations_rad, self.window)
+            dark = occluded_sweep(
+                self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window
+            )
             for slot, elevation in enumerate(elevations):
                 sun = self.conditions.sun_direction(int(elevation), azimuth, self.turn_rad)
                 for view in wanted:

@@ -25,10 +25,10 @@ FENCES = {
 FLOORS = [
     # from the ground up: a module imports only modules of lower floors, or its own
     {"_version", "errors", "constants"},
-    {"sphere", "kernels", "threads", "files", "schema", "pvl"},
+    {"sphere", "kernels", "threads", "files", "schema", "pvl", "accuracy"},
     {"config", "samples", "label", "grid", "raster", "datasets"},
     {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png", "flags"},
-    {"demset", "checks"},
+    {"demset", "checks", "shadows"},
     {"terrain", "contents"},
     {"scene"},
     {"render", "landmarks", "sweep", "plan"},
