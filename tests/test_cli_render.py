@@ -317,7 +317,7 @@ def test_an_output_is_replaced_only_when_told(dem, out, capsys):
         ([*AREA, "--sun-azimuth", "10"], 2, "go together"),
         ([*AREA, *SUN, "--time", "2024-01-01"], 2, "state the Sun once"),
         ([*AREA, *SUN, "--sun", "disc"], 2, "--sun"),
-        ([*AREA, *SUN, "--accuracy", "draft"], 2, "--accuracy"),
+        ([*AREA, *SUN, "--accuracy", "sloppy"], 2, "--accuracy"),
         ([*AREA, *SUN, "--off-nadir", "20"], 2, "--view-azimuth"),
         ([*AREA, *SUN, "--frame", "camera"], 2, "--frame camera needs"),
         (["--center", "30.5", "10.5", *SUN], 2, "--center needs --size"),
