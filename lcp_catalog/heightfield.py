@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .kernels import fragments, pyramid, rays, scan, surface
+from .kernels import coherent, fragments, lines, pyramid, rays, surface
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,8 +30,8 @@ class Heightfield:
 
     Heights are stored as float32 (an array that already is one is not copied: do not change it
     afterwards); infinite ones become nodata. ValueError for anything but two dimensions with at
-    least one node. Kept in memory: 4 bytes a node, 1.33 for the max pyramid after the first ray; a
-    sweep copies 4 and answers 1 more while it runs.
+    least one node. Kept in memory: 4 bytes a node, 1.33 for the max pyramid after the first ray, 4
+    for a transposed copy after the first Sun in the east or west of which shadows are scanned.
     """
 
     z_m: NDArray[np.float32]
@@ -59,7 +59,7 @@ class Heightfield:
         return 0, self.shape[0], 0, self.shape[1]
 
     @cached_property
-    def _extremes(self) -> tuple[float, float, bool]:
+    def extremes_m(self) -> tuple[float, float, bool]:
         """Lowest and highest height (inf, -inf where there is none), and whether any node is
         nodata.
         """
@@ -69,7 +69,20 @@ class Heightfield:
     @property
     def has_holes(self) -> bool:
         """Whether any node is nodata."""
-        return self._extremes[2]
+        return self.extremes_m[2]
+
+    def lowest_m(self, window: Window) -> float:
+        """Lowest height of a window; inf where it has none."""
+        if window == self.whole:
+            return self.extremes_m[0]
+        row0, row1, col0, col1 = window
+        low, _, _ = pyramid.extremes(np.ascontiguousarray(self.z_m[row0:row1, col0:col1]))
+        return float(low)
+
+    @cached_property
+    def transposed_m(self) -> NDArray[np.float32]:
+        """Heights with rows and columns exchanged, for passes that go along the rows."""
+        return lines.transposed(self.z_m)
 
     @cached_property
     def _pyramid(
@@ -78,22 +91,23 @@ class Heightfield:
         return pyramid.build_pyramid(self.z_m)
 
     @property
-    def _traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
+    def traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
         """What every ray kernel wants first: heights, whether any is missing, pyramid, summit."""
-        return self.z_m, self.has_holes, self._pyramid, self._extremes[1]
+        return self.z_m, self.has_holes, self._pyramid, self.extremes_m[1]
 
     @property
-    def _is_surface(self) -> bool:
+    def is_surface(self) -> bool:
         """Whether there are cells at all: one row or column of nodes hides nothing."""
         return min(self.shape) >= 2
 
-    def _window(self, window: Window | None) -> Window:
+    def checked_window(self, window: Window | None) -> Window:
+        """The window, or all; ValueError where it is not inside."""
         row0, row1, col0, col1 = window or self.whole
         if not (0 <= row0 <= row1 <= self.shape[0] and 0 <= col0 <= col1 <= self.shape[1]):
             raise ValueError(f"window {window} is not inside {self.shape}")
         return row0, row1, col0, col1
 
-    def _cells(self, direction: ArrayLike) -> tuple[float, float, float]:
+    def ray_in_cells(self, direction: ArrayLike) -> tuple[float, float, float]:
         """A direction in cell units with max(|du|, |dv|) = 1; (0, 0, dz) when vertical. ValueError
         when it is none.
         """
@@ -110,16 +124,16 @@ class Heightfield:
         Exact. Nodata is not occluded. Straight up nothing is; straight down every node of a
         triangle is.
         """
-        row0, row1, col0, col1 = bounds = self._window(window)
+        row0, row1, col0, col1 = bounds = self.checked_window(window)
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
-        du, dv, dz = self._cells(direction)
-        if not self._is_surface or out.size == 0:
+        du, dv, dz = self.ray_in_cells(direction)
+        if not self.is_surface or out.size == 0:
             return out
         if du == 0.0 and dv == 0.0:
             if dz < 0.0:
                 surface.existing_nodes(self.z_m, bounds, out)
             return out
-        rays.occluded_nodes(*self._traced, du, dv, dz, bounds, out)
+        rays.occluded_nodes(*self.traced, du, dv, dz, bounds, out)
         return out
 
     def occluded_nodes_from(self, position_m: ArrayLike, window: Window | None = None) -> Mask:
@@ -128,11 +142,11 @@ class Heightfield:
         From a camera under the surface (by over 1e-6 m) nothing is seen. Terrain within 1e-6 cells
         of the camera is not looked at: the camera may stand on a node.
         """
-        row0, row1, col0, col1 = bounds = self._window(window)
+        row0, row1, col0, col1 = bounds = self.checked_window(window)
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
-        if self._is_surface and out.size:
+        if self.is_surface and out.size:
             camera = self._node_units(position_m)
-            rays.occluded_nodes_from(*self._traced, *camera, bounds, out)
+            rays.occluded_nodes_from(*self.traced, *camera, bounds, out)
         return out
 
     def _node_units(self, position_m: ArrayLike) -> tuple[float, float, float]:
@@ -151,10 +165,10 @@ class Heightfield:
         """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
-        ray = self._cells(direction)
-        if self._is_surface and len(points):
+        ray = self.ray_in_cells(direction)
+        if self.is_surface and len(points):
             u, v = self._uv(points[:, 0], points[:, 1])
-            rays.occluded_points(*self._traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out)
+            rays.occluded_points(*self.traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out)
         return out
 
     def _uv(self, x_m: Array, y_m: Array) -> tuple[Array, Array]:
@@ -168,40 +182,14 @@ class Heightfield:
         from a camera under the ground (by over 1e-6 m), over the raster's border, or through a
         hole. What `occluded_nodes_from` calls occluded is never hit.
         """
-        ahead = np.array(directions, dtype=np.float64)
-        flat = ahead.reshape(-1, 3)
-        out = np.full(len(flat), np.nan)
-        if self._is_surface and len(flat):
-            flat[:, 0] /= self.gsd_m
-            flat[:, 1] /= -self.gsd_m
+        ahead = np.ascontiguousarray(directions, dtype=np.float64)
+        shape = np.shape(directions)[:-1]
+        out = np.full((math.prod(shape[:-1]), shape[-1]) if shape else (1, 1), np.nan)
+        if self.is_surface and out.size:
             origin = self._node_units(origin_m)
-            rays.first_hits(*self._traced, *origin, flat, out)
-        return out.reshape(ahead.shape[:-1])
-
-    def sweep_occluded(
-        self, azimuth_rad: float, elevations_rad: ArrayLike, window: Window | None = None
-    ) -> NDArray[np.uint8]:
-        """Shadows under several Suns of one azimuth, uint8 (elevations, rows, cols): 1 where
-        occluded. Approximate.
-
-        One scan over sheared lines with an exact stencil of the nearest cells (`kernels.scan`).
-        Against `occluded_nodes` on a cratered 1024 x 1024 (six azimuths, 0.5 to 15 deg) 0.20 % of
-        nodes differ on average, 0.63 % in the worst case (azimuth 100, elevation 5 deg), nearly all
-        within two nodes of a shadow's edge. Elevations lie between -90 and 90 degrees, without -90.
-        """
-        row0, row1, col0, col1 = bounds = self._window(window)
-        elevations = np.atleast_1d(np.asarray(elevations_rad, dtype=np.float64))
-        if not ((elevations > -math.pi / 2) & (elevations <= math.pi / 2 + 1e-12)).all():
-            raise ValueError("a sweep wants elevations above -90 and up to 90 degrees")
-        if not math.isfinite(azimuth_rad):
-            raise ValueError(f"no azimuth: {azimuth_rad}")
-        out = np.zeros((elevations.size, row1 - row0, col1 - col0), dtype=np.uint8)
-        low, high, _ = self._extremes
-        if self._is_surface and out.size and high > low:
-            # the zenith: float32 has no room for its tangent, and nothing is that steep
-            slopes = np.clip(np.tan(np.minimum(elevations, math.pi / 2)), -1e8, 1e8) * self.gsd_m
-            _SunAhead(self, azimuth_rad, float(slopes.min()), bounds).scan(slopes, out)
-        return out
+            ahead = ahead.reshape(*out.shape, 3)
+            coherent.first_hits(*self.traced, *origin, self.gsd_m, ahead, out)
+        return out.reshape(shape)
 
     def occluded_alone(
         self, rows: ArrayLike, cols: ArrayLike, half: int, direction: ArrayLike
@@ -215,7 +203,7 @@ class Heightfield:
         out = np.zeros((centre_rows.size, size, size), dtype=np.bool_)
         if half > 0 and centre_rows.size:
             fragments.occluded_alone(
-                self.z_m, centre_rows, centre_cols, half, *self._cells(direction), out
+                self.z_m, centre_rows, centre_cols, half, *self.ray_in_cells(direction), out
             )
         return out
 
@@ -225,7 +213,7 @@ class Heightfield:
 
         The gradient is that of central differences, one-sided beside nodata and at the border.
         """
-        row0, row1, col0, col1 = self._window(window)
+        row0, row1, col0, col1 = self.checked_window(window)
         out = np.empty((row1 - row0, col1 - col0, 3), dtype=np.float32)
         surface.normals(self.z_m, self.gsd_m, row0, col0, out)
         return out
@@ -246,67 +234,3 @@ class Heightfield:
         )
         found = surface.normals_at(self.z_m, self.gsd_m, *self._uv(x.ravel(), y.ravel()))
         return found.reshape(*x.shape, 3)
-
-
-class _SunAhead:
-    """The part of a heightfield that can shadow a window, turned so that the Sun of one azimuth
-    stands towards row 0.
-    """
-
-    def __init__(
-        self, field: Heightfield, azimuth_rad: float, least_slope: float, window: Window
-    ) -> None:
-        row0, row1, col0, col1 = window
-        du, dv, _, _ = rays.scaled(math.sin(azimuth_rad), -math.cos(azimuth_rad), 0.0)
-        length = math.hypot(du, dv)
-        self.nodes, self.weights = scan.near_stencil(du / length, dv / length)
-        rows, cols = field.shape
-        self.transposed = abs(du) > abs(dv)
-        if self.transposed:
-            du, dv, rows, cols = dv, du, cols, rows
-            row0, row1, col0, col1 = col0, col1, row0, row1
-            self.nodes = np.ascontiguousarray(self.nodes[:, [1, 0, 3, 2]])
-        self.flipped = dv > 0.0
-        if self.flipped:
-            dv = -dv
-            row0, row1 = rows - row1, rows - row0
-            self.nodes = self.nodes * np.array([-1, 1, -1, 1])
-        self.shear = du / dv
-        self.length = length  # cells along the ray from one row to the next
-        top = max(0, row0 - self._reach(field, least_slope, window))
-        drift = self.shear * (row1 - top)
-        left = max(0, col0 - math.ceil(max(drift, 0.0)) - scan.NEAR_CELLS - 2)
-        right = min(cols, col1 + math.ceil(max(-drift, 0.0)) + scan.NEAR_CELLS + 2)
-        self.z = scan.turned(field.z_m, (top, row1, left, right), self.transposed, self.flipped)
-        self.window = (row0 - top, row1 - top, col0 - left, col1 - left)
-
-    def _reach(self, field: Heightfield, least_slope: float, window: Window) -> int:
-        """Rows towards the Sun beyond which even the highest node shadows nothing of the window."""
-        _, high, _ = field._extremes
-        row0, row1, col0, col1 = window
-        low, _, _ = pyramid.extremes(np.ascontiguousarray(field.z_m[row0:row1, col0:col1]))
-        if not math.isfinite(low):
-            return scan.NEAR_CELLS + 1
-        rise = least_slope * self.length
-        rows = (high - float(low)) / rise if rise > 0.0 else math.inf
-        return scan.NEAR_CELLS + 2 + int(min(rows, 1e9))
-
-    def scan(self, slopes: Array, out: NDArray[np.uint8]) -> None:
-        """Scan with slopes (k,), metres a cell, into masks (k, rows, cols) of the raster's own
-        orientation.
-        """
-        row0, row1, col0, col1 = self.window
-        for first in range(0, slopes.size, scan.SUNS):
-            part = slopes[first : first + scan.SUNS]
-            bits = np.zeros((row1 - row0, col1 - col0), dtype=np.uint8)
-            scan.scan(
-                self.z,
-                self.shear,
-                part * self.length,
-                part,
-                self.nodes,
-                self.weights,
-                self.window,
-                bits,
-            )
-            scan.unpack(bits, self.transposed, self.flipped, out[first : first + scan.SUNS])

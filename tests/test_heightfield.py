@@ -209,7 +209,6 @@ class TestOccludedNodes:
                 f.first_hits([200, -170, 90], rays),
             )
             yield from (
-                f.sweep_occluded(0.6, np.radians([1, 5, 20])),
                 f.normals(),
                 f.occluded_alone([9], [9], 8, direction),
             )
@@ -390,67 +389,6 @@ class TestOccludedAlone:
             assert agrees(answer[n], node_margins(cut.astype(float), in_cells(direction, GSD)))
 
 
-class TestSweep:
-    AZIMUTHS = (0, 17, 45, 100, 200, 300, 339)
-    ELEVATIONS = (0.5, 2, 5, 15)
-
-    @pytest.fixture(scope="class")
-    @classmethod
-    def craters(cls):
-        f = Heightfield(cratered(384), 20.0)
-        exact = np.array(
-            [[f.occluded_nodes(sun(a, e)) for e in cls.ELEVATIONS] for a in cls.AZIMUTHS]
-        )
-        swept = np.array(
-            [f.sweep_occluded(math.radians(a), np.radians(cls.ELEVATIONS)) for a in cls.AZIMUTHS]
-        )
-        return exact, swept.astype(bool)
-
-    def test_differs_from_exact_by_less_than_half_a_percent(self, craters):
-        exact, swept = craters
-        assert (exact != swept).mean() < 0.005
-        assert (exact != swept).mean(axis=(2, 3)).max() < 0.0075
-
-    def test_differs_at_the_edges_of_shadows(self, craters):
-        exact, swept = craters
-        edge = np.zeros_like(exact)
-        for di in range(-2, 3):
-            for dj in range(-2, 3):
-                edge |= np.roll(exact, (di, dj), (2, 3)) != exact
-        wrong = exact != swept
-        assert (wrong & edge).sum() > 0.95 * wrong.sum()
-
-    @quick
-    @given(st.integers(0, 359), st.data())
-    def test_a_window_is_a_part_of_the_whole(self, azimuth, data):
-        f = Heightfield(cratered(64), 20.0)
-        row0, col0 = data.draw(st.integers(0, 60)), data.draw(st.integers(0, 60))
-        window = row0, data.draw(st.integers(row0, 64)), col0, data.draw(st.integers(col0, 64))
-        elevations = np.radians([1, 10])
-        whole = f.sweep_occluded(math.radians(azimuth), elevations)[
-            :, window[0] : window[1], window[2] : window[3]
-        ]
-        part = f.sweep_occluded(math.radians(azimuth), elevations, window)
-        assert part.shape == whole.shape
-        assert (part != whole).mean() < 0.01 if part.size else True  # float32 sums start elsewhere
-
-    def test_nodata_casts_nothing(self):
-        z = np.zeros((40, 40), np.float32)
-        z[10:20, 10:20] = np.nan
-        for azimuth in range(0, 360, 30):
-            assert not Heightfield(z, 1.0).sweep_occluded(math.radians(azimuth), [0.01, 0.5]).any()
-        assert not Heightfield(np.full((9, 9), np.nan), 1.0).sweep_occluded(1.0, [0.1]).any()
-
-    def test_more_suns_than_one_pass_and_the_zenith(self):
-        f = Heightfield(cratered(48), 20.0)
-        elevations = np.radians(np.append(np.linspace(1, 60, 19), 90.0))
-        together = f.sweep_occluded(2.0, elevations)
-        for k, elevation in enumerate(elevations):
-            assert (together[k] == f.sweep_occluded(2.0, [elevation])[0]).mean() > 0.999
-        assert not together[-1].any()
-        assert (np.diff(together.astype(int), axis=0) <= 0).all()  # a higher Sun lights more
-
-
 class TestNormalsAndHeights:
     def test_a_plane_has_one_normal(self):
         rows, cols = np.mgrid[:5, :6]
@@ -496,7 +434,6 @@ class TestBirth:
         f = Heightfield(np.zeros(shape), 1.0)
         assert not f.occluded_nodes([1, 0, -1]).any()
         assert not f.occluded_nodes_from([0, 0, -3]).any()
-        assert not f.sweep_occluded(1.0, [0.1]).any()
         assert np.isnan(f.first_hits([0, 0, 5], [[0, 0, -1]])).all()
         assert np.isnan(f.heights_at([0], [0])).all()
         assert np.isnan(f.normals()).all()

@@ -18,6 +18,9 @@ NODE_LEVEL = 1
 """Pyramid level at which a ray from the surface starts: most are decided close by."""
 
 CAMERA_LEVEL = 3
+CLEAR_LEVEL = 0
+"""Level at which a camera ray starts that is known to be clear down to the terrain around its hit."""
+
 NEAR_CAMERA = 1e-6
 """A segment's last cells' share in which terrain is not looked for: the camera itself may stand on
 a node.
@@ -177,9 +180,12 @@ def occluded_points(z, holes, pyramid, summit, u, v, heights, du, dv, dz, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz):
+def first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, clear):
     """Parameter at which a ray from anywhere first meets the surface from above; NaN when it does
     not.
+
+    ``clear``: a height down to which no terrain lies above the ray, or inf; it changes the time
+    that the answer takes, and not one bit of it.
     """
     rows, cols = z.shape
     du, dv, dz, longest = scaled(du, dv, dz)
@@ -195,18 +201,31 @@ def first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz):
         ou = min(max(ou + du * first, 0.0), cols - 1.0)
         ov = min(max(ov + dv * first, 0.0), rows - 1.0)
         oz += dz * first
-    if surface_height(z, ou, ov) > oz + UNDERGROUND_M:
+    if oz + UNDERGROUND_M < summit and surface_height(z, ou, ov) > oz + UNDERGROUND_M:
         return math.nan
-    s = met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, CAMERA_LEVEL)
+    s_clear, level = 0.0, CAMERA_LEVEL
+    if clear < oz and dz < 0.0:
+        s_clear, level = (clear - oz) / dz, CLEAR_LEVEL
+    s = met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level)
     return (first + s) / longest if s >= 0.0 else math.nan
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_hit_enu(z, holes, pyramid, summit, ou, ov, oz, gsd, direction, clear):
+    """The same for an ENU direction (3,) of any length, metres; NaN where it is none."""
+    du, dv, dz = direction[0] / gsd, direction[1] / -gsd, direction[2]
+    if math.isfinite(du + dv + dz) and abs(du) + abs(dv) + abs(dz) > 0.0:
+        return first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, clear)
+    return math.nan
+
+
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def first_hits(z, holes, pyramid, summit, ou, ov, oz, directions, out):
-    """First hits of rays (n, 3) (du, dv, dz) of any length that leave one point."""
+def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
+    """First hits of rays along ENU directions (n, 3) that leave one point, each ray by itself: what
+    `coherent.first_hits` must equal.
+    """
     ou, ov = on_grid(ou, ov)
     for k in prange(out.size):
-        du, dv, dz = directions[k, 0], directions[k, 1], directions[k, 2]
-        out[k] = math.nan
-        if math.isfinite(du + dv + dz) and abs(du) + abs(dv) + abs(dz) > 0.0:
-            out[k] = first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz)
+        out[k] = first_hit_enu(
+            z, holes, pyramid, summit, ou, ov, oz, gsd, directions[k], math.inf
+        )

@@ -25,6 +25,8 @@ from .surface import (
 )
 
 NEVER = 1e300
+AT_ONCE = 1e-300
+"""Less than any crossing but one at the start itself."""
 UNDERGROUND_M = 1e-6
 """A camera less than this below the surface stands on it; further down it is under the ground and
 sees nothing.
@@ -68,8 +70,32 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _entered(start, rate, inverse, size, level, s):
+    """The block of 2^level cells along an axis that a ray is in once it has crossed every grid line
+    whose crossing is not behind s, and the crossing at which it came into it.
+
+    -1 or ``size`` (blocks of this level) where it has left the raster. The position only gives a
+    first guess; crossings, computed as `_trace` does, decide.
+    """
+    block = int(min(max(start + rate * s, 0.0), (size << level) - 1.0)) >> level
+    if rate > 0.0:
+        if ((block << level) - start) * inverse > s and block > 0:
+            block -= 1
+        if (((block + 1) << level) - start) * inverse <= s:
+            block += 1
+        return block, ((block << level) - start) * inverse
+    if rate < 0.0:
+        if (((block + 1) << level) - start) * inverse > s and block < size - 1:
+            block += 1
+        if ((block << level) - start) * inverse <= s:
+            block -= 1
+        return block, (((block + 1) << level) - start) * inverse
+    return block, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registers)
-    z, holes, first_hit, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
+    z, holes, first_hit, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, s_end, level
 ):
     """Follow a ray from (ou, ov), inside the raster, until it leaves it, rises above ``summit`` or
     passes s_end.
@@ -78,6 +104,11 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     else -1. ``first_hit`` true, for a ray that starts on or above the surface: the s at which it
     first meets the surface, else -1. ``holes`` and ``first_hit`` are literals of the callers: the
     compiler makes one function of each pair.
+
+    With ``first_hit`` the way may begin at s_clear > 0, up to which no crossing lies above the ray,
+    and the bits of the answer depend neither on that nor on the level: a child is chosen by
+    comparing crossings, so that the cells and the s of every crossing are those of a walk from cell
+    to cell. (Crossings of one s: the row's line comes first.)
     """
     levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
@@ -103,6 +134,12 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
         row -= 1
     level = min(level, top)
     col, row, s = col >> level, row >> level, 0.0
+    if first_hit and s_clear > 0.0:
+        col, in_u = _entered(ou, du, inverse_u, widths[level], level, s_clear)
+        row, in_v = _entered(ov, dv, inverse_v, heights[level], level, s_clear)
+        if col < 0 or row < 0 or col >= widths[level] or row >= heights[level]:
+            return -1.0
+        s = max(in_u, in_v, 0.0)
     while True:
         s_u = (((col + right) << level) - ou) * inverse_u if du != 0.0 else NEVER
         s_v = (((row + down) << level) - ov) * inverse_v if dv != 0.0 else NEVER
@@ -111,13 +148,22 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
             lowest = oz + dz * (s if dz > 0.0 else s_out)
             if levels[offsets[level] + row * widths[level] + col] > lowest:
                 level -= 1
-                u, v = ou + du * s, ov + dv * s
-                c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
-                r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
-                if du < 0.0 and c > 2 * col and u <= (c << level):
-                    c -= 1
-                if dv < 0.0 and r > 2 * row and v <= (r << level):
-                    r -= 1
+                if first_hit:
+                    c, r = 2 * col + 1, 2 * row + 1
+                    passed_u = ((c << level) - ou) * inverse_u < max(s, AT_ONCE)
+                    passed_v = ((r << level) - ov) * inverse_v <= s
+                    if passed_u != (du >= 0.0):
+                        c -= 1
+                    if passed_v != (dv >= 0.0):
+                        r -= 1
+                else:
+                    u, v = ou + du * s, ov + dv * s
+                    c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
+                    r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
+                    if du < 0.0 and c > 2 * col and u <= (c << level):
+                        c -= 1
+                    if dv < 0.0 and r > 2 * row and v <= (r << level):
+                        r -= 1
                 col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
                 continue
         else:
@@ -168,22 +214,22 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level):
-    return _trace(z, False, False, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level) > 0.0
+    return _trace(z, False, False, pyramid, summit, ou, ov, oz, du, dv, dz, 0.0, s_end, level) > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level):
-    return _trace(z, True, False, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level) > 0.0
+    return _trace(z, True, False, pyramid, summit, ou, ov, oz, du, dv, dz, 0.0, s_end, level) > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _met_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, level):
-    return _trace(z, False, True, pyramid, summit, ou, ov, oz, du, dv, dz, NEVER, level)
+def _met_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level):
+    return _trace(z, False, True, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, NEVER, level)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _met_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, level):
-    return _trace(z, True, True, pyramid, summit, ou, ov, oz, du, dv, dz, NEVER, level)
+def _met_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level):
+    return _trace(z, True, True, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, NEVER, level)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -197,10 +243,10 @@ def blocked(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, level):
+def met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level):
     """Where a ray that starts on or above the surface first meets it; -1 where it never does, or
-    comes under it through a hole.
+    comes under it through a hole. Nothing must lie above it up to s_clear (0: not known).
     """
     if holes:
-        return _met_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, level)
-    return _met_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, level)
+        return _met_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level)
+    return _met_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level)
