@@ -50,7 +50,7 @@ bench: $(READY)
 
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
-	$(BIN)/python benchmarks/peers.py 1024 2048
+	$(BIN)/python benchmarks/peers.py 2048 4096
 
 clean:
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

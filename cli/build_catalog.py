@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import os
 from pathlib import Path
 from typing import Any
 
 import click
 
+from .build_options import config_option, configuration, point_options, sweep_options
 from .options import (
     area_options,
-    check_accuracy,
-    check_area,
     dem_argument,
     depfile_option,
     model_options,
@@ -25,99 +22,14 @@ from .options import (
 EXIT_SOME_FAILED = 3
 
 
-class NumberList(click.ParamType):
-    """Numbers with commas between them, or START:STOP:STEP with both ends included."""
-
-    name = "numbers"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            if ":" in value:
-                start, stop, step = (float(part) for part in value.split(":"))
-                if not step > 0 or not math.isfinite((stop - start) / step):
-                    self.fail(f"{value!r}: the step must be positive", param, ctx)
-                return tuple(
-                    start + i * step for i in range(math.floor((stop - start) / step + 1e-9) + 1)
-                )
-            return tuple(float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is neither A,B,C nor START:STOP:STEP", param, ctx)
-
-
-class ViewParam(click.ParamType):
-    """OFF_NADIR[:AZIMUTH[:ALTITUDE_KM]]."""
-
-    name = "view"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        try:
-            parts = [float(part) for part in value.split(":")]
-        except ValueError:
-            parts = []
-        if not 1 <= len(parts) <= 3 or (len(parts) == 1 and parts[0] != 0.0):
-            self.fail(f"{value!r} is not OFF_NADIR:AZIMUTH[:ALTITUDE_KM] (or 0)", param, ctx)
-        return (*parts, *(0.0, math.inf)[len(parts) - 1 :])
-
-
 @click.command("build-catalog")
 @dem_argument
 @output_option("CATALOG.h5", required=False)
-@click.option(
-    "--config",
-    "config_path",
-    type=click.Path(path_type=Path),
-    metavar="BUILD.toml",
-    help="The whole configuration; flags override it.",
-)
+@config_option
 @area_options
-@click.option(
-    "--sun-azimuths",
-    type=NumberList(),
-    metavar="LIST",
-    help="Azimuths of the Sun's grid: A,B,C or START:STOP:STEP, degrees.",
-)
-@click.option(
-    "--sun-elevations",
-    type=NumberList(),
-    metavar="LIST",
-    help="Elevations of the Sun's grid, degrees.",
-)
-@click.option(
-    "--view",
-    "views",
-    type=ViewParam(),
-    multiple=True,
-    metavar="OFF:AZ[:KM]",
-    help="A viewpoint: angle off the vertical at the point, azimuth, altitude; may be repeated.",
-)
+@sweep_options
 @model_options
-@click.option(
-    "--spacing",
-    "spacing_km",
-    type=click.FloatRange(0, min_open=True),
-    metavar="KM",
-    help="Least distance of two points; default: two patches.",
-)
-@click.option(
-    "--search",
-    "search_km",
-    type=click.FloatRange(0, min_open=True),
-    metavar="KM",
-    help="Radius inside which a point must be unique; default: 64 cells.",
-)
-@click.option(
-    "--noise",
-    "image_noise",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    metavar="SHARE",
-    help="1 sigma of image minus render, as a share of the mean signal; default 0.15.",
-)
+@point_options
 @click.option(
     "--jobs",
     "-j",
@@ -176,7 +88,7 @@ def command(
 
     from .progress import progress
 
-    build = Build.plan(tuple(Path(path) for path in dem), _configuration(**flags))
+    build = Build.plan(tuple(Path(path) for path in dem), configuration(**flags))
     workers = jobs or os.cpu_count() or 1
     if plan_only:
         _tell_plan(build, workers, as_json)
@@ -203,72 +115,6 @@ def command(
     for cause in report.failed.values():
         click.echo(f"failed: {cause}", err=True)
     return EXIT_SOME_FAILED if report.failed else 0
-
-
-def _configuration(
-    config_path: Path | None,
-    center: tuple[float, float] | None,
-    size_km: float | None,
-    bounds: tuple[float, ...] | None,
-    gsd_m: float | None,
-    sun_azimuths: tuple[float, ...] | None,
-    sun_elevations: tuple[float, ...] | None,
-    views: tuple[tuple[float, ...], ...],
-    reflectance: str | None,
-    accuracy: str | None,
-    tolerance: float | None,
-    spacing_km: float | None,
-    search_km: float | None,
-    image_noise: float | None,
-) -> Any:
-    """The file's configuration with the flags laid over it."""
-    from lcp_catalog.config import BuildConfig
-
-    check_area(center, size_km, bounds)
-    check_accuracy(accuracy, tolerance)
-    config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
-    area: dict[str, Any] = {}
-    if center or bounds:
-        area = {
-            "center_deg": tuple(center or ()),
-            "size_km": size_km,
-            "bounds_deg": tuple(bounds or ()),
-        }
-    columns = list(zip(*views, strict=True))
-    return dataclasses.replace(
-        config,
-        area=_over(config.area, gsd_m=gsd_m, **area),
-        sun=_over(config.sun, azimuths_deg=sun_azimuths, elevations_deg=sun_elevations),
-        view=_over(
-            config.view,
-            **dict(zip(("off_nadir_deg", "azimuth_deg", "altitude_km"), columns, strict=False)),
-        ),
-        points=_over(
-            config.points,
-            spacing_m=spacing_km and spacing_km * 1e3,
-            search_m=search_km and search_km * 1e3,
-            image_noise=image_noise,
-        ),
-        model=_over(
-            _undecided(config.model) if accuracy or tolerance is not None else config.model,
-            reflectance=reflectance,
-            accuracy=accuracy,
-            tolerance=tolerance,
-        ),
-    )
-
-
-def _undecided(model: Any) -> Any:
-    """The file's model without its tier and tolerance: a flag replaces whichever of both it states."""
-    return dataclasses.replace(model, accuracy=None, tolerance=None)
-
-
-def _over(section: Any, **values: Any) -> Any:
-    """A section with the flags that were given; with an area given, what the file said of the area's place is dropped."""
-    given = {
-        name: value for name, value in values.items() if value is not None or name == "size_km"
-    }
-    return dataclasses.replace(section, **given) if given else section
 
 
 def _tell_plan(build: Any, workers: int, as_json: bool) -> None:

@@ -19,6 +19,7 @@ COMMANDS = {
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Say what is in a catalogue, and whether it is intact."),
     "report": ("report", "Draw a catalogue as one self-contained page."),
+    "trade": ("trade", "Measure what each accuracy tier costs and changes."),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import scene_effects as effects
 from .catalog import Catalog, Coverage, Overview
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
@@ -21,10 +23,12 @@ from .evaluate import Evaluation
 from .flags import summarise_usable
 from .job import Candidates
 from .landmarks.select import coverage, select, stable_id
-from .scene import Decision
+from .scene_bounds import limb_tangent
+from .scene_effects import Decision
 from .schema import LOCALIZABLE, UNIQUE, USABLE
-from .sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from .sphere import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from .terrain import Area, NodeWindow, build_terrain
+from .view import slant_range_m
 
 Array = NDArray[np.float64]
 
@@ -44,7 +48,7 @@ def assemble(
 ) -> Catalog:
     """Choose the points and fill every variable of the catalogue."""
     dems = DemSet.open(dem_paths)
-    everything = _joined(results)
+    everything = joined(results)
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
     return Catalog(
@@ -57,7 +61,7 @@ def assemble(
         view_altitude=np.array(config.view.altitude_km),
         config=_resolved(config, region, gsd_m, spacing_m).to_toml(),
         sources=dems.sources(),
-        scene_plan=json.dumps({"decisions": decisions(config)}, sort_keys=True),
+        scene_plan=json.dumps({"decisions": decisions(config, gsd_m)}, sort_keys=True),
         overview=_overview(dems, region, gsd_m),
         coverage=_coverage(
             dems, region, everything, points, spacing_m, config.points.min_usable_conditions
@@ -75,14 +79,14 @@ def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray
     )
 
 
-def _joined(parts: list[Any]) -> Any:
+def joined(parts: list[Any]) -> Any:
     """One dataclass of arrays from many of the same kind."""
     kind = type(parts[0])
     columns = {}
     for field in dataclasses.fields(kind):
         values = [getattr(part, field.name) for part in parts]
         nested = dataclasses.is_dataclass(values[0])
-        columns[field.name] = _joined(values) if nested else np.concatenate(values)
+        columns[field.name] = joined(values) if nested else np.concatenate(values)
     return kind(**columns)
 
 
@@ -104,7 +108,8 @@ def _quality(evaluation: Evaluation) -> Array:
 
 def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
     """A figure of each candidate over its usable conditions; NaN where there are none."""
-    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(len(values), -1)
+    shape = (len(values), int(np.prod(values.shape[1:])))
+    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(shape)
     some = ~np.isnan(masked).all(axis=1)
     out = np.full(len(values), np.nan)
     if some.any():
@@ -239,39 +244,41 @@ def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float)
     return dataclasses.replace(config, area=area, points=points)
 
 
-def decisions(config: BuildConfig) -> list[dict[str, Any]]:
-    """What every area of a build models, in the words of ``lcp render --explain``."""
-    lowest = min(config.sun.elevations_deg)
-    tolerance = config.model.direction_tolerance_deg
-    ring = f"relief over the tangent of the lowest Sun ({lowest:g} deg), at most {config.model.ring_max_km:g} km"
+def decisions(config: BuildConfig, gsd_m: float) -> list[dict[str, Any]]:
+    """What every area of a build models, as `scene_effects` says it: worst over all Suns and views."""
+    accuracy, elevations = config.model.precision, config.sun.elevations_deg
+    light = math.tan(math.radians(min(elevations)))
+    limb = limb_tangent(direction_enu(0.0, min(elevations)))
+    lowest_view = math.tan(math.radians(90.0 - max(config.view.off_nadir_deg)))
+    rays = effects.Rays.of(accuracy)
     made = [
-        (
-            "cast_shadows",
-            True,
-            config.model.precision.tier,
-            config.model.precision.node_error,
-            "share of nodes",
-        ),
-        ("shadow_ring", True, ring, None, "km"),
-        (
-            "dependence",
-            True,
-            "exact rays, the patch alone against all the terrain",
-            0.0,
-            "share of nodes",
-        ),
-        ("one_direction_per_area", True, _DIRECTION, tolerance, "degrees"),
-        ("perspective", False, _PARALLEL, None, "degrees"),
-        (
-            "solar_disc",
-            False,
-            "the Sun is a point; a shadow's edge has no penumbra",
-            0.27,
-            "degrees of elevation",
+        effects.hiding("cast shadows", "the lowest Sun's elevation", light, None, rays),
+        effects.hiding("occlusion", "the lowest view's elevation", lowest_view, None, rays)
+        if any(config.view.off_nadir_deg)
+        else effects.straight_down(),
+        effects.perspective_of_patches(_widest_rad(config, gsd_m)),
+        effects.solar_disc(False, None, limb, math.inf, accuracy),
+        effects.surface(None, lowest_view, 0.0),
+        effects.float_width(),
+        effects.reflectance(config.model.reflectance),
+        effects.ring_of_build(min(elevations), config.model.ring_max_km * 1e3),
+        *effects.always(config.model.area_nodes_max * gsd_m / math.sqrt(2.0)),
+        Decision("dependence", True, _DEPENDENCE, 0.0, "share of nodes"),
+        Decision(
+            "one direction per area", True, _DIRECTION, config.model.direction_tolerance_deg, "deg"
         ),
     ]
-    return [asdict(Decision(*row)) for row in made]
+    return [asdict(decision) for decision in made]
 
 
+def _widest_rad(config: BuildConfig, gsd_m: float) -> float:
+    """By how much the directions from a patch's nodes to a camera differ at most from its point's,
+    slopes left aside."""
+    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
+    near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
+    half_m = config.points.half * gsd_m * math.sqrt(2.0)
+    return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
+
+
+_DEPENDENCE = "exact rays, the patch alone against all the terrain"
 _DIRECTION = "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance"
-_PARALLEL = "each view is a bundle of parallel rays to the camera from the point; over a patch the angle changes a little"

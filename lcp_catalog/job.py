@@ -62,21 +62,25 @@ class Candidates:
 
 def run_area(job: AreaJob) -> Candidates:
     """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
-    config, task = job.config, job.task
     dems = DemSet.open(job.dem_paths)
-    half, search = config.points.half, config.points.search_nodes(job.gsd_m)
-    halo = search + half + _CORNER_BORDER
-    terrain = _terrain(job, dems, halo)
-    sweep = Sweep(
-        terrain.field,
-        terrain.core,
-        Conditions.at(task.lat_deg, config),
-        config.model.reflectance,
-        config.model.precision,
-    )
-    core = _Core(job, terrain, halo)
-    rows, cols = _find(sweep, core, config, job.gsd_m)
+    terrain, sweep = area_sweep(job, dems)
+    core = _Core(job, terrain, _halo(job))
+    rows, cols = _find(sweep, core, job.config, job.gsd_m)
     return _evaluated(job, dems, core, sweep, rows, cols)
+
+
+def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
+    """The area's terrain with its halo as the core window, and all its images."""
+    terrain = _terrain(job, dems, _halo(job))
+    conditions, model = Conditions.at(job.task.lat_deg, job.config), job.config.model
+    sweep = Sweep(terrain.field, terrain.core, conditions, model.reflectance, model.precision)
+    return terrain, sweep
+
+
+def _halo(job: AreaJob) -> int:
+    """Nodes around the area that its points look at."""
+    points = job.config.points
+    return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
 
 
 def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:

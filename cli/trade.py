@@ -1,0 +1,71 @@
+"""``lcp trade``: every accuracy tier against ``reference``, on the user's own DEM and sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .build_options import config_option, configuration, point_options, sweep_options
+from .options import REFLECTANCES, area_options, dem_argument, output_option, overwrite_option
+
+
+@click.command("trade")
+@dem_argument
+@output_option("DIR")
+@config_option
+@area_options
+@sweep_options
+@click.option(
+    "--reflectance",
+    type=click.Choice(REFLECTANCES),
+    default=None,
+    help=f"Photometric model; default: {REFLECTANCES[0]}.",
+)
+@point_options
+@click.option(
+    "--areas",
+    type=click.IntRange(1),
+    metavar="N",
+    help="How many of the build's areas to compute, spread over the region; default 4.",
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    metavar="N",
+    help="How often each area is computed in each tier, for the median time; default 2.",
+)
+@overwrite_option
+def command(
+    dem: tuple[str, ...],
+    output: str,
+    areas: int | None,
+    rounds: int | None,
+    overwrite: bool,
+    **flags: Any,
+) -> None:
+    """Measure what each accuracy tier costs and what it changes, on your own DEM and sweep.
+
+    Some areas of the build that the same flags would make are computed in every tier, the tiers in turn, each in a process of its
+    own. DIR gets trade.json, trade.html (a page with table, plot and pictures) and trade.md (the table to paste).
+    """
+    config = configuration(**flags)
+    from lcp_catalog.build import Build
+    from lcp_catalog.trade_report import check_folder, markdown, write_trade
+    from lcp_catalog.tradeoff import AREAS, ROUNDS, measure_trade
+
+    from .progress import progress
+
+    folder = Path(output)
+    check_folder(folder, overwrite)
+    build = Build.plan(tuple(Path(path) for path in dem), config)
+    with progress("tiers") as update:
+        trade = measure_trade(build, areas or AREAS, rounds or ROUNDS, progress=update)
+    write_trade(trade, folder, overwrite)
+    click.echo(markdown(trade), nl=False)
+    compared = trade.compared
+    click.echo(
+        f"{output}: {len(trade.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas",
+        err=True,
+    )
