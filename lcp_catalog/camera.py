@@ -23,6 +23,9 @@ from .sphere import EnuFrame
 
 Array = NDArray[np.float64]
 
+FARTHEST_M = 1e11
+"""No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
+
 _ROTATION_TOLERANCE = 1e-5
 _UNDISTORT_STEPS = 50
 
@@ -50,6 +53,8 @@ class Camera:
         position = self._numbers("position_mcmf_m", (3,))
         if np.linalg.norm(position) < 0.5 * MOON_RADIUS_M:
             self._refuse("position_mcmf_m", "lies deep inside the Moon (are these metres?)")
+        if np.linalg.norm(position) > 1.1 * FARTHEST_M:
+            self._refuse("position_mcmf_m", f"lies beyond {FARTHEST_M / 1e3:g} km")
         put("position_mcmf_m", position)
         put("rotation_mcmf_to_camera", self._rotation())
         put("focal_length_px", float(self._numbers("focal_length_px", ())))

@@ -67,9 +67,11 @@ class SunAhead:
         self.z = field.transposed_m if self.transposed else field.z_m
         self.top = max(0, row0 - self._reach(window))
 
-    def stencil(self, cells: int) -> tuple[NDArray[np.int64], Array]:
-        """The edges nearest to a node, in the turned raster."""
-        nodes, weights = lines.near_stencil(*self._unit, cells)
+    def stencil(
+        self, cells: int, on_node: float = lines.ON_LINE
+    ) -> tuple[NDArray[np.int64], Array]:
+        """The edges nearest to a node, in the turned raster (`lines.near_stencil`)."""
+        nodes, weights = lines.near_stencil(*self._unit, cells, on_node)
         if self.transposed:
             nodes = np.ascontiguousarray(nodes[:, [1, 0, 3, 2]])
         if self.flipped:
@@ -131,17 +133,18 @@ def hybrid_occluded(
     if not _casts(field, out.shape, ray[2]):
         return np.zeros_like(out), 0
     sun = SunAhead(field, ray, window)
-    nodes, weights = sun.stencil(effort.cells)
+    stencil, sure_stencil = sun.stencil(effort.cells), sun.stencil(effort.cells, on_node=0.0)
     stride = sun.stride(sun.rise)
     # where nodata breaks the surface only the proof knows which edges are of a triangle
-    proved, holed = effort.proved or field.has_holes, field.has_holes
+    proved = effort.proved or field.has_holes
+    unlike = field.has_holes or (effort.proved and not np.array_equal(stencil[0], sure_stencil[0]))
     a0, a1, b0, b1 = sun.window
     marks = np.empty((a1 - a0, b1 - b0), dtype=np.uint8)
     bounds.mark(
-        sun.z, bounds.without_borders(sun.z) if holed else sun.z, proved, holed, sun.flipped,
-        (sun.shear, sun.rise, sun.rise / sun.length, sun.lean), effort.density, effort.cells,
-        nodes, weights, slacks(field, sun.rise, stride, sun.window[1] - sun.top),
-        (sun.top, stride), sun.window, marks,
+        sun.z, bounds.without_borders(sun.z) if field.has_holes else sun.z, proved, unlike,
+        sun.flipped, (sun.shear, sun.rise, sun.rise / sun.length, sun.lean), effort.density,
+        effort.cells, stencil, sure_stencil,
+        slacks(field, sun.rise, stride, sun.window[1] - sun.top), (sun.top, stride), sun.window, marks,
     )  # fmt: skip
     traced = bounds.settle(*field.traced, ray, marks, sun.transposed, sun.flipped, window, out)
     return out, int(traced)

@@ -242,9 +242,12 @@ def build_terrain(
     whole = window.grown(ring)
     rows, cols = whole.shape
     if rows * cols > _NODES_MAX:
+        around = (
+            f" with the {ring_m / 1e3:.1f} km around it that can shadow or hide it" if ring else ""
+        )
         raise AreaError(
-            f"{rows} x {cols} nodes are too many for one area (limit {_NODES_MAX:.0e}); "
-            "take a coarser --gsd"
+            f"{rows} x {cols} nodes are too many for one area{around} "
+            f"(limit {_NODES_MAX:.0e}); take a coarser --gsd"
         )
     z, index = _heights(dems, frame, whole, gsd_m)
     field = Heightfield(z, gsd_m, whole.col0 * gsd_m, -whole.row0 * gsd_m)

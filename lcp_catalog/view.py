@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .camera import Camera
+from .camera import FARTHEST_M, Camera
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
 from .grid import Bounds
 from .sphere import EnuFrame, direction_enu, mcmf_to_lonlat
 
 Array = NDArray[np.float64]
+
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +35,21 @@ class View:
     def __post_init__(self) -> None:
         if (self.direction is None) == (self.position_m is None):
             raise CameraError("a view is either a direction or a position")
+        where = np.asarray(self.position_m if self.direction is None else self.direction)
+        if not np.isfinite(where).all():
+            raise CameraError(f"no such view: {where.tolist()} is not finite")
 
     def directions(self, points_m: Array) -> Array:
-        """Unit directions (..., 3) from ENU points (..., 3) to the camera."""
+        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up where the camera
+        itself stands.
+        """
         if self.direction is not None:
             return np.broadcast_to(self.direction, points_m.shape)
         assert self.position_m is not None
         towards = self.position_m - points_m
-        return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
+        distance = np.linalg.norm(towards, axis=-1, keepdims=True)
+        here = distance == 0.0
+        return np.where(here, _UP, towards / np.where(here, 1.0, distance))
 
     def describe(self) -> dict[str, Any]:
         """What a result says about the view: the camera file's content, or the ENU direction or
@@ -61,7 +70,7 @@ def camera_view(camera: Camera, frame: EnuFrame) -> View:
 
 def nadir_view() -> View:
     """Straight down from infinity."""
-    return View(direction=np.array([0.0, 0.0, 1.0]))
+    return View(direction=_UP.copy())
 
 
 def oblique_view(
@@ -71,17 +80,23 @@ def oblique_view(
     vertical and the camera.
 
     Without an altitude (above the reference sphere) the camera is at infinity. CameraError for
-    angles outside 0..90 (excluded).
+    angles outside 0..90 (excluded) and for an altitude that is not positive or beyond
+    `camera.FARTHEST_M`.
     """
     if not 0.0 <= off_nadir_deg < 90.0 or not math.isfinite(view_azimuth_deg):
         raise CameraError(f"no such view: {off_nadir_deg} deg off nadir must lie within 0..90")
     direction = direction_enu(view_azimuth_deg, 90.0 - off_nadir_deg)
     if off_nadir_deg == 0.0:
-        direction = np.array([0.0, 0.0, 1.0])  # not rounded: nothing hides what is seen from above
+        direction = _UP.copy()  # not rounded: nothing hides what is seen from above
     if altitude_m is None:
         return View(direction=direction)
     if not (math.isfinite(altitude_m) and altitude_m > 0):
         raise CameraError(f"no such view: the altitude {altitude_m} m must be positive")
+    if altitude_m > FARTHEST_M:
+        raise CameraError(
+            f"no such view: the altitude is above {FARTHEST_M / 1e3:g} km; "
+            "leave it out for a camera at infinity"
+        )
     return View(position_m=slant_range_m(off_nadir_deg, altitude_m) * direction)
 
 

@@ -62,7 +62,10 @@ def towards(rng: np.random.Generator) -> np.ndarray:
     if rng.random() < 0.3:
         direction = rng.integers(-3, 4, 3).astype(float)
         return direction if direction.any() else np.array([1.0, 0.0, 0.0])
-    azimuth = rng.choice([rng.uniform(0, 360), 45.0 * rng.integers(0, 8), 26.56505117707799])
+    beside = 45.0 * rng.integers(0, 8) + rng.choice([1e-7, -1e-9, 1e-9, 1e-12])
+    azimuth = rng.choice(
+        [rng.uniform(0, 360), 45.0 * rng.integers(0, 8), 26.56505117707799, beside]
+    )
     elevation = rng.choice([rng.uniform(-5, 60), rng.uniform(0, 8), 0.0, 1e-6, 45.0, 89.9, 90.0])
     return direction_enu(azimuth, elevation)
 

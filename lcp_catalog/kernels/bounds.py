@@ -157,7 +157,7 @@ def _carry_floor(sure, flip, shear, rise, density, p, k, origin, b0, floor):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bound_lines(
-    z, sure, proved, holed, flip, sun, density, cells, nodes, weights, slacks, rows, window, lines, marks
+    z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, lines, marks
 ):  # fmt: skip
     """The nodes beside the lines lines[0] .. lines[1] - 1 of a window."""
     row0, row1, col0, col1 = window
@@ -170,7 +170,7 @@ def _bound_lines(
     inside = np.full((density, count), LOWEST, np.float32)
     floor = np.full((density, count), LOWEST, np.float32)
     near = np.empty(count, np.float32)
-    near_sure = np.empty(count, np.float32) if holed else near
+    near_sure = np.empty(count, np.float32) if unlike else near
     origin = top
     for r in range(top, row1):
         k = r - cells
@@ -189,9 +189,9 @@ def _bound_lines(
         first, last = max(col0, line0 - shift), min(col1, line1 - shift)
         if r < row0 or last <= first:
             continue
-        near_row(z, z, flip, r, first, last, nodes, weights, near)
-        if holed:
-            near_row(z, sure, flip, r, first, last, nodes, weights, near_sure)
+        near_row(z, z, flip, r, first, last, stencil[0], stencil[1], near)
+        if unlike:
+            near_row(z, sure, flip, r, first, last, sure_stencil[0], sure_stencil[1], near_sure)
         q, size = first + shift - b0, last - first
         right, q_right = (p + 1, q) if p + 1 < density else (0, q + 1)
         heights = turned_row(z, flip, r)[first:last]
@@ -213,21 +213,22 @@ def _bound_lines(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def mark(z, sure, proved, holed, flip, sun, density, cells, nodes, weights, slacks, rows, window, marks):  # fmt: skip
+def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, marks):  # fmt: skip
     """Mark every node of a window of z (turned) `LIT`, `DARK` or `OPEN` in marks (rows, cols) uint8.
 
     sun: (shear, metres the ray climbs a row, metres a cell of length, lean of the diagonals: +1
     where they run down to the right). density: lines a column; cells: rows that the stencil
     answers. slacks: what rounding may take, for the lines (m) and the stencil (m a cell). rows: the
     first row that can cast, and the rows after which heights are counted anew. proved: with the
-    lower bound, from ``sure``; without it a node is dark where both its lines are. holed: whether
-    ``sure`` differs from z.
+    lower bound, from ``sure``; without it a node is dark where both its lines are. stencil: nodes
+    and weights, with crossings beside a node taken to be on it; sure_stencil: without that, as a ray
+    may leave the raster there. unlike: whether ``sure`` differs from z, or the stencils do.
     """
     first, last = line_range(sun[0], *window)
     for block in prange((last - first + LINES - 1) // LINES):
         line0 = first + block * LINES
         _bound_lines(
-            z, sure, proved, holed, flip, sun, density, cells, nodes, weights, slacks, rows, window,
+            z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window,
             (line0, min(last, line0 + LINES)), marks,
         )  # fmt: skip
 

@@ -27,13 +27,14 @@ ON_LINE = 1e-9
 """A node this near a line (in columns) lies on it."""
 
 
-def near_stencil(du, dv, cells):
+def near_stencil(du, dv, cells, on_node=ON_LINE):
     """Edge crossings of a ray from a node (to u, v direction of unit length) within ``cells`` rows
     or columns.
 
     Two arrays: (n, 4) row and column offsets of the edge's ends, and (n, 3) the ends' weights and
     the whole, each divided by the distance in cells, so that w0 z0 + w1 z1 - w2 z is the tangent of
-    the crossing's elevation times the cell size.
+    the crossing's elevation times the cell size. A crossing this near a node (``on_node``, in cells)
+    is taken to be on it, so that a missing neighbour does not matter.
     """
     reach = cells / max(abs(du), abs(dv)) + 1e-9
     nodes, weights = [], []
@@ -50,7 +51,7 @@ def near_stencil(du, dv, cells):
                 col = math.floor(du * s + 1e-12)
                 row = step if along == (0, 1) else col - step
             f = max(dv * s - row if along == (1, 0) else du * s - col, 0.0)
-            end = (row + along[0], col + along[1]) if f > 1e-9 else (row, col)
+            end = (row + along[0], col + along[1]) if f > on_node else (row, col)
             nodes.append((row, col, *end))
             weights.append(((1.0 - f) / s, f / s, 1.0 / s))
     return np.array(nodes, np.int64).reshape(-1, 4), np.array(weights, np.float64).reshape(-1, 3)
