@@ -24,7 +24,7 @@ REFLECTANCES = ("lommel-seeliger", "lambert")
 """
 
 
-def _group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+def option_group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
     def decorate(command: Command) -> Command:
         for option in reversed(options):
             command = option(command)
@@ -67,7 +67,7 @@ AZIMUTH = Number(-360, 360)
 
 dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
 
-area_options = _group(
+area_options = option_group(
     click.option(
         "--center",
         nargs=2,
@@ -88,7 +88,7 @@ area_options = _group(
     ),
 )
 
-sun_options = _group(
+sun_options = option_group(
     click.option(
         "--sun-azimuth",
         type=AZIMUTH,
@@ -114,14 +114,14 @@ sun_options = _group(
     click.option(
         "--sun",
         "sun_model",
-        type=click.Choice(["point"]),
-        default="point",
-        show_default=True,
-        help="Shape of the Sun.",
+        type=click.Choice(["point", "disc"]),
+        default=None,
+        help="Shape of the Sun; default: a point in draft and standard, a disc in high and "
+        "reference.",
     ),
 )
 
-view_options = _group(
+view_options = option_group(
     click.option("--camera", "camera_path", metavar="CAMERA.json", help="Camera that looks."),
     click.option(
         "--off-nadir",
@@ -151,7 +151,7 @@ view_options = _group(
     ),
 )
 
-model_options = _group(
+model_options = option_group(
     click.option(
         "--reflectance",
         type=click.Choice(REFLECTANCES),

@@ -98,6 +98,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         in_camera_plane=flags["frame"] == "camera",
         model=flags["reflectance"] or options.REFLECTANCES[0],
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
+        disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",
     )
 
 

@@ -46,7 +46,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "bytes_estimate": int(
             FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
         ),
-        "decisions": decisions(config),
+        "decisions": decisions(config, build.gsd_m),
     }
 
 

@@ -22,17 +22,17 @@ from .errors import AreaError, CameraError, SunError
 from .grid import Bounds
 from .raster_out import geotiff, node_transform, orthographic_crs
 from .reflectance import DEFAULT_MODEL
-from .render import Photograph, render_camera, render_enu
-from .scene import (
+from .relief import (
     COARSE_NODES,
     COARSE_SLOPE,
-    ScenePlan,
     lowest_view_tangent,
     nodes_enu,
-    plan_scene,
-    ring_decision,
     ring_needed_m,
+    tangent_of,
 )
+from .render import Photograph, render_camera, render_enu
+from .scene import ScenePlan, plan_scene, ring_decision
+from .scene_bounds import limb_tangent
 from .sphere import EnuFrame, azimuth_elevation
 from .terrain import Area, NodeWindow, Terrain, build_terrain, terrain_from_area
 from .view import View, camera_view, footprint, looking_camera, oblique_view
@@ -94,7 +94,7 @@ class ViewChoice:
 @dataclass(frozen=True)
 class Request:
     """What one render is to show. ``area`` None: what the camera sees, else the whole DEM;
-    ``gsd_m`` None: the DEM's own.
+    ``gsd_m`` None: the DEM's own; ``disc``, whether the Sun is one, None: as the accuracy says.
     """
 
     dem_paths: Sequence[Path | str]
@@ -105,6 +105,12 @@ class Request:
     in_camera_plane: bool = False
     model: str = DEFAULT_MODEL
     accuracy: Accuracy = TIERS["standard"]
+    disc: bool | None = None
+
+    @property
+    def sun_is_disc(self) -> bool:
+        """Whether the Sun is a disc, or a point."""
+        return self.accuracy.disc if self.disc is None else self.disc
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +145,13 @@ def prepare(request: Request) -> Scene:
     _require_extent(extent)
     if request.in_camera_plane and view.camera is None:
         view = replace(view, camera=_looking_camera(frame, view, gsd_m, extent))
-    coarse = _coarse_terrain(dems, frame, extent, gsd_m, to_sun, view)
+    light = limb_tangent(to_sun) if request.sun_is_disc else tangent_of(to_sun)
+    coarse = _coarse_terrain(dems, frame, extent, gsd_m, light, view)
     if grows:
         extent = _grown(extent, _height_reach_m(coarse, view))
-        coarse = _coarse_terrain(dems, frame, extent, gsd_m, to_sun, view)
-    needed_m = _ring_needed_m(coarse, to_sun, view)
-    ring_m = min(needed_m, RING_MAX_M)
+        coarse = _coarse_terrain(dems, frame, extent, gsd_m, light, view)
+    needed_m = _ring_needed_m(coarse, light, view)
+    ring_m = min(max(needed_m, gsd_m), RING_MAX_M)  # at least a node, for the normals at the border
     terrain = build_terrain(dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m, ring_m)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
@@ -154,6 +161,9 @@ def prepare(request: Request) -> Scene:
         view,
         in_camera_plane=request.in_camera_plane,
         ring=ring_decision(terrain, ring_m, needed_m),
+        accuracy=request.accuracy,
+        disc=request.sun_is_disc,
+        model=request.model,
     )
     sources = tuple(dict.fromkeys(path for dem in dems.dems for path in dem.files))
     return Scene(request, terrain, to_sun, view, plan, sources)
@@ -162,7 +172,8 @@ def prepare(request: Request) -> Scene:
 def expose(scene: Scene) -> Photograph:
     """Render a scene; CameraError when the camera sees nothing of the area."""
     request = scene.request
-    how: dict[str, Any] = {"model": request.model, "accuracy": request.accuracy, "plan": scene.plan}
+    how: dict[str, Any] = {"model": request.model, "accuracy": request.accuracy}
+    how |= {"disc": request.sun_is_disc, "plan": scene.plan}
     if request.in_camera_plane:
         result = render_camera(scene.terrain, scene.camera, scene.sun, **how)
     else:
@@ -212,6 +223,7 @@ def tags(scene: Scene) -> dict[str, str]:
         "sun_elevation": repr(float(elevation)),
         "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
         "camera": json.dumps(scene.view.describe(), sort_keys=True),
+        "sun_model": "disc" if scene.request.sun_is_disc else "point",
         "reflectance": scene.request.model,
         "accuracy": scene.request.accuracy.tier,
         "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
@@ -301,13 +313,13 @@ def _coarse_terrain(
     frame: EnuFrame,
     extent_m: tuple[float, float, float, float],
     gsd_m: float,
-    to_sun: Array,
+    light_tangent: float,
     view: View,
 ) -> Terrain:
     """The area and all around it that could matter, on coarse nodes."""
     coarse_m = COARSE_NODES * gsd_m
     corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
-    tangent = min(_sun_tangent(to_sun), lowest_view_tangent(view, corners))
+    tangent = min(light_tangent, lowest_view_tangent(view, corners))
     reach_m = min(RING_MAX_M, _RELIEF_MAX_M / tangent) if tangent > 0 else RING_MAX_M
     window = NodeWindow.covering(extent_m, coarse_m)
     return build_terrain(dems, frame, window, coarse_m, reach_m)
@@ -327,15 +339,10 @@ def _height_reach_m(coarse: Terrain, view: View) -> float:
     return min(highest / tangent, RING_MAX_M) if tangent > 0 else RING_MAX_M
 
 
-def _ring_needed_m(coarse: Terrain, to_sun: Array, view: View) -> float:
+def _ring_needed_m(coarse: Terrain, light_tangent: float, view: View) -> float:
     margin = COARSE_SLOPE * coarse.field.gsd_m
     view_tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
-    tangent = min(_sun_tangent(to_sun), view_tangent)
+    tangent = min(light_tangent, view_tangent)
     if not math.isfinite(tangent):
         return 0.0
     return ring_needed_m(coarse, tangent, margin)
-
-
-def _sun_tangent(to_sun: Array) -> float:
-    level = math.hypot(to_sun[0], to_sun[1])
-    return float(to_sun[2]) / level if level > 0 else math.inf

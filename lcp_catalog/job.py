@@ -20,7 +20,7 @@ from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates
 from .plan import AreaGrid, AreaTask
-from .scene import COARSE_NODES, COARSE_SLOPE, ring_needed_m
+from .relief import COARSE_NODES, COARSE_SLOPE, ring_needed_m
 from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
 from .sweep import Conditions, Sweep
 from .terrain import Area, NodeWindow, Terrain, build_terrain, sample_patch

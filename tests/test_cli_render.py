@@ -286,6 +286,27 @@ def test_explain_alone_says_only_json(dem, capsys):
     assert decisions["curvature"]["modelled"] is True
 
 
+@pytest.mark.parametrize(
+    ("flags", "sun"),
+    [
+        ([], "point"),
+        (["--accuracy", "high"], "disc"),
+        (["--accuracy", "high", "--sun", "point"], "point"),
+        (["--sun", "disc"], "disc"),
+    ],
+)
+def test_the_suns_shape(dem, out, flags, sun):
+    """A point in the default tier, a disc in the exact ones, and what is asked for in any."""
+    low = ["--sun-azimuth", "90", "--sun-elevation", "4"]
+    assert run(["render", dem, "-o", str(out), *AREA, *low, *flags]) == 0
+    bands, _, tags = read(out)
+    assert tags["sun_model"] == sun
+    share = bands["sunlit"]
+    assert bool(((share > 0) & (share < 1)).any()) == (sun == "disc")
+    plan = {d["effect"]: d for d in json.loads(tags["scene_plan"])["decisions"]}
+    assert plan["solar disc"]["modelled"] == (sun == "disc")
+
+
 def test_explain_beside_an_output(dem, out, capsys):
     assert run(["render", dem, "-o", str(out), "--explain", *AREA, *SUN]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -316,7 +337,7 @@ def test_an_output_is_replaced_only_when_told(dem, out, capsys):
         (AREA, 2, "--sun-azimuth and --sun-elevation, or --time, or --subsolar"),
         ([*AREA, "--sun-azimuth", "10"], 2, "go together"),
         ([*AREA, *SUN, "--time", "2024-01-01"], 2, "state the Sun once"),
-        ([*AREA, *SUN, "--sun", "disc"], 2, "--sun"),
+        ([*AREA, *SUN, "--sun", "square"], 2, "--sun"),
         ([*AREA, *SUN, "--accuracy", "sloppy"], 2, "--accuracy"),
         ([*AREA, *SUN, "--off-nadir", "20"], 2, "--view-azimuth"),
         ([*AREA, *SUN, "--frame", "camera"], 2, "--frame camera needs"),

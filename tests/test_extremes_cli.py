@@ -184,11 +184,6 @@ def test_an_areas_border_looks_like_its_inside(moon, tmp_path, elevation):
     _same_in_a_larger_area(moon, tmp_path, elevation)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="exposure.prepare: with nothing to shadow or hide there is no ring, and the border's "
-    "normals are one-sided; it wants one node at least",
-)
 def test_an_areas_border_looks_like_its_inside_under_the_zenith(moon, tmp_path):
     _same_in_a_larger_area(moon, tmp_path, 90)
 

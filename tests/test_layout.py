@@ -28,16 +28,19 @@ FLOORS = [
     {"sphere", "kernels", "threads", "files", "schema", "pvl", "accuracy"},
     {"config", "samples", "label", "grid", "raster", "datasets"},
     {"heightfield", "sun", "camera", "reflectance", "dem", "view", "raster_out", "png", "flags"},
-    {"demset", "checks", "shadows"},
-    {"terrain", "contents"},
+    {"demset", "checks", "shadows", "shadow_lines", "limb_darkening", "horizons"},
+    {"terrain", "contents", "solar_disc"},
+    {"relief"},
+    {"scene_bounds"},
+    {"scene_effects"},
     {"scene"},
     {"render", "landmarks", "sweep", "plan"},
     {"catalog", "evaluate"},
     {"job"},
     {"shards", "engine", "assemble"},
     {"build", "charts", "exposure"},
-    {"summary", "estimate"},
-    {"report"},
+    {"summary", "estimate", "tradeoff", "trade_points", "trade_images", "trade_runs"},
+    {"report", "trade_plot", "trade_report"},
 ]
 
 

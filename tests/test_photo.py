@@ -18,8 +18,8 @@ import rasterio
 from lcp_catalog.camera import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exposure import Request, ViewChoice, expose, prepare
+from lcp_catalog.relief import nodes_enu
 from lcp_catalog.render import render_enu
-from lcp_catalog.scene import nodes_enu
 from lcp_catalog.sphere import azimuth_elevation, direction_enu
 
 SAMPLE = Path(__file__).parents[1] / "sample_data"

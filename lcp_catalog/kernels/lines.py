@@ -46,9 +46,9 @@ def near_stencil(du, dv, cells, on_node=ON_LINE):
         for k in range(1, int(reach * abs(rate) + 1e-9) + 1):
             s, step = k / abs(rate), k if rate > 0.0 else -k
             if along == (1, 0):
-                col, row = step, math.floor(dv * s + 1e-12)
+                col, row = step, math.floor(dv * s + on_node)
             else:
-                col = math.floor(du * s + 1e-12)
+                col = math.floor(du * s + on_node)
                 row = step if along == (0, 1) else col - step
             f = max(dv * s - row if along == (1, 0) else du * s - col, 0.0)
             end = (row + along[0], col + along[1]) if f > on_node else (row, col)

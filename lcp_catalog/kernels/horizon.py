@@ -1,0 +1,227 @@
+"""Exact horizons: how steeply the surface rises at most along a vertical plane, seen from a node or
+a point of it.
+
+The rise of the surface over the observer, divided by the distance, is monotone between two edge
+crossings (both are linear in s), so that its maximum lies at a crossing: the same crossings, in the
+same arithmetic, as in `tracing`. Rays live in cell units as there: (ou, ov) + s (du, dv) with
+max(|du|, |dv|) = 1, slopes in metres per unit of s. Parts of the max pyramid that lie below the
+steepest slope so far are skipped.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from .rays import NODE_LEVEL, ON_SURFACE_M, on_grid
+from .surface import edge_height, edge_height_careful, surface_height
+from .tracing import NEVER, unit
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _edge(z, holes, i, j, i2, j2, f):
+    if holes:
+        return edge_height_careful(z, i, j, i2, j2, f)
+    return edge_height(z, i, j, i2, j2, f)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _steepest(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
+    z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough
+):
+    """The steepest slope from (ou, ov, oz), inside the raster, to a crossing at s > 0; ``best``
+    where all are less steep, and the first one found that is at least ``enough`` where there is
+    one.
+    """
+    levels, offsets, widths, heights = pyramid
+    rows, cols = z.shape
+    inverse_u = 1.0 / du if du != 0.0 else NEVER
+    inverse_v = 1.0 / dv if dv != 0.0 else NEVER
+    right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
+    step_u, step_v = (1 if du > 0.0 else -1), (1 if dv > 0.0 else -1)
+    across = du - dv
+    inverse_across = 1.0 / across if across != 0.0 else NEVER
+    start_across = ou - ov
+    top = widths.size - 1
+    col, row = (
+        min(max(math.floor(ou), 0), cols - 2),
+        min(max(math.floor(ov), 0), rows - 2),
+    )
+    if du < 0.0 and ou == col and col > 0:
+        col -= 1
+    if dv < 0.0 and ov == row and row > 0:
+        row -= 1
+    level = min(NODE_LEVEL, top)
+    col, row, s = col >> level, row >> level, 0.0
+    while best < enough and (best < 0.0 or oz + best * s < summit):
+        s_u = (((col + right) << level) - ou) * inverse_u if du != 0.0 else NEVER
+        s_v = (((row + down) << level) - ov) * inverse_v if dv != 0.0 else NEVER
+        s_out = max(min(s_u, s_v), s)
+        if level > 0:
+            lowest = oz + best * (s if best > 0.0 else s_out)
+            if levels[offsets[level] + row * widths[level] + col] > lowest:
+                level -= 1
+                u, v = ou + du * s, ov + dv * s
+                c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
+                r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
+                if du < 0.0 and c > 2 * col and u <= (c << level):
+                    c -= 1
+                if dv < 0.0 and r > 2 * row and v <= (r << level):
+                    r -= 1
+                col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
+                continue
+        else:
+            s_diagonal = ((col - row) - start_across) * inverse_across
+            if s < s_diagonal < s_out:
+                f = unit(ou + du * s_diagonal - col)
+                rise = _edge(z, holes, row, col, row + 1, col + 1, f) - oz
+                if rise > best * s_diagonal:
+                    best = rise / s_diagonal
+            if s_u < s_v:
+                edge, f = col + right, unit(ov + dv * s_out - row)
+                rise = _edge(z, holes, row, edge, row + 1, edge, f) - oz
+            else:
+                edge, f = row + down, unit(ou + du * s_out - col)
+                rise = _edge(z, holes, edge, col, edge, col + 1, f) - oz
+            if s_out > 0.0 and rise > best * s_out:
+                best = rise / s_out
+        s = s_out
+        if s_u < s_v:
+            old, col = col, col + step_u
+            if col < 0 or col >= widths[level]:
+                return best
+            climb = ((col ^ old) >> 1) != 0
+        else:
+            old, row = row, row + step_v
+            if row < 0 or row >= heights[level]:
+                return best
+            climb = ((row ^ old) >> 1) != 0
+        if climb and level < top:
+            level, col, row = level + 1, col >> 1, row >> 1
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
+    return _steepest(z, False, pyramid, summit, ou, ov, oz, du, dv, best, enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
+    return _steepest(z, True, pyramid, summit, ou, ov, oz, du, dv, best, enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
+    """The horizon's slope between ``best`` and ``enough``, whichever of the two where it lies
+    beyond.
+    """
+    if holes:
+        return min(_steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
+    return min(_steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
+    """Horizons of nodes (n,) in the planes (k, 4) du, dv, best, enough, into out (n, k), metres per
+    unit of s; ``best`` at nodata.
+    """
+    for n in prange(rows.size):
+        i, j = rows[n], cols[n]
+        oz = np.float64(z[i, j])
+        for k in range(planes.shape[0]):
+            du, dv, best, enough = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+            out[n, k] = best
+            if not math.isnan(oz):
+                out[n, k] = steepest(
+                    z, holes, pyramid, summit, float(j), float(i), oz, du, dv, best, enough
+                )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _onto_surface(z, u, v, oz):
+    """A point within 1 mm of the surface put on it, and beside a grid line on that (as `rays`
+    does); its height NaN off the raster, and infinity where it lies under the surface.
+    """
+    u, v = on_grid(u, v)
+    ground = surface_height(z, u, v)
+    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no ground
+        return u, v, ground
+    return u, v, math.inf if ground > oz else oz
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
+    """The same for points (n,) over the raster: ``enough`` for those under the surface, ``best``
+    for NaN and those off the raster.
+    """
+    rows, cols = z.shape
+    for n in prange(u.size):
+        inside = 0.0 <= u[n] <= cols - 1.0 and 0.0 <= v[n] <= rows - 1.0
+        known = inside and not math.isnan(heights[n])
+        x, y, oz = _onto_surface(z, u[n], v[n], heights[n]) if known else (0.0, 0.0, 0.0)
+        for k in range(planes.shape[0]):
+            du, dv, best, enough = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+            if not known:
+                out[n, k] = best
+            elif oz == math.inf:
+                out[n, k] = enough
+            else:
+                out[n, k] = steepest(z, holes, pyramid, summit, x, y, oz, du, dv, best, enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def row_gradients(z, out):
+    """The largest squared gradient (metres a cell) of the existing triangles of each row of cells;
+    0 where there is none.
+    """
+    for i in prange(z.shape[0] - 1):
+        most = 0.0
+        for j in range(z.shape[1] - 1):
+            z00, z11 = np.float64(z[i, j]), np.float64(z[i + 1, j + 1])
+            z01, z10 = np.float64(z[i, j + 1]), np.float64(z[i + 1, j])
+            upper = (z01 - z00) ** 2 + (z11 - z01) ** 2
+            lower = (z10 - z00) ** 2 + (z11 - z10) ** 2
+            if upper > most:  # noqa: PLR1730  (False for NaN; max is not sure)
+                most = upper
+            if lower > most:  # noqa: PLR1730
+                most = lower
+        out[i] = most
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
+    """Flux of a disc above the horizons (n, k) of its k strips, into out (n,).
+
+    ``tangents`` (k,): tangent of elevation, foreshortened into the disc's middle plane, of a unit
+    slope; ``sine``, ``cosine`` of the middle's elevation; ``radius``: the disc's, a tangent;
+    ``tables`` (k, m): flux of each strip above m equal steps from the bottom of the disc to its top.
+    """
+    last = tables.shape[1] - 1
+    for n in prange(slopes.shape[0]):
+        total = 0.0
+        for k in range(tables.shape[0]):
+            tangent = slopes[n, k] * tangents[k]
+            y = (tangent * cosine - sine) / ((cosine + tangent * sine) * radius)
+            place = min(max((y + 1.0) * 0.5, 0.0), 1.0) * last
+            cell = min(int(place), last - 1)
+            share = place - cell
+            total += tables[k, cell] * (1.0 - share) + tables[k, cell + 1] * share
+        out[n] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def rim_nodes(z, window, out):
+    """Which nodes of a window have a height, and a neighbour without one: the raster's border and
+    the rims of holes, where a horizon may jump with azimuth.
+    """
+    row0, row1, col0, col1 = window
+    rows, cols = z.shape
+    for k in prange(row1 - row0):
+        i = row0 + k
+        for j in range(col0, col1):
+            rim = i == 0 or j == 0 or i == rows - 1 or j == cols - 1
+            for a in range(max(i - 1, 0), min(i + 2, rows)):
+                for b in range(max(j - 1, 0), min(j + 2, cols)):
+                    rim = rim or math.isnan(z[a, b])
+            out[k, j - col0] = rim and not math.isnan(z[i, j])
