@@ -33,7 +33,7 @@ ON_GRID = 1e-9
 """A position this near a grid line or diagonal (in cells) lies on it."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def scaled(du, dv, dz):
     """A ray with max(|du|, |dv|) = 1, and the factor; components that only rounding made differ
     from an axis or a diagonal are put on it.
@@ -179,53 +179,70 @@ def occluded_points(z, holes, pyramid, summit, u, v, heights, du, dv, dz, out):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, clear):
-    """Parameter at which a ray from anywhere first meets the surface from above; NaN when it does
-    not.
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _across(start, rate, limit):
+    """Parameters between which a ray is between 0 and ``limit`` of an axis; NEVER, -NEVER if at
+    none.
+    """
+    a, b = -start / rate, (limit - start) / rate
+    inside = 0.0 <= start <= limit
+    low = min(a, b) if rate != 0.0 else (-NEVER if inside else NEVER)
+    high = max(a, b) if rate != 0.0 else (NEVER if inside else -NEVER)
+    return low, high
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
+    """A camera ray in cell units from where it comes over the raster and under the summit: (du, dv,
+    dz, longest, first, u, v, z); first is NaN where it never does, longest 0 where it is vertical,
+    and both where it is no ray.
+    """
+    du, dv, dz, longest = scaled(east / gsd, north / -gsd, up)
+    low_u, high_u = _across(ou, du, cols - 1.0)
+    low_v, high_v = _across(ov, dv, rows - 1.0)
+    first, last = max(low_u, low_v, 0.0), min(high_u, high_v)
+    if oz + dz * first > summit:
+        first = max(first, (summit - oz) / dz) if dz < 0.0 else NEVER
+    if not (first < last and math.isfinite(east + north + up)):
+        first = math.nan
+    u, v, height = ou, ov, oz
+    if first > 0.0:
+        u = min(max(ou + du * first, 0.0), cols - 1.0)
+        v = min(max(ov + dv * first, 0.0), rows - 1.0)
+        height = oz + dz * first
+    return du, dv, dz, longest, first, u, v, height
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def hit_from(z, holes, pyramid, summit, oz, clear, du, dv, dz, longest, first, u, v, height):
+    """Range at which a ray that `approach` gave first meets the surface from above, in units of
+    its direction; NaN when it does not.
 
     ``clear``: a height down to which no terrain lies above the ray, or inf; it changes the time
     that the answer takes, and not one bit of it.
     """
-    rows, cols = z.shape
-    du, dv, dz, longest = scaled(du, dv, dz)
-    if longest == 0.0:
-        fall = oz - surface_height(z, ou, ov)
-        return max(fall, 0.0) / -dz if dz < 0.0 and fall >= -UNDERGROUND_M else math.nan
-    first, last = _enter(rows, cols, ou, ov, du, dv)
-    if oz + dz * first > summit:
-        first = max(first, (summit - oz) / dz) if dz < 0.0 else NEVER
-    if not first < last:
+    if math.isnan(first):
         return math.nan
-    if first > 0.0:
-        ou = min(max(ou + du * first, 0.0), cols - 1.0)
-        ov = min(max(ov + dv * first, 0.0), rows - 1.0)
-        oz += dz * first
-    if oz + UNDERGROUND_M < summit and surface_height(z, ou, ov) > oz + UNDERGROUND_M:
+    if longest == 0.0:
+        depth = oz - surface_height(z, u, v)
+        return max(depth, 0.0) / -dz if dz < 0.0 and depth >= -UNDERGROUND_M else math.nan
+    if height + UNDERGROUND_M < summit and surface_height(z, u, v) > height + UNDERGROUND_M:
         return math.nan
     s_clear, level = 0.0, CAMERA_LEVEL
-    if clear < oz and dz < 0.0:
-        s_clear, level = (clear - oz) / dz, CLEAR_LEVEL
-    s = met(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level)
+    if clear < height and dz < 0.0:
+        s_clear, level = (clear - height) / dz, CLEAR_LEVEL
+    s = met(z, holes, pyramid, summit, u, v, height, du, dv, dz, s_clear, level)
     return (first + s) / longest if s >= 0.0 else math.nan
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def first_hit_enu(z, holes, pyramid, summit, ou, ov, oz, gsd, direction, clear):
-    """The same for an ENU direction (3,) of any length, metres; NaN where it is none."""
-    du, dv, dz = direction[0] / gsd, direction[1] / -gsd, direction[2]
-    if math.isfinite(du + dv + dz) and abs(du) + abs(dv) + abs(dz) > 0.0:
-        return first_hit(z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, clear)
-    return math.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
-    """First hits of rays along ENU directions (n, 3) that leave one point, each ray by itself: what
-    `coherent.first_hits` must equal.
+    """First hits of rays along ENU directions (n, 3) of any length that leave one point, each ray
+    by itself: what `coherent.first_hits` must equal.
     """
+    rows, cols = z.shape
     ou, ov = on_grid(ou, ov)
     for k in prange(out.size):
-        out[k] = first_hit_enu(
-            z, holes, pyramid, summit, ou, ov, oz, gsd, directions[k], math.inf
-        )
+        east, north, up = directions[k, 0], directions[k, 1], directions[k, 2]
+        ray = approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd)
+        out[k] = hit_from(z, holes, pyramid, summit, oz, math.inf, *ray)

@@ -14,6 +14,7 @@ mipmaps).
 
 import math
 
+import numpy as np
 from numba import njit
 
 from .surface import (
@@ -46,7 +47,7 @@ def _edge(z, holes, i, j, i2, j2, f):
     return edge_height(z, i, j, i2, j2, f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
     """Where between s and s_below, one stretch of cell (i, j), a ray comes through the surface;
     ``below`` (< 0) is its height at s_below.
@@ -66,6 +67,42 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
     above = max(
         oz + dz * s - height, 0.0
     )  # below 0 only by rounding: the last crossing was passed above
+    return s + (s_below - s) * (above / (above - below))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
+    """Where a ray first comes through the surface in cell (i, j), whose nodes all have heights,
+    between s and s_out; -1 where it does not.
+
+    What `_trace` and `_meeting` do else, with choices of values in place of branches: which edge a
+    ray meets is not to be guessed, and guessing wrong costs more than both edges.
+    """
+    z00, z01 = np.float64(z[i, j]), np.float64(z[i, j + 1])
+    z10, z11 = np.float64(z[i + 1, j]), np.float64(z[i + 1, j + 1])
+    parted = (s < s_diagonal) & (s_diagonal < s_out) & (s_diagonal <= s_end)
+    f = unit(ou + du * s_diagonal - j)
+    gap_diagonal = oz + dz * s_diagonal - (z00 + (z11 - z00) * f if f < 1.0 else z11)
+    gap_diagonal = gap_diagonal if parted else 0.0
+    right, down = du > 0.0, dv > 0.0
+    start_u, end_u = (z01 if right else z00), (z11 if right else z10)
+    start_v, end_v = (z10 if down else z00), (z11 if down else z01)
+    start, end = (start_u if by_u else start_v), (end_u if by_u else end_v)
+    u, v = ou + du * s_out - j, ov + dv * s_out - i
+    f = unit(v if by_u else u)
+    gap = oz + dz * s_out - (start + (end - start) * f if f < 1.0 else end)
+    gap = gap if (s_out > 0.0) & (s_out <= s_end) else 0.0
+    if not ((gap_diagonal < 0.0) | (gap < 0.0)):
+        return -1.0
+    early = gap_diagonal < 0.0
+    below, s_below = (gap_diagonal if early else gap), (s_diagonal if early else s_out)
+    s = s_diagonal if parted & (not early) else s
+    x, y = unit(ou + du * s - j), unit(ov + dv * s - i)
+    upper = x >= y
+    corner = z01 if upper else z10
+    along, across = (x if upper else y), (y if upper else x)
+    height = z00 + (corner - z00) * along + (z11 - corner) * across
+    above = max(oz + dz * s - height, 0.0)
     return s + (s_below - s) * (above / (above - below))
 
 
@@ -166,6 +203,13 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
                         r -= 1
                 col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
                 continue
+        elif first_hit and not holes:
+            s_diagonal = ((col - row) - start_across) * inverse_across
+            found = _met_in_cell(
+                z, row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, s_u < s_v
+            )
+            if found >= 0.0:
+                return found
         else:
             before = s
             s_diagonal = ((col - row) - start_across) * inverse_across
@@ -222,12 +266,12 @@ def _blocked_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level):
     return _trace(z, True, False, pyramid, summit, ou, ov, oz, du, dv, dz, 0.0, s_end, level) > 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _met_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level):
     return _trace(z, False, True, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, NEVER, level)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _met_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, level):
     return _trace(z, True, True, pyramid, summit, ou, ov, oz, du, dv, dz, s_clear, NEVER, level)
 
