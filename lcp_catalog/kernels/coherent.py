@@ -56,11 +56,10 @@ def _cone(directions, gsd, i0, i1, j0, j1):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _highest(pyramid, u0, u1, v0, v1):
+def _highest(levels, offsets, widths, heights, u0, u1, v0, v1):
     """Highest node of the cells that a box of positions touches, or of some more; -inf off the
     raster.
     """
-    levels, offsets, widths, heights = pyramid
     if u1 < 0.0 or v1 < 0.0 or u0 > widths[0] or v0 > heights[0]:
         return -math.inf
     c0, c1 = int(max(u0, 0.0)), int(min(u1, widths[0] - 1.0))
@@ -81,7 +80,7 @@ def _highest(pyramid, u0, u1, v0, v1):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _clear_height(pyramid, ou, ov, oz, cone, height):
+def _clear_height(levels, offsets, widths, heights, ou, ov, oz, cone, height):
     """A height down to which no terrain lies above any ray of the cone, given one (``height``)."""
     a0, a1, b0, b1 = cone
     reach = max(abs(a0), abs(a1), abs(b0), abs(b1))
@@ -94,7 +93,10 @@ def _clear_height(pyramid, ou, ov, oz, cone, height):
         near, far = oz - height, oz - height + step
         slack = SMALL_CELLS + SMALL * (abs(ou) + abs(ov) + reach * (abs(oz) + abs(height) + step))
         highest = _highest(
-            pyramid,
+            levels,
+            offsets,
+            widths,
+            heights,
             ou + min(a0 * near, a0 * far) - slack,
             ou + max(a1 * near, a1 * far) + slack,
             ov + min(b0 * near, b0 * far) - slack,
@@ -131,26 +133,26 @@ def _approach(z, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tile_solid(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
+def _tile_solid(z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i0, i1, j0, j1):
     """Trace a tile's rays over a raster without nodata."""
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
             out[i, j] = hit_from(
-                z, False, pyramid, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
+                z, False, levels, offsets, widths, heights, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
                 queue[k, 3], queue[k, 4], queue[k, 5], queue[k, 6], queue[k, 7],
             )  # fmt: skip
             k += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
+def _tile_holed(z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i0, i1, j0, j1):
     """The same over one with nodata: a copy, so that the compiler makes a function of each."""
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
             out[i, j] = hit_from(
-                z, True, pyramid, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
+                z, True, levels, offsets, widths, heights, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
                 queue[k, 3], queue[k, 4], queue[k, 5], queue[k, 6], queue[k, 7],
             )  # fmt: skip
             k += 1
@@ -158,7 +160,23 @@ def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _block(
-    z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
+    z,
+    holes,
+    levels,
+    offsets,
+    widths,
+    heights,
+    summit,
+    ou,
+    ov,
+    oz,
+    gsd,
+    directions,
+    out,
+    i0,
+    j0,
+    tile_rows,
+    tile_cols,
 ):
     """A block of TILES x TILES tiles."""
     rows, cols = out.shape
@@ -174,22 +192,36 @@ def _block(
             min(whole[2], cone[2]), max(whole[3], cone[3]),
         )  # fmt: skip
     top = min(oz, summit)
-    useful = pyramid[2].size > 1 and math.isfinite(top)
-    common = _clear_height(pyramid, ou, ov, oz, whole, top) if useful else top
+    useful = widths.size > 1 and math.isfinite(top)
+    common = (
+        _clear_height(levels, offsets, widths, heights, ou, ov, oz, whole, top) if useful else top
+    )
     for k in range(TILES * TILES):
         i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
         clear = math.inf
         if useful and cones[k, 0] <= cones[k, 1]:
             clear = _clear_height(
-                pyramid, ou, ov, oz, (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3]), common
+                levels,
+                offsets,
+                widths,
+                heights,
+                ou,
+                ov,
+                oz,
+                (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3]),
+                common,
             )
             clear += SMALL_CELLS + SMALL * (abs(oz) + abs(clear))
         i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
         _approach(z, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
         if holes:
-            _tile_holed(z, pyramid, summit, oz, clear, queue, out, i, i1, j, j1)
+            _tile_holed(
+                z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i, i1, j, j1
+            )
         else:
-            _tile_solid(z, pyramid, summit, oz, clear, queue, out, i, i1, j, j1)
+            _tile_solid(
+                z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i, i1, j, j1
+            )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -197,6 +229,7 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """First hits of rays along ENU directions (rows, cols, 3) that leave one point, into out (rows,
     cols): `rays.first_hits`, faster where neighbours in the array are neighbours in the sky.
     """
+    levels, offsets, widths, heights = pyramid
     ou, ov = on_grid(ou, ov)
     rows, cols = out.shape
     tile_rows = min(TILE, rows)
@@ -207,5 +240,5 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     for block in prange(blocks):
         i0, j0 = block // blocks_across * down, block % blocks_across * across
         _block(
-            z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
+            z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
         )  # fmt: skip
