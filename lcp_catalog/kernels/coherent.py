@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit, prange
 
 from .rays import approach, hit_from, on_grid
+from .tracing import NEVER, PATIENCE, UNDERGROUND_M, entered, inverse_of, met, met_in_cell
 
 TILE = 8
 TILES = 8
@@ -117,31 +118,121 @@ def _clear_height(levels, offsets, widths, heights, ou, ov, oz, cone, height):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _approach(z, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
-    """`approach` of every ray of a tile into queue (rays, 8): divisions of many rays overlap, which
-    they do not where each waits for the last one's traversal.
+def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
+    """`approach` of every ray of a tile into queue (11, rays). Nothing in it branches, so that the
+    compiler takes several rays at once.
     """
-    rows, cols = z.shape
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
-            east, north, up = directions[i, j, 0], directions[i, j, 1], directions[i, j, 2]
-            ray = approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd)
-            queue[k, 0], queue[k, 1], queue[k, 2], queue[k, 3] = ray[0], ray[1], ray[2], ray[3]
-            queue[k, 4], queue[k, 5], queue[k, 6], queue[k, 7] = ray[4], ray[5], ray[6], ray[7]
+            queue[0, k], queue[1, k] = directions[i, j, 0], directions[i, j, 1]
+            queue[2, k] = directions[i, j, 2]
             k += 1
+    a, b, c, d, e, f = queue[0], queue[1], queue[2], queue[3], queue[4], queue[5]
+    g, h, o, m, n = queue[6], queue[7], queue[8], queue[9], queue[10]
+    for q in range(k):
+        a[q], b[q], c[q], d[q], e[q], f[q], g[q], h[q], o[q], m[q], n[q] = approach(
+            rows, cols, summit, ou, ov, oz, a[q], b[q], c[q], gsd
+        )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tile_solid(z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i0, i1, j0, j1):
-    """Trace a tile's rays over a raster without nodata."""
+def _start(z, summit, clear, queue, count, place, walk, alive):
+    """Put the rays that come in from above and are clear down to ``clear`` into their first cells:
+    row and column into place (2, rays), parameter into walk (2, rays), their numbers into alive.
+    Returns how many; the others keep walk[1] = NaN.
+    """
+    rows, cols = z.shape
+    walking = 0
+    for q in range(count):
+        du, dv, dz, inverse_u, inverse_v = (
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
+        )  # fmt: skip
+        inverse_z, length, first = queue[5, q], queue[6, q], queue[7, q]
+        u, v, height = queue[8, q], queue[9, q], queue[10, q]
+        falls = (dz < 0.0) & (clear < height) & (height + UNDERGROUND_M >= summit)
+        plain = falls & (length > 0.0) & (not math.isnan(first))
+        walk[1, q] = math.nan
+        s_clear = (clear - height) * inverse_z if plain else 0.0
+        col, in_u = entered(u if plain else 0.0, du, inverse_u, cols - 1, 0, s_clear)
+        row, in_v = entered(v if plain else 0.0, dv, inverse_v, rows - 1, 0, s_clear)
+        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
+        place[0, q], place[1, q], walk[0, q] = row, col, max(in_u, in_v, 0.0)
+        if plain:
+            walk[1, q] = -1.0
+        alive[walking] = q
+        walking += 1 if plain & inside else 0
+    return walking
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(z, queue, place, walk, alive, walking):
+    """One cell on for every ray that walks: walk[1] is where it meets the surface there, else -1.
+    Returns how many walk on.
+
+    No way is chosen by what a ray meets, so that the processor works on many rays at once: waiting
+    for one ray's cell to know where it ends cost more than all arithmetic.
+    """
+    rows, cols = z.shape
+    on = 0
+    for k in range(walking):
+        q = alive[k]
+        du, dv, dz, inverse_u, inverse_v = (
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
+        )  # fmt: skip
+        u, v, height = queue[8, q], queue[9, q], queue[10, q]
+        row, col, s = place[0, q], place[1, q], walk[0, q]
+        right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
+        s_u = (col + right - u) * inverse_u if du != 0.0 else NEVER
+        s_v = (row + down - v) * inverse_v if dv != 0.0 else NEVER
+        s_out = max(min(s_u, s_v), s)
+        s_diagonal = ((col - row) - (u - v)) * inverse_of(du - dv)
+        by_u = s_u < s_v
+        found = met_in_cell(
+            z, row, col, u, v, height, du, dv, dz, s, s_diagonal, s_out, NEVER, by_u
+        )
+        walk[1, q], walk[0, q] = found, s_out
+        col += (2 * right - 1) if by_u else 0
+        row += 0 if by_u else (2 * down - 1)
+        place[0, q], place[1, q] = row, col
+        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
+        alive[on] = q
+        on += 1 if (found < 0.0) & inside else 0
+    return on
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tile_solid(
+    z, levels, offsets, widths, heights, summit, oz, clear, queue, place, walk, alive, out,
+    i0, i1, j0, j1,
+):  # fmt: skip
+    """Trace a tile's rays over a raster without nodata: together for some cells, then those that
+    are left each by itself.
+    """
+    count = max(i1 - i0, 0) * max(j1 - j0, 0)  # tiles beside the image have no ray
+    walking = _start(z, summit, clear, queue, count, place, walk, alive)
+    for _ in range(PATIENCE):
+        if walking == 0:
+            break
+        walking = _walk(z, queue, place, walk, alive, walking)
+    for k in range(walking):
+        q = alive[k]
+        walk[1, q] = met(
+            z, False, levels, offsets, widths, heights, summit, queue[8, q], queue[9, q], queue[10, q],
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q], walk[0, q], 0,
+        )  # fmt: skip
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
-            out[i, j] = hit_from(
-                z, False, levels, offsets, widths, heights, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
-                queue[k, 3], queue[k, 4], queue[k, 5], queue[k, 6], queue[k, 7],
-            )  # fmt: skip
+            met_at = walk[1, k]
+            if not math.isnan(met_at):
+                out[i, j] = (queue[7, k] + met_at) / queue[6, k] if met_at >= 0.0 else math.nan
+            else:
+                out[i, j] = hit_from(
+                    z, False, levels, offsets, widths, heights, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                    queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
+                    queue[8, k], queue[9, k], queue[10, k],
+                )  # fmt: skip
             k += 1
 
 
@@ -152,8 +243,9 @@ def _tile_holed(z, levels, offsets, widths, heights, summit, oz, clear, queue, o
     for i in range(i0, i1):
         for j in range(j0, j1):
             out[i, j] = hit_from(
-                z, True, levels, offsets, widths, heights, summit, oz, clear, queue[k, 0], queue[k, 1], queue[k, 2],
-                queue[k, 3], queue[k, 4], queue[k, 5], queue[k, 6], queue[k, 7],
+                z, True, levels, offsets, widths, heights, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
+                queue[8, k], queue[9, k], queue[10, k],
             )  # fmt: skip
             k += 1
 
@@ -181,7 +273,8 @@ def _block(
     """A block of TILES x TILES tiles."""
     rows, cols = out.shape
     cones = np.empty((TILES * TILES, 4))
-    queue = np.empty((TILE * TILE, 8))
+    queue, walk = np.empty((11, TILE * TILE)), np.empty((2, TILE * TILE))
+    place, alive = np.empty((2, TILE * TILE), np.int64), np.empty(TILE * TILE, np.int64)
     whole = (math.inf, -math.inf, math.inf, -math.inf)
     for k in range(TILES * TILES):
         i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
@@ -213,15 +306,16 @@ def _block(
             )
             clear += SMALL_CELLS + SMALL * (abs(oz) + abs(clear))
         i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
-        _approach(z, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
+        _approach(*z.shape, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
         if holes:
             _tile_holed(
                 z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i, i1, j, j1
             )
         else:
             _tile_solid(
-                z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i, i1, j, j1
-            )
+                z, levels, offsets, widths, heights, summit, oz, clear, queue, place, walk, alive,
+                out, i, i1, j, j1,
+            )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

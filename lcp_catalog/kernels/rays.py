@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 from .surface import node_exists, surface_height
-from .tracing import NEVER, UNDERGROUND_M, blocked, met
+from .tracing import NEVER, UNDERGROUND_M, blocked, inverse_of, met
 
 BAND_ROWS = 8
 NODE_LEVEL = 1
@@ -41,17 +41,21 @@ def scaled(du, dv, dz):
     (0, 0, dz, 0) when vertical. sin(pi) is 1.2e-16, not 0; the change moves a ray by 1e-10 cells
     over 1e5.
     """
+    # values are chosen, not ways: so that many rays can be scaled at once
     longest = max(abs(du), abs(dv))
-    if not longest > 1e-15 * abs(dz):
-        return 0.0, 0.0, dz, 0.0
-    du, dv = du / longest, dv / longest
-    if abs(du) < 1e-15:
-        du = 0.0
-    if abs(dv) < 1e-15:
-        dv = 0.0
-    if abs(abs(du) - abs(dv)) < 1e-15:
-        du, dv = math.copysign(1.0, du), math.copysign(1.0, dv)
-    return du, dv, dz / longest, longest
+    level = longest > 1e-15 * abs(dz)
+    u, v = du / longest, dv / longest
+    u = u if abs(u) >= 1e-15 else 0.0
+    v = v if abs(v) >= 1e-15 else 0.0
+    diagonal = abs(abs(u) - abs(v)) < 1e-15
+    u = (1.0 if u > 0.0 else -1.0) if diagonal else u
+    v = (1.0 if v > 0.0 else -1.0) if diagonal else v
+    return (
+        u if level else 0.0,
+        v if level else 0.0,
+        dz / longest if level else dz,
+        longest if level else 0.0,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -214,11 +218,11 @@ def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _across(start, rate, limit):
+def _across(start, rate, inverse, limit):
     """Parameters between which a ray is between 0 and ``limit`` of an axis; NEVER, -NEVER if at
     none.
     """
-    a, b = -start / rate, (limit - start) / rate
+    a, b = -start * inverse, (limit - start) * inverse
     inside = 0.0 <= start <= limit
     low = min(a, b) if rate != 0.0 else (-NEVER if inside else NEVER)
     high = max(a, b) if rate != 0.0 else (NEVER if inside else -NEVER)
@@ -228,45 +232,32 @@ def _across(start, rate, limit):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
     """A camera ray in cell units from where it comes over the raster and under the summit: (du, dv,
-    dz, longest, first, u, v, z); first is NaN where it never does, longest 0 where it is vertical,
-    and both where it is no ray.
+    dz, their inverses, length, first, u, v, z).
+
+    length: cells that the direction itself goes along the greater axis, 0 where it is vertical;
+    first: the parameter there, NaN where it never comes there or is no ray.
     """
-    du, dv, dz, longest = scaled(east / gsd, north / -gsd, up)
-    low_u, high_u = _across(ou, du, cols - 1.0)
-    low_v, high_v = _across(ov, dv, rows - 1.0)
+    du, dv, dz, longest = scaled(east, -north, up * gsd)
+    inverse_u, inverse_v, inverse_z = inverse_of(du), inverse_of(dv), inverse_of(dz)
+    low_u, high_u = _across(ou, du, inverse_u, cols - 1.0)
+    low_v, high_v = _across(ov, dv, inverse_v, rows - 1.0)
     first, last = max(low_u, low_v, 0.0), min(high_u, high_v)
-    if oz + dz * first > summit:
-        first = max(first, (summit - oz) / dz) if dz < 0.0 else NEVER
-    if not (first < last and math.isfinite(east + north + up)):
-        first = math.nan
-    u, v, height = ou, ov, oz
-    if first > 0.0:
-        u = min(max(ou + du * first, 0.0), cols - 1.0)
-        v = min(max(ov + dv * first, 0.0), rows - 1.0)
-        height = oz + dz * first
-    return du, dv, dz, longest, first, u, v, height
+    under = max(first, (summit - oz) * inverse_z) if dz < 0.0 else NEVER
+    first = under if oz + dz * first > summit else first
+    first = first if (first < last) & math.isfinite(east + north + up) else math.nan
+    comes = first > 0.0
+    u = min(max(ou + du * first, 0.0), cols - 1.0) if comes else ou
+    v = min(max(ov + dv * first, 0.0), rows - 1.0) if comes else ov
+    height = oz + dz * first if comes else oz
+    dz = dz if longest > 0.0 else up
+    return du, dv, dz, inverse_u, inverse_v, inverse_z, longest / gsd, first, u, v, height
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def hit_from(
-    z,
-    holes,
-    levels,
-    offsets,
-    widths,
-    heights,
-    summit,
-    oz,
-    clear,
-    du,
-    dv,
-    dz,
-    longest,
-    first,
-    u,
-    v,
-    height,
-):
+    z, holes, levels, offsets, widths, heights, summit, oz, clear,
+    du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
+):  # fmt: skip
     """Range at which a ray that `approach` gave first meets the surface from above, in units of
     its direction; NaN when it does not.
 
@@ -275,18 +266,19 @@ def hit_from(
     """
     if math.isnan(first):
         return math.nan
-    if longest == 0.0:
+    if length == 0.0:
         depth = oz - surface_height(z, u, v)
         return max(depth, 0.0) / -dz if dz < 0.0 and depth >= -UNDERGROUND_M else math.nan
     if height + UNDERGROUND_M < summit and surface_height(z, u, v) > height + UNDERGROUND_M:
         return math.nan
     s_clear, level = 0.0, CAMERA_LEVEL
     if clear < height and dz < 0.0:
-        s_clear, level = (clear - height) / dz, CLEAR_LEVEL
+        s_clear, level = (clear - height) * inverse_z, CLEAR_LEVEL
     s = met(
-        z, holes, levels, offsets, widths, heights, summit, u, v, height, du, dv, dz, s_clear, level
-    )
-    return (first + s) / longest if s >= 0.0 else math.nan
+        z, holes, levels, offsets, widths, heights, summit, u, v, height, du, dv, dz,
+        inverse_u, inverse_v, s_clear, level,
+    )  # fmt: skip
+    return (first + s) / length if s >= 0.0 else math.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

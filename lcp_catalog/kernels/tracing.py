@@ -40,6 +40,12 @@ sees nothing.
 """
 
 
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def inverse_of(rate):
+    """1 / rate; `NEVER` for 0."""
+    return 1.0 / rate if rate != 0.0 else NEVER
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def unit(value):
     """A value moved into 0..1."""
@@ -77,7 +83,7 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
+def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
     """Where a ray first comes through the surface in cell (i, j), whose nodes all have heights,
     between s and s_out; -1 where it does not.
 
@@ -98,8 +104,6 @@ def _met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, b
     f = unit(v if by_u else u)
     gap = oz + dz * s_out - (start + (end - start) * f if f < 1.0 else end)
     gap = gap if (s_out > 0.0) & (s_out <= s_end) else 0.0
-    if not ((gap_diagonal < 0.0) | (gap < 0.0)):
-        return -1.0
     early = gap_diagonal < 0.0
     below, s_below = (gap_diagonal if early else gap), (s_diagonal if early else s_out)
     s = s_diagonal if parted & (not early) else s
@@ -109,11 +113,12 @@ def _met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, b
     along, across = (x if upper else y), (y if upper else x)
     height = z00 + (corner - z00) * along + (z11 - corner) * across
     above = max(oz + dz * s - height, 0.0)
-    return s + (s_below - s) * (above / (above - below))
+    met_at = s + (s_below - s) * (above / (above - below))
+    return met_at if (gap_diagonal < 0.0) | (gap < 0.0) else -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _entered(start, rate, inverse, size, level, s):
+def entered(start, rate, inverse, size, level, s):
     """The block of 2^level cells along an axis that a ray is in once it has crossed every grid line
     whose crossing is not behind s, and the crossing at which it came into it.
 
@@ -138,24 +143,9 @@ def _entered(start, rate, inverse, size, level, s):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registers)
-    z,
-    holes,
-    first_hit,
-    levels,
-    offsets,
-    widths,
-    heights,
-    summit,
-    ou,
-    ov,
-    oz,
-    du,
-    dv,
-    dz,
-    s_clear,
-    s_end,
-    level,
-):
+    z, holes, first_hit, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+    inverse_u, inverse_v, s_clear, s_end, level,
+):  # fmt: skip
     """Follow a ray from (ou, ov), inside the raster, until it leaves it, rises above ``summit`` or
     passes s_end.
 
@@ -170,12 +160,10 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     to cell. (Crossings of one s: the row's line comes first.)
     """
     rows, cols = z.shape
-    inverse_u = 1.0 / du if du != 0.0 else NEVER
-    inverse_v = 1.0 / dv if dv != 0.0 else NEVER
     right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
     step_u, step_v = (1 if du > 0.0 else -1), (1 if dv > 0.0 else -1)
     across = du - dv
-    inverse_across = 1.0 / across if across != 0.0 else NEVER
+    inverse_across = inverse_of(across)
     start_across = ou - ov
     if dz > 0.0:
         s_end = min(s_end, (summit - oz) / dz)
@@ -194,8 +182,8 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     col, row, s = col >> level, row >> level, 0.0
     walked = 0 if s_clear > 0.0 else PATIENCE
     if first_hit and s_clear > 0.0:
-        col, in_u = _entered(ou, du, inverse_u, widths[level], level, s_clear)
-        row, in_v = _entered(ov, dv, inverse_v, heights[level], level, s_clear)
+        col, in_u = entered(ou, du, inverse_u, widths[level], level, s_clear)
+        row, in_v = entered(ov, dv, inverse_v, heights[level], level, s_clear)
         if col < 0 or row < 0 or col >= widths[level] or row >= heights[level]:
             return -1.0
         s = max(in_u, in_v, 0.0)
@@ -227,7 +215,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
                 continue
         elif first_hit and not holes:
             s_diagonal = ((col - row) - start_across) * inverse_across
-            found = _met_in_cell(
+            found = met_in_cell(
                 z, row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, s_u < s_v
             )
             if found >= 0.0:
@@ -284,109 +272,27 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_solid(
     z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
-):
-    return (
-        _trace(
-            z,
-            False,
-            False,
-            levels,
-            offsets,
-            widths,
-            heights,
-            summit,
-            ou,
-            ov,
-            oz,
-            du,
-            dv,
-            dz,
-            0.0,
-            s_end,
-            level,
-        )
-        > 0.0
-    )
+):  # fmt: skip
+    return _trace(
+        z, False, False, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        inverse_of(du), inverse_of(dv), 0.0, s_end, level,
+    ) > 0.0  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_holed(
     z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
-):
-    return (
-        _trace(
-            z,
-            True,
-            False,
-            levels,
-            offsets,
-            widths,
-            heights,
-            summit,
-            ou,
-            ov,
-            oz,
-            du,
-            dv,
-            dz,
-            0.0,
-            s_end,
-            level,
-        )
-        > 0.0
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _met_solid(z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_clear, level):
+):  # fmt: skip
     return _trace(
-        z,
-        False,
-        True,
-        levels,
-        offsets,
-        widths,
-        heights,
-        summit,
-        ou,
-        ov,
-        oz,
-        du,
-        dv,
-        dz,
-        s_clear,
-        NEVER,
-        level,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _met_holed(z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_clear, level):
-    return _trace(
-        z,
-        True,
-        True,
-        levels,
-        offsets,
-        widths,
-        heights,
-        summit,
-        ou,
-        ov,
-        oz,
-        du,
-        dv,
-        dz,
-        s_clear,
-        NEVER,
-        level,
-    )
+        z, True, False, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        inverse_of(du), inverse_of(dv), 0.0, s_end, level,
+    ) > 0.0  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def blocked(
     z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
-):
+):  # fmt: skip
     """Whether an existing triangle rises strictly above the ray at 0 < s <= s_end; (du, dv) must
     not both be 0.
     """
@@ -400,14 +306,19 @@ def blocked(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def met(z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_clear, level):
+def met(
+    z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+    inverse_u, inverse_v, s_clear, level,
+):  # fmt: skip
     """Where a ray that starts on or above the surface first meets it; -1 where it never does, or
     comes under it through a hole. Nothing must lie above it up to s_clear (0: not known).
     """
     if holes:
-        return _met_holed(
-            z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_clear, level
-        )
-    return _met_solid(
-        z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_clear, level
-    )
+        return _trace(
+            z, True, True, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+            inverse_u, inverse_v, s_clear, NEVER, level,
+        )  # fmt: skip
+    return _trace(
+        z, False, True, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        inverse_u, inverse_v, s_clear, NEVER, level,
+    )  # fmt: skip
