@@ -192,7 +192,7 @@ def sweep(n: int, field: Heightfield, mitsuba: Mitsuba) -> None:
 def camera(
     n: int, off_deg: float, distance_km: float, roll_deg: float, distortion: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) and unit directions (n, n, 3): the axis meets the middle of the terrain, a pixel has the size of a cell there."""
+    """Position (3,) and unit directions (n, n, 3); the axis meets the middle of the terrain, where a pixel is a cell."""
     middle = np.array([0.5 * n * CELL_M, -0.5 * n * CELL_M, 0.0])
     out = _turned(17.0, 2) @ _turned(off_deg, 0) @ _turned(roll_deg, 2)
     a = (np.arange(n) - 0.5 * (n - 1)) * CELL_M / (distance_km * 1e3)

@@ -16,6 +16,7 @@ from .scene_bounds import (
     PENUMBRA_PX,
     horizon_beyond_rad,
 )
+from .solar_disc import SHARE_RMS
 
 METHODS = {
     "draft": "two lines a column and the nearest cells",
@@ -24,11 +25,6 @@ METHODS = {
     "reference": "by a ray from every node",
 }
 """How a tier finds what is hidden (`lcp_catalog.shadows`)."""
-
-DISC_RMS = {"draft": 0.01, "standard": 0.003, "high": 0.0004, "reference": 0.0001}
-"""Rms error of the share over the penumbra (`solar_disc.sunlit_share`); of ``reference``: where its
-strips are taken to have converged.
-"""
 
 
 @dataclass(frozen=True)
@@ -111,9 +107,8 @@ def solar_disc(
     if width_px <= _penumbra_limit(accuracy):
         reason = f"{widest}, below {PENUMBRA_PX}; {exact}"
         return Decision(effect, False, reason, 1.0, unit)
-    rms = DISC_RMS[accuracy.tier]
-    reason = f"{widest}; {accuracy.tier}: the error is rms over the penumbra, measured"
-    return Decision(effect, True, reason, rms, unit)
+    reason = f"{widest}; {accuracy.tier}: the error is rms over all nodes, measured"
+    return Decision(effect, True, reason, SHARE_RMS[accuracy.tier], unit)
 
 
 def _penumbra_limit(accuracy: Accuracy) -> float:

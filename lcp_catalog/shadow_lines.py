@@ -107,7 +107,7 @@ def draft_occluded(
     du, dv, _, _ = rays.scaled(math.sin(azimuth_rad), -math.cos(azimuth_rad), 0.0)
     rises = slopes * math.hypot(du, dv)
     sun = SunAhead(field, (du, dv, float(rises.min())), window)
-    nodes, weights = sun.stencil(draft.NEAR_CELLS)
+    nodes, weights = _padded(*sun.stencil(draft.NEAR_CELLS))
     stride = _LEAST_STRIDE + sun.stride(float(np.abs(rises).max()))
     a0, a1, b0, b1 = sun.window
     out = np.empty(shape if slopes.size > 1 or sun.transposed else 0, dtype=np.uint8)
@@ -165,6 +165,14 @@ def slacks(field: Heightfield, rise: float, stride: int, rows: int) -> tuple[flo
     size = largest + abs(rise) * (stride + 8)
     rebases = 2 if rise > 0.0 else rows // stride + 1
     return EPSILON * size * (16 + 2 * rebases), 32.0 * EPSILON * largest
+
+
+def _padded(nodes: NDArray[np.int64], weights: Array) -> tuple[NDArray[np.int64], Array]:
+    """A stencil of at least four edges, the last one repeated: four are answered in one pass."""
+    missing = max(4 - len(nodes), 0) if len(nodes) else 0
+    return np.pad(nodes, ((0, missing), (0, 0)), "edge"), np.pad(
+        weights, ((0, missing), (0, 0)), "edge"
+    )
 
 
 def _casts(field: Heightfield, shape: tuple[int, ...], rise: float) -> bool:

@@ -35,6 +35,9 @@ SHARE_RMS = {"draft": 0.07, "standard": 0.002, "high": 0.0005, "reference": 1e-4
 penumbra alone 0.2, 0.005, 0.0006. Measured (docs/solar-disc.md); tests/test_solar_disc.py holds it.
 """
 
+TRACE = 1e-5
+"""A share smaller than this is none: three times what the tables' steps can make of none."""
+
 FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
 STEEP_RAD = math.radians(88.0)
 """Nearer to the zenith, vertical planes fan out over the disc: there it is sampled by directions."""
@@ -204,7 +207,10 @@ def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
     for first in range(0, len(observers), CHUNK):
         part = slice(first, first + CHUNK)
         out[part] = rule(observers[part])
-    return np.clip(out, 0.0, 1.0)
+    # what the tables leave of nothing is nothing, and all is all: lit means more than no light
+    out[out < TRACE] = 0.0
+    out[out > 1.0 - TRACE] = 1.0
+    return out
 
 
 def _sun(direction: ArrayLike, disc: SolarDisc, gsd_m: float) -> _Sun:
