@@ -120,7 +120,8 @@ class Embree:
 
 
 def timed(task: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
-    """Seconds and the answer."""
+    """Seconds and the answer; the last one's threads are given time to go to sleep first."""
+    time.sleep(0.02)
     start = time.perf_counter()
     answer = task(*arguments)
     return time.perf_counter() - start, answer

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .kernels import coherent, fragments, lines, pyramid, rays, surface
+from .kernels import coherent, fragments, lines, pyramid, rays, steep, surface
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,6 +78,11 @@ class Heightfield:
         row0, row1, col0, col1 = window
         low, _, _ = pyramid.extremes(np.ascontiguousarray(self.z_m[row0:row1, col0:col1]))
         return float(low)
+
+    @cached_property
+    def tile_gradients_m(self) -> NDArray[np.float32]:
+        """Steepest facet of each tile of nodes, metres a cell; inf beside nodata (`kernels.steep`)."""
+        return np.asarray(steep.tile_gradients(self.z_m))
 
     @cached_property
     def transposed_m(self) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .heightfield import Heightfield, Window
-from .kernels import bounds, draft, lines, rays
+from .kernels import bounds, draft, lines, rays, steep
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -84,6 +84,24 @@ class SunAhead:
         """
         return 8 + self._rows_of_relief(abs(steepest_rise), self.field.extremes_m[0])
 
+    def awake(self, slope: float, width: int) -> Mask:
+        """Which stretches of blocks of ``width`` lines may hold a shadow (`kernels.steep`)."""
+        reach = 8 + self._rows_of_relief(self.rise, self.field.extremes_m[0])
+        return np.asarray(
+            steep.awake(
+                self.field.tile_gradients_m,
+                self.transposed,
+                self.flipped,
+                self.z.shape,
+                self.shear,
+                slope,
+                reach,
+                self.top,
+                self.window,
+                width,
+            )
+        )
+
     def _reach(self, window: Window) -> int:
         """Rows towards the Sun beyond which even the highest node shadows nothing of the window."""
         low = self.field.lowest_m(window)
@@ -110,13 +128,14 @@ def draft_occluded(
     nodes, weights = _padded(*sun.stencil(draft.NEAR_CELLS))
     stride = _LEAST_STRIDE + sun.stride(float(np.abs(rises).max()))
     a0, a1, b0, b1 = sun.window
+    awake = sun.awake(float(slopes.min()), lines.LINES)
     out = np.empty(shape if slopes.size > 1 or sun.transposed else 0, dtype=np.uint8)
     for first in range(0, slopes.size, draft.SUNS):
         some = slice(first, first + draft.SUNS)
         bits = np.empty((a1 - a0, b1 - b0), dtype=np.uint8)
         draft.draft(
             sun.z, sun.flipped, sun.shear, rises[some], slopes[some], nodes, weights, stride,
-            sun.top, sun.window, not sun.transposed, bits,
+            sun.top, sun.window, not sun.transposed, awake, bits,
         )  # fmt: skip
         if not out.size:
             return bits[np.newaxis]
@@ -169,10 +188,8 @@ def slacks(field: Heightfield, rise: float, stride: int, rows: int) -> tuple[flo
 
 def _padded(nodes: NDArray[np.int64], weights: Array) -> tuple[NDArray[np.int64], Array]:
     """A stencil of at least four edges, the last one repeated: four are answered in one pass."""
-    missing = max(4 - len(nodes), 0) if len(nodes) else 0
-    return np.pad(nodes, ((0, missing), (0, 0)), "edge"), np.pad(
-        weights, ((0, missing), (0, 0)), "edge"
-    )
+    which = np.arange(max(4, len(nodes))).clip(max=len(nodes) - 1)
+    return nodes[which], weights[which]
 
 
 def _casts(field: Heightfield, shape: tuple[int, ...], rise: float) -> bool:

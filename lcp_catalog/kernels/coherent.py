@@ -10,8 +10,9 @@ down to which the tile is clear (`_clear_height`): first for a block of tiles, t
 for each tile. Rays of a tile need not be neighbours for this to hold, only for it to help: nothing
 is assumed of the camera, its roll or its distortion.
 
-Each ray is then traced as if it were alone (`rays.hit_from`), from the cell it is in at that
-height: skipping changes no bit.
+Each ray then goes on from the cell it is in at that height, cell by cell as if it were alone: first
+all rays of a tile together (`_walk`), then those that are left one by one (`tracing.met`). Where a
+ray starts changes no bit of where it ends.
 """
 
 import math

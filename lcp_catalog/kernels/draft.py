@@ -106,8 +106,8 @@ def _carry(z, flip, shear, rises, k, origin, b0, carried, heights):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _scan_lines(
-    z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, line0, line1, bits
-):
+    z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, line0, line1, bits
+):  # fmt: skip
     """The nodes beside the lines line0 .. line1 - 1 of a window."""
     row0, row1, col0, col1 = window
     b0, count = line0, line1 - line0 + 1
@@ -121,6 +121,13 @@ def _scan_lines(
             for s in range(rises.size):
                 rebase(carried[s], rises[s] * (r - origin))
             origin = r
+        if not awake[r // TILE]:
+            shift = math.floor(-shear * r)
+            first, last = max(col0, line0 - shift), min(col1, line1 - shift)
+            if r >= row0 and last > first:
+                row = row1 - 1 - r if upright and flip else r - row0
+                bits[row, first - col0 : last - col0] = 0
+            continue
         if r - NEAR_CELLS >= top:  # what is nearer is the stencil's
             _carry(z, flip, shear, rises, r - NEAR_CELLS, origin, b0, carried, heights)
         shift, p, f = strip_of(shear, r, DENSITY)
@@ -170,7 +177,9 @@ def _scan_lines(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def draft(z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, bits):
+def draft(
+    z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, bits
+):  # fmt: skip
     """Set bit s of bits (rows, cols) uint8 where a node of the window of z (turned) is in the shadow
     of Sun s, and no other; ``upright``: rows as in the raster, not turned towards the Sun.
 
@@ -194,6 +203,7 @@ def draft(z, flip, shear, rises, slopes, nodes, weights, stride, top, window, up
             top,
             window,
             upright,
+            awake[block],
             line0,
             line1,
             bits,
