@@ -131,6 +131,33 @@ class TestDraft:
         share = (craters.swept("draft") != craters.exact).mean(axis=(2, 3))
         assert share.max() > TIERS["draft"].node_error
 
+    def test_what_is_skipped_under_a_high_sun_is_lit(self, craters, monkeypatch):
+        """Stretches without a steep facet in reach: skipping them changes a node only from wrong to right."""
+        rng, cases = np.random.default_rng(3), []
+        # nearly flat but for a hill of 900 m, steeper than every Sun here, off the middle
+        row, col = np.ogrid[:768, :512]
+        hill = np.maximum(900.0 - 30.0 * np.hypot(row - 500.0, col - 200.0), 0.0)
+        patch = 0.03 * np.tile(cratered(64), (12, 8)) + hill
+        fields = [craters.field, Heightfield(patch, 20.0), *(terrain(rng) for _ in range(40))]
+        for field in fields:
+            for elevation in (8.0, 20.0, 35.0, 50.0):
+                cases.append((field, direction_enu(rng.uniform(0, 360), elevation)))
+        skipping = [occluded(field, towards, TIERS["draft"]) for field, towards in cases]
+        asleep = 0
+        awake = shadow_lines.SunAhead.awake
+
+        def all_awake(sun, slope, width):
+            nonlocal asleep
+            found = awake(sun, slope, width)
+            asleep += int((~found).sum())
+            return np.ones_like(found)
+
+        monkeypatch.setattr(shadow_lines.SunAhead, "awake", all_awake)
+        for (field, direction), mask in zip(cases, skipping, strict=True):
+            differs = mask != occluded(field, direction, TIERS["draft"])
+            assert not (mask[differs] | field.occluded_nodes(direction)[differs]).any()
+        assert asleep > 100  # something was skipped at all
+
     def test_nodata_casts_nothing(self):
         z = np.zeros((40, 40), np.float32)
         z[10:20, 10:20] = np.nan
