@@ -156,7 +156,7 @@ class TestDraft:
         for (field, direction), mask in zip(cases, skipping, strict=True):
             differs = mask != occluded(field, direction, TIERS["draft"])
             assert not (mask[differs] | field.occluded_nodes(direction)[differs]).any()
-        assert asleep > 100  # something was skipped at all
+        assert asleep > 50  # something was skipped at all
 
     def test_nodata_casts_nothing(self):
         z = np.zeros((40, 40), np.float32)
