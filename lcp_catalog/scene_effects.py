@@ -100,6 +100,8 @@ def solar_disc(
     widest = f"penumbras are up to {width_px:.3g} pixels wide on level ground"
     if math.isinf(width_px):
         widest = "penumbras have no widest one under this Sun"
+    if slope is None:
+        widest = "how wide penumbras are depends on each area's relief"
     exact = f"nodes whose horizon is over {math.degrees(SOLAR_RADIUS_RAD):.3f} deg from the Sun's"
     exact += " middle are exact"
     if not asked:
