@@ -24,7 +24,7 @@ Both hold for rows k <= r - N; the crossings nearer than N rows are tested one b
 `lines`). Where nodata breaks the surface, an edge may belong to no triangle: it may enter an upper
 bound, never a lower one; ``sure`` is the raster without the nodes beside nodata.
 
-Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding (`shadow_bounds.slacks`), and
+Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding (`shadow_lines.slacks`), and
 whatever lies within them is left open.
 """
 
@@ -261,7 +261,6 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
     """Marks of the turned window as masks of the raster's own window, bool (rows, cols); open nodes
     are traced along ray (du, dv, dz). Returns how many were.
     """
-    levels, offsets, widths, heights = pyramid
     row0, row1, col0, col1 = window
     rows, cols = row1 - row0, col1 - col0
     across = (cols + TILE - 1) // TILE
@@ -284,7 +283,7 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
                     traced[tile] += 1
                     u, v = float(col0 + j0 + j), float(row0 + i0 + i)
                     target[j] = blocked(
-                        z, holes, levels, offsets, widths, heights, summit, u, v, oz, ray[0], ray[1], ray[2], NEVER, NODE_LEVEL
+                        z, holes, pyramid, summit, u, v, oz, ray[0], ray[1], ray[2], NEVER, NODE_LEVEL
                     )  # fmt: skip
     return traced.sum()
 

@@ -58,10 +58,11 @@ def _cone(directions, gsd, i0, i1, j0, j1):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _highest(levels, offsets, widths, heights, u0, u1, v0, v1):
+def _highest(pyramid, u0, u1, v0, v1):
     """Highest node of the cells that a box of positions touches, or of some more; -inf off the
     raster.
     """
+    levels, offsets, widths, heights = pyramid
     if u1 < 0.0 or v1 < 0.0 or u0 > widths[0] or v0 > heights[0]:
         return -math.inf
     c0, c1 = int(max(u0, 0.0)), int(min(u1, widths[0] - 1.0))
@@ -82,7 +83,7 @@ def _highest(levels, offsets, widths, heights, u0, u1, v0, v1):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _clear_height(levels, offsets, widths, heights, ou, ov, oz, cone, height):
+def _clear_height(pyramid, ou, ov, oz, cone, height):
     """A height down to which no terrain lies above any ray of the cone, given one (``height``)."""
     a0, a1, b0, b1 = cone
     reach = max(abs(a0), abs(a1), abs(b0), abs(b1))
@@ -95,10 +96,7 @@ def _clear_height(levels, offsets, widths, heights, ou, ov, oz, cone, height):
         near, far = oz - height, oz - height + step
         slack = SMALL_CELLS + SMALL * (abs(ou) + abs(ov) + reach * (abs(oz) + abs(height) + step))
         highest = _highest(
-            levels,
-            offsets,
-            widths,
-            heights,
+            pyramid,
             ou + min(a0 * near, a0 * far) - slack,
             ou + max(a1 * near, a1 * far) + slack,
             ov + min(b0 * near, b0 * far) - slack,
@@ -204,7 +202,7 @@ def _walk(z, queue, place, walk, alive, walking):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _tile_solid(
-    z, levels, offsets, widths, heights, summit, oz, clear, queue, place, walk, alive, out,
+    z, pyramid, summit, oz, clear, queue, place, walk, alive, out,
     i0, i1, j0, j1,
 ):  # fmt: skip
     """Trace a tile's rays over a raster without nodata: together for some cells, then those that
@@ -219,7 +217,7 @@ def _tile_solid(
     for k in range(walking):
         q = alive[k]
         walk[1, q] = met(
-            z, False, levels, offsets, widths, heights, summit, queue[8, q], queue[9, q], queue[10, q],
+            z, False, pyramid, summit, queue[8, q], queue[9, q], queue[10, q],
             queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q], walk[0, q], 0,
         )  # fmt: skip
     k = 0
@@ -230,7 +228,7 @@ def _tile_solid(
                 out[i, j] = (queue[7, k] + met_at) / queue[6, k] if met_at >= 0.0 else math.nan
             else:
                 out[i, j] = hit_from(
-                    z, False, levels, offsets, widths, heights, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                    z, False, pyramid, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
                     queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
                     queue[8, k], queue[9, k], queue[10, k],
                 )  # fmt: skip
@@ -238,13 +236,13 @@ def _tile_solid(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tile_holed(z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i0, i1, j0, j1):
+def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
     """The same over one with nodata: a copy, so that the compiler makes a function of each."""
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
             out[i, j] = hit_from(
-                z, True, levels, offsets, widths, heights, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                z, True, pyramid, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
                 queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
                 queue[8, k], queue[9, k], queue[10, k],
             )  # fmt: skip
@@ -255,10 +253,7 @@ def _tile_holed(z, levels, offsets, widths, heights, summit, oz, clear, queue, o
 def _block(
     z,
     holes,
-    levels,
-    offsets,
-    widths,
-    heights,
+    pyramid,
     summit,
     ou,
     ov,
@@ -286,19 +281,14 @@ def _block(
             min(whole[2], cone[2]), max(whole[3], cone[3]),
         )  # fmt: skip
     top = min(oz, summit)
-    useful = widths.size > 1 and math.isfinite(top)
-    common = (
-        _clear_height(levels, offsets, widths, heights, ou, ov, oz, whole, top) if useful else top
-    )
+    useful = pyramid[2].size > 1 and math.isfinite(top)
+    common = _clear_height(pyramid, ou, ov, oz, whole, top) if useful else top
     for k in range(TILES * TILES):
         i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
         clear = math.inf
         if useful and cones[k, 0] <= cones[k, 1]:
             clear = _clear_height(
-                levels,
-                offsets,
-                widths,
-                heights,
+                pyramid,
                 ou,
                 ov,
                 oz,
@@ -309,12 +299,10 @@ def _block(
         i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
         _approach(*z.shape, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
         if holes:
-            _tile_holed(
-                z, levels, offsets, widths, heights, summit, oz, clear, queue, out, i, i1, j, j1
-            )
+            _tile_holed(z, pyramid, summit, oz, clear, queue, out, i, i1, j, j1)
         else:
             _tile_solid(
-                z, levels, offsets, widths, heights, summit, oz, clear, queue, place, walk, alive,
+                z, pyramid, summit, oz, clear, queue, place, walk, alive,
                 out, i, i1, j, j1,
             )  # fmt: skip
 
@@ -324,7 +312,6 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """First hits of rays along ENU directions (rows, cols, 3) that leave one point, into out (rows,
     cols): `rays.first_hits`, faster where neighbours in the array are neighbours in the sky.
     """
-    levels, offsets, widths, heights = pyramid
     ou, ov = on_grid(ou, ov)
     rows, cols = out.shape
     tile_rows = min(TILE, rows)
@@ -335,5 +322,5 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     for block in prange(blocks):
         i0, j0 = block // blocks_across * down, block % blocks_across * across
         _block(
-            z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
+            z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
         )  # fmt: skip

@@ -18,8 +18,12 @@ def _trace_part(part, du, dv, dz, row, col, out):
     rows, cols = part.shape
     _, summit, holes = extremes(part)
     # a pyramid without levels: a fragment is small, so every ray walks its cells one by one
-    levels, offsets = np.empty(1, np.float32), np.zeros(1, np.int64)
-    widths, heights = np.full(1, cols - 1, np.int64), np.full(1, rows - 1, np.int64)
+    pyramid = (
+        np.empty(1, np.float32),
+        np.zeros(1, np.int64),
+        np.full(1, cols - 1, np.int64),
+        np.full(1, rows - 1, np.int64),
+    )
     for i in range(rows):
         for j in range(cols):
             oz = np.float64(part[i, j])
@@ -29,7 +33,7 @@ def _trace_part(part, du, dv, dz, row, col, out):
                 out[row + i, col + j] = dz < 0.0 and node_exists(part, i, j)
             else:
                 out[row + i, col + j] = blocked(
-                    part, holes, levels, offsets, widths, heights, float(summit), float(j), float(i),
+                    part, holes, pyramid, float(summit), float(j), float(i),
                     oz, du, dv, dz, NEVER, 0,
                 )  # fmt: skip
 

@@ -106,7 +106,6 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
     """For every node of the window, whether the surface rises above its ray; nodata: False. (du,
     dv) must not both be 0.
     """
-    levels, offsets, widths, heights = pyramid
     row0, row1, col0, col1 = window
     bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
     for band in prange(bands):
@@ -117,10 +116,7 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
                 out[i - row0, j - col0] = not math.isnan(oz) and blocked(
                     z,
                     holes,
-                    levels,
-                    offsets,
-                    widths,
-                    heights,
+                    pyramid,
                     summit,
                     float(j),
                     float(i),
@@ -134,7 +130,7 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hidden(z, holes, levels, offsets, widths, heights, summit, i, j, cu, cv, cz):
+def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
     """Whether the surface rises above the segment from a node to a camera that is not under the
     ground.
     """
@@ -146,10 +142,7 @@ def _hidden(z, holes, levels, offsets, widths, heights, summit, i, j, cu, cv, cz
     return end > 0.0 and blocked(
         z,
         holes,
-        levels,
-        offsets,
-        widths,
-        heights,
+        pyramid,
         summit,
         float(j),
         float(i),
@@ -167,7 +160,6 @@ def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
     """For every node of the window, whether the surface rises above the segment from it to the
     camera; nodata: False.
     """
-    levels, offsets, widths, heights = pyramid
     row0, row1, col0, col1 = window
     cu, cv = on_grid(cu, cv)
     buried = surface_height(z, cu, cv) > cz + UNDERGROUND_M
@@ -177,13 +169,12 @@ def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
         for i in range(first, min(first + BAND_ROWS, row1)):
             for j in range(col0, col1):
                 out[i - row0, j - col0] = not math.isnan(z[i, j]) and (
-                    buried
-                    or _hidden(z, holes, levels, offsets, widths, heights, summit, i, j, cu, cv, cz)
+                    buried or _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz)
                 )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _point_blocked(z, holes, levels, offsets, widths, heights, summit, u, v, oz, du, dv, dz):
+def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
     u, v = on_grid(u, v)
     ground = surface_height(z, u, v)
     if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no ground
@@ -201,19 +192,16 @@ def _point_blocked(z, holes, levels, offsets, widths, heights, summit, u, v, oz,
         oz += dz * first
         if surface_height(z, u, v) > oz:
             return True
-    return blocked(
-        z, holes, levels, offsets, widths, heights, summit, u, v, oz, du, dv, dz, NEVER, NODE_LEVEL
-    )
+    return blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz, NEVER, NODE_LEVEL)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
     """For points (n,), whether the surface rises above their rays; NaN: False."""
-    levels, offsets, widths, heights = pyramid
     for k in prange(u.size):
         known = not math.isnan(u[k] + v[k] + above[k])
         out[k] = known and _point_blocked(
-            z, holes, levels, offsets, widths, heights, summit, u[k], v[k], above[k], du, dv, dz
+            z, holes, pyramid, summit, u[k], v[k], above[k], du, dv, dz
         )
 
 
@@ -255,7 +243,7 @@ def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def hit_from(
-    z, holes, levels, offsets, widths, heights, summit, oz, clear,
+    z, holes, pyramid, summit, oz, clear,
     du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
 ):  # fmt: skip
     """Range at which a ray that `approach` gave first meets the surface from above, in units of
@@ -275,7 +263,7 @@ def hit_from(
     if clear < height and dz < 0.0:
         s_clear, level = (clear - height) * inverse_z, CLEAR_LEVEL
     s = met(
-        z, holes, levels, offsets, widths, heights, summit, u, v, height, du, dv, dz,
+        z, holes, pyramid, summit, u, v, height, du, dv, dz,
         inverse_u, inverse_v, s_clear, level,
     )  # fmt: skip
     return (first + s) / length if s >= 0.0 else math.nan
@@ -286,10 +274,9 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """First hits of rays along ENU directions (n, 3) of any length that leave one point, each ray
     by itself: what `coherent.first_hits` must equal.
     """
-    levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
     ou, ov = on_grid(ou, ov)
     for k in prange(out.size):
         east, north, up = directions[k, 0], directions[k, 1], directions[k, 2]
         ray = approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd)
-        out[k] = hit_from(z, holes, levels, offsets, widths, heights, summit, oz, math.inf, *ray)
+        out[k] = hit_from(z, holes, pyramid, summit, oz, math.inf, *ray)

@@ -10,9 +10,6 @@ Rays live in cell units: u = column, v = row (down), z in metres: (ou, ov, oz) +
 max(|du|, |dv|) = 1, so that crossings along an axis or a diagonal are computed without rounding.
 Cell steps after Amanatides and Woo 1987, hierarchy after Tevs, Ihrke and Seidel 2008 (maximum
 mipmaps).
-
-The max pyramid comes as four arrays, not as a tuple: taking a tuple apart counts references, for
-each ray a tenth of its time.
 """
 
 import math
@@ -143,7 +140,7 @@ def entered(start, rate, inverse, size, level, s):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registers)
-    z, holes, first_hit, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+    z, holes, first_hit, pyramid, summit, ou, ov, oz, du, dv, dz,
     inverse_u, inverse_v, s_clear, s_end, level,
 ):  # fmt: skip
     """Follow a ray from (ou, ov), inside the raster, until it leaves it, rises above ``summit`` or
@@ -159,6 +156,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     comparing crossings, so that the cells and the s of every crossing are those of a walk from cell
     to cell. (Crossings of one s: the row's line comes first.)
     """
+    levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
     right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
     step_u, step_v = (1 if du > 0.0 else -1), (1 if dv > 0.0 else -1)
@@ -271,43 +269,39 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_solid(
-    z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
+    z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
     return _trace(
-        z, False, False, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        z, False, False, pyramid, summit, ou, ov, oz, du, dv, dz,
         inverse_of(du), inverse_of(dv), 0.0, s_end, level,
     ) > 0.0  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blocked_holed(
-    z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
+    z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
     return _trace(
-        z, True, False, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        z, True, False, pyramid, summit, ou, ov, oz, du, dv, dz,
         inverse_of(du), inverse_of(dv), 0.0, s_end, level,
     ) > 0.0  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def blocked(
-    z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
+    z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
     """Whether an existing triangle rises strictly above the ray at 0 < s <= s_end; (du, dv) must
     not both be 0.
     """
     if holes:
-        return _blocked_holed(
-            z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
-        )
-    return _blocked_solid(
-        z, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz, s_end, level
-    )
+        return _blocked_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level)
+    return _blocked_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def met(
-    z, holes, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+    z, holes, pyramid, summit, ou, ov, oz, du, dv, dz,
     inverse_u, inverse_v, s_clear, level,
 ):  # fmt: skip
     """Where a ray that starts on or above the surface first meets it; -1 where it never does, or
@@ -315,10 +309,10 @@ def met(
     """
     if holes:
         return _trace(
-            z, True, True, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+            z, True, True, pyramid, summit, ou, ov, oz, du, dv, dz,
             inverse_u, inverse_v, s_clear, NEVER, level,
         )  # fmt: skip
     return _trace(
-        z, False, True, levels, offsets, widths, heights, summit, ou, ov, oz, du, dv, dz,
+        z, False, True, pyramid, summit, ou, ov, oz, du, dv, dz,
         inverse_u, inverse_v, s_clear, NEVER, level,
     )  # fmt: skip
