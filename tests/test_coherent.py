@@ -195,7 +195,7 @@ def test_no_terrain_lies_above_a_clear_height(seed: int, kind: str, holes: bool)
     if not np.isfinite(summit) or levels[2].size == 1:
         return
     top = min(oz, float(summit))
-    clear = coherent._clear_height(*levels, u, v, oz, (a[0], a[1], b[0], b[1]), top)
+    clear = coherent._clear_height(levels, u, v, oz, (a[0], a[1], b[0], b[1]), top)
     assert clear <= top
     high = np.where(np.isnan(z), -np.inf, z)
     for height in np.linspace(clear, top, 60) if clear < top else ():  # else it promises nothing
