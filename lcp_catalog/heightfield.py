@@ -80,9 +80,17 @@ class Heightfield:
         return float(low)
 
     @cached_property
-    def tile_gradients_m(self) -> NDArray[np.float32]:
-        """Steepest facet of each tile of nodes, metres a cell; inf beside nodata (`kernels.steep`)."""
-        return np.asarray(steep.tile_gradients(self.z_m))
+    def tile_gradients_m(self) -> tuple[Array, Mask]:
+        """Steepest facet of each tile of nodes, metres a cell, and which tiles touch nodata
+        (`kernels.steep`).
+        """
+        gradients, holed = steep.tile_gradients(self.z_m)
+        return gradients, holed
+
+    @property
+    def steepest_tangent(self) -> float:
+        """Tangent of the steepest facet's slope; 0 without a facet."""
+        return float(self.tile_gradients_m[0].max()) / self.gsd_m
 
     @cached_property
     def transposed_m(self) -> NDArray[np.float32]:

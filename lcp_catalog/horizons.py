@@ -6,7 +6,6 @@ metres per unit of it, between which the horizon is sought (`kernels.horizon`).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,15 +72,6 @@ class Points:
     def occluded(self, direction: Array) -> NDArray[np.bool_]:
         """As `Nodes.occluded`."""
         return self.field.occluded_points(self.points_m, direction)
-
-
-def steepest_gradient(field: Heightfield) -> float:
-    """Tangent of the steepest facet's slope; 0 without a facet."""
-    if not field.is_surface:
-        return 0.0
-    rows = np.empty(field.shape[0] - 1)
-    horizon.row_gradients(field.z_m, rows)
-    return math.sqrt(rows.max()) / field.gsd_m
 
 
 def on_rim(field: Heightfield, window: Window) -> NDArray[np.bool_]:

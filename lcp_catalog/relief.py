@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .heightfield import Heightfield, Window
-from .horizons import steepest_gradient
 from .terrain import Terrain
 from .view import View
 
@@ -82,7 +81,7 @@ class Relief:
 
 def steepness(field: Heightfield) -> Steepness:
     """The steepest facet of all a heightfield's triangles; 0 where there are none."""
-    return Steepness(steepest_gradient(field), not field.has_holes)
+    return Steepness(field.steepest_tangent, not field.has_holes)
 
 
 def relief(terrain: Terrain) -> Relief:

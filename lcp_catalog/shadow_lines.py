@@ -87,20 +87,11 @@ class SunAhead:
     def awake(self, slope: float, width: int) -> Mask:
         """Which stretches of blocks of ``width`` lines may hold a shadow (`kernels.steep`)."""
         reach = 8 + self._rows_of_relief(self.rise, self.field.extremes_m[0])
-        return np.asarray(
-            steep.awake(
-                self.field.tile_gradients_m,
-                self.transposed,
-                self.flipped,
-                self.z.shape,
-                self.shear,
-                slope,
-                reach,
-                self.top,
-                self.window,
-                width,
-            )
-        )
+        gradients, holed = self.field.tile_gradients_m
+        cliffs = np.where(holed, math.inf, gradients)  # beside nodata there may be any
+        turned = self.transposed, self.flipped, self.z.shape, self.shear
+        found = steep.awake(cliffs, *turned, slope, reach, self.top, self.window, width)
+        return np.asarray(found)
 
     def _reach(self, window: Window) -> int:
         """Rows towards the Sun beyond which even the highest node shadows nothing of the window."""

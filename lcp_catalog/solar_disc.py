@@ -19,7 +19,7 @@ from . import shadows
 from .accuracy import Accuracy
 from .constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
 from .heightfield import Heightfield, Window
-from .horizons import Nodes, Points, on_rim, steepest_gradient
+from .horizons import Nodes, Points, on_rim
 from .kernels import horizon, rays
 from .limb_darkening import VISIBLE, LimbDarkening, Strips, strips
 
@@ -238,7 +238,7 @@ def sunlit_share(
     out = np.ones((row1 - row0, col1 - col0), dtype=np.float32)
     if not field.is_surface or out.size == 0:
         return out
-    gradient = steepest_gradient(field)
+    gradient = field.steepest_tangent
     lowest = source.elevation - disc.radius_rad
     if not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
         return out  # a convex area without holes shows no horizon steeper than its steepest facet

@@ -14,19 +14,12 @@ import numpy as np
 from numba import njit, prange
 
 from .rays import NODE_LEVEL, ON_SURFACE_M, on_grid
-from .surface import edge_height, edge_height_careful, surface_height
-from .tracing import NEVER, unit
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _edge(z, holes, i, j, i2, j2, f):
-    if holes:
-        return edge_height_careful(z, i, j, i2, j2, f)
-    return edge_height(z, i, j, i2, j2, f)
+from .surface import surface_height
+from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _steepest(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
+def _steepest(
     z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough
 ):
     """The steepest slope from (ou, ov, oz), inside the raster, to a crossing at s > 0; ``best``
@@ -35,22 +28,13 @@ def _steepest(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
     """
     levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
-    inverse_u = 1.0 / du if du != 0.0 else NEVER
-    inverse_v = 1.0 / dv if dv != 0.0 else NEVER
+    inverse_u, inverse_v = inverse_of(du), inverse_of(dv)
     right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
     step_u, step_v = (1 if du > 0.0 else -1), (1 if dv > 0.0 else -1)
-    across = du - dv
-    inverse_across = 1.0 / across if across != 0.0 else NEVER
+    inverse_across = inverse_of(du - dv)
     start_across = ou - ov
     top = widths.size - 1
-    col, row = (
-        min(max(math.floor(ou), 0), cols - 2),
-        min(max(math.floor(ov), 0), rows - 2),
-    )
-    if du < 0.0 and ou == col and col > 0:
-        col -= 1
-    if dv < 0.0 and ov == row and row > 0:
-        row -= 1
+    col, row = first_cell(rows, cols, ou, ov, du, dv)
     level = min(NODE_LEVEL, top)
     col, row, s = col >> level, row >> level, 0.0
     while best < enough and (best < 0.0 or oz + best * s < summit):
@@ -61,28 +45,22 @@ def _steepest(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
             lowest = oz + best * (s if best > 0.0 else s_out)
             if levels[offsets[level] + row * widths[level] + col] > lowest:
                 level -= 1
-                u, v = ou + du * s, ov + dv * s
-                c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
-                r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
-                if du < 0.0 and c > 2 * col and u <= (c << level):
-                    c -= 1
-                if dv < 0.0 and r > 2 * row and v <= (r << level):
-                    r -= 1
+                c, r = child_at(ou + du * s, ov + dv * s, du, dv, col, row, level)
                 col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
                 continue
         else:
             s_diagonal = ((col - row) - start_across) * inverse_across
             if s < s_diagonal < s_out:
                 f = unit(ou + du * s_diagonal - col)
-                rise = _edge(z, holes, row, col, row + 1, col + 1, f) - oz
+                rise = edge_at(z, holes, row, col, row + 1, col + 1, f) - oz
                 if rise > best * s_diagonal:
                     best = rise / s_diagonal
             if s_u < s_v:
                 edge, f = col + right, unit(ov + dv * s_out - row)
-                rise = _edge(z, holes, row, edge, row + 1, edge, f) - oz
+                rise = edge_at(z, holes, row, edge, row + 1, edge, f) - oz
             else:
                 edge, f = row + down, unit(ou + du * s_out - col)
-                rise = _edge(z, holes, edge, col, edge, col + 1, f) - oz
+                rise = edge_at(z, holes, edge, col, edge, col + 1, f) - oz
             if s_out > 0.0 and rise > best * s_out:
                 best = rise / s_out
         s = s_out
@@ -168,25 +146,6 @@ def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
                 out[n, k] = enough
             else:
                 out[n, k] = steepest(z, holes, pyramid, summit, x, y, oz, du, dv, best, enough)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def row_gradients(z, out):
-    """The largest squared gradient (metres a cell) of the existing triangles of each row of cells;
-    0 where there is none.
-    """
-    for i in prange(z.shape[0] - 1):
-        most = 0.0
-        for j in range(z.shape[1] - 1):
-            z00, z11 = np.float64(z[i, j]), np.float64(z[i + 1, j + 1])
-            z01, z10 = np.float64(z[i, j + 1]), np.float64(z[i + 1, j])
-            upper = (z01 - z00) ** 2 + (z11 - z01) ** 2
-            lower = (z10 - z00) ** 2 + (z11 - z10) ** 2
-            if upper > most:  # noqa: PLR1730  (False for NaN; max is not sure)
-                most = upper
-            if lower > most:  # noqa: PLR1730
-                most = lower
-        out[i] = most
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

@@ -19,13 +19,14 @@ STEEPER = 1.0 - 1e-5
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def tile_gradients(z):
-    """Greatest gradient, metres a cell, of the facets that touch a tile of `TILE` x `TILE` nodes;
-    inf where a node has no height.
+    """Of the facets that touch each tile of `TILE` x `TILE` nodes the greatest gradient, metres a
+    cell, 0 where there is none; and whether a node of theirs has no height.
     """
     rows, cols = z.shape
-    out = np.zeros(((rows + TILE - 1) // TILE, (cols + TILE - 1) // TILE), np.float32)
-    for band in prange(out.shape[0]):
-        for column in range(out.shape[1]):
+    shape = ((rows + TILE - 1) // TILE, (cols + TILE - 1) // TILE)
+    gradients, holed = np.zeros(shape), np.zeros(shape, np.bool_)
+    for band in prange(shape[0]):
+        for column in range(shape[1]):
             most = 0.0
             for i in range(max(band * TILE - 1, 0), min(band * TILE + TILE, rows - 1)):
                 for j in range(max(column * TILE - 1, 0), min(column * TILE + TILE, cols - 1)):
@@ -33,10 +34,11 @@ def tile_gradients(z):
                     z01, z10 = np.float64(z[i, j + 1]), np.float64(z[i + 1, j])
                     upper = (z01 - z00) ** 2 + (z11 - z01) ** 2
                     lower = (z10 - z00) ** 2 + (z11 - z10) ** 2
-                    square = max(upper, lower) if upper + lower >= 0.0 else math.inf
-                    most = max(most, square)
-            out[band, column] = math.sqrt(most)
-    return out
+                    most = upper if upper > most else most  # False for NaN
+                    most = lower if lower > most else most
+                    holed[band, column] |= math.isnan(upper + lower)
+            gradients[band, column] = math.sqrt(most)
+    return gradients, holed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -50,7 +50,7 @@ def unit(value):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _edge(z, holes, i, j, i2, j2, f):
+def edge_at(z, holes, i, j, i2, j2, f):
     if holes:
         return edge_height_careful(z, i, j, i2, j2, f)
     return edge_height(z, i, j, i2, j2, f)
@@ -115,6 +115,32 @@ def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def first_cell(rows, cols, ou, ov, du, dv):
+    """(column, row) of the cell that a ray from (ou, ov), inside the raster, goes through first."""
+    col = min(max(math.floor(ou), 0), cols - 2)
+    row = min(max(math.floor(ov), 0), rows - 2)
+    if du < 0.0 and ou == col and col > 0:
+        col -= 1
+    if dv < 0.0 and ov == row and row > 0:
+        row -= 1
+    return col, row
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def child_at(u, v, du, dv, col, row, level):
+    """(column, row) of the block of ``level`` that a ray at (u, v) goes on through, of the four in
+    block (col, row) of the next level.
+    """
+    c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
+    r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
+    if du < 0.0 and c > 2 * col and u <= (c << level):
+        c -= 1
+    if dv < 0.0 and r > 2 * row and v <= (r << level):
+        r -= 1
+    return c, r
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def entered(start, rate, inverse, size, level, s):
     """The block of 2^level cells along an axis that a ray is in once it has crossed every grid line
     whose crossing is not behind s, and the crossing at which it came into it.
@@ -168,14 +194,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     elif dz == 0.0 and oz >= summit:
         return -1.0
     top = widths.size - 1
-    col, row = (
-        min(max(math.floor(ou), 0), cols - 2),
-        min(max(math.floor(ov), 0), rows - 2),
-    )
-    if du < 0.0 and ou == col and col > 0:
-        col -= 1
-    if dv < 0.0 and ov == row and row > 0:
-        row -= 1
+    col, row = first_cell(rows, cols, ou, ov, du, dv)
     level = min(level, top)
     col, row, s = col >> level, row >> level, 0.0
     walked = 0 if s_clear > 0.0 else PATIENCE
@@ -202,13 +221,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
                     if passed_v != (dv >= 0.0):
                         r -= 1
                 else:
-                    u, v = ou + du * s, ov + dv * s
-                    c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
-                    r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
-                    if du < 0.0 and c > 2 * col and u <= (c << level):
-                        c -= 1
-                    if dv < 0.0 and r > 2 * row and v <= (r << level):
-                        r -= 1
+                    c, r = child_at(ou + du * s, ov + dv * s, du, dv, col, row, level)
                 col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
                 continue
         elif first_hit and not holes:
@@ -223,7 +236,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
             s_diagonal = ((col - row) - start_across) * inverse_across
             if s < s_diagonal < s_out and s_diagonal <= s_end:
                 f = unit(ou + du * s_diagonal - col)
-                gap = oz + dz * s_diagonal - _edge(z, holes, row, col, row + 1, col + 1, f)
+                gap = oz + dz * s_diagonal - edge_at(z, holes, row, col, row + 1, col + 1, f)
                 if gap < 0.0:
                     if not first_hit:
                         return 1.0
@@ -235,10 +248,10 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
                 before = s_diagonal
             if s_u < s_v:
                 edge, f = col + right, unit(ov + dv * s_out - row)
-                gap = oz + dz * s_out - _edge(z, holes, row, edge, row + 1, edge, f)
+                gap = oz + dz * s_out - edge_at(z, holes, row, edge, row + 1, edge, f)
             else:
                 edge, f = row + down, unit(ou + du * s_out - col)
-                gap = oz + dz * s_out - _edge(z, holes, edge, col, edge, col + 1, f)
+                gap = oz + dz * s_out - edge_at(z, holes, edge, col, edge, col + 1, f)
             if gap < 0.0 and 0.0 < s_out <= s_end:
                 if not first_hit:
                     return 1.0
