@@ -19,7 +19,7 @@ from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _steepest(
+def _steepest(  # noqa: C901, PLR0912
     z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough
 ):
     """The steepest slope from (ou, ov, oz), inside the raster, to a crossing at s > 0; ``best``
