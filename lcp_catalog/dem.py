@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,38 +14,15 @@ import numpy as np
 from .constants import MOON_RADIUS_M
 from .errors import DemError, LabelError
 from .grid import Grid
-from .label import Label, find_image, find_label, read_label_text
+from .label import Label, find_image
+from .pds4 import product_label
+from .products import ProductFacts, facts_of, product_name
 from .raster import Heights, Raster, open_dataset
 
-LATITUDE_USE_DEG: dict[str, tuple[float, float]] = {
-    "SLDEM2015": (0.0, 60.0),
-    "LDEM_512": (60.0, 75.0),
-    "LDEM_75": (75.0, 80.0),
-    "LDEM_80": (80.0, 85.0),
-    "LDEM_85": (85.0, 90.0),
-}
-"""Absolute latitudes for which the method takes each product (method.md section 1)."""
+__all__ = ["Dem", "Statistics", "product_name"]
 
-_PRODUCTS = (
-    # (pattern in the product id or the file's stem, the name it is called by)
-    (re.compile(r"(SLDEM2015_\d+)", re.I), "{0}"),
-    (re.compile(r"(LDEM_\d+[NS]_\d+M)", re.I), "{0}"),
-    (re.compile(r"(LDEM_\d+)P?(?![0-9])", re.I), "{0}"),
-    (re.compile(r"GLD100_\w*?_?0*(\d+)P", re.I), "GLD100_{0}"),
-)
 _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
-
-
-def product_name(identifier: str) -> str:
-    """The name a product goes by: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the
-    identifier itself.
-    """
-    for pattern, name in _PRODUCTS:
-        found = pattern.search(identifier)
-        if found:
-            return name.format(found.group(1).upper())
-    return identifier
 
 
 @dataclass(frozen=True)
@@ -74,7 +50,7 @@ class Dem:
 
     @classmethod
     def open(cls, path: Path | str) -> Dem:
-        """A GeoTIFF with heights in metres, or a PDS3 product by its label or its image;
+        """A GeoTIFF with heights in metres, or a PDS3 or PDS4 product by its label or its image;
         ``DemError`` or ``LabelError``.
         """
         path = Path(path)
@@ -82,18 +58,16 @@ class Dem:
             raise DemError(
                 f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}"
             )
-        ending = path.suffix.lower()
-        if ending == ".lbl" or read_label_text(path) is not None:
-            return cls._from_pds(Label.read(path), None)
-        if ending == ".jp2":
-            return cls._from_pds(Label.read(find_label(path)), path)
-        if ending == ".img":
-            try:
-                label = find_label(path)
-            except LabelError:
-                return cls._from_gdal_or(path)
-            return cls._from_pds(Label.read(label), path)
-        return cls._from_gdal(path)
+        try:
+            label = product_label(path)
+        except LabelError:
+            if path.suffix.lower() != ".img":
+                raise
+            return cls._from_gdal_or(path)
+        if label is None:
+            return cls._from_gdal(path)
+        is_label = path == label.path and label.image_name != ""
+        return cls._from_pds(label, None if is_label else path)
 
     @classmethod
     def _from_gdal_or(cls, path: Path) -> Dem:
@@ -103,25 +77,24 @@ class Dem:
         try:
             open_dataset(path)
         except DemError:
-            find_label(path)  # raises
+            product_label(path)  # raises
         return cls._from_gdal(path)
 
     @classmethod
     def _from_pds(cls, label: Label, image: Path | None) -> Dem:
+        if image is not None and label.image_name:
+            _refuse_other_kind(image, label)
         image = image or find_image(label)
         if image.suffix.lower() in (
             ".tif",
             ".tiff",
         ):  # NAC DTMs: the GeoTIFF says everything itself
+            _compare_size(image, label)
             return cls._from_gdal(image)
         if label.compressed or image.suffix.lower() == ".jp2":
             _compare_size(image, label)
-        elif image.stat().st_size < label.image_bytes:
-            raise DemError(
-                f"{image}: has {image.stat().st_size} bytes where its label "
-                f"{label.path.name} says {label.image_bytes}: "
-                "cut short; fetch it again"
-            )
+        else:
+            _compare_bytes(image, label)
         raster = Raster(
             path=image,
             width=label.line_samples,
@@ -167,12 +140,12 @@ class Dem:
     @property
     def abs_latitude_use(self) -> tuple[float, float] | None:
         """Absolute latitudes for which the method takes this product; None for others."""
-        families = (
-            span
-            for name, span in LATITUDE_USE_DEG.items()
-            if re.match(rf"{name}(?![0-9])", self.product)
-        )
-        return next(families, None)
+        return self.facts.abs_latitude_use
+
+    @property
+    def facts(self) -> ProductFacts:
+        """What is published about the product: uncertainty, resolution, where the method takes it."""
+        return facts_of(self.product)
 
     @property
     def radius_m(self) -> float:
@@ -267,13 +240,39 @@ class Dem:
         return next(f for f in range(wanted, 0, -1) if self.grid.period % f == 0)
 
 
+def _refuse_other_kind(image: Path, label: Label) -> None:
+    """A label that describes a .TIF or .JP2 says nothing of the bytes of an .IMG."""
+    if Path(label.image_name).suffix.lower() != image.suffix.lower():
+        raise DemError(
+            f"{image}: the label beside it, {label.path.name}, describes {label.image_name}; "
+            "put this image's own label beside it"
+        )
+
+
+def _compare_bytes(image: Path, label: Label) -> None:
+    """An image that is too long has a wrong label as surely as one that is too short; objects that
+    the label counts in its file's size may stand around it.
+    """
+    size, allowed = image.stat().st_size, max(label.image_bytes, label.claims.file_bytes or 0)
+    if size < label.image_bytes:
+        raise DemError(
+            f"{image}: has {size} bytes where its label {label.path.name} says {label.image_bytes}: "
+            "cut short; fetch it again"
+        )
+    if size > allowed:
+        raise DemError(
+            f"{image}: has {size} bytes, {size - allowed} more than its label {label.path.name} says: "
+            "one of them belongs to another product; fetch both again"
+        )
+
+
 def _compare_size(image: Path, label: Label) -> None:
     dataset = open_dataset(image)
     if (dataset.height, dataset.width) != (label.lines, label.line_samples):
         raise DemError(
             f"{image}: has {dataset.height} x {dataset.width} pixels where its label "
             f"{label.path.name} says "
-            f"{label.lines} x {label.line_samples}"
+            f"{label.lines} x {label.line_samples}; one of them belongs to another product"
         )
 
 

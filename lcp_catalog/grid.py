@@ -191,12 +191,17 @@ class Grid:
         return np.where(lon >= 360.0, 0.0, lon), lat
 
     def cell_weight(self, column: ArrayLike, row: ArrayLike) -> Array:
-        """Ground area of pixels relative to a pixel at true scale; broadcasts its arguments."""
-        if self.pole:
-            _, lat = self.lonlat(column, row)
-            ratio = (1.0 + np.sin(np.radians(self.pole * lat))) * MOON_RADIUS_M / self._rho_m
-            return ratio * ratio
+        """Ground area of pixels relative to a pixel at true scale (a cylinder's: at the equator);
+        broadcasts its arguments.
+
+        A polar map is 2 R / (k (1 + t^2)) long on the ground for its own length 1, where t is the
+        tangent of half the colatitude, x^2 + y^2 = (k t)^2 (Snyder 1987, p. 157).
+        """
         y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
+        if self.pole:
+            x = self.x0_m + np.asarray(column, dtype=np.float64) * self.pixel_m
+            length = 2.0 * MOON_RADIUS_M / (self._rho_m * (1.0 + (x * x + y * y) / self._rho_m**2))
+            return np.asarray(length * length)
         weight = np.cos(np.clip(y / MOON_RADIUS_M, -math.pi / 2, math.pi / 2)) + 0.0 * np.asarray(
             column
         )

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import pvl
+from .claims import Claims
 from .constants import MOON_RADIUS_M
 from .errors import LabelError
 from .pvl import Pvl, Quantity
@@ -57,12 +58,13 @@ class Label:
     image_name: str
     image_offset_bytes: int
     compressed: bool
+    claims: Claims = field(default_factory=Claims)
 
     @property
     def image_bytes(self) -> int:
         """Size that an uncompressed image file must have at least."""
-        bits = int((self.sample_dtype or "i2")[-1])
-        return self.image_offset_bytes + self.lines * self.line_samples * bits
+        size = int((self.sample_dtype or "i2")[-1])
+        return self.image_offset_bytes + self.lines * self.line_samples * size
 
     @classmethod
     def read(cls, path: Path) -> Label:
@@ -126,7 +128,7 @@ def find_image(label: Label) -> Path:
         if path.name.lower() == label.image_name.lower():
             return path
     raise LabelError(
-        f"{label.path}: the image that it describes, {label.image_name}, is not beside it"
+        f"{label.path}: the image that it describes, {label.image_name}, is not beside it; put it there"
     )
 
 
@@ -156,15 +158,21 @@ class _Interpreter:
         projection = self._projection()
         lines, samples = self._size()
         name, offset = self._image_file()
+        line_offset = pvl.wanted(self.map, "LINE_PROJECTION_OFFSET")
+        sample_offset = pvl.wanted(self.map, "SAMPLE_PROJECTION_OFFSET")
+        far = max(
+            abs(x)
+            for x in (line_offset, line_offset - lines, sample_offset, sample_offset - samples)
+        )
         label = Label(
             path=self.path,
             product_id=self._product_id(name),
             projection=projection,
             center_lon_deg=pvl.wanted(self.map, "CENTER_LONGITUDE"),
             center_lat_deg=pvl.wanted(self.map, "CENTER_LATITUDE"),
-            pixel_m=self._pixel_m(projection, max(lines, samples)),
-            line_offset=pvl.wanted(self.map, "LINE_PROJECTION_OFFSET"),
-            sample_offset=pvl.wanted(self.map, "SAMPLE_PROJECTION_OFFSET"),
+            pixel_m=self._pixel_m(projection, far),
+            line_offset=line_offset,
+            sample_offset=sample_offset,
             lines=lines,
             line_samples=samples,
             height_scale_m=self._height_scale_m(),
@@ -173,6 +181,7 @@ class _Interpreter:
             image_name=name,
             image_offset_bytes=offset,
             compressed=self.compressed is not None,
+            claims=Claims.from_pvl(self.root, self.file, self.image, self.compressed, self.map),
         )
         self._compare_with_bounds(label)
         return label
@@ -181,6 +190,8 @@ class _Interpreter:
         target = pvl.text(self.root, "TARGET_NAME")
         if target not in ("", "MOON"):
             raise LabelError(f"the label's target is {target}; only the Moon is catalogued")
+        if not target and pvl.number(self.map, "A_AXIS_RADIUS") is None:
+            raise LabelError("neither TARGET_NAME nor A_AXIS_RADIUS says that this is the Moon")
         for key in ("A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"):
             self._refuse_foreign_radius(key, self._radius_m(key))
         if pvl.text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
@@ -258,16 +269,16 @@ class _Interpreter:
 
     def _height_scale_m(self) -> float:
         for table in self.samples.tables():
-            factor = pvl.number(table, "SCALING_FACTOR")
-            if factor is not None:
-                unit = pvl.text(table, "UNIT") or "METER"
-                radius = pvl.number(table, "OFFSET")
-                if radius not in (None, 0.0):
-                    self._refuse_foreign_radius("OFFSET", radius * pvl.metres(unit, "UNIT"))
-                return factor * pvl.metres(unit, "UNIT")
-        unit = next((u for table in self.samples.tables() if (u := pvl.text(table, "UNIT"))), "")
-        if unit:
-            return pvl.metres(unit, "UNIT")
+            factor, radius = pvl.number(table, "SCALING_FACTOR"), pvl.number(table, "OFFSET")
+            unit = pvl.text(table, "UNIT")
+            if (factor is None and not unit and not radius) or self._is_of_other_samples(table):
+                continue
+            if factor is not None and factor <= 0.0:
+                raise LabelError(f"SCALING_FACTOR is {factor:g}")
+            metres = pvl.metres(unit, "UNIT") if unit else self._unstated_unit_m(factor, radius)
+            if radius:
+                self._refuse_foreign_radius("OFFSET", radius * metres)
+            return metres if factor is None else factor * metres
         if self.compressed is not None:
             # SLDEM2015's JP2 labels are silent; the archive's JP2 files are all int16 counts of
             # half a metre
@@ -278,8 +289,29 @@ class _Interpreter:
             return 0.5
         return 1.0  # WAC GLD100 and NAC DTM labels give neither unit nor scale: metres
 
-    def _pixel_m(self, projection: str, pixels: int) -> float:
-        """Pixel size on the map, metres.
+    def _is_of_other_samples(self, table: Pvl) -> bool:
+        """A JP2 holds integers: the scale of an uncompressed image of real numbers is not its own."""
+        return (
+            self.compressed is not None
+            and table is self.image
+            and "REAL" in pvl.text(table, "SAMPLE_TYPE")
+        )
+
+    def _unstated_unit_m(self, factor: float | None, radius: float | None) -> float:
+        """Metres in the unit of a scale without UNIT: the sphere's radius shows it, and whole numbers
+        that are not scaled are metres (ISIS writes SCALING_FACTOR = 1, OFFSET = 0); else nobody knows.
+        """
+        if radius:
+            return 1000.0 if radius < 10_000.0 else 1.0
+        if factor == 1.0 and "REAL" not in pvl.text(self.image, "SAMPLE_TYPE"):
+            return 1.0
+        raise LabelError(
+            "SCALING_FACTOR has no UNIT, and no OFFSET shows it: metres or kilometres? Add UNIT to the label"
+        )
+
+    def _pixel_m(self, projection: str, far_px: float) -> float:
+        """Pixel size on the map, metres; ``far_px`` is the distance of the far edge from the map's
+        origin.
 
         A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is rebuilt from
         MAP_RESOLUTION and the
@@ -303,7 +335,7 @@ class _Interpreter:
             )
         if projection == "polar-stereographic":
             return scale
-        shift = abs(scale / rebuilt - 1.0) * pixels
+        shift = abs(scale / rebuilt - 1.0) * far_px
         if shift > _MATERIAL_SHIFT_PX:
             log.warning(
                 "%s: MAP_SCALE %.9g m is rounded (%.2f pixel at the far edge); %.9g m is "

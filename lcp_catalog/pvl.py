@@ -115,8 +115,10 @@ def wanted(pvl: Pvl, key: str) -> float:
 
 
 def text(pvl: Pvl, key: str) -> str:
-    """The upper-case text of a key; empty when it is missing."""
-    return str(pvl.get(key, "")).upper()
+    """The upper-case text of a key, the first of a list; empty when it is missing."""
+    value = pvl.get(key, "")
+    value = value[0] if isinstance(value, list) and value else value
+    return str(value.value if isinstance(value, Quantity) else value).upper()
 
 
 def metres(unit: str, key: str) -> float:

@@ -54,8 +54,14 @@ class Raster:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
         metres.
         """
-        samples = self._samples(row0, row1, col0, col1)
-        heights = samples.astype(np.float64)
+        heights = self.heights_of(self.samples(row0, row1, col0, col1))
+        self._refuse_impossible(heights)
+        return heights.astype(np.float32)
+
+    def heights_of(self, samples: NDArray[Any]) -> NDArray[np.float64]:
+        """Heights of samples, metres, NaN where they mean "nothing here"; not judged."""
+        with np.errstate(invalid="ignore"):  # the bits of a signalling NaN are no reason to warn
+            heights = samples.astype(np.float64)
         if self.scale_m != 1.0:
             heights *= self.scale_m
         if self.offset_m != 0.0:
@@ -64,10 +70,10 @@ class Raster:
         for value in self.missing:
             bad |= samples == samples.dtype.type(value) if _fits(value, samples.dtype) else False
         heights[bad] = np.nan
-        self._refuse_impossible(heights)
-        return heights.astype(np.float32)
+        return heights
 
-    def _samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+    def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+        """The numbers of a window as they are stored; ``DemError`` when they cannot be read."""
         if self.raw_dtype is not None:
             return self._mapped()[row0:row1, col0:col1]
         try:

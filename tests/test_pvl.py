@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lcp_catalog.pvl import Quantity, parse_pvl
+from lcp_catalog.pvl import Quantity, parse_pvl, text
 
 
 def test_pvl() -> None:
@@ -27,3 +27,8 @@ def test_pvl() -> None:
         "O": {"C": "16#FF#", "G": {"D": "2009-07-13T17:33:17"}},
         "^E": ["F.IMG", Quantity(3.0, "BYTES")],
     }
+
+
+def test_text_of_a_list_is_its_first() -> None:
+    pvl = parse_pvl('TARGET_NAME = {"Moon"}\nUNIT = 2 <km>\nEND')
+    assert (text(pvl, "TARGET_NAME"), text(pvl, "UNIT"), text(pvl, "NONE")) == ("MOON", "2.0", "")
