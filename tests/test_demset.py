@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import pickle
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,11 @@ import pytest
 from products import (
     DEGREE_M,
     EQC,
+    cut,
     cylinder,
     geotiff,
     hills,
+    label_text,
     ldem_80s,
     sldem_512,
 )
@@ -21,10 +25,34 @@ from rasterio.enums import Resampling
 from rasterio.transform import from_origin
 from rasterio.warp import reproject
 
-from lcp_catalog import demset as demset_module
+from lcp_catalog import layers as layers_module
 from lcp_catalog.dem import Dem
 from lcp_catalog.demset import DemSet
 from lcp_catalog.errors import AreaError, DemError
+from lcp_catalog.raster import Raster
+
+
+def _sparse_tile(folder: Path, west: int, north: int) -> Path:
+    """The label of a whole tile of 45 x 30 degrees with an image that takes no room on the disc."""
+    name = f"SLDEM2015_512_{north:02d}N_{west:03d}_FLOAT"
+    text = cut(
+        label_text("SLDEM2015_512_00N_30N_000_045_FLOAT"),
+        PRODUCT_ID=f'"{name}"',
+        FILE_NAME=f'"{name}.IMG"',
+        POINTER_IMAGE=f'"{name}.IMG"',
+        MAXIMUM_LATITUDE=north,
+        MINIMUM_LATITUDE=north - 30,
+        WESTERNMOST_LONGITUDE=west,
+        EASTERNMOST_LONGITUDE=west + 45,
+        LINE_PROJECTION_OFFSET=north * 512 - 0.5,
+        SAMPLE_PROJECTION_OFFSET=(180 - west) * 512 - 0.5,
+    )
+    image = folder / f"{name}.IMG"
+    image.touch()
+    os.truncate(image, 23040 * 15360 * 4)
+    label = folder / f"{name}.LBL"
+    label.write_text(text, encoding="latin-1", newline="")
+    return label
 
 
 class TestResampling:
@@ -105,7 +133,7 @@ class TestResampling:
         lat_edges = 84.0 - np.array([2, 3]) * 0.4  # the block of rows 80..119
         lat = np.radians(lat_edges[1] + (np.arange(4000) + 0.5) * 0.4 / 4000)
         want = np.average(np.degrees(lat) * 100.0, weights=np.cos(lat))
-        got = dems._window(0, 2, 3, 3, 4, 40)[0, 0]
+        got = dems.layers[0]._window(0, 2, 3, 3, 4, 40)[0, 0]
         assert got == pytest.approx(want, abs=0.02)
         assert abs(got - lat_edges.mean() * 100.0) > 0.1  # the plain mean is not the area's
 
@@ -130,25 +158,133 @@ class TestResampling:
         dems = DemSet.open([cylinder(tmp_path / "g.tif", 0.0, 90.0, (180, 360), 1.0)])
         lon, lat = np.meshgrid(np.linspace(-180.0, 180.0, 50), np.linspace(-90.0, 90.0, 40))
         whole = [dems.heights(lon, lat, gsd)[0] for gsd in (3e4, 1.2e5)]
-        monkeypatch.setattr(demset_module, "_WINDOW_PIXELS", 900)
+        monkeypatch.setattr(layers_module, "_WINDOW_PIXELS", 900)
         for before, gsd in zip(whole, (3e4, 1.2e5), strict=True):
             np.testing.assert_array_equal(dems.heights(lon, lat, gsd)[0], before)
 
 
 class TestSets:
-    def test_the_first_with_a_height_wins(self, tmp_path: Path) -> None:
-        first = np.full((20, 20), 1.0, np.float32)
-        first[5:10, 5:10] = np.nan
-        a = geotiff(tmp_path / "a.tif", first, 0.0, 2000.0, 100.0)
-        b = geotiff(tmp_path / "b.tif", np.full((40, 40), 2.0, np.float32), 0.0, 4000.0, 100.0)
+    def test_of_equal_pixels_the_first_given_answers(self, tmp_path: Path) -> None:
+        """And what it does not have comes from the next."""
+        first = np.full((200, 200), 1.0, np.float32)
+        first[50:100, 50:100] = np.nan
+        a = geotiff(tmp_path / "a.tif", first, 0.0, 20000.0, 100.0)
+        b = geotiff(tmp_path / "b.tif", np.full((400, 400), 2.0, np.float32), 0.0, 40000.0, 100.0)
         dems = DemSet.open([a, b])
         grid = dems.dems[0].grid
-        lon, lat = grid.lonlat(np.array([2.0, 7.0, 30.0, 50.0]), np.array([2.0, 7.0, 2.0, 2.0]))
+        lon, lat = grid.lonlat(np.array([20.0, 75, 300, 500]), np.array([20.0, 75, 20, 20]))
         height, index = dems.heights(lon, lat, 100.0)
         np.testing.assert_array_equal(index, [0, 1, 1, -1])
-        np.testing.assert_array_equal(height, [1.0, 2.0, 2.0, np.nan])
+        np.testing.assert_allclose(height, [1.0, 2.0, 2.0, np.nan], atol=1e-12)
         assert dems.products == ("a", "b")
-        assert DemSet.open([b, a]).heights(lon, lat, 100.0)[1].tolist() == [0, 0, 0, -1]
+        turned = DemSet.open([b, a])
+        assert turned.heights(lon, lat, 100.0)[1].tolist() == [0, 0, 0, -1]
+        assert turned.product_at(lon, lat).tolist() == [0, 0, 0, -1]
+        assert dems.product_at(lon, lat).tolist() == [0, 0, 1, -1]  # a hole is none to geometry
+        assert dems.candidates_at(lon, lat).tolist() == [[1, 1, 0, 0], [1, 1, 1, 0]]
+
+    def test_a_finer_pixel_comes_first_and_the_method_s_product_before_it(
+        self, tmp_path: Path
+    ) -> None:
+        """Constants 1..4 m: LDEM_512 (1), a finer unknown one (2), SLDEM2015 (3), a coarse unknown one (4), all everywhere."""
+        paths = [
+            cylinder(tmp_path / f"{name}.tif", -180.0, 90.0, (180 * n, 360 * n), n, surface)
+            for name, n, surface in (
+                ("LDEM_512", 2, lambda lon, lat: 0.0 * lon + 1.0),
+                ("fine", 4, lambda lon, lat: 0.0 * lon + 2.0),
+                ("SLDEM2015_512", 2, lambda lon, lat: 0.0 * lon + 3.0),
+                ("coarse", 1, lambda lon, lat: 0.0 * lon + 4.0),
+            )
+        ]
+        lat = np.array([-85.0, -70.0, -58.0, 0.0, 58.0, 70.0, 85.0])
+
+        def heights(*numbers: int, order: tuple[str, ...] = ()) -> list[float]:
+            dems = DemSet.open([paths[i] for i in numbers], order)
+            height, index = dems.heights(10.0, lat, 1e3)
+            assert index.tolist() == dems.product_at(10.0, lat).tolist()
+            return [round(h, 9) for h in height.tolist()]
+
+        assert heights(0, 1, 2, 3) == [2, 1, 3, 3, 3, 1, 2]
+        assert heights(3, 2, 1, 0) == [2, 1, 3, 3, 3, 1, 2]  # as given decides ties only
+        assert heights(3, 1) == [2] * 7
+        assert heights(3, 2, 1, 0, order=("coarse",)) == [4] * 7
+        assert heights(0, 1, 2, 3, order=("fine.tif",)) == [2] * 7
+        assert heights(0, 1, 2, order=("sldem2015",)) == [3] * 7  # a family
+        with pytest.raises(
+            DemError, match=r"no given DEM is called GLD100; there are fine, coarse"
+        ):
+            heights(1, 3, order=("coarse", "GLD100"))
+
+    def test_west_of_a_polar_map_there_is_nothing(self, tmp_path: Path) -> None:
+        """Columns below the first are outside, like those beyond the last."""
+        dems = DemSet.open([ldem_80s(tmp_path, 60)])
+        lon, lat = dems.dems[0].grid.lonlat(
+            np.array([-0.4, -0.6, -30.0, 59.4, 59.6]), np.full(5, 30.0)
+        )
+        assert np.isnan(dems.heights(lon, lat, 20.0)[0]).tolist() == [
+            False,
+            True,
+            True,
+            False,
+            True,
+        ]
+        assert dems.candidates_at(lon, lat)[0].tolist() == [True, False, False, True, False]
+
+    def test_who_answers_is_geometry_alone(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Against footprints by hand: boxes of longitude and latitude, and Snyder's rho for the polar map; no pixel is read."""
+        tile, polar = sldem_512(tmp_path, 350, -80, 512, 512), ldem_80s(tmp_path, 400)
+        wide = cylinder(tmp_path / "LDEM_512.tif", -180.0, 90.0, (180, 360), 1.0)
+        dems = DemSet.open([tile, wide, polar])
+        monkeypatch.setattr(Raster, "read", lambda *_: pytest.fail("a pixel was read"))
+        rng = np.random.default_rng(7)
+        lon, lat = rng.uniform(-15.0, 5.0, 3000), rng.uniform(-90.0, -70.0, 3000)
+        lat[:1000] = rng.uniform(-90.0, -89.7, 1000)
+        lon[1000:2000] = rng.uniform(-11.0, -8.0, 1000)
+        lat[1000:2000] = rng.uniform(-82.0, -79.0, 1000)
+        rho = 2.0 * 1_737_400.0 * np.tan(np.radians(90.0 + lat) / 2.0)
+        x, y = rho * np.sin(np.radians(lon)), rho * np.cos(np.radians(lon))
+        inside = np.array(
+            [
+                (lon >= -10.0) & (lon <= -9.0) & (lat <= -80.0) & (lat >= -81.0),
+                np.ones(3000, bool),
+                (np.abs(x) <= 4e3) & (np.abs(y) <= 4e3),
+            ]
+        )
+        np.testing.assert_array_equal(dems.candidates_at(lon, lat), inside)
+        assert inside.sum(axis=1).min() > 20
+        want = np.where(
+            inside[2], 2, np.where(inside[0], 0, 1)
+        )  # by the pixel: 20, 59 and 30 323 m
+        np.testing.assert_array_equal(dems.product_at(lon, lat), want)
+
+    def test_forty_gigabytes_are_opened_without_reading_them(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """All 32 tiles of SLDEM2015_512 (sparse): only the window of the asked area is read."""
+        paths = [_sparse_tile(tmp_path, west, north) for west in range(0, 360, 45) for north in (60, 30, 0, -30)]  # fmt: skip
+        assert sum(path.with_suffix(".IMG").stat().st_size for path in paths) > 40e9
+        read: list[int] = []
+        original = Raster.read
+
+        def counted(raster: Raster, row0: int, row1: int, col0: int, col1: int) -> np.ndarray:
+            read.append((row1 - row0) * (col1 - col0) * 4)
+            return original(raster, row0, row1, col0, col1)
+
+        monkeypatch.setattr(Raster, "read", counted)
+        tracemalloc.start()
+        dems = DemSet.open(paths)
+        assert read == []
+        lon, lat = np.meshgrid(45.0 + np.linspace(-0.05, 0.05, 60), np.linspace(-0.05, 0.05, 60))
+        height, index = dems.heights(lon, lat, 59.0)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert (height == 0.0).all()
+        assert len(set(index.ravel())) == 4  # over the corner where four tiles meet
+        window = (0.1 * 512 + 4) ** 2 * 4
+        assert sum(read) < 12 * window
+        assert peak < 8e6
 
     def test_tiles_of_one_product_join_without_a_seam(self, tmp_path: Path) -> None:
         """Cubic convolution across the edge of a tile takes the next tile's pixels: as if there
@@ -198,6 +334,12 @@ class TestSets:
         dems = DemSet.open([ldem_4 / "LDEM_4.IMG"])
         assert dems.heights(np.empty(0), np.empty(0), 7580.0)[0].shape == (0,)
         height, index = dems.heights([np.nan, 0.0, 0.0], [0.0, np.nan, 90.5], 7580.0)
+        two = DemSet((*dems.dems, Dem.open(ldem_4 / "LDEM_4.JP2")))
+        assert two.heights(np.empty(0), np.empty(0), 7580.0)[0].shape == (0,)
+        np.testing.assert_array_equal(
+            two.heights([np.nan, 0.0, 0.0], [0.0, np.nan, 90.5], 7580.0)[1], index
+        )
+        assert two.product_at([np.nan, 0.0], [0.0, np.nan]).tolist() == [-1, -1]
         assert np.isnan(height).all()
         assert (index == -1).all()
 

@@ -153,3 +153,82 @@ def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
         a = math.atan2(py, px)
         lon[k] = a if a >= 0.0 else a + 2.0 * math.pi
         lat[k] = math.atan2(pz, math.sqrt(px * px + py * py))
+
+
+_STEPS = 8192.0
+"""Steps in a metre: sums along a row are of whole numbers, so that they do not depend on where the row begins."""
+
+
+@njit(cache=True, nogil=True)
+def row_means(grid, length, turn, pad, out):
+    """Means along the rows of ``grid`` over ``length`` (rows,) pixels, a real number of them from 1 on, corrected for the
+    parallel's bend.
+
+    ``grid`` has one row more on either side than ``out`` and ``pad`` columns more. A mean is that of the pixels which are
+    there, NaN where less than half are. Along a parallel near its pole a mean lies nearer to the pole than its middle; it is moved
+    back along the meridian by ``turn`` (rows,) rows, with the slope between the neighbouring rows.
+    """
+    rows, wide = grid.shape
+    cols = wide - 2 * pad
+    means = np.empty((rows, cols))
+    total = np.empty(wide + 1, np.int64)
+    there = np.empty(wide + 1, np.int64)
+    for i in range(rows):
+        if length[i] <= 1.0:
+            for j in range(cols):
+                means[i, j] = grid[i, j + pad]
+            continue
+        total[0] = 0
+        there[0] = 0
+        for k in range(wide):
+            known = grid[i, k] == grid[i, k]
+            total[k + 1] = total[k] + (math.floor(grid[i, k] * _STEPS + 0.5) if known else 0)
+            there[k + 1] = there[k] + (1 if known else 0)
+        whole = math.floor((length[i] - 1.0) / 2.0)
+        part = (length[i] - 1.0) / 2.0 - whole
+        for j in range(cols):
+            first = j + pad - whole
+            last = j + pad + whole + 1
+            summed = float(total[last] - total[first])
+            weight = float(there[last] - there[first])
+            if part > 0.0:
+                summed += part * float(total[first] - total[first - 1])
+                summed += part * float(total[last + 1] - total[last])
+                weight += part * float(there[first] - there[first - 1])
+                weight += part * float(there[last + 1] - there[last])
+            means[i, j] = summed / weight / _STEPS if weight >= 0.5 * length[i] else np.nan
+    for i in range(rows - 2):
+        for j in range(cols):
+            value = means[i + 1, j]
+            moved = value + turn[i + 1] * 0.5 * (means[i + 2, j] - means[i, j])
+            out[i, j] = value if turn[i + 1] == 0.0 or math.isnan(moved) else moved
+
+
+@njit(cache=True, nogil=True)
+def clearance(grid, row0, col0, period, cover, u, v, reach, out):
+    """Distance (pixels, at most ``reach``) of fractional pixels from the nearest missing one's square; the window is that of
+    `sample` and must hold ``reach`` + 1 pixels around every place. ``cover``: first and last row, first and last column of
+    the raster; what lies beyond is not there, but not missing either.
+    """
+    rows, cols = grid.shape
+    span = math.ceil(reach) + 1
+    for k in range(u.size):
+        out[k] = reach
+        if not (math.isfinite(u[k]) and math.isfinite(v[k])):
+            continue
+        i0 = math.floor(v[k] + 0.5)
+        j0 = math.floor(u[k] + 0.5)
+        nearest = reach * reach
+        for i in range(i0 - span, i0 + span + 1):
+            if i < row0 or i >= row0 + rows or i < cover[0] or i > cover[1]:
+                continue
+            dy = max(abs(v[k] - i) - 0.5, 0.0)
+            if dy * dy >= nearest:
+                continue
+            for j in range(j0 - span, j0 + span + 1):
+                c = _column(j, col0, cols, period)
+                if j < cover[2] or j > cover[3] or c < 0 or grid[i - row0, c] == grid[i - row0, c]:
+                    continue
+                dx = max(abs(u[k] - j) - 0.5, 0.0)
+                nearest = min(nearest, dx * dx + dy * dy)
+        out[k] = math.sqrt(nearest)
