@@ -17,6 +17,7 @@ from .assemble import assemble
 from .catalog import write_catalog
 from .config import BuildConfig
 from .demset import DemSet
+from .disagreement import warn_of_disagreements
 from .engine import run_tasks
 from .errors import AreaError, AreaFailedError
 from .files import check_output
@@ -44,8 +45,9 @@ class Build:
     @classmethod
     def plan(cls, dem_paths: tuple[Path, ...], config: BuildConfig) -> Build:
         """Cut the region into areas. AreaError when the region has none."""
-        dems = DemSet.open(dem_paths)
+        dems = DemSet.open(dem_paths, config.dem.product_order)
         region = region_of(dems, config)
+        warn_of_disagreements(dems, region.bounds)
         gsd_m = config.area.gsd_m or dems.native_gsd_m(region.lon_deg, region.lat_deg)
         grid = AreaGrid.for_cell(gsd_m, config.model)
         tasks = plan_areas(grid, region, gsd_m)

@@ -57,6 +57,13 @@ class AreaConfig:
 
 
 @dataclass(frozen=True)
+class DemConfig:
+    """Which DEM answers where: products (by name, family or file name) that come first; none: by latitude, then pixel."""
+
+    product_order: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class SunConfig:
     """The azimuth-elevation grid of the catalogue, degrees in each point's own frame; unreachable cells are left out later."""
 
@@ -175,7 +182,8 @@ class ModelConfig:
     """Tier of shadows and visibility; none: the one that the tolerance wants, else `accuracy.DEFAULT_TIER`."""
     tolerance: float | None = None
     direction_tolerance_deg: float = 0.5
-    ring_max_km: float = 100.0
+    ring_max_km: float = 400.0
+    """No terrain further from an area than this is looked at, whatever the Sun."""
     area_nodes_max: int = 512
 
     def __post_init__(self) -> None:
@@ -198,6 +206,7 @@ class BuildConfig:
     """Everything that decides a catalogue's content besides the DEM itself."""
 
     area: AreaConfig = field(default_factory=AreaConfig)
+    dem: DemConfig = field(default_factory=DemConfig)
     sun: SunConfig = field(default_factory=SunConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
     points: PointConfig = field(default_factory=PointConfig)
@@ -251,6 +260,10 @@ def _section(kind: type, name: str, table: object) -> Any:
 def _value(name: str, hint: Any, value: object) -> object:
     """``value`` as the field wants it; TOML tells integers from floats, a person does not."""
     kinds = str(hint)
+    if "tuple[str" in kinds:
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise ConfigError(f"{name} must be a list of texts")
+        return tuple(value)
     if "tuple" in kinds:
         if not isinstance(value, list) or not all(_is_number(v) for v in value):
             raise ConfigError(f"{name} must be a list of numbers")

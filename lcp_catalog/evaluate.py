@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .accuracy import TIERS
 from .config import BuildConfig
+from .far_terrain import FarTerrain
 from .landmarks.corners import fill_missing
 from .landmarks.independent import dependence, gather_patches
 from .landmarks.localize import coarsest_scale, lit_share, localization
@@ -19,6 +21,7 @@ from .landmarks.unique import (
     second_peak,
 )
 from .schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
+from .shadows import occluded
 from .sweep import Image, Sweep
 
 SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
@@ -146,22 +149,25 @@ class _Patches:
 
     def shadow_dependence(self, elevation: int, azimuth: int) -> Float:
         """Share of each patch's nodes that only terrain outside the patch keeps from the Sun."""
-        return self._dependence(
-            self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
-        )
+        direction = self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
+        return self._dependence(direction, self.sweep.far)
 
     def occlusion_dependence(self, view: int) -> Float:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
-        return self._dependence(self.sweep.conditions.view_direction(view, self.sweep.turn_rad))
+        direction = self.sweep.conditions.view_direction(view, self.sweep.turn_rad)
+        return self._dependence(direction, None)
 
-    def _dependence(self, direction: NDArray[np.float64]) -> Float:
+    def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float:
         field, half = self.sweep.field, self.half
         normals = self.sweep.normals @ direction.astype(np.float32)
         faces = gather_patches(normals > 0.0, self.rows, self.cols, half)
         alone = ~field.occluded_alone(self._field_rows, self._field_cols, half, direction)
+        exact = TIERS["reference"]
         full = np.stack(
             [
-                ~field.occluded_nodes(direction, (r - half, r + half + 1, c - half, c + half + 1))
+                ~occluded(
+                    field, direction, exact, (r - half, r + half + 1, c - half, c + half + 1), far
+                )
                 for r, c in zip(self._field_rows, self._field_cols, strict=True)
             ]
         )

@@ -18,6 +18,7 @@ from .accuracy import TIERS, Accuracy
 from .camera import Camera
 from .constants import FRAME, MOON_RADIUS_M
 from .demset import DemSet
+from .disagreement import warn_of_disagreements
 from .errors import AreaError, CameraError, SunError
 from .grid import Bounds
 from .raster_out import geotiff, node_transform, orthographic_crs
@@ -34,13 +35,14 @@ from .render import Photograph, render_camera, render_enu
 from .scene import ScenePlan, plan_scene, ring_decision
 from .scene_bounds import limb_tangent
 from .sphere import EnuFrame, azimuth_elevation
+from .surroundings import build_surrounded, surroundings
 from .terrain import Area, NodeWindow, Terrain, build_terrain, terrain_from_area
 from .view import View, camera_view, footprint, looking_camera, oblique_view
 
 Array = NDArray[np.float64]
 
 RING_MAX_M = 200e3
-"""No terrain further from the area than this is looked at."""
+"""No terrain further from the area than this is looked for that could hide it from the view."""
 
 _EXTENT_MAX_M = 2000e3
 _RELIEF_MAX_M = 20e3  # between the Moon's lowest and highest ground
@@ -106,6 +108,7 @@ class Request:
     model: str = DEFAULT_MODEL
     accuracy: Accuracy = TIERS["standard"]
     disc: bool | None = None
+    product_order: tuple[str, ...] = ()
 
     @property
     def sun_is_disc(self) -> bool:
@@ -133,8 +136,9 @@ class Scene:
 
 def prepare(request: Request) -> Scene:
     """Read the terrain and decide; raises the library's errors for what cannot be rendered."""
-    dems = DemSet.open(request.dem_paths)
+    dems = DemSet.open(request.dem_paths, request.product_order)
     area, grows = _area(request, dems)
+    warn_of_disagreements(dems, area.bounds)
     frame = area.frame
     to_sun = frame.direction_from_mcmf(request.sun.direction_mcmf(frame, request.view.camera))
     view = request.view.view(frame)
@@ -146,13 +150,15 @@ def prepare(request: Request) -> Scene:
     if request.in_camera_plane and view.camera is None:
         view = replace(view, camera=_looking_camera(frame, view, gsd_m, extent))
     light = limb_tangent(to_sun) if request.sun_is_disc else tangent_of(to_sun)
-    coarse = _coarse_terrain(dems, frame, extent, gsd_m, light, view)
+    coarse = _coarse_terrain(dems, frame, extent, gsd_m, view)
     if grows:
         extent = _grown(extent, _height_reach_m(coarse, view))
-        coarse = _coarse_terrain(dems, frame, extent, gsd_m, light, view)
-    needed_m = _ring_needed_m(coarse, light, view)
-    ring_m = min(max(needed_m, gsd_m), RING_MAX_M)  # at least a node, for the normals at the border
-    terrain = build_terrain(dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m, ring_m)
+        coarse = _coarse_terrain(dems, frame, extent, gsd_m, view)
+    view_ring_m = _view_ring_m(coarse, view)
+    place = (dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
+    around = surroundings(*place, light, min(view_ring_m, RING_MAX_M))
+    needed_m = max(around.needed_m, view_ring_m)
+    terrain = build_surrounded(*place, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
     plan = plan_scene(
@@ -160,7 +166,7 @@ def prepare(request: Request) -> Scene:
         to_sun,
         view,
         in_camera_plane=request.in_camera_plane,
-        ring=ring_decision(terrain, ring_m, needed_m),
+        ring=ring_decision(terrain, around.ring_m, needed_m),
         accuracy=request.accuracy,
         disc=request.sun_is_disc,
         model=request.model,
@@ -313,13 +319,12 @@ def _coarse_terrain(
     frame: EnuFrame,
     extent_m: tuple[float, float, float, float],
     gsd_m: float,
-    light_tangent: float,
     view: View,
 ) -> Terrain:
-    """The area and all around it that could matter, on coarse nodes."""
+    """The area and all around it that could hide it, on coarse nodes."""
     coarse_m = COARSE_NODES * gsd_m
     corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
-    tangent = min(light_tangent, lowest_view_tangent(view, corners))
+    tangent = lowest_view_tangent(view, corners)
     reach_m = min(RING_MAX_M, _RELIEF_MAX_M / tangent) if tangent > 0 else RING_MAX_M
     window = NodeWindow.covering(extent_m, coarse_m)
     return build_terrain(dems, frame, window, coarse_m, reach_m)
@@ -339,10 +344,9 @@ def _height_reach_m(coarse: Terrain, view: View) -> float:
     return min(highest / tangent, RING_MAX_M) if tangent > 0 else RING_MAX_M
 
 
-def _ring_needed_m(coarse: Terrain, light_tangent: float, view: View) -> float:
-    margin = COARSE_SLOPE * coarse.field.gsd_m
-    view_tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
-    tangent = min(light_tangent, view_tangent)
+def _view_ring_m(coarse: Terrain, view: View) -> float:
+    """How far beyond the area terrain can hide it."""
+    tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
     if not math.isfinite(tangent):
         return 0.0
-    return ring_needed_m(coarse, tangent, margin)
+    return ring_needed_m(coarse, tangent, COARSE_SLOPE * coarse.field.gsd_m)

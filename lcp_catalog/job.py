@@ -20,10 +20,10 @@ from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates
 from .plan import AreaGrid, AreaTask
-from .relief import COARSE_NODES, COARSE_SLOPE, ring_needed_m
 from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
+from .surroundings import build_surrounded, ring_for_rays_m, surroundings
 from .sweep import Conditions, Sweep
-from .terrain import Area, NodeWindow, Terrain, build_terrain, sample_patch
+from .terrain import Area, Terrain, sample_patch
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Candidates:
 
 def run_area(job: AreaJob) -> Candidates:
     """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
-    dems = DemSet.open(job.dem_paths)
+    dems = DemSet.open(job.dem_paths, job.config.dem.product_order)
     terrain, sweep = area_sweep(job, dems)
     core = _Core(job, terrain, _halo(job))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
@@ -73,7 +73,14 @@ def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
     """The area's terrain with its halo as the core window, and all its images."""
     terrain = _terrain(job, dems, _halo(job))
     conditions, model = Conditions.at(job.task.lat_deg, job.config), job.config.model
-    sweep = Sweep(terrain.field, terrain.core, conditions, model.reflectance, model.precision)
+    sweep = Sweep(
+        terrain.field,
+        terrain.core,
+        conditions,
+        model.reflectance,
+        model.precision,
+        far=terrain.far,
+    )
     return terrain, sweep
 
 
@@ -84,20 +91,17 @@ def _halo(job: AreaJob) -> int:
 
 
 def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
-    """The area with its halo as the core window, and around it the ring that can cast shadows into it."""
-    window = job.task.window.grown(halo)
-    return build_terrain(dems, job.task.frame, window, job.gsd_m, ring_m=_ring_m(job, dems, window))
-
-
-def _ring_m(job: AreaJob, dems: DemSet, window: NodeWindow) -> float:
-    """How far beyond the window terrain can shadow it at the lowest Sun, from coarse heights and at most what is configured."""
-    cap_m = job.config.model.ring_max_km * 1e3
-    tangent = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
-    coarse_m = COARSE_NODES * job.gsd_m
-    spans = (window.row0, window.row1, window.col0, window.col1)
-    coarse = NodeWindow(*(round(span / COARSE_NODES) for span in spans))
-    wide = build_terrain(dems, job.task.frame, coarse, coarse_m, ring_m=cap_m)
-    return min(cap_m, ring_needed_m(wide, tangent, COARSE_SLOPE * coarse_m))
+    """The area with its halo as the core window, what can hide it from a view around it, and what
+    can shadow it under the lowest Sun, at most as far off as is configured.
+    """
+    place = (dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
+    limit_m = job.config.model.ring_max_km * 1e3
+    view_rad = np.radians(90.0 - max(job.config.view.off_nadir_deg))
+    ring_m = (
+        ring_for_rays_m(*place, float(np.tan(view_rad)), limit_m) if view_rad < np.pi / 2 else 0.0
+    )
+    light = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
+    return build_surrounded(*place, surroundings(*place, light, ring_m, limit_m))
 
 
 class _Core:

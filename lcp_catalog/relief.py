@@ -93,15 +93,17 @@ def relief(terrain: Terrain) -> Relief:
     """
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
     rows, cols = field.shape
-    slope, box = steepness(field), core_box(terrain)
+    slope, box, far = steepness(field), core_box(terrain), terrain.far
     inside = row0 > 0 and col0 > 0 and row1 < rows and col1 < cols
     return Relief(
         slope=slope,
         box=box,
-        highest_m=max(float(box.high_m[2]), field.extremes_m[1]),
+        highest_m=max(
+            float(box.high_m[2]), field.extremes_m[1], far.highest_m if far else -math.inf
+        ),
         node_tangent=slope.tangent * (1.0 if inside and slope.connected else math.sqrt(2.0)),
         gsd_m=field.gsd_m,
-        span_m=math.hypot(rows - 1, cols - 1) * field.gsd_m,
+        span_m=far.span_m if far else math.hypot(rows - 1, cols - 1) * field.gsd_m,
     )
 
 

@@ -21,6 +21,7 @@ from .accuracy import TIERS, Accuracy
 from .camera import Camera
 from .constants import SOLAR_RADIUS_RAD
 from .errors import CameraError, SunError
+from .horizons import Points
 from .reflectance import DEFAULT_MODEL, photometry
 from .relief import nodes_enu
 from .scene import ScenePlan, parallel_view, plan_scene
@@ -155,6 +156,9 @@ def check_sun(terrain: Terrain, sun: Array, disc: bool = False) -> None:
     all_around = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.field.whole, step))
     radius = np.linalg.norm(all_around, axis=-1)
     lowest_m = float(np.nanmin(radius)) if np.isfinite(radius).any() else np.nan
+    for level in terrain.far.levels if terrain.far else ():
+        beyond = np.linalg.norm(terrain.frame.to_mcmf(nodes_enu(level, level.whole, 4)), axis=-1)
+        lowest_m = float(np.nanmin(beyond, initial=lowest_m))
     limb = (math.degrees(SOLAR_RADIUS_RAD) if disc else 0.0) + _ROUNDING_DEG
     if not _sun_above_horizon_deg(terrain, sun, lowest_m, step) + limb < 0:
         return
@@ -202,9 +206,10 @@ def _sunlit(terrain: Terrain, sun: Array, accuracy: Accuracy, plan: ScenePlan | 
     """
     row0, row1, col0, col1 = terrain.core
     if plan is not None and plan.solar_disc.modelled:
-        return sunlit_share(terrain.field, sun, accuracy, terrain.core)
+        return sunlit_share(terrain.field, sun, accuracy, terrain.core, far=terrain.far)
     if plan is not None and plan.cast_shadows.modelled:
-        return (~occluded(terrain.field, sun, accuracy, terrain.core)).astype(np.float32)
+        dark = occluded(terrain.field, sun, accuracy, terrain.core, terrain.far)
+        return (~dark).astype(np.float32)
     return np.ones((row1 - row0, col1 - col0), dtype=np.float32)
 
 
@@ -213,9 +218,9 @@ def _sunlit_points(
 ) -> Array:
     """The same at ENU points (n, 3) of the surface, float64 (n,)."""
     if plan.solar_disc.modelled:
-        return share_at_points(terrain.field, points, sun, accuracy)
+        return share_at_points(terrain.field, points, sun, accuracy, far=terrain.far)
     if plan.cast_shadows.modelled:
-        return (~terrain.field.occluded_points(points, sun)).astype(np.float64)
+        return (~Points(terrain.field, points, terrain.far).occluded(sun)).astype(np.float64)
     return np.ones(len(points))
 
 

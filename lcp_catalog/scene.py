@@ -35,6 +35,7 @@ from .scene_bounds import (
     ray_angle_rad,
 )
 from .scene_effects import EVERY_NODE, EVERY_PIXEL, Decision, Rays
+from .surroundings import REACH_MAX_M
 from .terrain import Terrain
 from .view import View
 
@@ -85,13 +86,20 @@ def plan_scene(
     """
     found, least_view = relief(terrain), lowest_core_tangent(view, terrain)
     slope = None if everything else found.slope
-    disc_decision = _disc(found, slope, sun, pixel_m(found, view, in_camera_plane), disc, accuracy)
+    # what stands on other cells far away is no part of the connected surface that a slope speaks of
+    light_slope, disc_slope = slope, slope
+    if terrain.far is not None:
+        light_slope = None
+        disc_slope = None if everything else replace(found.slope, connected=False)
+    disc_decision = _disc(
+        found, disc_slope, sun, pixel_m(found, view, in_camera_plane), disc, accuracy
+    )
     away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
     half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
     if everything:
         accuracy = replace(accuracy, tolerance=0.0)
     return ScenePlan(
-        cast_shadows=_shadows(slope, sun, disc_decision.modelled, in_camera_plane, accuracy),
+        cast_shadows=_shadows(light_slope, sun, disc_decision.modelled, in_camera_plane, accuracy),
         occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy),
         perspective=_perspective(found, view, least_view, in_camera_plane, accuracy),
         solar_disc=disc_decision,
@@ -157,12 +165,18 @@ def parallel_view(terrain: Terrain, view: View) -> View:
 
 
 def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:
-    """What the support ring holds, and what it does not."""
-    ring, box = ring_of(terrain), core_box(terrain)
-    known_m = min(ring_m if needed_m > ring_m else math.inf, ring.gap_m)
+    """What the terrain around an area holds, and what it does not; ``ring_m``: the width of what
+    has the area's own cells.
+    """
+    ring, box, far = ring_of(terrain), core_box(terrain), terrain.far
+    known_m = min(ring_m if needed_m > ring_m and far is None else math.inf, ring.gap_m)
+    if far is not None:
+        known_m = min(known_m, far.gap_m, REACH_MAX_M if needed_m >= REACH_MAX_M else math.inf)
     horizon = 0.0
     if math.isfinite(known_m):
         sides = np.concatenate([-box.low_m[:2], box.high_m[:2]])
         lowest, origin_m = float(box.low_m[2]), float(sides.min()) + known_m
         horizon = horizon_beyond_rad(known_m, lowest, origin_m, terrain.frame.height_m)
-    return effects.far_terrain(ring_m, needed_m, ring, terrain.field.gsd_m, horizon)
+    if far is not None:
+        return effects.far_terrain(ring_m, needed_m, ring, far, terrain.field.gsd_m, horizon)
+    return effects.near_terrain(ring_m, needed_m, ring, terrain.field.gsd_m, horizon)

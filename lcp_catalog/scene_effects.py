@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from .accuracy import Accuracy
 from .constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from .far_terrain import FarTerrain
 from .relief import Relief, Ring, Steepness
 from .scene_bounds import (
     HIGHEST_M,
@@ -17,6 +18,7 @@ from .scene_bounds import (
     horizon_beyond_rad,
 )
 from .solar_disc import SHARE_RMS
+from .surroundings import CELL_SHARE, HORIZON_RMS_DEG, NEAR_NODES
 
 METHODS = {
     "draft": "two lines a column and the nearest cells",
@@ -187,6 +189,33 @@ def reflectance(model: str) -> Decision:
 
 
 def far_terrain(
+    ring_m: float, needed_m: float, ring: Ring, far: FarTerrain, gsd_m: float, horizon_rad: float
+) -> Decision:
+    """Terrain around an area on its own cells, and beyond on nested coarser ones; ``horizon_rad``:
+    what ground that is not there could rise to.
+    """
+    finest_m, coarsest_m = far.cells_m
+    reason = (
+        f"terrain up to {ring_m / 1e3:.1f} km beyond the area is on the area's own cells of {gsd_m:g} m, "
+        f"from there to {needed_m / 1e3:.0f} km on cells of {finest_m:g} to {coarsest_m:g} m, never "
+        f"wider than {CELL_SHARE:.3f} of their distance: its horizon is off by {HORIZON_RMS_DEG} deg "
+        "(rms, measured on lunar relief)"
+    )
+    bound = HORIZON_RMS_DEG
+    if horizon_rad > 0.0:
+        bound = max(bound, math.degrees(horizon_rad))
+        missing = max(ring.missing, far.missing)
+        nearest_m = min(ring.gap_m, far.gap_m)
+        if missing > 0:
+            reason += (
+                f"; {missing:.1%} of it has no height in the DEM, the nearest "
+                f"{nearest_m / 1e3:.1f} km off, and hides nothing"
+            )
+        reason += f"; no ground of the Moon that is left out rises over {bound:.2f} deg"
+    return Decision("terrain beyond the area", True, reason, bound, "deg of the horizon")
+
+
+def near_terrain(
     ring_m: float, needed_m: float, ring: Ring, gsd_m: float, horizon_rad: float
 ) -> Decision:
     """The ring of terrain around an area; ``horizon_rad``: what ground beyond it, or in its gaps,
@@ -216,10 +245,12 @@ def ring_of_build(lowest_sun_deg: float, cap_m: float) -> Decision:
     bound = math.degrees(horizon_beyond_rad(cap_m, -HIGHEST_M, cap_m))
     reason = (
         f"as far as relief reaches under the lowest Sun ({lowest_sun_deg:g} deg), at most "
-        f"{cap_m / 1e3:g} km, on the area's own cells; no ground of the Moon rises over "
-        f"{bound:.2f} deg from beyond the cap; what the DEM lacks nearer than that hides nothing"
+        f"{cap_m / 1e3:g} km: on the area's own cells for {NEAR_NODES} of them, then on cells never "
+        f"wider than {CELL_SHARE:.3f} of their distance, whose horizon is off by {HORIZON_RMS_DEG} deg "
+        f"(rms, measured on lunar relief); no ground of the Moon rises over {bound:.2f} deg from "
+        "beyond the cap; what the DEM lacks nearer than that hides nothing"
     )
-    bound = 0.0 if bound < lowest_sun_deg else bound
+    bound = HORIZON_RMS_DEG if bound < lowest_sun_deg else bound
     return Decision("terrain beyond the area", True, reason, bound, "deg of the horizon")
 
 

@@ -7,6 +7,10 @@
   instead of lit, where light comes through between two lines): measured.
 - high: proved bounds on both sides; what they leave open is traced. No node is wrong.
 - reference: every node is traced.
+
+Light comes from beyond the field, too: what stands there (`far_terrain`) is asked for the nodes that
+the field itself leaves lit. In draft from the heights of its shadows over every eighth node, in
+standard from these where they leave no doubt, else, and in high and reference, by rays.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .accuracy import Accuracy
+from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .shadow_lines import LIKELY, PROVED, draft_occluded, hybrid_occluded
 
@@ -24,13 +29,29 @@ Mask = NDArray[np.bool_]
 
 
 def occluded(
-    field: Heightfield, direction: ArrayLike, accuracy: Accuracy, window: Window | None = None
+    field: Heightfield,
+    direction: ArrayLike,
+    accuracy: Accuracy,
+    window: Window | None = None,
+    far: FarTerrain | None = None,
 ) -> Mask:
     """For each node of the window, bool (rows, cols), whether the surface rises above the ray in
     ``direction`` (3,), an ENU vector; at most ``accuracy.node_error`` of them are wrong.
 
-    Nodata is not occluded. ValueError for what is no direction, or a window outside the raster.
+    ``far``: terrain beyond the field that counts as well. Nodata is not occluded. ValueError for
+    what is no direction, or a window outside the raster.
     """
+    out = _occluded(field, direction, accuracy, window)
+    if far is not None:
+        towards = np.asarray(direction, dtype=np.float64)
+        far.shadowed(field, towards, accuracy, field.checked_window(window), out)
+    return out
+
+
+def _occluded(
+    field: Heightfield, direction: ArrayLike, accuracy: Accuracy, window: Window | None
+) -> Mask:
+    """By the field alone."""
     ray = field.ray_in_cells(direction)
     if accuracy.tier == "reference" or ray[:2] == (0.0, 0.0):
         return field.occluded_nodes(direction, window)
@@ -50,6 +71,7 @@ def occluded_sweep(
     elevations_rad: ArrayLike,
     accuracy: Accuracy,
     window: Window | None = None,
+    far: FarTerrain | None = None,
 ) -> NDArray[np.uint8]:
     """The same for several elevations of one azimuth, uint8 (elevations, rows, cols): 1 where dark.
 
@@ -61,12 +83,16 @@ def occluded_sweep(
     if not math.isfinite(azimuth_rad):
         raise ValueError(f"no azimuth: {azimuth_rad}")
     inside = field.checked_window(window)
-    if accuracy.tier == "draft":
-        return draft_occluded(field, azimuth_rad, elevations, inside)
     level = np.cos(elevations)
     directions = np.stack(
         [np.sin(azimuth_rad) * level, np.cos(azimuth_rad) * level, np.sin(elevations)], axis=-1
     )
-    masks = [occluded(field, direction, accuracy, inside) for direction in directions]
+    if accuracy.tier == "draft":
+        masks_ = draft_occluded(field, azimuth_rad, elevations, inside)
+        if far is not None:
+            for mask, direction in zip(masks_, directions, strict=True):
+                far.shadowed(field, direction, accuracy, inside, mask.view(np.bool_))
+        return masks_
+    masks = [occluded(field, direction, accuracy, inside, far) for direction in directions]
     rows, cols = inside[1] - inside[0], inside[3] - inside[2]
     return np.array(masks, dtype=np.uint8).reshape(len(masks), rows, cols)

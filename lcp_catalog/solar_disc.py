@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import shadows
 from .accuracy import Accuracy
 from .constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
+from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .horizons import Nodes, Points, on_rim
 from .kernels import horizon, rays
@@ -226,12 +227,14 @@ def sunlit_share(
     accuracy: Accuracy,
     window: Window | None = None,
     disc: SolarDisc = MEAN_SUN,
+    far: FarTerrain | None = None,
 ) -> NDArray[np.float32]:
     """Share of the disc's flux above the terrain's horizon at each node of the window, float32
     (rows, cols), 0..1; ``sun`` (3,): towards the disc's middle.
 
     Cast shadow only, as in `Heightfield.occluded_nodes`: nodata is 1. Rms error against
-    ``reference``: `SHARE_RMS`. ValueError for no direction or a window that is not inside.
+    ``reference``: `SHARE_RMS`. ``far``: terrain beyond the field. ValueError for no direction or a
+    window that is not inside.
     """
     row0, row1, col0, col1 = field.checked_window(window)
     source = _sun(sun, disc, field.gsd_m)
@@ -240,19 +243,22 @@ def sunlit_share(
         return out
     gradient = field.steepest_tangent
     lowest = source.elevation - disc.radius_rad
-    if not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
+    if far is not None:
+        # at a level's inner edge the skyline's distance changes with azimuth, too: by its tangent
+        gradient = max(gradient, far.steepest_tangent) + math.tan(max(lowest, 0.0))
+    elif not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
         return out  # a convex area without holes shows no horizon steeper than its steepest facet
     if accuracy.tier == "reference" or source.steep:
         undecided = np.isfinite(field.z_m[row0:row1, col0:col1])
     else:
         limits = source.limits(gradient)
         touched, dark = shadows.occluded_sweep(
-            field, source.azimuth, limits, accuracy, (row0, row1, col0, col1)
+            field, source.azimuth, limits, accuracy, (row0, row1, col0, col1), far
         ).view(np.bool_)
         out[dark] = 0.0
         undecided = (touched & ~dark) | on_rim(field, (row0, row1, col0, col1))
     rows, cols = np.nonzero(undecided)
-    out[rows, cols] = _shares(Nodes(field, rows + row0, cols + col0), source, accuracy)
+    out[rows, cols] = _shares(Nodes(field, rows + row0, cols + col0, far), source, accuracy)
     return out
 
 
@@ -262,6 +268,7 @@ def share_at_points(
     sun: ArrayLike,
     accuracy: Accuracy,
     disc: SolarDisc = MEAN_SUN,
+    far: FarTerrain | None = None,
 ) -> Array:
     """The same at points (n, 3) of the surface (a camera's hits), float64 (n,).
 
@@ -272,4 +279,4 @@ def share_at_points(
     source = _sun(sun, disc, field.gsd_m)
     if not field.is_surface or len(points) == 0:
         return np.ones(len(points))
-    return _shares(Points(field, points), source, accuracy)
+    return _shares(Points(field, points, far), source, accuracy)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .accuracy import Accuracy
 from .config import BuildConfig
+from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .kernels.reflectance import shade_nodes
 from .reflectance import model_code
@@ -88,6 +89,7 @@ class Sweep:
     reflectance: str
     accuracy: Accuracy
     turn_rad: float = 0.0
+    far: FarTerrain | None = None  # terrain beyond the field, for its shadows
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
@@ -117,7 +119,7 @@ class Sweep:
             azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad
             elevations_rad = np.radians(self.conditions.sun_elevation_deg[elevations])
             dark = occluded_sweep(
-                self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window
+                self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window, self.far
             )
             for slot, elevation in enumerate(elevations):
                 sun = self.conditions.sun_direction(int(elevation), azimuth, self.turn_rad)

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from .constants import MOON_RADIUS_M
 from .demset import DemSet
 from .errors import AreaError
+from .far_terrain import FarTerrain
 from .grid import Bounds
 from .heightfield import Heightfield, Window
 from .kernels import resample
@@ -202,7 +203,7 @@ class NodeWindow:
 @dataclass(frozen=True, eq=False)
 class Terrain:
     """A heightfield with its frame, the window of the area inside it (rows and columns of the
-    field) and where it came from.
+    field), where it came from, and what else can shadow it from further away.
     """
 
     field: Heightfield
@@ -211,6 +212,7 @@ class Terrain:
     window: NodeWindow  # of the whole field
     product_index: Indices  # (rows, cols): which of ``products`` gave the height, -1 none
     products: tuple[str, ...]
+    far: FarTerrain | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -183,7 +183,8 @@ def _rows(
 
 def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
     """What was compared, in plain values."""
-    config, dems = build.config, DemSet.open(build.dem_paths)
+    config = build.config
+    dems = DemSet.open(build.dem_paths, config.dem.product_order)
     conditions = [Conditions.at(job.task.lat_deg, config) for job in chosen]
     return {
         "dems": [source["name"] for source in dems.sources()],

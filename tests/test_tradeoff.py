@@ -86,8 +86,10 @@ def build(dem: Path) -> Build:
 def faulty(monkeypatch: pytest.MonkeyPatch, flips: Any, tier: str = "draft") -> None:
     """Every tier traces exactly, but ``tier`` has the shadow of the nodes of ``flips(azimuth, dark)`` the other way round."""
 
-    def wrong(field: Any, azimuth: float, elevations: Any, accuracy: Any, window: Any) -> Any:
-        dark = occluded_sweep(field, azimuth, elevations, TIERS["reference"], window)
+    def wrong(
+        field: Any, azimuth: float, elevations: Any, accuracy: Any, window: Any, far: Any
+    ) -> Any:
+        dark = occluded_sweep(field, azimuth, elevations, TIERS["reference"], window, far)
         if accuracy.tier != tier:
             return dark
         return dark ^ flips(azimuth, dark).astype(np.uint8)

@@ -19,12 +19,13 @@ from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _steepest(  # noqa: C901, PLR0912
-    z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough
+def _moved_clear(  # noqa: C901, PLR0912, PLR0915
+    z, holes, turns, pyramid, summit, ou, ov, du, dv, base, rate, enough
 ):
-    """The steepest slope from (ou, ov, oz), inside the raster, to a crossing at s > 0; ``best``
-    where all are less steep, and the first one found that is at least ``enough`` where there is
-    one.
+    """A line in the vertical plane of (du, dv), at the height base + rate s over (ou, ov) + s (du,
+    dv), moved up until it clears every crossing at s > 0: turned about its start (``turns``; its
+    rate comes back, the first one found that is at least ``enough`` where there is one), or lifted
+    (its base comes back).
     """
     levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
@@ -37,12 +38,12 @@ def _steepest(  # noqa: C901, PLR0912
     col, row = first_cell(rows, cols, ou, ov, du, dv)
     level = min(NODE_LEVEL, top)
     col, row, s = col >> level, row >> level, 0.0
-    while best < enough and (best < 0.0 or oz + best * s < summit):
+    while rate < enough and (rate < 0.0 or base + rate * s < summit):
         s_u = (((col + right) << level) - ou) * inverse_u if du != 0.0 else NEVER
         s_v = (((row + down) << level) - ov) * inverse_v if dv != 0.0 else NEVER
         s_out = max(min(s_u, s_v), s)
         if level > 0:
-            lowest = oz + best * (s if best > 0.0 else s_out)
+            lowest = base + rate * (s if rate > 0.0 else s_out)
             if levels[offsets[level] + row * widths[level] + col] > lowest:
                 level -= 1
                 c, r = child_at(ou + du * s, ov + dv * s, du, dv, col, row, level)
@@ -52,41 +53,52 @@ def _steepest(  # noqa: C901, PLR0912
             s_diagonal = ((col - row) - start_across) * inverse_across
             if s < s_diagonal < s_out:
                 f = unit(ou + du * s_diagonal - col)
-                rise = edge_at(z, holes, row, col, row + 1, col + 1, f) - oz
-                if rise > best * s_diagonal:
-                    best = rise / s_diagonal
+                rise = edge_at(z, holes, row, col, row + 1, col + 1, f) - base
+                if rise > rate * s_diagonal:
+                    if turns:
+                        rate = rise / s_diagonal
+                    else:
+                        base += rise - rate * s_diagonal
             if s_u < s_v:
                 edge, f = col + right, unit(ov + dv * s_out - row)
-                rise = edge_at(z, holes, row, edge, row + 1, edge, f) - oz
+                rise = edge_at(z, holes, row, edge, row + 1, edge, f) - base
             else:
                 edge, f = row + down, unit(ou + du * s_out - col)
-                rise = edge_at(z, holes, edge, col, edge, col + 1, f) - oz
-            if s_out > 0.0 and rise > best * s_out:
-                best = rise / s_out
+                rise = edge_at(z, holes, edge, col, edge, col + 1, f) - base
+            if s_out > 0.0 and rise > rate * s_out:
+                if turns:
+                    rate = rise / s_out
+                else:
+                    base += rise - rate * s_out
         s = s_out
         if s_u < s_v:
             old, col = col, col + step_u
             if col < 0 or col >= widths[level]:
-                return best
+                break
             climb = ((col ^ old) >> 1) != 0
         else:
             old, row = row, row + step_v
             if row < 0 or row >= heights[level]:
-                return best
+                break
             climb = ((row ^ old) >> 1) != 0
         if climb and level < top:
             level, col, row = level + 1, col >> 1, row >> 1
-    return best
+    return rate if turns else base
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
-    return _steepest(z, False, pyramid, summit, ou, ov, oz, du, dv, best, enough)
+    return _moved_clear(z, False, True, pyramid, summit, ou, ov, du, dv, oz, best, enough)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
-    return _steepest(z, True, pyramid, summit, ou, ov, oz, du, dv, best, enough)
+    return _moved_clear(z, True, True, pyramid, summit, ou, ov, du, dv, oz, best, enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lifted_holed(z, pyramid, summit, ou, ov, du, dv, lowest, rate):
+    return _moved_clear(z, True, False, pyramid, summit, ou, ov, du, dv, lowest, rate, NEVER)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -97,6 +109,19 @@ def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
     if holes:
         return min(_steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
     return min(_steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
+    """Up to which height the surface's shadow reaches over places (n,) inside the raster, under
+    parallel rays that climb by ``rates`` (k,) metres per unit of (du, dv): ``heights`` (k, n) are
+    raised where it is higher.
+    """
+    for n in prange(u.size):
+        for k in range(rates.size):
+            heights[k, n] = _lifted_holed(
+                z, pyramid, summit, u[n], v[n], du, dv, heights[k, n], rates[k]
+            )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
