@@ -1,18 +1,33 @@
-"""``lcp dem``: what is in a DEM product, as read from its label and its pixels."""
+"""``lcp dem``: what is in a DEM product, as read from its label and its pixels, and what a set of them covers."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import dem_argument
+from . import dem_check
+from .options import LATITUDE, LONGITUDE, dem_argument, overwrite_option, product_order_option
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lcp_catalog.dem import Dem
+    from lcp_catalog.dem_survey import Survey
+    from lcp_catalog.demset import DemSet
+    from lcp_catalog.disagreement import Disagreement
+    from lcp_catalog.regions import Region
+    from lcp_catalog.set_coverage import Band, SetCoverage
 
 
 @click.group()
 def command() -> None:
     """Look at DEM products."""
+
+
+command.add_command(dem_check.command)
 
 
 @command.command()
@@ -23,32 +38,98 @@ def command() -> None:
     "places",
     nargs=2,
     multiple=True,
-    type=click.Tuple([click.FloatRange(-180, 360), click.FloatRange(-90, 90)]),
+    type=click.Tuple([LONGITUDE, LATITUDE]),
     metavar="LON LAT",
     help="Also the height at a place, degrees; may be repeated.",
 )
-def info(dem: tuple[str, ...], as_json: bool, places: tuple[tuple[float, float], ...]) -> None:
-    """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS3 by image
-    or label).
+@click.option(
+    "--set",
+    "only_set",
+    is_flag=True,
+    help="Only what the files cover together; with --json one object instead of the list.",
+)
+@click.option("--quick", is_flag=True, help="Read no pixels: no heights, no missing pixels.")
+@click.option(
+    "--map", "map_path", metavar="OUT.png", help="Also write a map: which product is used where."
+)
+@product_order_option
+@overwrite_option
+def info(
+    dem: tuple[str, ...],
+    as_json: bool,
+    places: tuple[tuple[float, float], ...],
+    only_set: bool,
+    quick: bool,
+    map_path: str | None,
+    product_order: tuple[str, ...] | None,
+    overwrite: bool,
+) -> None:
+    """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS by image or
+    label), and what they cover together: by latitude and product, overlaps, gaps, holes.
     """
-    from lcp_catalog.dem import Dem  # rasterio and numba: only when the command runs
+    if places and (quick or only_set):
+        raise click.UsageError("--at reads pixels of each file: not with --quick or --set")
+    if overwrite and not map_path:
+        raise click.UsageError("--overwrite needs --map OUT.png")
 
-    opened = [
-        Dem.open(path) for path in dem
-    ]  # a file that is none is said before the others are read
-    described = [
-        _describe(path, product, places) for path, product in zip(dem, opened, strict=True)
-    ]
-    click.echo(
-        json.dumps(described, indent=2) if as_json else "\n\n".join(_text(one) for one in described)
+    from lcp_catalog.dem_survey import survey  # rasterio and numba: only when the command runs
+    from lcp_catalog.demset import DemSet
+    from lcp_catalog.files import check_output
+    from lcp_catalog.set_coverage import set_coverage, set_disagreements
+
+    from . import dem_text
+
+    if map_path:
+        check_output(map_path, overwrite)
+    dems = DemSet.open(dem, product_order)  # a file that is none is said before the others are read
+    covered = set_coverage(dems)
+    surveys = None if quick else [survey(one) for one in dems.dems]
+    differing = None if quick else set_disagreements(dems, covered)
+    whole = _describe_set(dem, dems, covered, surveys, differing)
+    files = (
+        []
+        if only_set
+        else [
+            _describe(path, dems.dems[number], number, covered, surveys, places)
+            for number, path in enumerate(dem)
+        ]
     )
+    if map_path:
+        _write_map(dems, surveys, map_path, overwrite)
+    if as_json and not only_set:  # the list has no place for it
+        for one in differing or []:
+            click.echo(f"lcp: warning: {one}", err=True)
+    if as_json:
+        click.echo(json.dumps(whole if only_set else files, indent=2))
+    else:
+        click.echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(whole)]))
 
 
-def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> dict[str, Any]:
+def _write_map(dems: DemSet, surveys: Sequence[Survey] | None, path: str, overwrite: bool) -> None:
+    from lcp_catalog.files import write_bytes
+    from lcp_catalog.set_map import set_map
+
+    write_bytes(path, set_map(dems, surveys), overwrite)
+
+
+def _describe(
+    path: str,
+    dem: Dem,
+    number: int,
+    covered: SetCoverage,
+    surveys: Sequence[Survey] | None,
+    places: tuple[tuple[float, float], ...],
+) -> dict[str, Any]:
+    """One file: the contract's fields, then what is known of the product and of its ground."""
     from lcp_catalog.demset import height_at
+    from lcp_catalog.set_coverage import MOON_KM2
 
-    found = dem.statistics()
-    span = dem.abs_latitude_use
+    found = surveys[number] if surveys else None
+    span, own_km2, used_km2 = (
+        dem.abs_latitude_use,
+        covered.file_km2[number],
+        covered.used_km2[number],
+    )
     return {
         "path": path,
         "product": dem.product,
@@ -58,49 +139,97 @@ def _describe(path: str, dem: Any, places: tuple[tuple[float, float], ...]) -> d
         "gsd_m": dem.gsd_m,
         "bounds": dem.grid.bounds._asdict(),
         "radius_m": dem.radius_m,
-        "min_m": found.min_m,
-        "max_m": found.max_m,
-        "nodata_share": found.nodata_share,
+        "min_m": found.statistics.min_m if found else None,
+        "max_m": found.statistics.max_m if found else None,
+        "nodata_share": found.statistics.nodata_share if found else None,
         "abs_latitude_use": None if span is None else list(span),
         "samples": [
             {"lon": lon, "lat": lat, "height_m": height_at(dem, lon, lat)} for lon, lat in places
         ],
+        "vertical_uncertainty_m": dem.facts.sigma_m,
+        "true_resolution_m": dem.facts.resolution_m,
+        "area_km2": own_km2,
+        "used_share": _share(used_km2, own_km2),
+        "moon_share": _share(used_km2, MOON_KM2),
+        "holes": _holes(found, own_km2) if found else None,
     }
 
 
-def _text(one: dict[str, Any]) -> str:
-    box, span = one["bounds"], one["abs_latitude_use"]
-    rows = [
-        ("product", one["product"]),
-        (
-            "projection",
-            f"{one['projection']}, {one['width']} x {one['height']} pixels of "
-            f"{one['gsd_m']:.10g} m",
-        ),
-        (
-            "bounds",
-            f"longitude {box['west']:.6g} .. {box['east']:.6g}, latitude "
-            f"{box['south']:.6g} .. {box['north']:.6g}",
-        ),
-        ("heights", _range(one)),
-        ("no data", f"{one['nodata_share']:.4%} of the pixels"),
-        (
-            "use",
-            "any latitude"
-            if span is None
-            else f"latitudes {span[0]:g} .. {span[1]:g} north and south",
-        ),
-    ]
-    rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join([one["path"], *(f"  {name:<{width}}  {value}" for name, value in rows)])
+def _holes(found: Survey, own_km2: float) -> dict[str, Any]:
+    """Missing pixels of a file of so much ground, and the largest pieces that hang together."""
+    missing_km2 = found.hole_km2()
+    return {
+        "area_km2": missing_km2,
+        "share": _share(missing_km2, own_km2),
+        "largest": [_region(one) for one in found.holes()],
+    }
 
 
-def _range(one: dict[str, Any]) -> str:
-    if one["min_m"] is None:
-        return "none"
-    return f"{one['min_m']:.2f} .. {one['max_m']:.2f} m above the sphere of {one['radius_m']:.0f} m"
+def _share(part: float, whole: float) -> float:
+    """A share without the last bits, so that all of it is 1."""
+    return round(part / whole, 12) if whole else 0.0
 
 
-def _metres(height_m: float | None) -> str:
-    return "no data" if height_m is None else f"{height_m:.2f} m"
+def _region(region: Region) -> dict[str, Any]:
+    return {"bounds": region.bounds._asdict(), "area_km2": region.area_km2}
+
+
+def _describe_set(
+    paths: Sequence[str],
+    dems: DemSet,
+    covered: SetCoverage,
+    surveys: Sequence[Survey] | None,
+    differing: Sequence[Disagreement] | None,
+) -> dict[str, Any]:
+    """The set: one object, with the files by the names that were given."""
+    from lcp_catalog.set_coverage import MOON_KM2
+
+    holes = None
+    if surveys is not None:
+        found = zip(paths, surveys, covered.file_km2, strict=True)
+        holes = [
+            {"path": path, **_holes(one, own)} for path, one, own in found if one.missing.any()
+        ]
+    files = zip(paths, dems.products, covered.file_km2, covered.used_km2, strict=True)
+    return {
+        "files": [
+            {"path": path, "product": product, "area_km2": own, "used_km2": used}
+            for path, product, own, used in files
+        ],
+        "bounds": covered.bounds._asdict(),
+        "covered_km2": covered.covered_km2,
+        "moon_share": _share(covered.covered_km2, MOON_KM2),
+        "box_share": _share(covered.covered_km2, covered.box_km2),
+        "has_north_pole": covered.has_north_pole,
+        "has_south_pole": covered.has_south_pole,
+        "is_full_ring": covered.is_full_ring,
+        "crosses_antimeridian": covered.crosses_antimeridian,
+        "bands": [_band(band) for band in covered.bands],
+        "overlaps": [
+            {
+                "files": [paths[one.first], paths[one.second]],
+                "area_km2": one.area_km2,
+                "bounds": one.bounds._asdict(),
+            }
+            for one in covered.overlaps
+        ],
+        "gaps": [{**_region(gap), "at_edge": gap.at_edge} for gap in covered.gaps],
+        "holes": holes,
+        "disagreements": None if differing is None else [_disagreement(one) for one in differing],
+    }
+
+
+def _disagreement(one: Disagreement) -> dict[str, Any]:
+    return {**dataclasses.asdict(one), "message": str(one)}
+
+
+def _band(band: Band) -> dict[str, Any]:
+    return {
+        "south": band.south_deg,
+        "north": band.north_deg,
+        "area_km2": band.area_km2,
+        "covered_share": _share(band.covered_km2, band.area_km2),
+        "overlap_share": _share(band.overlap_km2, band.area_km2),
+        "gap_km2": band.gap_km2,
+        "used_share": {name: _share(km2, band.area_km2) for name, km2 in band.used_km2.items()},
+    }

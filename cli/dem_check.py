@@ -1,0 +1,54 @@
+"""``lcp dem check``: whether DEM files are what their labels say."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import dem_argument
+
+if TYPE_CHECKING:
+    from lcp_catalog.integrity import Verdict
+
+EXIT_NOT_SOUND = 4
+
+
+@click.command("check")
+@dem_argument
+@click.option("--json", "as_json", is_flag=True, help="One JSON list on stdout, one object a file.")
+def command(dem: tuple[str, ...], as_json: bool) -> int:
+    """Say whether DEM files are whole and are what their labels say.
+
+    Every pixel is read once. All files are checked, also behind a broken one; the exit code is 4 when one is broken.
+    """
+    from lcp_catalog.integrity import check_dem  # rasterio: only when the command runs
+
+    verdicts = []
+    for path in dem:
+        verdicts.append(check_dem(path))
+        if not as_json:
+            click.echo(_text(verdicts[-1]))
+    if as_json:
+        click.echo(json.dumps([_object(one) for one in verdicts], indent=2))
+    return 0 if all(one.sound for one in verdicts) else EXIT_NOT_SOUND
+
+
+def _object(one: Verdict) -> dict[str, Any]:
+    return {
+        "path": one.path,
+        "product": one.product,
+        "sound": one.sound,
+        "problems": list(one.problems),
+        "notes": list(one.notes),
+    }
+
+
+def _text(one: Verdict) -> str:
+    lines = [
+        f"{one.path}: {'sound' if one.sound else 'NOT SOUND'}{f', {one.product}' if one.product else ''}"
+    ]
+    lines += [f"  {problem}" for problem in one.problems]
+    lines += [f"  note: {note}" for note in one.notes]
+    return "\n".join(lines)

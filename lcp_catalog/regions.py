@@ -1,0 +1,90 @@
+"""Regions of the Moon made of runs: which runs hang together, and the box of longitudes and latitudes around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .grid import Bounds
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Region:
+    """A piece of ground: the box around it, and its own area."""
+
+    bounds: Bounds
+    area_km2: float
+
+
+def components(
+    row: Indices, start: Array, end: Array, turn: float = 0.0, links: Indices | None = None
+) -> Indices:
+    """Number (0 ..) of the piece that every run belongs to.
+
+    Runs [start, end) are sorted by row and start and do not overlap within a row. They hang together when they overlap in
+    neighbouring rows or touch in one row; with a ``turn`` positions repeat after so much. ``links`` (pairs, 2) are further
+    runs that hang together.
+    """
+    joined = [_overlapping(row, start, end), _touching(row, start, end, turn)]
+    if links is not None:
+        joined.append(links)
+    first, second = np.concatenate(joined).T
+    label = np.arange(row.size)
+    while True:
+        lowest = np.minimum(label[first], label[second])
+        new = label.copy()
+        for one in (first, second):
+            np.minimum.at(new, one, lowest)
+            np.minimum.at(new, label[one], lowest)
+        while not np.array_equal(new, new[new]):
+            new = new[new]
+        if np.array_equal(new, label):
+            return np.unique(label, return_inverse=True)[1]
+        label = new
+
+
+def _overlapping(row: Indices, start: Array, end: Array) -> Indices:
+    """Pairs of runs of neighbouring rows that overlap."""
+    low = float(start.min(initial=0.0))
+    stride = 2.0 * (float(end.max(initial=1.0)) - low) + 1.0
+    starts, ends = row * stride + (start - low), row * stride + (end - low)
+    first = np.searchsorted(ends, starts + stride, side="right")
+    count = np.maximum(np.searchsorted(starts, ends + stride, side="left") - first, 0)
+    mine = np.repeat(np.arange(row.size), count)
+    step = np.arange(mine.size) - np.repeat(np.cumsum(count) - count, count)
+    return np.stack([mine, np.repeat(first, count) + step], axis=1)
+
+
+def _touching(row: Indices, start: Array, end: Array, turn: float) -> Indices:
+    """Pairs of runs of one row that touch: neighbours, and with a ``turn`` the last and the first."""
+    index = np.arange(row.size)
+    near = (row[1:] == row[:-1]) & (start[1:] - end[:-1] < 1e-9)
+    pairs = [np.stack([index[:-1][near], index[1:][near]], axis=1)]
+    if turn and row.size:
+        first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
+        last = np.append(first[1:], row.size) - 1
+        near = start[first] + turn - end[last] < 1e-9
+        pairs.append(np.stack([first[near], last[near]], axis=1))
+    return np.concatenate(pairs)
+
+
+def around(west_deg: Array, east_deg: Array, south_deg: float, north_deg: float) -> Bounds:
+    """The narrowest box around arcs of longitude (east >= west); all the way around when no meridian is free."""
+    start = west_deg % 360.0
+    order = np.argsort(start)
+    start, width = start[order], (east_deg - west_deg)[order]
+    reach = np.maximum.accumulate(start + width)
+    free = np.append(start[1:], start[0] + 360.0) - np.maximum(reach, reach[-1] - 360.0)
+    widest = int(np.argmax(free))
+    south, north = (round(lat, 9) + 0.0 for lat in (south_deg, north_deg))
+    if free[widest] <= 1e-9:
+        return Bounds(0.0, south, 360.0, north)
+    west = float(start[(widest + 1) % start.size])
+    east = west + 360.0 - float(free[widest])
+    turn = 360.0 if west >= 180.0 and east > 360.0 + 1e-9 else 0.0
+    return Bounds(round(west - turn, 9) + 0.0, south, round(east - turn, 9) + 0.0, north)
