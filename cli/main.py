@@ -16,6 +16,7 @@ COMMANDS = {
     # name: (module, one line for the overview)
     "dem": ("dem", "Look at DEM products."),
     "render": ("render", "Render an area under one Sun and one view."),
+    "sun": ("sun", "Say where the Sun stands over a place."),
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Say what is in a catalogue, and whether it is intact."),
     "report": ("report", "Draw a catalogue as one self-contained page."),

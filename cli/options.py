@@ -6,7 +6,6 @@ computed.
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Callable
 from typing import Any
@@ -53,17 +52,61 @@ class Instant(click.ParamType):
     name = "time"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from lcp_catalog.errors import SunError
+        from lcp_catalog.instants import instants  # erfa: only when a time is given
+
         try:
-            dt.datetime.fromisoformat(value.strip())
-        except ValueError:
-            self.fail(f"{value!r} is no time like 2024-01-01T00:00:00.", param, ctx)
+            instants(value)
+        except SunError as error:
+            self.fail(f"{error}.", param, ctx)
         return str(value)
+
+
+class Step(click.ParamType):
+    """A step of time like 30m, 6h, 1d, 3600s or PT6H, in seconds."""
+
+    name = "step"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        from lcp_catalog.errors import SunError
+        from lcp_catalog.instants import step_seconds
+
+        try:
+            return step_seconds(str(value))
+        except SunError as error:
+            self.fail(f"{error}.", param, ctx)
 
 
 POSITIVE = Number(min=0.0, min_open=True)
 LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
 AZIMUTH = Number(-360, 360)
 
+
+class Names(click.ParamType):
+    """Names with commas between them."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in value.split(","))
+        if not all(names):
+            self.fail(f"{value!r} is not NAME,NAME...", param, ctx)
+        return names
+
+
+product_order_option = click.option(
+    "--product-order",
+    type=Names(),
+    metavar="NAME,NAME...",
+    help="Products, families or files that come first wherever they have a height; default: the product meant for the "
+    "latitude, then the finer pixel, then as given.",
+)
 
 dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
 

@@ -3,15 +3,16 @@ place can see at all.
 
 The Sun's position comes from pyerfa's series alone (Earth: epv00, Moon: moon98) and the Moon's
 rotation from the IAU series (Archinal et al. 2011, table 2), which stands in for the mean-Earth
-frame. Against DE421 the subsolar point is within 0.0042 deg, 1990-2050; a Sun at a finite distance
-differs from these directions by at most 0.0007 deg (R / 1 au).
+frame. The direction is the apparent one: light time and the aberration of the Moon's motion are in
+it, as in SPICE's subslr with LT+S. Against DE421 the subsolar point is within 0.0042 deg,
+1990-2050; against NASA's tables the comparison stands in docs/sun.md. The directions hold at the
+Moon's centre: on its surface they differ by up to 0.0007 deg (R / 1 au), which `sun_table` knows.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-import warnings
 
 import erfa
 import numpy as np
@@ -19,9 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from .errors import SunError
+from .instants import Times, instants
 from .sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 
 Array = NDArray[np.float64]
+
+DIRECTION_ERROR_DEG = 0.005
+"""Bound on the error of a direction to the Sun in the mean-Earth frame."""
+
+ERROR_YEARS = 1990, 2050
+"""First and last year for which `DIRECTION_ERROR_DEG` is stated."""
 
 _J2000 = 2451545.0
 _LIGHT_TIME_DAY_PER_AU = erfa.AULT / erfa.DAYSEC
@@ -56,30 +64,41 @@ def subsolar_point(time_utc: str | dt.datetime) -> tuple[float, float]:
 
 def sun_direction_at(time_utc: str | dt.datetime) -> Array:
     """Unit vector (3,) in MCMF from the Moon's centre to where the Sun is seen (light time and
-    aberration included).
+    aberration included). SunError for what is no time, or a year outside 1900-2099.
     """
-    jd1, jd2 = _terrestrial_time(_parse(time_utc))
+    directions, _ = apparent_sun(time_utc)
+    return np.asarray(directions[0])
+
+
+def apparent_sun(times: Times) -> tuple[Array, Array]:
+    """Unit vectors (n, 3) in MCMF from the Moon's centre to where the Sun is seen, and its distance
+    (n,) in au.
+    """
+    jd1, jd2 = instants(times).terrestrial()  # stands in for TDB: they differ by under 2 ms
     heliocentric, barycentric = erfa.epv00(jd1, jd2)
     lunar = erfa.moon98(jd1, jd2)
-    moon_p, moon_v = barycentric["p"] + lunar["p"], barycentric["v"] + lunar["v"]
-    delay = np.linalg.norm(heliocentric["p"] + lunar["p"]) * _LIGHT_TIME_DAY_PER_AU
-    heliocentric_then, barycentric_then = erfa.epv00(jd1, jd2 - delay)
-    to_sun = barycentric_then["p"] - heliocentric_then["p"] - moon_p
-    distance = np.linalg.norm(to_sun)
-    velocity = moon_v * _LIGHT_TIME_DAY_PER_AU  # au/day -> speed of light
-    apparent = erfa.ab(to_sun / distance, velocity, distance, math.sqrt(1 - velocity @ velocity))
-    return np.asarray(lunar_rotation((jd1 - _J2000) + jd2) @ apparent, dtype=np.float64)
+    velocity = (barycentric["v"] + lunar["v"]) * _LIGHT_TIME_DAY_PER_AU  # of the Moon, in c
+    geometric = -heliocentric["p"] - lunar["p"]
+    delay = np.linalg.norm(geometric, axis=-1) * _LIGHT_TIME_DAY_PER_AU
+    drift = barycentric["v"] - heliocentric["v"]  # the Sun's own motion, 13 m/s
+    to_sun = geometric - drift * delay[:, None]
+    distance_au = np.linalg.norm(to_sun, axis=-1)
+    lorentz = np.sqrt(1.0 - np.sum(velocity**2, axis=-1))
+    apparent = erfa.ab(to_sun / distance_au[:, None], velocity, distance_au, lorentz)
+    rotation = lunar_rotation((jd1 - _J2000) + jd2)
+    return np.einsum("nij,nj->ni", rotation, apparent), distance_au
 
 
-def lunar_rotation(days: float) -> Array:
-    """Rotation (3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` of TDB
-    after J2000.
+def lunar_rotation(days: ArrayLike) -> Array:
+    """Rotation (..., 3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` (...)
+    of TDB after J2000.
     """
-    angles = np.radians(_E0 + _E1 * days)
-    centuries = days / 36525.0
-    ra = math.radians(269.9949 + 0.0031 * centuries + _RA @ np.sin(angles))
-    dec = math.radians(66.5392 + 0.0130 * centuries + _DEC @ np.cos(angles))
-    spin = math.radians(38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + _W @ np.sin(angles))
+    days = np.asarray(days, dtype=np.float64)
+    angles = np.radians(_E0 + _E1 * days[..., None])
+    sines, centuries = np.sin(angles), days / 36525.0
+    ra = np.radians(269.9949 + 0.0031 * centuries + (sines * _RA).sum(-1))
+    dec = np.radians(66.5392 + 0.0130 * centuries + (np.cos(angles) * _DEC).sum(-1))
+    spin = np.radians(38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + (sines * _W).sum(-1))
     node = erfa.rz(math.pi / 2 + ra, np.eye(3))
     return np.asarray(erfa.rz(spin, erfa.rx(math.pi / 2 - dec, node)), dtype=np.float64)
 
@@ -203,31 +222,3 @@ def _extreme(sine: float, cosine: Array, low: Array, high: Array) -> Array:
     )
     crest = np.arctan2(sine, cosine)
     return np.where((low <= crest) & (crest <= high), np.hypot(sine, cosine), ends)
-
-
-def _parse(time_utc: str | dt.datetime) -> dt.datetime:
-    """A datetime in UTC; SunError for what is no time."""
-    if isinstance(time_utc, str):
-        try:
-            time_utc = dt.datetime.fromisoformat(time_utc.strip())
-        except ValueError as error:
-            raise SunError(
-                f"no such time: {time_utc!r} (like 2024-01-01T00:00:00): {error}"
-            ) from error
-    if time_utc.tzinfo is None:
-        return time_utc
-    return time_utc.astimezone(dt.UTC)
-
-
-def _terrestrial_time(time: dt.datetime) -> tuple[float, float]:
-    """Two-part Julian date of a UTC instant in TT, which stands in for TDB (they differ by under 2
-    ms).
-    """
-    seconds = time.second + time.microsecond * 1e-6
-    with (
-        warnings.catch_warnings()
-    ):  # "dubious year": before 1960 and some years ahead, leap seconds unknown
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        utc = erfa.dtf2d("UTC", time.year, time.month, time.day, time.hour, time.minute, seconds)
-        jd1, jd2 = erfa.taitt(*erfa.utctai(*utc))
-    return float(jd1), float(jd2)

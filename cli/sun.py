@@ -1,0 +1,173 @@
+"""``lcp sun``: where the Sun stands over a place, at one instant or many."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import options
+
+if TYPE_CHECKING:
+    from lcp_catalog.instants import Instants
+    from lcp_catalog.sun_table import SunTable
+
+LINES_AT_ONCE = 4096
+
+COLUMNS = {
+    # key of a record: (heading, width, decimals)
+    "time_utc": ("time (UTC)", -27, None),
+    "azimuth_deg": ("azimuth", 9, 4),
+    "elevation_deg": ("elevation", 9, 4),
+    "disc_share": ("share", 7, 4),
+    "subsolar_lon": ("sub. lon", 9, 4),
+    "subsolar_lat": ("sub. lat", 9, 4),
+    "distance_au": ("au", 9, 6),
+    "disc_radius_deg": ("radius", 8, 5),
+}
+
+
+@click.command()
+@click.option(
+    "--lon", type=options.LONGITUDE, required=True, metavar="DEG", help="Longitude, east."
+)
+@click.option("--lat", type=options.LATITUDE, required=True, metavar="DEG", help="Latitude.")
+@click.option(
+    "--height",
+    "height_m",
+    type=options.Number(-20e3, 1e6),
+    default=0.0,
+    metavar="M",
+    help="Height above the sphere of 1737.4 km; default: 0.",
+)
+@click.option("--time", "time_utc", type=options.Instant(), metavar="UTC", help="One instant.")
+@click.option(
+    "--range",
+    "span",
+    nargs=3,
+    type=click.Tuple([options.Instant(), options.Instant(), options.Step()]),
+    metavar="START STOP STEP",
+    help="Instants from START to STOP; STEP like 30m, 6h, 1d or PT6H.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@options.output_option("OUT.csv", required=False)
+@options.overwrite_option
+def command(
+    lon: float,
+    lat: float,
+    height_m: float,
+    time_utc: str | None,
+    span: tuple[str, str, float] | None,
+    as_json: bool,
+    output: str | None,
+    overwrite: bool,
+) -> None:
+    """Say where the Sun stands over a place of the Moon: azimuth, elevation, share of its disc
+    above the horizontal plane, subsolar point, distance and angular radius. See docs/sun.md.
+    """
+    if (time_utc is None) == (span is None):
+        raise click.UsageError("state --time UTC, or --range START STOP STEP")
+    when = _instants(time_utc, span)
+
+    from lcp_catalog.files import check_output
+    from lcp_catalog.sphere import EnuFrame
+    from lcp_catalog.sun_table import remarks, sun_table
+
+    if output is not None:
+        check_output(output, overwrite)
+    table = sun_table(EnuFrame(lon, lat, height_m), when)
+    notes = remarks(table)
+    if output is not None:
+        _write(output, overwrite, _csv(table, notes))
+    if as_json:
+        _say(_json(table, notes))
+    elif output is None:
+        _say(_text(table, notes))
+
+
+def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
+    from lcp_catalog.errors import SunError
+    from lcp_catalog.instants import instant_range, instants
+
+    try:
+        return instants(time_utc) if span is None else instant_range(*span)  # type: ignore[arg-type]
+    except SunError as error:
+        raise click.UsageError(f"{'--time' if span is None else '--range'}: {error}") from error
+
+
+def _place(table: SunTable) -> str:
+    place = table.place
+    return (
+        f"the Sun over longitude {place.lon_deg:.10g}, latitude {place.lat_deg:.10g} deg, "
+        f"{place.height_m:.10g} m above the sphere"
+    )
+
+
+def _text(table: SunTable, notes: list[str]) -> Iterator[str]:
+    yield from (f"# {line}" for line in (_place(table), *notes))
+    yield " ".join(_cell(head, width) for head, width, _ in COLUMNS.values())
+    for record in table.records():
+        figures = (
+            _cell(record[key] if digits is None else f"{record[key]:.{digits}f}", width)
+            for key, (_, width, digits) in COLUMNS.items()
+        )
+        yield " ".join(figures)
+
+
+def _cell(text: Any, width: int) -> str:
+    """To the right, or with a negative width to the left."""
+    return f"{text:<{-width}}" if width < 0 else f"{text:>{width}}"
+
+
+def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
+    yield from (f"# {line}" for line in (_place(table), *notes))
+    yield ",".join(COLUMNS)
+    for record in table.records():
+        yield ",".join(str(record[key]) for key in COLUMNS)
+
+
+def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
+    """Line by line, so that a million instants need no second copy."""
+    from lcp_catalog.constants import FRAME
+    from lcp_catalog.sun import DIRECTION_ERROR_DEG
+    from lcp_catalog.sun_table import azimuth_zero_lon
+
+    head: dict[str, Any] = {
+        "frame": FRAME,
+        "direction_error_deg": DIRECTION_ERROR_DEG,
+        "lon": table.place.lon_deg,
+        "lat": table.place.lat_deg,
+        "height_m": table.place.height_m,
+        "azimuth_zero_lon": azimuth_zero_lon(table.place),
+        "remarks": notes,
+    }
+    yield json.dumps(head, indent=2).removesuffix("\n}") + ","
+    yield '  "suns": ['
+    for index, record in enumerate(table.records(), 1):
+        yield "    " + json.dumps(record) + ("," if index < len(table) else "")
+    yield "  ]\n}"
+
+
+def _blocks(lines: Iterable[str]) -> Iterator[str]:
+    """Many lines a string: a write for each line of a million takes its time."""
+    rest = iter(lines)
+    while block := list(islice(rest, LINES_AT_ONCE)):
+        yield "\n".join(block) + "\n"
+
+
+def _say(lines: Iterable[str]) -> None:
+    for block in _blocks(lines):
+        click.echo(block, nl=False)
+
+
+def _write(output: str, overwrite: bool, lines: Iterable[str]) -> None:
+    from lcp_catalog.files import write_aside
+
+    with (
+        write_aside(output, overwrite) as aside,
+        aside.open("w", encoding="utf-8", newline="\n") as file,
+    ):
+        file.writelines(_blocks(lines))
