@@ -17,6 +17,7 @@ from .options import (
     model_options,
     output_option,
     overwrite_option,
+    product_order_option,
 )
 
 EXIT_SOME_FAILED = 3
@@ -24,6 +25,7 @@ EXIT_SOME_FAILED = 3
 
 @click.command("build-catalog")
 @dem_argument
+@product_order_option
 @output_option("CATALOG.h5", required=False)
 @config_option
 @area_options

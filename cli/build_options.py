@@ -123,6 +123,7 @@ def configuration(
     reflectance: str | None,
     accuracy: str | None = None,
     tolerance: float | None = None,
+    product_order: tuple[str, ...] | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file with the flags laid over it. UsageError for flags that contradict each other."""
     from lcp_catalog.config import BuildConfig
@@ -141,6 +142,7 @@ def configuration(
     return dataclasses.replace(
         config,
         area=_over(config.area, gsd_m=gsd_m, **area),
+        dem=_over(config.dem, product_order=product_order),
         sun=_over(config.sun, azimuths_deg=sun_azimuths, elevations_deg=sun_elevations),
         view=_over(
             config.view,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @options.dem_argument
+@options.product_order_option
 @options.output_option("OUT.tif", required=False)
 @options.area_options
 @options.sun_options
@@ -99,6 +100,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         model=flags["reflectance"] or options.REFLECTANCES[0],
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",
+        product_order=flags["product_order"] or (),
     )
 
 

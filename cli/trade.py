@@ -8,11 +8,19 @@ from typing import Any
 import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
-from .options import REFLECTANCES, area_options, dem_argument, output_option, overwrite_option
+from .options import (
+    REFLECTANCES,
+    area_options,
+    dem_argument,
+    output_option,
+    overwrite_option,
+    product_order_option,
+)
 
 
 @click.command("trade")
 @dem_argument
+@product_order_option
 @output_option("DIR")
 @config_option
 @area_options

@@ -47,7 +47,7 @@ def assemble(
     results: list[Candidates],
 ) -> Catalog:
     """Choose the points and fill every variable of the catalogue."""
-    dems = DemSet.open(dem_paths)
+    dems = DemSet.open(dem_paths, config.dem.product_order)
     everything = joined(results)
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
@@ -122,6 +122,7 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
         enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)
     ]
     names = np.array(dems.products, dtype=object)
+    facts = [dem.facts for dem in dems.dems]
     return {
         "point_id": stable_id(points.lon_deg, points.lat_deg),
         "longitude": points.lon_deg,
@@ -131,8 +132,15 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
         "rotation_mcmf_to_enu": np.array(rotations).reshape(-1, 3, 3),
         "gsd": np.full(len(points), gsd_m),
         "dem_product": names[points.product] if len(points) else np.zeros(0, dtype=object),
+        "elevation_sigma": _known([f.sigma_m for f in facts])[points.product],
+        "dem_resolution": _known([f.resolution_m for f in facts])[points.product],
         "dem": points.patch_m,
     }
+
+
+def _known(figures: list[float | None]) -> Array:
+    """Figures with NaN for the unknown ones."""
+    return np.array([math.nan if figure is None else figure for figure in figures])
 
 
 def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[str, Any]:

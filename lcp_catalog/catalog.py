@@ -26,7 +26,7 @@ from .datasets import (
 )
 from .errors import CatalogError
 from .files import check_output, write_bytes
-from .schema import SCHEMA_VERSION, Variable
+from .schema import ADDED_IN_1_1, SCHEMA_VERSION, Variable
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -161,6 +161,7 @@ def read_catalog(path: Path | str) -> Catalog:
             values, attributes, groups = _values(file), _attributes(file), _group_attributes(file)
         except _HDF5_ERRORS as error:
             raise CatalogError(f"{path}: is damaged: {_line(error)}") from error
+    values = _completed(values)
     problems = shape_problems(values) or value_problems(values)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
@@ -190,7 +191,19 @@ def _values(file: h5py.File) -> dict[str, Array]:
         key(group, name): _read_variable(file[key(group, name)], variable)
         for group, variables in GROUPS.items()
         for name, variable in variables.items()
+        if not _is_older(file, name)
     }
+
+
+def _is_older(file: h5py.File, name: str) -> bool:
+    """Whether a variable is missing because the file was written before there was one."""
+    return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
+
+
+def _completed(values: dict[str, Array]) -> dict[str, Array]:
+    """With what an older file does not have as NaN."""
+    unknown = np.full(len(values["point_id"]), np.nan)
+    return dict.fromkeys(ADDED_IN_1_1, unknown) | values
 
 
 def _read_variable(dataset: h5py.Dataset, variable: Variable) -> Array:
@@ -243,6 +256,7 @@ def _content_problems(file: h5py.File) -> list[str]:
             problems.append(
                 "content_sha256: the content is not what was written (damaged or edited)"
             )
+        values = _completed(values)
         shapes = shape_problems(values)
         return problems + (shapes or value_problems(values)) + list(text_problems(attributes))
     except _HDF5_ERRORS as error:
@@ -295,6 +309,8 @@ def _structure_problems(file: h5py.File) -> Iterator[str]:
             if not _has_attribute(place, name):
                 yield f"{group}: the attribute {name} is missing"
         for name, variable in variables.items():
+            if _is_older(file, name):
+                continue
             try:
                 yield from _variable_problems(place, name, variable, key(group, name))
             except _HDF5_ERRORS as error:

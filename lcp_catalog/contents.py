@@ -14,7 +14,7 @@ from .checks import first_few, shape_problems, value_problems
 from .constants import FRAME, MOON_RADIUS_M
 from .datasets import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Array, Values, centred, key
 from .errors import CatalogError
-from .schema import SCHEMA_VERSION
+from .schema import ADDED_IN_1_1, SCHEMA_VERSION
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -86,8 +86,13 @@ class Catalog:
     title: str = "Lunar control points"
     product_version: str = "1"
     software_version: str = __version__
+    elevation_sigma: Array | None = None  # (n,) metres, NaN or None: unknown
+    dem_resolution: Array | None = None  # (n,) metres, NaN or None: unknown
 
     def __post_init__(self) -> None:
+        for name in ADDED_IN_1_1:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(len(self.point_id), np.nan))
         for name in ("sources", "scene_plan"):
             value = getattr(self, name)
             object.__setattr__(

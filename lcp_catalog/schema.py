@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
+
+ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
+"""Variables that files of schema 1.0 do not have; they are read as NaN."""
 
 FLAG_MASKS = (1, 2, 4, 8, 16)
 FLAG_MEANINGS = ("evaluated", "localizable", "unique", "unshadowed", "unoccluded")
@@ -72,6 +75,12 @@ VARIABLES = {
     ),
     "gsd": Variable(("point",), "f8", "m", "cell size of the patch"),
     "dem_product": Variable(("point",), "str", "1", "DEM product that the patch was cut from"),
+    "elevation_sigma": Variable(
+        ("point",), "f8", "m", "published 1-sigma of the DEM product's heights, NaN for none"
+    ),
+    "dem_resolution": Variable(
+        ("point",), "f8", "m", "published true ground resolution of the DEM product, NaN for none"
+    ),
     "dem": Variable(
         ("point", "patch_row", "patch_col"),
         "f4",

@@ -77,6 +77,8 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
         ).reshape(-1, 3, 3),
         "gsd": np.full(count, GSD_M),
         "dem_product": np.array(["WAC GLD100"] * count, dtype=object),
+        "elevation_sigma": np.where(np.arange(count) % 3 == 0, np.nan, 20.0),
+        "dem_resolution": np.full(count, 300.0),
         "dem": dem,
         "condition": condition,
         "sun_elevation_min": lowest,

@@ -65,6 +65,9 @@ def test_the_file_is_intact_and_has_points(built: Path, catalog: Catalog) -> Non
 def test_points_lie_on_the_dem(catalog: Catalog) -> None:
     heights, _ = DemSet.open([DEM]).heights(catalog.longitude, catalog.latitude, 474.0)
     np.testing.assert_allclose(catalog.elevation, heights, atol=2e-3)
+    assert set(catalog.dem_product) == {"GLD100_256"}
+    assert (catalog.elevation_sigma == 20.0).all()  # lcp_catalog/products.py
+    assert (catalog.dem_resolution == 300.0).all()
 
 
 def test_patches_are_the_dem_in_the_points_own_frame(catalog: Catalog) -> None:

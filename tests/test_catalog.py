@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import xarray
 
-from lcp_catalog import schema
+from lcp_catalog import catalog, datasets, schema
 from lcp_catalog.catalog import (
     read_catalog,
     verify,
@@ -31,6 +31,8 @@ CONTRACT = {
     "rotation_mcmf_to_enu": ("point", "enu_axis", "mcmf_axis"),
     "gsd": ("point",),
     "dem_product": ("point",),
+    "elevation_sigma": ("point",),
+    "dem_resolution": ("point",),
     "dem": ("point", "patch_row", "patch_col"),
     "condition": ("point", "view", "sun_elevation", "sun_azimuth"),
     "sun_elevation_min": ("point", "view", "sun_azimuth"),
@@ -308,7 +310,26 @@ def test_structure_is_checked(copy: Path) -> None:
 def test_other_versions_are_refused(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file.attrs["schema_version"] = "2.0"
-    assert verify(copy) == ["schema version 2.0 is not understood here (1.0); use a newer lcp"]
+    assert verify(copy) == ["schema version 2.0 is not understood here (1.1); use a newer lcp"]
+
+
+def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
+    """It has no figures of the DEM product: they are unknown."""
+    with h5py.File(copy, "r+") as file:
+        for name in schema.ADDED_IN_1_1:
+            del file[name]
+        file.attrs["schema_version"] = "1.0"
+        values, attributes = catalog._values(file), catalog._attributes(file)
+        attributes.pop("content_sha256")
+        groups = catalog._group_attributes(file)
+        file.attrs["content_sha256"] = datasets.digest(values, attributes, groups)
+    assert verify(copy) == []
+    found = read_catalog(copy)
+    assert np.isnan(found.elevation_sigma).all()
+    assert len(found.dem_resolution) == len(found) == 12
+    with h5py.File(copy, "r+") as file:
+        file.attrs["schema_version"] = "1.1"
+    assert "elevation_sigma: the variable is missing" in verify(copy)
 
 
 def test_a_changed_byte_is_noticed_by_its_checksum(copy: Path) -> None:
