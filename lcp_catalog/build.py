@@ -25,7 +25,7 @@ from .job import AreaJob, Candidates, run_area
 from .plan import AreaGrid, plan_areas
 from .schema import SCHEMA_VERSION
 from .shards import Shards
-from .terrain import Area
+from .terrain import Area, native_gsd_m
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +48,7 @@ class Build:
         dems = DemSet.open(dem_paths, config.dem.product_order)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
-        gsd_m = config.area.gsd_m or dems.native_gsd_m(region.lon_deg, region.lat_deg)
+        gsd_m = config.area.gsd_m or native_gsd_m(dems, region)
         grid = AreaGrid.for_cell(gsd_m, config.model)
         tasks = plan_areas(grid, region, gsd_m)
         if not tasks:

@@ -86,6 +86,7 @@ class Catalog:
     title: str = "Lunar control points"
     product_version: str = "1"
     software_version: str = __version__
+    schema_version: str = SCHEMA_VERSION  # of the file that was read; the present one is written
     elevation_sigma: Array | None = None  # (n,) metres, NaN or None: unknown
     dem_resolution: Array | None = None  # (n,) metres, NaN or None: unknown
 
@@ -206,6 +207,7 @@ def catalog_of(
             "title",
             "product_version",
             "software_version",
+            "schema_version",
         )
     }
     arrays: dict[str, Any] = {

@@ -36,7 +36,15 @@ from .scene import ScenePlan, plan_scene, ring_decision
 from .scene_bounds import limb_tangent
 from .sphere import EnuFrame, azimuth_elevation
 from .surroundings import build_surrounded, surroundings
-from .terrain import Area, NodeWindow, Terrain, build_terrain, terrain_from_area
+from .terrain import (
+    Area,
+    NodeWindow,
+    Terrain,
+    build_terrain,
+    native_gsd_m,
+    require_room,
+    terrain_from_area,
+)
 from .view import View, camera_view, footprint, looking_camera, oblique_view
 
 Array = NDArray[np.float64]
@@ -142,11 +150,12 @@ def prepare(request: Request) -> Scene:
     frame = area.frame
     to_sun = frame.direction_from_mcmf(request.sun.direction_mcmf(frame, request.view.camera))
     view = request.view.view(frame)
-    gsd_m = _native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
+    gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
     if not 0.0 < gsd_m < math.inf:
         raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
     extent = area.extent_m
     _require_extent(extent)
+    require_room(NodeWindow.covering(extent, gsd_m))
     if request.in_camera_plane and view.camera is None:
         view = replace(view, camera=_looking_camera(frame, view, gsd_m, extent))
     light = limb_tangent(to_sun) if request.sun_is_disc else tangent_of(to_sun)
@@ -279,14 +288,6 @@ def _clipped(box: Bounds, limit: Bounds) -> Bounds | None:
         if west < east:
             shared.append((east - west, Bounds(west, south, east, north)))
     return max(shared)[1] if shared else None
-
-
-def _native_gsd_m(dems: DemSet, area: Area) -> float:
-    """The DEM's cell at the area's centre; the finest one's where that is a gap."""
-    try:
-        return dems.native_gsd_m(area.lon_deg, area.lat_deg)
-    except AreaError:
-        return min(dem.gsd_m for dem in dems.dems)
 
 
 def _require_extent(extent_m: tuple[float, float, float, float]) -> None:

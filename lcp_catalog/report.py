@@ -26,7 +26,7 @@ from .charts import (
     symbol,
 )
 from .files import check_output, write_bytes
-from .schema import COVERAGE_STATUS, SCHEMA_VERSION
+from .schema import COVERAGE_STATUS
 from .sphere import EnuFrame, lonlat_to_mcmf
 from .summary import (
     Statistics,
@@ -289,7 +289,7 @@ def _provenance(catalog: Catalog) -> str:
     plan = json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False)
     return (
         "<section><h2>Where it comes from</h2>"
-        f"<p>Made by lcp-catalog {escape(catalog.software_version)}, schema {SCHEMA_VERSION}, from:</p><ul class='sources'>{sources}</ul>"
+        f"<p>Made by lcp-catalog {escape(catalog.software_version)}, schema {escape(catalog.schema_version)}, from:</p><ul class='sources'>{sources}</ul>"
         f"<details><summary>Configuration</summary><pre>{escape(catalog.config)}</pre></details>"
         f"<details><summary>What was modelled, and why</summary><pre>{escape(plan)}</pre></details></section>"
     )

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from .catalog import Catalog, read_catalog, verify
 from .charts import number
+from .constants import FRAME
 from .errors import CatalogError
 from .flags import evaluated, usable
-from .schema import COVERAGE_STATUS, SCHEMA_VERSION
+from .schema import COVERAGE_STATUS
 
 Array = NDArray[Any]
 
@@ -99,7 +100,8 @@ def summary(catalog: Catalog) -> dict[str, Any]:
     return {
         "points": len(catalog),
         "usable_share": _plain(statistics.share),
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": catalog.schema_version,
+        "frame": FRAME,
         "software": f"lcp-catalog {catalog.software_version}",
         "sources": catalog.sources,
         "bounds": bounds(catalog.longitude, catalog.latitude),
@@ -108,6 +110,8 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "patch_nodes": catalog.patch_nodes,
         "gsd_m": _range(catalog.gsd),
         "products": dict(sorted(Counter(catalog.dem_product.tolist()).items())),
+        "elevation_sigma_m": _known(catalog.elevation_sigma),
+        "dem_resolution_m": _known(catalog.dem_resolution),
         "suns_evaluated": statistics.suns,
         "sun_elevation_deg": _range(catalog.sun_elevation),
         "views": _views(catalog, statistics),
@@ -135,6 +139,11 @@ def bounds(lon_deg: Array, lat_deg: Array) -> dict[str, float] | None:
 
 def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _known(values: Array | None) -> list[float] | None:
+    """Least and greatest of the figures that are known; None without any."""
+    return None if values is None else _range(values[np.isfinite(values)])
 
 
 def _range(values: Array) -> list[float] | None:
@@ -219,6 +228,11 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("patches", f"{found['patch_nodes']} x {found['patch_nodes']} nodes{cell}"),
         ("spacing", f"{number(found['spacing_m'], 4)} m"),
         ("DEM", ", ".join(f"{name} ({count})" for name, count in found["products"].items()) or "–"),
+        (
+            "heights",
+            f"1 sigma {_metres(found['elevation_sigma_m'])}, resolving {_metres(found['dem_resolution_m'])}",
+        ),
+        ("frame", f"{found['frame']}, mean Earth"),
         ("Suns", _suns_line(found)),
         (
             "usable",
@@ -241,6 +255,12 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
     )
     return rows
+
+
+def _metres(span: list[float] | None) -> str:
+    if span is None:
+        return "unknown"
+    return f"{' to '.join(dict.fromkeys(number(value, 3) for value in span))} m"
 
 
 def _suns_line(found: dict[str, Any]) -> str:

@@ -243,18 +243,22 @@ def build_terrain(
     ring = math.ceil(ring_m / gsd_m - 1e-6)
     whole = window.grown(ring)
     rows, cols = whole.shape
-    if rows * cols > _NODES_MAX:
-        around = (
-            f" with the {ring_m / 1e3:.1f} km around it that can shadow or hide it" if ring else ""
-        )
-        raise AreaError(
-            f"{rows} x {cols} nodes are too many for one area{around} "
-            f"(limit {_NODES_MAX:.0e}); take a coarser --gsd"
-        )
+    require_room(whole, ring_m if 10 * ring > min(rows, cols) else 0.0)
     z, index = _heights(dems, frame, whole, gsd_m)
     field = Heightfield(z, gsd_m, whole.col0 * gsd_m, -whole.row0 * gsd_m)
     core = (ring, rows - ring, ring, cols - ring)
     return Terrain(field, frame, core, whole, index, dems.products)
+
+
+def require_room(window: NodeWindow, ring_m: float = 0.0) -> None:
+    """AreaError when a window has more nodes than memory; ``ring_m``: what of its width is not the area's own, if much."""
+    rows, cols = window.shape
+    if rows * cols > _NODES_MAX:
+        around = f" with the {ring_m / 1e3:.1f} km around it that can shadow or hide it"
+        raise AreaError(
+            f"{rows} x {cols} nodes are too many for one area{around if ring_m else ''} "
+            f"(limit {_NODES_MAX:.0e}); take a coarser --gsd"
+        )
 
 
 def terrain_from_area(
@@ -264,7 +268,7 @@ def terrain_from_area(
 
     ``AreaError`` when the area has no height in the DEM.
     """
-    gsd_m = _native_gsd_m(dems, area) if gsd_m is None else gsd_m
+    gsd_m = native_gsd_m(dems, area) if gsd_m is None else gsd_m
     _require_gsd(gsd_m)
     terrain = build_terrain(
         dems, area.frame, NodeWindow.covering(area.extent_m, gsd_m), gsd_m, ring_m
@@ -300,8 +304,10 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
     return Patch(z, frame, int(number))
 
 
-def _native_gsd_m(dems: DemSet, area: Area) -> float:
-    """The DEM's cell at the area's centre, or where the area has a height at all."""
+def native_gsd_m(dems: DemSet, area: Area) -> float:
+    """The cell of the DEM that answers at the area's centre; where that is a gap, of the one that answers at most places of
+    the area. ``AreaError`` without any.
+    """
     try:
         return dems.native_gsd_m(area.lon_deg, area.lat_deg)
     except AreaError:
@@ -313,7 +319,7 @@ def _native_gsd_m(dems: DemSet, area: Area) -> float:
             raise AreaError(
                 f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
             ) from None
-        return dems.dems[int(index[index >= 0].min())].gsd_m
+        return dems.dems[int(np.bincount(index[index >= 0]).argmax())].gsd_m
 
 
 def _heights(

@@ -61,7 +61,9 @@ def places(draw) -> tuple[Heightfield, FarTerrain]:
     return Heightfield(z, GSD, -5 * GSD, 5 * GSD), FarTerrain(tuple(levels))
 
 
-azimuths = st.sampled_from([0, 45, 90, 135, 180, 225, 270, 315]) | st.floats(0, 360)
+azimuths = st.sampled_from([0, 45, 90, 135, 180, 225, 270, 315]) | st.floats(0, 360).map(
+    lambda a: round(a, 9)  # the judge divides by direction components
+)
 elevations = st.sampled_from([0.0, 1.0, -5.0, 30.0]) | st.floats(-30, 60)
 
 
