@@ -159,6 +159,8 @@ class _Patches:
 
     def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float:
         field, half = self.sweep.field, self.half
+        if far is not None and not far.matters(field, direction, self.sweep.window):
+            far = None  # asked once for all patches
         normals = self.sweep.normals @ direction.astype(np.float32)
         faces = gather_patches(normals > 0.0, self.rows, self.cols, half)
         alone = ~field.occluded_alone(self._field_rows, self._field_cols, half, direction)

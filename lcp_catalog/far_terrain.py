@@ -105,6 +105,13 @@ class FarTerrain:
             _nodes(field, rows + window[0], cols + window[2]), direction
         )
 
+    def matters(self, field: Heightfield, direction: Array, window: Window) -> bool:
+        """Whether any level can rise above the rays of a window's nodes."""
+        row0, row1, col0, col1 = window
+        x = (field.x0_m + col0 * field.gsd_m, field.x0_m + (col1 - 1) * field.gsd_m)
+        y = (field.y0_m - (row1 - 1) * field.gsd_m, field.y0_m - row0 * field.gsd_m)
+        return bool(self.towards(Footprint(x, y, field.lowest_m(window)), direction))
+
     def _shadowed_by_places(
         self, field: Heightfield, direction: Array, doubt: float, window: Window, occluded: Mask
     ) -> None:
