@@ -16,9 +16,13 @@ from products import DEGREE_M, cylinder, geotiff
 from synthetic import cratered
 
 from lcp_catalog import surroundings as module
+from lcp_catalog.build import Build
+from lcp_catalog.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.demset import DemSet
+from lcp_catalog.evaluate import evaluate
 from lcp_catalog.horizons import Nodes
+from lcp_catalog.job import area_sweep
 from lcp_catalog.kernels.rays import scaled
 from lcp_catalog.sphere import EnuFrame
 from lcp_catalog.surroundings import (
@@ -194,3 +198,22 @@ def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
     else:
         # twice the share of the distance that the product's cells have
         assert rms < 3.0 * HORIZON_RMS_DEG
+
+
+def test_a_build_sees_it(range_dem) -> None:
+    """A sweep's images, and what a patch owes to terrain outside it, under a Sun behind the range and above it."""
+    config = BuildConfig(
+        area=AreaConfig(center_deg=(0.0, 0.0), size_km=2.0, gsd_m=100.0),
+        sun=SunConfig(azimuths_deg=(90.0,), elevations_deg=(0.5, 3.0)),
+        view=ViewConfig((0.0,), (0.0,), (math.inf,)),
+        points=PointConfig(patch_nodes=9, search_m=400.0),
+    )
+    job = Build.plan((range_dem,), config).jobs[0]
+    terrain, sweep = area_sweep(job, DemSet.open(job.dem_paths))
+    assert terrain.far is not None
+    behind, above = (image.radiance for image in sweep.images())
+    assert (behind == 0.0).all()
+    assert (above > 0.0).all()
+    middle = np.array([sweep.normals.shape[0] // 2])
+    found = evaluate(sweep, middle, middle, config, 100.0)
+    assert found.shadow_dependence[0, 0, :, 0].tolist() == [1.0, 0.0]
