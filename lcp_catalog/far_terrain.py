@@ -24,8 +24,11 @@ Mask = NDArray[np.bool_]
 PLACES = 8
 """Nodes between the places for which a tier below `high` finds the heights of far shadows."""
 
-DOUBT = {"draft": 0.0, "standard": 1.0}
-"""How far outside the range of the places around it a node is traced (`kernels.far.shade`); 0: none is."""
+DOUBT = {"draft": 0.02, "standard": 1.0}
+"""How far outside the range of the heights around it, as a share of that, a node is still traced (`kernels.far.shade`).
+
+Under a far ridge of slopes up to 60 deg, whose shadow covers most of a plain, 0.04 and 0.007 % of the nodes were wrong
+(tests/test_far_terrain.py); interpolation between the places, without rays, 2 %."""
 
 _TILE = 4  # level of the max pyramid whose blocks say whether a level can matter
 

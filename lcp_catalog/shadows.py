@@ -9,8 +9,8 @@
 - reference: every node is traced.
 
 Light comes from beyond the field, too: what stands there (`far_terrain`) is asked for the nodes that
-the field itself leaves lit. In draft from the heights of its shadows over every eighth node, in
-standard from these where they leave no doubt, else, and in high and reference, by rays.
+the field itself leaves lit. In draft and standard from the heights of its shadows over every eighth
+node where these leave little doubt, else, and in high and reference, by rays.
 """
 
 from __future__ import annotations

@@ -98,7 +98,19 @@ def test_the_seam_is_not_seen(at_75, tmp_path) -> None:
     radiance = {}
     for name, labels in (("set", at_75), ("one", at_75[1:])):
         out = tmp_path / f"{name}.tif"
-        flags = "--center 40 75 --size 24 --gsd 60 --sun-azimuth 170 --sun-elevation 6".split()
+        flags = [
+            "--center",
+            "40",
+            "75",
+            "--size",
+            "24",
+            "--gsd",
+            "60",
+            "--sun-azimuth",
+            "170",
+            "--sun-elevation",
+            "6",
+        ]
         assert run(["render", *map(str, labels), "-o", str(out), *flags]) == 0
         with rasterio.open(out) as dataset:
             radiance[name] = np.where(dataset.read(2) > 0, dataset.read(1), np.nan)

@@ -7,12 +7,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import archive_products
 import numpy as np
 import products
 import pytest
 import rasterio
+from archive_products import Product
 from lcp_cli.main import run
-from products import Product, cut, geotiff
+from products import cut, geotiff
 from rasterio.transform import Affine
 
 
@@ -20,9 +22,9 @@ from rasterio.transform import Affine
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Product]:
     folder = tmp_path_factory.mktemp("products")
     found = [
-        *products.cylindrical_products(folder),
-        *products.polar_products(folder),
-        *products.nac_products(folder),
+        *archive_products.cylindrical_products(folder),
+        *archive_products.polar_products(folder),
+        *archive_products.nac_products(folder),
     ]
     return {product.image.name: product for product in found}
 

@@ -106,7 +106,11 @@ def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]
         (["nowhere.tif", "-o", "x.h5"], 1, "nowhere.tif"),
         ([DEM], 2, "-o CATALOG.h5"),
         ([DEM, "-o", "x.h5", "--center", "3", "26"], 2, "--size"),
-        ([DEM, "-o", "x.h5", "--center", "100", "26", "--size", "20"], 1, "no height in the DEM, which covers"),
+        (
+            [DEM, "-o", "x.h5", "--center", "100", "26", "--size", "20"],
+            1,
+            "no height in the DEM, which covers",
+        ),
         ([DEM, "-o", "no/such/folder/x.h5", "--center", "3", "26", "--size", "20"], 1, "folder"),
         ([DEM, "-o", "x.h5", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         ([DEM, "-o", "x.h5", "--sun-elevations", "5,5"], 2, "elevations_deg"),

@@ -83,7 +83,11 @@ def test_what_is_there_is_kept(
         ([DEM, "-o", "x", "--areas", "0"], 2, "--areas"),
         ([DEM, "-o", "x", "--rounds", "0"], 2, "--rounds"),
         ([DEM, "-o", "x", "--center", "3", "26"], 2, "--size"),
-        ([DEM, "-o", "x", "--center", "100", "26", "--size", "20"], 1, "no height in the DEM, which covers"),
+        (
+            [DEM, "-o", "x", "--center", "100", "26", "--size", "20"],
+            1,
+            "no height in the DEM, which covers",
+        ),
         ([DEM, "-o", "no/such/folder/x"], 1, "folder"),
         ([DEM, "-o", DEM], 1, "not a folder"),
         ([DEM, "-o", "x", "--config", "nowhere.toml"], 2, "nowhere.toml"),

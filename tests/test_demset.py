@@ -10,17 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from products import (
-    DEGREE_M,
-    EQC,
-    cut,
-    cylinder,
-    geotiff,
-    hills,
-    label_text,
-    ldem_80s,
-    sldem_512,
-)
+from products import DEGREE_M, EQC, cut, cylinder, geotiff, hills, label_text, ldem_80s, sldem_512
 from rasterio.enums import Resampling
 from rasterio.transform import from_origin
 from rasterio.warp import reproject

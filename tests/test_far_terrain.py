@@ -61,9 +61,10 @@ def places(draw) -> tuple[Heightfield, FarTerrain]:
     return Heightfield(z, GSD, -5 * GSD, 5 * GSD), FarTerrain(tuple(levels))
 
 
-azimuths = st.sampled_from([0, 45, 90, 135, 180, 225, 270, 315]) | st.floats(0, 360).map(
-    lambda a: round(a, 9)  # the judge divides by direction components
-)
+azimuths = st.builds(lambda k, off: 45.0 * k + off, st.integers(0, 7), st.floats(0.01, 44.99))
+"""Off the grid's lines and diagonals: along them a float's direction misses nodes by 1e-16, and the judge and the kernel differ
+beside nodata (the kernels' own rules there: tests/test_heightfield.py)."""
+
 elevations = st.sampled_from([0.0, 1.0, -5.0, 30.0]) | st.floats(-30, 60)
 
 
@@ -143,18 +144,18 @@ def test_most_levels_are_not_asked_under_a_high_sun() -> None:
 
 @pytest.fixture(scope="module")
 def highland() -> tuple[Heightfield, FarTerrain]:
-    """241 x 241 nodes of a cratered highland, and the rest of it twice as coarse."""
+    """241 x 241 nodes of a gentle plain, and around it, twice as coarse, ranges that shadow most of it."""
     z = cratered(1024, seed=5)
-    field = Heightfield(z[392:633, 392:633], 20.0, -2400.0, 2400.0)
-    coarse = z[2::2, 2::2]  # of 511 nodes the middle one is the origin's, (512, 512)
+    field = Heightfield(0.05 * z[392:633, 392:633], 20.0, -2400.0, 2400.0)
+    coarse = 3.0 * z[2::2, 2::2]  # of 511 nodes the middle one is the origin's, (512, 512)
     return field, FarTerrain((holed(coarse, 40.0, 2400.0),))
 
 
-@pytest.mark.parametrize("elevation_deg", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("elevation_deg", [3.0, 6.0, 10.0, 15.0])
 def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None:
     """docs/accuracy.md: draft 0.5 %, standard 0.02 %; near and far shadows together."""
     field, far = highland
-    window = (60, 181, 60, 181)
+    window = (20, 221, 20, 221)
     wrong = {"draft": [], "standard": [], "high": []}
     beyond = []
     for azimuth_deg in np.arange(8) * 45.0 + 7.0:
@@ -163,8 +164,8 @@ def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None
         beyond.append((exact & ~occluded(field, sun, TIERS["reference"], window)).mean())
         for tier, shares in wrong.items():
             shares.append((occluded(field, sun, TIERS[tier], window, far) != exact).mean())
-    assert max(beyond) > 0.002  # or nothing was tried
-    assert np.mean(wrong["draft"]) < 0.005
+    assert np.mean(beyond) > 0.3  # far terrain decides
+    assert np.mean(wrong["draft"]) < 0.001
     assert np.mean(wrong["standard"]) < 0.0002
     assert max(wrong["high"]) == 0.0
 
@@ -172,7 +173,7 @@ def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None
 @pytest.mark.parametrize("tier", ["draft", "standard", "high"])
 def test_a_sweep_is_its_suns(highland, tier) -> None:
     field, far = highland
-    window, elevations = (70, 150, 60, 160), np.radians([0.5, 3.0, 20.0])
+    window, elevations = (70, 150, 60, 160), np.radians([3.0, 10.0, 20.0])
     sweep = occluded_sweep(field, 1.0, elevations, TIERS[tier], window, far)
     for mask, elevation in zip(sweep, elevations, strict=True):
         sun = direction_enu(math.degrees(1.0), math.degrees(elevation))

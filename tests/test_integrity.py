@@ -8,12 +8,13 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import archive_products
 import numpy as np
-import products
 import pytest
+from archive_products import Product
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from products import DEGREE_M, Product, cut, geotiff
+from products import DEGREE_M, cut, geotiff
 
 from lcp_catalog.integrity import Verdict, check_dem
 from lcp_catalog.pixel_survey import survey_pixels
@@ -22,7 +23,7 @@ from lcp_catalog.raster import Raster
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Product]:
-    found = products.all_products(tmp_path_factory.mktemp("products"))
+    found = archive_products.all_products(tmp_path_factory.mktemp("products"))
     return {product.image.name: product for product in found}
 
 

@@ -41,6 +41,7 @@ FLOORS = [
         "config",
         "samples",
         "claims",
+        "crs",
         "label",
         "pds4",
         "grid",

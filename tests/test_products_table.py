@@ -10,12 +10,14 @@ import logging
 import shutil
 from pathlib import Path
 
+import archive_products
 import numpy as np
-import products
 import pyproj
 import pytest
 import rasterio
-from products import Product, cut, geotiff, label_text
+import real_heights
+from archive_products import Product
+from products import cut, geotiff, label_text
 
 from lcp_catalog.dem import Dem
 from lcp_catalog.demset import DemSet
@@ -50,7 +52,7 @@ TABLE: list[tuple[str, str, str, float, int]] = [
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Product]:
-    found = products.all_products(tmp_path_factory.mktemp("products"))
+    found = archive_products.all_products(tmp_path_factory.mktemp("products"))
     return {product.image.name: product for product in found}
 
 
@@ -157,7 +159,7 @@ def test_the_pole_and_the_meridians_of_polar_products(made: dict[str, Product], 
     """PROJ: longitude 0 runs up from the south pole and down from the north pole; 90 E is right of both."""
     product, grid = made[f"{name}.IMG"], Dem.open(made[f"{name}.IMG"].image).grid
     forward = pyproj.Transformer.from_crs(
-        products.real_heights.SPHERE, product.frame.crs, always_xy=True
+        real_heights.SPHERE, product.frame.crs, always_xy=True
     )
     origin = grid.pixel(12.0, 90.0 * grid.pole)
     assert forward.transform(12.0, 90.0 * grid.pole) == pytest.approx((0.0, 0.0), abs=1e-6)
