@@ -27,6 +27,8 @@ COLUMNS = {
     "subsolar_lat": ("sub. lat", 9, 4),
     "distance_au": ("au", 9, 6),
     "disc_radius_deg": ("radius", 8, 5),
+    "horizon_deg": ("horizon", 8, 3),
+    "terrain_share": ("lit", 7, 4),
 }
 
 
@@ -41,7 +43,20 @@ COLUMNS = {
     type=options.Number(-20e3, 1e6),
     default=0.0,
     metavar="M",
-    help="Height above the sphere of 1737.4 km; default: 0.",
+    help="Height above the sphere of 1737.4 km, with --dem above the ground; default: 0.",
+)
+@click.option(
+    "--dem",
+    multiple=True,
+    metavar="DEM",
+    help="Also the horizon of this terrain, and the share of the disc above it; may be repeated.",
+)
+@click.option(
+    "--gsd",
+    "gsd_m",
+    type=options.POSITIVE,
+    metavar="M",
+    help="With --dem: cell of the terrain near by; default: the DEM's own.",
 )
 @click.option("--time", "time_utc", type=options.Instant(), metavar="UTC", help="One instant.")
 @click.option(
@@ -59,6 +74,8 @@ def command(
     lon: float,
     lat: float,
     height_m: float,
+    dem: tuple[str, ...],
+    gsd_m: float | None,
     time_utc: str | None,
     span: tuple[str, str, float] | None,
     as_json: bool,
@@ -70,15 +87,18 @@ def command(
     """
     if (time_utc is None) == (span is None):
         raise click.UsageError("state --time UTC, or --range START STOP STEP")
+    if gsd_m is not None and not dem:
+        raise click.UsageError("--gsd is the cell of a --dem")
+    if dem and height_m < 0.0:
+        raise click.UsageError("--height with --dem is above the ground")
     when = _instants(time_utc, span)
 
     from lcp_catalog.files import check_output
-    from lcp_catalog.sphere import EnuFrame
-    from lcp_catalog.sun_table import remarks, sun_table
+    from lcp_catalog.sun_table import remarks
 
     if output is not None:
         check_output(output, overwrite)
-    table = sun_table(EnuFrame(lon, lat, height_m), when)
+    table = _table(lon, lat, height_m, dem, gsd_m, when)
     notes = remarks(table)
     if output is not None:
         _write(output, overwrite, _csv(table, notes))
@@ -86,6 +106,31 @@ def command(
         _say(_json(table, notes))
     elif output is None:
         _say(_text(table, notes))
+
+
+def _table(
+    lon: float,
+    lat: float,
+    height_m: float,
+    dem: tuple[str, ...],
+    gsd_m: float | None,
+    when: Instants,
+) -> SunTable:
+    from lcp_catalog.sphere import EnuFrame
+    from lcp_catalog.sun_table import sun_table
+
+    if not dem:
+        return sun_table(EnuFrame(lon, lat, height_m), when)
+    from lcp_catalog.demset import DemSet
+    from lcp_catalog.local_horizon import sun_over_ground
+
+    return sun_over_ground(DemSet.open(dem), lon, lat, when, height_m, gsd_m)
+
+
+def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
+    """Those of `COLUMNS` that a table has."""
+    there = ("time_utc", *table.figures)
+    return {key: column for key, column in COLUMNS.items() if key in there}
 
 
 def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
@@ -108,11 +153,12 @@ def _place(table: SunTable) -> str:
 
 def _text(table: SunTable, notes: list[str]) -> Iterator[str]:
     yield from (f"# {line}" for line in (_place(table), *notes))
-    yield " ".join(_cell(head, width) for head, width, _ in COLUMNS.values())
+    columns = _columns(table)
+    yield " ".join(_cell(head, width) for head, width, _ in columns.values())
     for record in table.records():
         figures = (
             _cell(record[key] if digits is None else f"{record[key]:.{digits}f}", width)
-            for key, (_, width, digits) in COLUMNS.items()
+            for key, (_, width, digits) in columns.items()
         )
         yield " ".join(figures)
 
@@ -124,9 +170,10 @@ def _cell(text: Any, width: int) -> str:
 
 def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
     yield from (f"# {line}" for line in (_place(table), *notes))
-    yield ",".join(COLUMNS)
+    columns = _columns(table)
+    yield ",".join(columns)
     for record in table.records():
-        yield ",".join(str(record[key]) for key in COLUMNS)
+        yield ",".join(str(record[key]) for key in columns)
 
 
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:

@@ -5,6 +5,9 @@ import math
 MOON_RADIUS_M = 1_737_400.0
 """Reference sphere of every LOLA and LROC product, and of the IAU_2015 Moon."""
 
+LOWEST_M, HIGHEST_M = -9.2e3, 11e3
+"""No ground of the Moon stands lower (-9.13 km, LOLA) or higher (10.786 km) over the reference sphere."""
+
 FRAME = "MOON_ME"
 """Moon-fixed mean-Earth/polar-axis frame (DE421); differs from IAU_MOON by up to 155 m on the ground."""
 

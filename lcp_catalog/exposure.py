@@ -16,7 +16,7 @@ from . import sun
 from ._version import __version__
 from .accuracy import TIERS, Accuracy
 from .camera import Camera
-from .constants import FRAME, MOON_RADIUS_M
+from .constants import FRAME, HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from .demset import DemSet
 from .disagreement import warn_of_disagreements
 from .errors import AreaError, CameraError, SunError
@@ -53,8 +53,6 @@ RING_MAX_M = 200e3
 """No terrain further from the area than this is looked for that could hide it from the view."""
 
 _EXTENT_MAX_M = 2000e3
-_RELIEF_MAX_M = 20e3  # between the Moon's lowest and highest ground
-_HEIGHT_MAX_M = 11e3  # of any ground above or below the reference sphere
 
 
 @dataclass(frozen=True)
@@ -326,7 +324,7 @@ def _coarse_terrain(
     coarse_m = COARSE_NODES * gsd_m
     corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
     tangent = lowest_view_tangent(view, corners)
-    reach_m = min(RING_MAX_M, _RELIEF_MAX_M / tangent) if tangent > 0 else RING_MAX_M
+    reach_m = min(RING_MAX_M, (HIGHEST_M - LOWEST_M) / tangent) if tangent > 0 else RING_MAX_M
     window = NodeWindow.covering(extent_m, coarse_m)
     return build_terrain(dems, frame, window, coarse_m, reach_m)
 
@@ -340,7 +338,7 @@ def _height_reach_m(coarse: Terrain, view: View) -> float:
     if not np.isfinite(height).any():
         return 0.0
     margin = COARSE_SLOPE * coarse.field.gsd_m
-    highest = min(float(np.nanmax(np.abs(height))) + margin, _HEIGHT_MAX_M)
+    highest = min(float(np.nanmax(np.abs(height))) + margin, HIGHEST_M)
     tangent = lowest_view_tangent(view, points)
     return min(highest / tangent, RING_MAX_M) if tangent > 0 else RING_MAX_M
 

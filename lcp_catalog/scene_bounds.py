@@ -7,15 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .constants import MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from .constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from .relief import Box, Relief, tangent_of
 from .solar_disc import penumbra_m
 from .view import View
 
 Array = NDArray[np.float64]
-
-HIGHEST_M = 11e3
-"""No ground of the Moon stands higher above the reference sphere (10 786 m, LOLA)."""
 
 NORMAL_ROUNDING_RAD = 2.0**-24
 """By how much a normal kept in float32 is turned: each component is off by at most 2^-24 of itself,

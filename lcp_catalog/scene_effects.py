@@ -8,11 +8,10 @@ import math
 from dataclasses import dataclass
 
 from .accuracy import Accuracy
-from .constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from .constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from .far_terrain import FarTerrain
 from .relief import Relief, Ring, Steepness
 from .scene_bounds import (
-    HIGHEST_M,
     NORMAL_ROUNDING_RAD,
     PENUMBRA_PX,
     horizon_beyond_rad,
@@ -162,7 +161,7 @@ def surface(relief: Relief | None, least_view_tangent: float, away_m: float) -> 
     """
     reason = "the heightfield's own triangles"
     if relief is not None:
-        turn = math.asin(min(1.0, away_m / (MOON_RADIUS_M - HIGHEST_M)))
+        turn = math.asin(min(1.0, away_m / (MOON_RADIUS_M + LOWEST_M)))
         tilt = math.degrees(math.atan(relief.node_tangent) + turn)
         height = max(abs(float(relief.box.low_m[2])), abs(float(relief.box.high_m[2])))
         shift = height / max(least_view_tangent, 1e-9) / relief.gsd_m
@@ -242,7 +241,7 @@ def near_terrain(
 
 def ring_of_build(lowest_sun_deg: float, cap_m: float) -> Decision:
     """The rings of a build's areas, before any is looked at."""
-    bound = math.degrees(horizon_beyond_rad(cap_m, -HIGHEST_M, cap_m))
+    bound = math.degrees(horizon_beyond_rad(cap_m, LOWEST_M, cap_m))
     reason = (
         f"as far as relief reaches under the lowest Sun ({lowest_sun_deg:g} deg), at most "
         f"{cap_m / 1e3:g} km: on the area's own cells for {NEAR_NODES} of them, then on cells never "

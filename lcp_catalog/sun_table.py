@@ -29,7 +29,8 @@ class SunTable:
     Azimuth is clockwise from north, 0..360; elevation is that of the disc's middle above the
     place's horizontal plane; ``disc_share`` the share of the disc's light above that plane (no
     terrain); the subsolar point, longitude 0..360, is that of the Moon's centre; distance and
-    angular radius are those at the place.
+    angular radius are those at the place. With terrain (`local_horizon`): the elevation of its
+    horizon under the disc's middle, and the share of the disc's light above it.
     """
 
     place: EnuFrame
@@ -41,19 +42,26 @@ class SunTable:
     subsolar_lat: Array
     distance_au: Array
     disc_radius_deg: Array
+    horizon_deg: Array | None = None
+    terrain_share: Array | None = None
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the columns that there are."""
+        return tuple(name for name in FIGURES if getattr(self, name) is not None)
 
     def __len__(self) -> int:
         return len(self.instants)
 
     def records(self) -> Iterator[dict[str, str | float]]:
         """One a time, rounded to `DECIMALS`, the distance to two more."""
-        figures = {name: np.round(getattr(self, name), DECIMALS) + 0.0 for name in FIGURES}
+        figures = {name: np.round(getattr(self, name), DECIMALS) + 0.0 for name in self.figures}
         for name in ("azimuth_deg", "subsolar_lon"):
             figures[name] %= 360.0  # 359.9999999 is rounded to 360
         figures["distance_au"] = np.round(self.distance_au, DECIMALS + 2)
         columns = [self.instants.labels(), *(values.tolist() for values in figures.values())]
         for row in zip(*columns, strict=True):
-            yield dict(zip(("time_utc", *FIGURES), row, strict=True))
+            yield dict(zip(("time_utc", *self.figures), row, strict=True))
 
 
 FIGURES = (
@@ -64,6 +72,8 @@ FIGURES = (
     "subsolar_lat",
     "distance_au",
     "disc_radius_deg",
+    "horizon_deg",
+    "terrain_share",
 )
 
 
@@ -112,6 +122,11 @@ def remarks(table: SunTable) -> list[str]:
         "azimuth clockwise from north; elevation of the disc's middle and share of its light "
         "above the horizontal plane, without terrain",
     ]
+    if table.terrain_share is not None:
+        lines.append(
+            "horizon: elevation of the terrain under the disc's middle; lit: share of its light "
+            "above the terrain"
+        )
     zero = azimuth_zero_lon(table.place)
     if zero is not None:
         lines.append(f"at the pole azimuth 0 points along the meridian {zero:.10g} deg east")

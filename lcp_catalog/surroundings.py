@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .constants import MOON_RADIUS_M
+from .constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from .demset import DemSet
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield
@@ -37,9 +37,6 @@ measured against horizons of the area's own cells all the way (docs/dem.md, test
 REACH_MAX_M = 400e3
 """No terrain further from an area is looked at: at a Sun on the horizon the highest ground of the
 Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
-
-RELIEF_MAX_M = 20e3
-"""Between the Moon's lowest and highest ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +103,14 @@ def _sight_m(tangent: float, turn_rad: float) -> float:
     """Beyond this no ground of the Moon rises above a ray from any other that climbs with a tangent,
     where verticals are turned from the frame's by up to ``turn_rad``.
 
-    From the lowest ground, over a sphere that falls away by d^2 / 2R: d tan(e) + d^2 / 2R = relief.
+    A ray from the lowest ground, at radius a and elevation e, comes to the radius b of the highest
+    after sqrt(b^2 - a^2 cos^2 e) - a sin e, and is above all ground from there on.
     """
     if not math.isfinite(tangent):
         return 0.0
-    tangent = math.tan(max(math.atan(tangent) - turn_rad, -math.pi / 4))
-    radius = MOON_RADIUS_M - RELIEF_MAX_M
-    return radius * (math.sqrt(tangent * tangent + 2.0 * RELIEF_MAX_M / radius) - tangent)
+    elevation = max(math.atan(tangent) - turn_rad, -math.pi / 2)
+    a, b = MOON_RADIUS_M + LOWEST_M, MOON_RADIUS_M + HIGHEST_M
+    return math.sqrt(b * b - (a * math.cos(elevation)) ** 2) - a * math.sin(elevation)
 
 
 def _coarse(
@@ -208,7 +206,7 @@ class Extent:
     def turn_rad(self) -> float:
         """By how much a vertical inside is turned from the frame's at most."""
         farthest_m = math.hypot(max(-self.x0, self.x1), max(-self.y0, self.y1))
-        return math.asin(min(1.0, farthest_m / (MOON_RADIUS_M - RELIEF_MAX_M)))
+        return math.asin(min(1.0, farthest_m / (MOON_RADIUS_M + LOWEST_M)))
 
     def grown(self, by_m: float) -> Extent:
         return Extent(self.x0 - by_m, self.x1 + by_m, self.y0 - by_m, self.y1 + by_m)

@@ -18,6 +18,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.far_terrain import FarTerrain, Footprint
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.horizons import Nodes
+from lcp_catalog.kernels import horizon
 from lcp_catalog.shadows import occluded, occluded_sweep
 from lcp_catalog.solar_disc import SolarDisc, sunlit_share
 from lcp_catalog.sphere import direction_enu
@@ -97,6 +98,23 @@ def test_far_shadows_are_those_of_all_triangles(place, azimuth_deg, elevation_de
         found = occluded(field, direction, TIERS[tier], CORE, far)
         decided = np.abs(margin) > 1e-6
         np.testing.assert_array_equal(found[decided], (alone | (margin > 0))[decided])
+
+
+@quick
+@given(places(), azimuths, elevations)
+def test_shadows_reach_as_high_as_the_triangles_do(place, azimuth_deg, elevation_deg) -> None:
+    """Over a place at height 0 a shadow reaches as high as the triangles rise above the ray from there."""
+    _, far = place
+    direction = direction_enu(azimuth_deg, elevation_deg)
+    u, v = (one.ravel() for one in np.meshgrid([5.3, 6.0, 6.9], [5.1, 6.0, 6.7]))
+    for level in far.levels:
+        du, dv, dz = level.ray_in_cells(direction)
+        found = np.full((1, u.size), -1e6)
+        z, _, pyramid, summit = level.traced
+        horizon.shadow_heights(z, pyramid, summit, u, v, du, dv, np.array([dz]), found)
+        corners, ray = triangles(level.z_m), in_cells(direction, level.gsd_m)
+        want = [blocking(corners, (a, b, 0.0), ray) for a, b in zip(u, v, strict=True)]
+        np.testing.assert_allclose(found[0], np.maximum(want, -1e6), atol=1e-6)
 
 
 @quick

@@ -82,6 +82,7 @@ FLOORS = [
     {"terrain", "contents", "solar_disc", "sun_table"},
     {"relief"},
     {"scene_bounds", "surroundings"},
+    {"local_horizon"},
     {"scene_effects"},
     {"scene"},
     {"render", "landmarks", "sweep", "plan"},

@@ -158,9 +158,7 @@ def _compare_bounds(dem: Dem, product: Product) -> None:
 def test_the_pole_and_the_meridians_of_polar_products(made: dict[str, Product], name: str) -> None:
     """PROJ: longitude 0 runs up from the south pole and down from the north pole; 90 E is right of both."""
     product, grid = made[f"{name}.IMG"], Dem.open(made[f"{name}.IMG"].image).grid
-    forward = pyproj.Transformer.from_crs(
-        real_heights.SPHERE, product.frame.crs, always_xy=True
-    )
+    forward = pyproj.Transformer.from_crs(real_heights.SPHERE, product.frame.crs, always_xy=True)
     origin = grid.pixel(12.0, 90.0 * grid.pole)
     assert forward.transform(12.0, 90.0 * grid.pole) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert origin == pytest.approx(

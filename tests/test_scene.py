@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.assemble import decisions
 from lcp_catalog.config import BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.constants import MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.kernels.reflectance import LAMBERT, LOMMEL_SEELIGER, radiance_factor
@@ -19,7 +19,6 @@ from lcp_catalog.relief import core_box, lowest_core_tangent, relief, steepness,
 from lcp_catalog.render import render_camera, render_enu
 from lcp_catalog.scene import plan_scene, ring_decision
 from lcp_catalog.scene_bounds import (
-    HIGHEST_M,
     NORMAL_ROUNDING_RAD,
     PENUMBRA_PX,
     horizon_beyond_rad,

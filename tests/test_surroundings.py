@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,8 @@ from lcp_catalog.evaluate import evaluate
 from lcp_catalog.horizons import Nodes
 from lcp_catalog.job import area_sweep
 from lcp_catalog.kernels.rays import scaled
-from lcp_catalog.sphere import EnuFrame
+from lcp_catalog.scene import plan_scene
+from lcp_catalog.sphere import EnuFrame, direction_enu
 from lcp_catalog.surroundings import (
     CELL_SHARE,
     HORIZON_RMS_DEG,
@@ -34,6 +36,7 @@ from lcp_catalog.surroundings import (
     surroundings,
 )
 from lcp_catalog.terrain import NodeWindow, build_terrain
+from lcp_catalog.view import nadir_view
 
 RIDGE_DEG, RIDGE_M, RIDGE_WIDTH_DEG = 5.3, 9000.0, 0.8
 
@@ -117,6 +120,31 @@ def test_no_ground_of_the_moon_shadows_from_further_than_sight(
     tangent = math.tan(math.radians(elevation))
     if distance > 0 and rise > distance * tangent:
         assert distance <= module._sight_m(tangent, abs(turn))
+
+
+@pytest.mark.parametrize("elevation_deg", [-0.5, 0.0, 1.0, 5.0, 20.0])
+@pytest.mark.parametrize("turn_rad", [-0.02, 0.0, 0.02])
+def test_sight_is_not_longer_than_it_must_be(elevation_deg, turn_rad) -> None:
+    """The lowest ground of all and the highest, ever further apart on the sphere, until the one no longer shadows the other."""
+    angle = np.linspace(1e-3, 0.3, 100_000)
+    low, high = MOON_RADIUS_M - 9.2e3, MOON_RADIUS_M + 10.8e3
+    east, up = high * np.sin(angle), high * np.cos(angle) - low
+    ahead = east * math.cos(turn_rad) - up * math.sin(turn_rad)
+    rise = east * math.sin(turn_rad) + up * math.cos(turn_rad)
+    farthest = ahead[rise > ahead * math.tan(math.radians(elevation_deg))].max(initial=0.0)
+    sight = module._sight_m(math.tan(math.radians(elevation_deg)), abs(turn_rad))
+    assert farthest <= sight
+    if turn_rad >= 0.0:
+        assert farthest >= 0.9 * sight
+
+
+def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
+    """No slope of the plain itself reaches the Sun; what stands on far cells is no part of that argument."""
+    place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
+    terrain = build_surrounded(*place, surroundings(*place, math.tan(math.radians(0.5))))
+    for far, modelled in ((terrain.far, True), (None, False)):
+        plan = plan_scene(replace(terrain, far=far), direction_enu(90.0, 5.0), nadir_view())
+        assert plan.cast_shadows.modelled == modelled
 
 
 def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
