@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +17,17 @@ from ._version import __version__
 from .assemble import assemble
 from .catalog import write_catalog
 from .config import BuildConfig
+from .constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from .demset import DemSet
 from .disagreement import warn_of_disagreements
 from .engine import run_tasks
-from .errors import AreaError, AreaFailedError
+from .errors import AreaError, AreaFailedError, SunError
 from .files import check_output
 from .job import AreaJob, Candidates, run_area
-from .plan import AreaGrid, plan_areas
+from .plan import AreaGrid, AreaTask, plan_areas
 from .schema import SCHEMA_VERSION
 from .shards import Shards
+from .sweep import Conditions
 from .terrain import Area, native_gsd_m
 
 log = logging.getLogger(__name__)
@@ -53,6 +56,7 @@ class Build:
         tasks = plan_areas(grid, region, gsd_m)
         if not tasks:
             raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
+        _require_sunlight(tasks, config)
         jobs = tuple(AreaJob(task, grid, region, gsd_m, config, dem_paths) for task in tasks)
         return cls(config, dem_paths, region, gsd_m, jobs)
 
@@ -152,3 +156,16 @@ def _checked(outcome: Candidates) -> Candidates:
     if not isinstance(outcome, Candidates):
         raise TypeError(f"an area gave {type(outcome).__name__}")
     return outcome
+
+
+def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
+    """SunError where the Sun never comes to any of the configured directions over the whole region."""
+    if any(Conditions.at(task.lat_deg, config).reachable.any() for task in tasks):
+        return
+    least = min(abs(task.lat_deg) for task in tasks)
+    highest = 90.0 - least + SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
+    lowest = min(config.sun.elevations_deg)
+    raise SunError(
+        f"the Sun never comes to the directions asked for: at latitude {least:.1f} deg it stands at most "
+        f"{min(highest, 90.0):.1f} deg high, the lowest of --sun-elevations is {lowest:g}; state lower ones"
+    )

@@ -21,7 +21,7 @@ from lcp_catalog.config import (
     ViewConfig,
 )
 from lcp_catalog.demset import DemSet
-from lcp_catalog.errors import AreaFailedError, OutputExistsError
+from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.job import run_area
 from lcp_catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
@@ -103,6 +103,14 @@ def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
     assert evaluated[:, :, elevation.index(60.0), azimuth.index(180.0)].all()
     assert evaluated[:, :, elevation.index(10.0), azimuth.index(90.0)].all()
     assert not evaluated[:, :, elevation.index(10.0), azimuth.index(180.0)].any()
+
+
+def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
+    """One of many of a region near a pole; a region of nothing else is refused."""
+    night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
+    assert len(run_area(dataclasses.replace(plan.jobs[0], config=night))) == 0
+    with pytest.raises(SunError, match="at latitude 24.6 deg it stands at most 67.2 deg"):
+        Build.plan((DEM,), night)
 
 
 def test_conditions_differ_between_suns(catalog: Catalog) -> None:
