@@ -15,15 +15,8 @@ from rasterio.windows import Window
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from products import (
-    DEGREE_M,
-    LABELS,
-    cylinder_frame,
-    hills,
-    jp2_product,
-    ldem_80s,
-    sldem_512,
-)
+from archive_products import cylinder_frame, jp2_product
+from products import DEGREE_M, LABELS, hills, ldem_80s, sldem_512
 
 from lcp_catalog.demset import DemSet
 from lcp_catalog.threads import limit_threads

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,16 +31,21 @@ DOUBT = {"draft": 0.02, "standard": 1.0}
 Under a far ridge of slopes up to 60 deg, whose shadow covers most of a plain, 0.04 and 0.007 % of the nodes were wrong
 (tests/test_far_terrain.py); interpolation between the places, without rays, 2 %."""
 
+_BLOCK, _BLOCKS = 64, 16
+"""Nodes along a block of the nodes that ask, at least; blocks along a window, at most."""
+
 _TILE = 4  # level of the max pyramid whose blocks say whether a level can matter
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Least and greatest ENU x and y of the places that ask, and their lowest height, metres."""
+    """Least and greatest ENU x and y of the places that ask, and their lowest height, metres; or
+    arrays of these, one of each a group of places.
+    """
 
-    x_m: tuple[float, float]
-    y_m: tuple[float, float]
-    lowest_m: float
+    x_m: tuple[Any, Any]
+    y_m: tuple[Any, Any]
+    lowest_m: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +106,30 @@ class FarTerrain:
         occluded: Mask,
     ) -> None:
         """Also set ``occluded`` (the window's nodes) where far terrain rises above their rays."""
-        if accuracy.tier in DOUBT:
-            self._shadowed_by_places(field, direction, DOUBT[accuracy.tier], window, occluded)
+        if direction[0] == direction[1] == 0.0 or occluded.size == 0:
             return
-        rows, cols = np.nonzero(~occluded)
-        occluded[rows, cols] = self.occluded(
-            _nodes(field, rows + window[0], cols + window[2]), direction
-        )
+        blocks = _Blocks(field, window, occluded)
+        asked = self._asked(blocks, direction)
+        if accuracy.tier not in DOUBT:
+            for level, which in asked:
+                rows, cols = np.nonzero(~occluded & blocks.spread(which))
+                points = _nodes(field, rows + window[0], cols + window[2])
+                occluded[rows, cols] = level.occluded_points(points, direction)
+        elif asked:
+            self._shadowed_by_places(blocks, asked, direction, DOUBT[accuracy.tier], occluded)
+
+    def _asked(self, blocks: _Blocks, direction: Array) -> list[tuple[Heightfield, Mask]]:
+        """The levels that can rise above rays from some block, and from which."""
+        level_m = math.hypot(direction[0], direction[1])
+        ahead = (direction[0] / level_m, direction[1] / level_m)
+        found = []
+        for level, tops in zip(self.levels, self._tops, strict=True):
+            higher = tops.that_reach(blocks.whole, ahead, direction[2] / level_m)
+            high = higher.reach(blocks.footprint, ahead, direction[2] / level_m)
+            which = (high > blocks.footprint.lowest_m).reshape(blocks.shape)
+            if which.any():
+                found.append((level, which))
+        return found
 
     def matters(self, field: Heightfield, direction: Array, window: Window) -> bool:
         """Whether any level can rise above the rays of a window's nodes."""
@@ -116,26 +139,30 @@ class FarTerrain:
         return bool(self.towards(Footprint(x, y, field.lowest_m(window)), direction))
 
     def _shadowed_by_places(
-        self, field: Heightfield, direction: Array, doubt: float, window: Window, occluded: Mask
+        self,
+        blocks: _Blocks,
+        asked: list[tuple[Heightfield, Mask]],
+        direction: Array,
+        doubt: float,
+        occluded: Mask,
     ) -> None:
-        row0, row1, col0, col1 = window
-        rows = row0 + np.arange(max(2, math.ceil((row1 - row0 - 1) / PLACES) + 1)) * PLACES
-        cols = col0 + np.arange(max(2, math.ceil((col1 - col0 - 1) / PLACES) + 1)) * PLACES
-        lowest = field.lowest_m(window)
-        x, y = field.x0_m + cols * field.gsd_m, field.y0_m - rows * field.gsd_m
-        place = Footprint((x[0], x[-1]), (y[-1], y[0]), lowest)
-        levels = self.towards(place, direction) if math.isfinite(lowest) else ()
-        if not levels:
-            return
-        xx, yy = (one.ravel() for one in np.meshgrid(x, y))
-        heights = np.full((1, xx.size), lowest - 1.0)  # below all nodes: no shadow
-        for level in levels:
+        field, (row0, _, col0, _) = blocks.field, blocks.window
+        rows, cols = blocks.places
+        x = field.x0_m + (col0 + cols) * field.gsd_m
+        y = field.y0_m - (row0 + rows) * field.gsd_m
+        # below all nodes: no shadow
+        heights = np.full((rows.size, cols.size), blocks.footprint.lowest_m.min() - 1.0)
+        for level, which in asked:
+            some = blocks.at_places(which)
+            i, j = np.nonzero(some)
             du, dv, dz = level.ray_in_cells(direction)
-            u, v = (xx - level.x0_m) / level.gsd_m, (level.y0_m - yy) / level.gsd_m
+            u, v = (x[j] - level.x0_m) / level.gsd_m, (level.y0_m - y[i]) / level.gsd_m
             z, _, pyramid, summit = level.traced
-            horizon.shadow_heights(z, pyramid, summit, u, v, du, dv, np.array([dz]), heights)
+            raised = heights[some][np.newaxis]
+            horizon.shadow_heights(z, pyramid, summit, u, v, du, dv, np.array([dz]), raised)
+            heights[some] = raised[0]
         marks = occluded.view(np.uint8)
-        far.shade(field.z_m, window, PLACES, heights.reshape(len(rows), len(cols)), doubt, marks)
+        far.shade(field.z_m, blocks.window, PLACES, heights, doubt, marks)
         open_rows, open_cols = np.nonzero(marks == far.OPEN)
         points = _nodes(field, open_rows + row0, open_cols + col0)
         marks[open_rows, open_cols] = self.occluded(points, direction)
@@ -166,7 +193,7 @@ class FarTerrain:
         return tuple(
             one
             for one, tops in zip(self.levels, self._tops, strict=True)
-            if tops.reach(place, ahead, up / level) > place.lowest_m
+            if tops.reach(place, ahead, up / level)[0] > place.lowest_m
         )
 
     @cached_property
@@ -199,18 +226,94 @@ class _Tops:
         y = level.y0_m - (rows[there] + 0.5) * side * level.gsd_m
         return cls(x, y, side * level.gsd_m * math.sqrt(0.5), tops[there])
 
-    def reach(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> float:
-        """No shadow of parallel rays with a tangent reaches higher over the place; -inf without any."""
-        corners = np.array([(x, y) for x in place.x_m for y in place.y_m])
-        along, across = corners @ ahead, corners @ (ahead[1], -ahead[0])
+    def reach(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> Array:
+        """No shadow of parallel rays with a tangent reaches higher over the place; -inf without any;
+        (g,) for g groups of places.
+        """
+        return np.asarray(self._heights(place, ahead, tangent).max(axis=1, initial=-math.inf))
+
+    def that_reach(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> _Tops:
+        """Those whose shadows reach over the lowest of some places."""
+        some = self._heights(place, ahead, tangent)[0] > place.lowest_m
+        return _Tops(self.x_m[some], self.y_m[some], self.half_m, self.top_m[some])
+
+    def _heights(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> Array:
+        """How high each block's shadow reaches over each group of places at most, (groups, blocks)."""
+        x, y = (np.stack(np.atleast_1d(*side)) for side in (place.x_m, place.y_m))
+        corners = [(east, north) for east in x for north in y]
+        along = np.stack([east * ahead[0] + north * ahead[1] for east, north in corners])
+        across = np.stack([east * ahead[1] - north * ahead[0] for east, north in corners])
         forward = self.x_m * ahead[0] + self.y_m * ahead[1]
         aside = self.x_m * ahead[1] - self.y_m * ahead[0]
-        near = (aside >= across.min() - self.half_m) & (aside <= across.max() + self.half_m)
-        near &= forward + self.half_m > along.min()
-        nearest = np.maximum(forward - self.half_m - along.max(), 0.0)
-        farthest = forward + self.half_m - along.min()
-        climb = tangent * (nearest if tangent >= 0.0 else farthest)
-        return float(np.max((self.top_m - climb)[near], initial=-math.inf))
+        left, right = across.min(axis=0)[:, None], across.max(axis=0)[:, None]
+        back, front = along.min(axis=0)[:, None], along.max(axis=0)[:, None]
+        near = (aside >= left - self.half_m) & (aside <= right + self.half_m)
+        near &= forward + self.half_m > back
+        if tangent >= 0.0:
+            climb = tangent * np.maximum(forward - self.half_m - front, 0.0)
+        else:
+            climb = tangent * (forward + self.half_m - back)
+        return np.where(near, self.top_m - climb, -math.inf)
+
+
+class _Blocks:
+    """Square blocks of a window's nodes, and the lattice of places over them: what far terrain cannot
+    reach is told block by block.
+    """
+
+    def __init__(self, field: Heightfield, window: Window, occluded: Mask) -> None:
+        self.field, self.window = field, window
+        row0, row1, col0, col1 = window
+        longest = max(row1 - row0, col1 - col0)
+        self.side = PLACES * max(_BLOCK // PLACES, math.ceil(longest / (_BLOCKS * PLACES)))
+        top, left = np.arange(0, row1 - row0, self.side), np.arange(0, col1 - col0, self.side)
+        self.shape = top.size, left.size
+        z = np.where(occluded, np.float32(np.inf), field.z_m[row0:row1, col0:col1])
+        z = np.fmin.reduceat(np.fmin.reduceat(z, top, axis=0), left, axis=1)
+        bottom = np.minimum(top + self.side, row1 - row0) - 1
+        right = np.minimum(left + self.side, col1 - col0) - 1
+        x = [field.x0_m + (col0 + c) * field.gsd_m for c in (left, right)]
+        y = [field.y0_m - (row0 + r) * field.gsd_m for r in (bottom, top)]
+        lowest = np.where(np.isnan(z), np.inf, z).astype(np.float64)
+        self.footprint = Footprint(
+            (np.tile(x[0], top.size), np.tile(x[1], top.size)),
+            (np.repeat(y[0], left.size), np.repeat(y[1], left.size)),
+            lowest.ravel(),
+        )
+
+    @property
+    def whole(self) -> Footprint:
+        """All blocks as one."""
+        (west, east), (south, north) = self.footprint.x_m, self.footprint.y_m
+        lowest = float(self.footprint.lowest_m.min())
+        return Footprint((west.min(), east.max()), (south.min(), north.max()), lowest)
+
+    def spread(self, which: Mask) -> Mask:
+        """A mask of blocks as one of nodes."""
+        rows, cols = self.window[1] - self.window[0], self.window[3] - self.window[2]
+        wide = np.repeat(np.repeat(which, self.side, axis=0), self.side, axis=1)
+        return wide[:rows, :cols]
+
+    @property
+    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the places, from the window's first node on; they enclose it."""
+        row0, row1, col0, col1 = self.window
+        rows, cols = (max(2, -(-(n - 1) // PLACES) + 1) for n in (row1 - row0, col1 - col0))
+        return np.arange(rows) * PLACES, np.arange(cols) * PLACES
+
+    def at_places(self, which: Mask) -> Mask:
+        """Places inside or on the edge of some blocks."""
+        rows, cols = self.places
+        out = np.zeros((rows.size, cols.size), dtype=np.bool_)
+        for i in (rows, np.maximum(rows - 1, 0)):
+            for j in (cols, np.maximum(cols - 1, 0)):
+                last_row, last_col = which.shape[0] - 1, which.shape[1] - 1
+                out |= which[
+                    np.ix_(
+                        np.minimum(i // self.side, last_row), np.minimum(j // self.side, last_col)
+                    )
+                ]
+        return out
 
 
 def _nodes(field: Heightfield, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Array:
