@@ -221,7 +221,9 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ),
     ]
     if box:
-        text = f"{box['west']:.4f} to {box['east']:.4f}° E, {latitude_name(box['south'])} to {latitude_name(box['north'])}"
+        around = (box["east"] - box["west"]) % 360.0 > 270.0  # about a pole
+        lon = "all around" if around else f"{box['west']:.4f} to {box['east']:.4f}° E"
+        text = f"{lon}, {latitude_name(box['south'])} to {latitude_name(box['north'])}"
         rows.append(("points within", text))
     cell = "" if gsd is None else f" of {' to '.join(dict.fromkeys(number(g, 4) for g in gsd))} m"
     rows += [
