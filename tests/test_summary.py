@@ -52,3 +52,16 @@ def test_bounds_are_the_narrowest(lon: list[float], west: float, east: float) ->
     box = summary.bounds(np.array(lon), np.linspace(-3.0, 4.0, len(lon)))
     assert (box["west"], box["east"]) == (west, east)
     assert box["south"] == -3.0
+
+
+@pytest.mark.parametrize(
+    ("west", "east", "says"),
+    [(10.0, 20.0, "10.0000 to 20.0000"), (350.0, 5.0, "350.0000 to 5.0000"), (104.0, 86.0, "all around")],
+)  # fmt: skip
+def test_points_about_a_pole_lie_all_around(west: float, east: float, says: str) -> None:
+    found = summary.summary(catalogs.catalog(5)) | {
+        "bounds": {"west": west, "south": 88.0, "east": east, "north": 90.0}
+    }
+    rows = dict(summary.summary_rows(found))
+    assert rows["points within"].startswith(says)
+    assert rows["frame"].startswith("MOON_ME")
