@@ -290,30 +290,32 @@ class _Blocks:
 
     def spread(self, which: Mask) -> Mask:
         """A mask of blocks as one of nodes."""
-        rows, cols = self.window[1] - self.window[0], self.window[3] - self.window[2]
+        rows, cols = self._counts
         wide = np.repeat(np.repeat(which, self.side, axis=0), self.side, axis=1)
         return wide[:rows, :cols]
 
     @property
     def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows and columns of the places, from the window's first node on; they enclose it."""
-        row0, row1, col0, col1 = self.window
-        rows, cols = (max(2, -(-(n - 1) // PLACES) + 1) for n in (row1 - row0, col1 - col0))
+        rows, cols = (max(2, -(-(count - 1) // PLACES) + 1) for count in self._counts)
         return np.arange(rows) * PLACES, np.arange(cols) * PLACES
 
+    @property
+    def _counts(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        row0, row1, col0, col1 = self.window
+        return row1 - row0, col1 - col0
+
     def at_places(self, which: Mask) -> Mask:
-        """Places inside or on the edge of some blocks."""
-        rows, cols = self.places
-        out = np.zeros((rows.size, cols.size), dtype=np.bool_)
-        for i in (rows, np.maximum(rows - 1, 0)):
-            for j in (cols, np.maximum(cols - 1, 0)):
-                last_row, last_col = which.shape[0] - 1, which.shape[1] - 1
-                out |= which[
-                    np.ix_(
-                        np.minimum(i // self.side, last_row), np.minimum(j // self.side, last_col)
-                    )
-                ]
-        return out
+        """Places around the nodes of some blocks: up to one place before a block, and to the last of
+        the window, which stands for nodes beyond it.
+        """
+        spans = []
+        for first, count in zip(self.places, self._counts, strict=True):
+            before = np.maximum(first - PLACES, 0) // self.side
+            spans.append((before, np.minimum(first + 2 * PLACES - 1, count - 1) // self.side))
+        ways = [which[np.ix_(i, j)] for i in spans[0] for j in spans[1]]
+        return np.asarray(np.logical_or.reduce(ways))
 
 
 def _nodes(field: Heightfield, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Array:

@@ -15,7 +15,7 @@ from twins import blocking, in_cells, triangles
 from twins_disc import sampled_share
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.far_terrain import FarTerrain, Footprint
+from lcp_catalog.far_terrain import PLACES, FarTerrain, Footprint, _Blocks
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.horizons import Nodes
 from lcp_catalog.kernels import horizon
@@ -236,3 +236,20 @@ def test_a_flat_field_is_shadowed_by_far_terrain_alone() -> None:
         assert occluded(near, sun, tier, far=far).all()
         assert (sunlit_share(near, sun, tier, far=far) == 0.0).all()
         assert (sunlit_share(near, direction_enu(270.0, 20.0), tier, far=far) == 1.0).all()
+
+
+@pytest.mark.parametrize("shape", [(5, 300), (129, 129), (200, 65)])
+def test_every_node_of_a_block_has_its_four_places(shape) -> None:
+    """Places around the nodes of the chosen blocks, also those on a block's far edge, which the next one begins with."""
+    field = Heightfield(np.zeros(shape), GSD)
+    blocks = _Blocks(field, (0, shape[0], 0, shape[1]), np.zeros(shape, np.bool_))
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        which = rng.random(blocks.shape) < 0.4
+        there, nodes = blocks.at_places(which), blocks.spread(which)
+        assert nodes.shape == shape
+        i, j = np.nonzero(nodes)
+        a = np.minimum(i // PLACES, there.shape[0] - 2)
+        b = np.minimum(j // PLACES, there.shape[1] - 2)
+        for corner in (there[a, b], there[a + 1, b], there[a, b + 1], there[a + 1, b + 1]):
+            assert corner.all()
