@@ -138,7 +138,10 @@ def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Inst
     from lcp_catalog.instants import instant_range, instants
 
     try:
-        return instants(time_utc) if span is None else instant_range(*span)  # type: ignore[arg-type]
+        if span is not None:
+            return instant_range(*span)
+        assert time_utc is not None  # one of the two is stated: `command` has seen to it
+        return instants(time_utc)
     except SunError as error:
         raise click.UsageError(f"{'--time' if span is None else '--range'}: {error}") from error
 

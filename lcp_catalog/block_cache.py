@@ -21,9 +21,37 @@ _TILE_PIXELS = 1024
 _TILE_BLOCKS = 64
 """A tile's side: so many pixels, or so many blocks where these are more pixels."""
 
-_lock = threading.Lock()
-_tiles: OrderedDict[Hashable, Heights] = OrderedDict()
-_held_bytes = 0
+
+class _Store:
+    """The tiles of this process, those asked for last at the end, and how much memory they take."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.tiles: OrderedDict[Hashable, Heights] = OrderedDict()
+        self.held_bytes = 0
+
+    def find(self, key: Hashable) -> Heights | None:
+        with self.lock:
+            if key in self.tiles:
+                self.tiles.move_to_end(key)
+            return self.tiles.get(key)
+
+    def keep(self, key: Hashable, tile: Heights) -> None:
+        with self.lock:
+            if key not in self.tiles:
+                self.tiles[key] = tile
+                self.held_bytes += tile.nbytes
+            while self.held_bytes > LIMIT_BYTES and len(self.tiles) > 1:
+                _, oldest = self.tiles.popitem(last=False)
+                self.held_bytes -= oldest.nbytes
+
+    def clear(self) -> None:
+        with self.lock:
+            self.tiles.clear()
+            self.held_bytes = 0
+
+
+_store = _Store()
 
 
 def window(
@@ -53,10 +81,7 @@ def window(
 
 def forget() -> None:
     """Let everything go."""
-    global _held_bytes  # noqa: PLW0603  (one store a process)
-    with _lock:
-        _tiles.clear()
-        _held_bytes = 0
+    _store.clear()
 
 
 def _tile(
@@ -67,18 +92,9 @@ def _tile(
     j: int,
     read: Callable[[int, int, int, int], Heights],
 ) -> Heights:
-    global _held_bytes  # noqa: PLW0603
     key = (source, factor, i, j)
-    with _lock:
-        if key in _tiles:
-            _tiles.move_to_end(key)
-            return _tiles[key]
-    tile = read(i * side, (i + 1) * side, j * side, (j + 1) * side)
-    with _lock:
-        if key not in _tiles:
-            _tiles[key] = tile
-            _held_bytes += tile.nbytes
-        while _held_bytes > LIMIT_BYTES and len(_tiles) > 1:
-            _, oldest = _tiles.popitem(last=False)
-            _held_bytes -= oldest.nbytes
+    tile = _store.find(key)
+    if tile is None:
+        tile = read(i * side, (i + 1) * side, j * side, (j + 1) * side)
+        _store.keep(key, tile)
     return tile

@@ -209,21 +209,6 @@ class Dem:
             if first < last:
                 yield (first - turn * width, last - turn * width), (first - col0, last - col0)
 
-    def statistics(self) -> Statistics:
-        """Lowest, highest and missing, from one pass over the file in strips."""
-        low, high, missing = math.inf, -math.inf, 0
-        strip = max(1, 4_000_000 // self.raster.width)
-        for row in range(0, self.raster.height, strip):
-            block = self.raster.read(
-                row, min(row + strip, self.raster.height), 0, self.raster.width
-            )
-            bad = np.isnan(block)
-            missing += int(bad.sum())
-            if not bad.all():
-                low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
-        share = missing / (self.raster.width * self.raster.height)
-        return Statistics(low, high, share) if low <= high else Statistics(None, None, share)
-
     def factor(self, gsd_m: float) -> int:
         """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5,
         else the ratio, rounded.

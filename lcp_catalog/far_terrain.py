@@ -69,11 +69,6 @@ class FarTerrain:
         return max((level.extremes_m[1] for level in self.levels), default=-math.inf)
 
     @property
-    def lowest_m(self) -> float:
-        """Least ENU height; inf where there is none."""
-        return min((level.extremes_m[0] for level in self.levels), default=math.inf)
-
-    @property
     def span_m(self) -> float:
         """The longest way across all levels."""
         return max((math.hypot(*one.shape) * one.gsd_m for one in self.levels), default=0.0)

@@ -63,13 +63,17 @@ def map_to_lonlat(crs: rasterio.CRS, x_m: Array, y_m: Array) -> tuple[Array, Arr
     Snyder (1987), Map Projections: equations 12-4 to 12-6 and 20-14 to 20-18, the latter with the scale 1 at the pole.
     """
     given = crs.to_dict()
-    assert given["R"] == RADIUS_M and given.get("x_0", 0) == 0 and given.get("y_0", 0) == 0  # noqa: PT018
+    assert given["R"] == RADIUS_M
+    assert given.get("x_0", 0) == 0
+    assert given.get("y_0", 0) == 0
     lon_0 = given.get("lon_0", 0.0)
     if given["proj"] == "eqc":
         assert given.get("lat_0", 0) == 0
         along = RADIUS_M * np.cos(np.radians(given.get("lat_ts", 0.0)))
         return lon_0 + np.degrees(x_m / along), np.degrees(y_m / RADIUS_M)
-    assert given["proj"] == "stere" and abs(given["lat_0"]) == 90 and given.get("k", 1) == 1  # noqa: PT018
+    assert given["proj"] == "stere"
+    assert abs(given["lat_0"]) == 90
+    assert given.get("k", 1) == 1
     sign = np.sign(given["lat_0"])
     polar_distance = np.degrees(2.0 * np.arctan(np.hypot(x_m, y_m) / (2.0 * RADIUS_M)))
     return lon_0 + np.degrees(np.arctan2(x_m, -sign * y_m)), sign * (90.0 - polar_distance)

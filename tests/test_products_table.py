@@ -20,6 +20,7 @@ from archive_products import Product
 from products import cut, geotiff, label_text
 
 from lcp_catalog.dem import Dem
+from lcp_catalog.dem_survey import survey
 from lcp_catalog.demset import DemSet
 from lcp_catalog.errors import DemError, LabelError
 from lcp_catalog.grid import Grid
@@ -201,7 +202,7 @@ class TestTraps:
         product = made[image]
         text = product.label.read_text(encoding="latin-1") if product.label else ""
         assert "1737400." in text or "1737.4" in text
-        found = Dem.open(product.image).statistics()
+        found = survey(Dem.open(product.image)).statistics
         assert found.min_m == pytest.approx(product.heights_m.min(), abs=product.step_m)
         assert found.max_m == pytest.approx(product.heights_m.max(), abs=product.step_m)
 
@@ -217,7 +218,7 @@ class TestTraps:
         samples[:100] = 0
         samples.tofile(label.with_suffix(".IMG"))
         dem = Dem.open(label)
-        assert dem.statistics().nodata_share == 0.0
+        assert survey(dem).statistics.nodata_share == 0.0
         assert (dem.read(0, 1, 0, 50) == 0.0).all()
         samples[0] = -32768
         samples.tofile(label.with_suffix(".IMG"))
@@ -235,9 +236,9 @@ class TestTraps:
         samples[5] = -3.4028227e38
         samples.tofile(label.with_suffix(".IMG"))
         with pytest.raises(DemError, match="cannot be on the Moon"):
-            Dem.open(label).statistics()
+            survey(Dem.open(label))
         _edit(label, "  BANDS ", "  CORE_NULL = 16#FF7FFFFB#\n  BANDS ")
-        assert Dem.open(label).statistics().nodata_share == 1 / samples.size
+        assert survey(Dem.open(label)).statistics.nodata_share == 1 / samples.size
 
     def test_a_rounded_map_scale_moves_nothing(
         self, made: dict[str, Product], tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -19,7 +19,7 @@ from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _moved_clear(  # noqa: C901, PLR0912, PLR0915
+def _moved_clear(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
     z, holes, turns, pyramid, summit, ou, ov, du, dv, base, rate, enough
 ):
     """A line in the vertical plane of (du, dv), at the height base + rate s over (ou, ov) + s (du,
