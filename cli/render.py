@@ -77,6 +77,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.camera import read_camera
     from lcp_catalog.exposure import Request, SunChoice, ViewChoice
+    from lcp_catalog.reflectance import reflectance_model
     from lcp_catalog.terrain import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
@@ -97,7 +98,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
         view=ViewChoice(camera, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
         in_camera_plane=flags["frame"] == "camera",
-        model=flags["reflectance"] or options.REFLECTANCES[0],
+        model=reflectance_model(flags["reflectance"] or options.REFLECTANCES[0]),
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",
         product_order=flags["product_order"] or (),

@@ -21,8 +21,9 @@ from .demset import DemSet
 from .disagreement import warn_of_disagreements
 from .errors import AreaError, CameraError, SunError
 from .grid import Bounds
+from .lighting import Lighting
 from .raster_out import geotiff, node_transform, orthographic_crs
-from .reflectance import DEFAULT_MODEL
+from .reflectance import DEFAULT_MODEL, Reflectance
 from .relief import (
     COARSE_NODES,
     COARSE_SLOPE,
@@ -111,7 +112,7 @@ class Request:
     sun: SunChoice = SunChoice()
     view: ViewChoice = ViewChoice()
     in_camera_plane: bool = False
-    model: str = DEFAULT_MODEL
+    model: Reflectance = DEFAULT_MODEL
     accuracy: Accuracy = TIERS["standard"]
     disc: bool | None = None
     product_order: tuple[str, ...] = ()
@@ -128,10 +129,15 @@ class Scene:
 
     request: Request
     terrain: Terrain
-    sun: Array  # ENU
+    light: Lighting
     view: View
     plan: ScenePlan
     sources: tuple[Path, ...]  # every file that heights come from
+
+    @property
+    def sun(self) -> Array:
+        """ENU direction to the first source."""
+        return self.light.first.direction
 
     @property
     def camera(self) -> Camera:
@@ -179,18 +185,19 @@ def prepare(request: Request) -> Scene:
         model=request.model,
     )
     sources = tuple(dict.fromkeys(path for dem in dems.dems for path in dem.files))
-    return Scene(request, terrain, to_sun, view, plan, sources)
+    lit_by = Lighting.of_sun(to_sun, request.sun_is_disc)
+    return Scene(request, terrain, lit_by, view, plan, sources)
 
 
 def expose(scene: Scene) -> Photograph:
     """Render a scene; CameraError when the camera sees nothing of the area."""
     request = scene.request
     how: dict[str, Any] = {"model": request.model, "accuracy": request.accuracy}
-    how |= {"disc": request.sun_is_disc, "plan": scene.plan}
+    how["plan"] = scene.plan
     if request.in_camera_plane:
-        result = render_camera(scene.terrain, scene.camera, scene.sun, **how)
+        result = render_camera(scene.terrain, scene.camera, scene.light, **how)
     else:
-        result = render_enu(scene.terrain, scene.sun, scene.view, **how)
+        result = render_enu(scene.terrain, scene.light, scene.view, **how)
     if not result.visible.any():
         who = scene.view.camera.name if scene.view.camera else "the view"
         raise CameraError(f"{who}: the camera sees nothing of the area")
@@ -237,7 +244,7 @@ def tags(scene: Scene) -> dict[str, str]:
         "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
         "camera": json.dumps(scene.view.describe(), sort_keys=True),
         "sun_model": "disc" if scene.request.sun_is_disc else "point",
-        "reflectance": scene.request.model,
+        "reflectance": scene.request.model.name,
         "accuracy": scene.request.accuracy.tier,
         "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
         "scene_plan": str(scene.plan),

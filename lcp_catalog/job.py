@@ -20,6 +20,7 @@ from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates
 from .plan import AreaGrid, AreaTask
+from .reflectance import reflectance_model
 from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
 from .surroundings import build_surrounded, ring_for_rays_m, surroundings
 from .sweep import Conditions, Sweep
@@ -77,7 +78,7 @@ def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
         terrain.field,
         terrain.core,
         conditions,
-        model.reflectance,
+        reflectance_model(model.reflectance),
         model.precision,
         far=terrain.far,
     )

@@ -11,6 +11,8 @@ directions to the Sun and to the camera, never their sum.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +23,37 @@ from .kernels import reflectance as kernel
 
 Array = NDArray[np.float64]
 
-MODELS = {"lommel-seeliger": kernel.LOMMEL_SEELIGER, "lambert": kernel.LAMBERT}
-"""Name of a model and its code in the kernels."""
+MODELS = ("lommel-seeliger", "lambert")
+"""Names of the laws; what may follow a colon, a parameter set or a file, is each law's own."""
 
-DEFAULT_MODEL = "lommel-seeliger"
+SINGLE_SCATTERING_ALBEDO = 0.21
+LAMBERT_ALBEDO = 0.12
+
+
+@dataclass(frozen=True)
+class Reflectance:
+    """A law of reflection: the name that was asked for, the law's code and its numbers."""
+
+    name: str
+    code: int
+    law: tuple[float, ...]
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The law's numbers as the kernels want them, (n,)."""
+        return np.array(self.law, dtype=np.float64)
+
+
+def reflectance_model(spec: str) -> Reflectance:
+    """The law of a name; ConfigError for a name that is none."""
+    if spec == "lommel-seeliger":
+        return Reflectance(spec, kernel.LOMMEL_SEELIGER, (SINGLE_SCATTERING_ALBEDO,))
+    if spec == "lambert":
+        return Reflectance(spec, kernel.LAMBERT, (LAMBERT_ALBEDO,))
+    raise ConfigError(f"no reflectance model {spec!r}; there are {', '.join(MODELS)}")
+
+
+DEFAULT_MODEL = reflectance_model("lommel-seeliger")
 
 
 class Photometry(NamedTuple):
@@ -36,20 +65,13 @@ class Photometry(NamedTuple):
     phase: Array
 
 
-def model_code(name: str) -> int:
-    """The kernels' code of a model; ConfigError for a name that is none."""
-    if name not in MODELS:
-        raise ConfigError(f"no reflectance model {name!r}; there are {', '.join(MODELS)}")
-    return MODELS[name]
-
-
 def photometry(
     normals: NDArray[np.floating],
     sun: Array,
     cameras: Array,
     lit: NDArray[np.bool_],
     seen: NDArray[np.bool_],
-    model: str = DEFAULT_MODEL,
+    model: Reflectance = DEFAULT_MODEL,
 ) -> Photometry:
     """Radiance and angles of points: normals (..., 3), directions to the Sun (3,) and to the camera
     (3,) or (..., 3).
@@ -57,10 +79,25 @@ def photometry(
     Radiance is 0 where seen but not lit and NaN where not seen; everything is NaN where the normal
     is.
     """
-    flat = np.ascontiguousarray(normals, dtype=np.float64).reshape(-1, 3)
-    towards = np.ascontiguousarray(cameras, dtype=np.float64).reshape(-1, 3)
-    sun = np.ascontiguousarray(sun, dtype=np.float64)
-    bands = kernel.shade_points(
-        flat, sun, towards, np.ravel(lit), np.ravel(seen), model_code(model)
-    )
+    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
+    bands = kernel.shade_points(*rays, np.ravel(lit), np.ravel(seen), model.code, model.numbers)
     return Photometry(*(band.reshape(normals.shape[:-1]) for band in bands))
+
+
+def radiance_under(
+    normals: NDArray[np.floating],
+    sun: Array,
+    cameras: Array,
+    lit: NDArray[np.bool_],
+    model: Reflectance = DEFAULT_MODEL,
+) -> Array:
+    """The radiance alone, (...), of points that are seen; shapes as in `photometry`. 0 where not
+    lit.
+    """
+    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
+    values = kernel.radiance_of_points(*rays, np.ravel(lit), model.code, model.numbers)
+    return np.asarray(values.reshape(normals.shape[:-1]))
+
+
+def _flat(vectors: NDArray[np.floating]) -> Array:
+    return np.ascontiguousarray(vectors, dtype=np.float64).reshape(-1, 3)

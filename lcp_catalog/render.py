@@ -4,6 +4,9 @@ Directions are unit ENU vectors of the terrain's frame, from the surface to the 
 What is modelled, and how exactly, the scene plan says (`scene`). Nodata is never rendered: its
 radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
 
+The light is a `Lighting`, or the direction to a lone Sun. Each source adds its irradiance times the
+radiance factor under it; sunlit, incidence and phase are those of the first.
+
 The radiance under a disc is that under a Sun in its middle, times the share of the disc above the
 terrain's horizon. A facet that the middle does not reach is dark, though it may see part of the
 disc: the cosine of incidence is wrong by less than sin(0.267 deg) = 0.0047 (docs/scene-plan.md).
@@ -12,17 +15,18 @@ disc: the cosine of incidence is wrong by less than sin(0.267 deg) = 0.0047 (doc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .accuracy import TIERS, Accuracy
 from .camera import Camera
-from .constants import SOLAR_RADIUS_RAD
 from .errors import CameraError, SunError
 from .horizons import Points
-from .reflectance import DEFAULT_MODEL, photometry
+from .lighting import Lighting, Source
+from .reflectance import DEFAULT_MODEL, Reflectance, photometry, radiance_under
 from .relief import nodes_enu
 from .scene import ScenePlan, parallel_view, plan_scene
 from .shadows import occluded
@@ -38,6 +42,16 @@ Mask = NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
 _ROUNDING_DEG = 1e-9  # of the Sun's elevation: one on the horizon is not below it
+
+
+class Albedo(Protocol):
+    """How bright ground is, relative to what the law of reflection says of it."""
+
+    def at_nodes(self, terrain: Terrain) -> Band:
+        """Factors at the core window's nodes, (rows, cols)."""
+
+    def at_points(self, terrain: Terrain, points: Array) -> Band:
+        """Factors at ENU points (n, 3) of the surface, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,26 +74,31 @@ class Photograph:
 
 def render_enu(
     terrain: Terrain,
-    sun: Array,
+    light: Lighting | Array,
     view: View,
     *,
-    model: str = DEFAULT_MODEL,
+    model: Reflectance = DEFAULT_MODEL,
     shadows: bool = True,
     accuracy: Accuracy = TIERS["reference"],
     disc: bool = False,
     plan: ScenePlan | None = None,
+    albedo: Albedo | None = None,
 ) -> Photograph:
     """The core window's nodes, float32.
 
-    ``disc``: the Sun is a disc, not a point. With a view of a camera a node is visible only inside
-    its image. ``shadows=False`` leaves out cast shadows, not attached ones. CameraError when the
-    camera is under the ground, SunError when the Sun is below every horizon.
+    ``light``: a `Lighting`, or the direction (3,) to a lone Sun, which ``disc`` makes a disc. With
+    a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out cast
+    shadows, not attached ones. CameraError when the camera is under the ground, SunError when the
+    Sun is below every horizon.
     """
+    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
+    sun, disc = light.first.direction, light.first.disc is not None
     plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
-    check_sun(terrain, sun, disc)
+    check_light(terrain, light)
     check_camera(terrain, view)
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
-    sunlit = _sunlit(terrain, sun, accuracy, plan if shadows else None)
+    sunlit = _sunlit(terrain, light.first, accuracy, plan if shadows else None)
+    others = [(source, _sunlit_by(terrain, source, accuracy, shadows)) for source in light.others]
     seen = np.ones(sunlit.shape, dtype=np.bool_)
     if plan.occlusion.modelled:
         seen = ~_hidden(terrain, view, accuracy)
@@ -97,11 +116,15 @@ def render_enu(
         if view.camera is not None:
             pixels = view.camera.project(terrain.frame.to_mcmf(points))
             seen[rows] &= view.camera.in_image(pixels)
-        for band, values in zip(
-            angles, _bands(normals, sun, towards, sunlit[rows], seen[rows], model), strict=True
-        ):
+        first = light.first.irradiance * sunlit[rows]
+        bands = _bands(normals, sun, towards, first, seen[rows], model)
+        for source, share in others:
+            bands[0][...] += _radiance(normals, source, towards, share[rows], model)
+        for band, values in zip(angles, bands, strict=True):
             band[rows] = values
     radiance, incidence, emission, phase = angles
+    if albedo is not None:
+        radiance *= albedo.at_nodes(terrain)
     height = field.z_m[row0:row1, col0:col1]
     return Photograph(radiance, sunlit, seen, incidence, emission, phase, height_m=height)
 
@@ -109,25 +132,28 @@ def render_enu(
 def render_camera(
     terrain: Terrain,
     camera: Camera,
-    sun: Array,
+    light: Lighting | Array,
     *,
-    model: str = DEFAULT_MODEL,
+    model: Reflectance = DEFAULT_MODEL,
     shadows: bool = True,
     accuracy: Accuracy = TIERS["reference"],
     disc: bool = False,
     plan: ScenePlan | None = None,
+    albedo: Albedo | None = None,
 ) -> Photograph:
-    """The camera's plane, one first hit a pixel, float64; ``disc``: the Sun is one, not a point.
+    """The camera's plane, one first hit a pixel, float64; ``light`` as in `render_enu`.
 
     Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
     drawn. A hit is visible even where its interpolated normal leans away (it counts as seen
     edge-on).
     """
+    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
+    sun, disc = light.first.direction, light.first.disc is not None
     view = camera_view(camera, terrain.frame)
     plan = plan or plan_scene(
         terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
     )
-    check_sun(terrain, sun, disc)
+    check_light(terrain, light)
     check_camera(terrain, view)
     origin, rays = camera.rays_enu(terrain.frame)
     points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays
@@ -139,35 +165,56 @@ def render_camera(
     facing = np.sum(normals * sun, axis=-1) > 0
     sunlit = facing.astype(np.float64)
     if shadows:
-        sunlit[facing] = _sunlit_points(terrain, points[facing], sun, accuracy, plan)
-    bands = _bands(normals, sun, -rays, sunlit, seen, model)
+        sunlit[facing] = _sunlit_points(terrain, points[facing], light.first, accuracy, plan)
+    bands = _bands(normals, sun, -rays, light.first.irradiance * sunlit, seen, model)
+    for source in light.others:
+        share = (np.sum(normals * source.direction, axis=-1) > 0).astype(np.float64)
+        if shadows:
+            facing = share > 0
+            share[facing] = _sunlit_points_by(terrain, points[facing], source, accuracy)
+        bands[0][...] += _radiance(normals, source, -rays, share, model)
+    if albedo is not None:
+        bands[0][seen] *= albedo.at_points(terrain, points[seen])
     position = terrain.frame.to_mcmf(points)
     return Photograph(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
 
 
-def check_sun(terrain: Terrain, sun: Array, disc: bool = False) -> None:
-    """SunError when the Sun, as a ``disc`` its upper limb, stands below the horizon of even the
+def check_light(terrain: Terrain, light: Lighting) -> None:
+    """SunError when every source, of a disc its upper limb, stands below the horizon of even the
     highest node of the area.
 
     Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips
     by acos(R / (R + h)).
     """
     step = max(1, max(terrain.field.shape) // 256)
+    lowest_m = _lowest_m(terrain, step)
+    if any(not _above_deg(terrain, source, lowest_m, step) < 0 for source in light.sources):
+        return
+    best, first = _above_deg(terrain, light.first, lowest_m, 1), light.first
+    if all(_above_deg(terrain, source, lowest_m, 1) < 0 for source in light.sources):
+        raise SunError(
+            f"the {first.name} stands {-best:.2f} deg below the horizon of the area's highest "
+            f"ground: nothing is lit; state another {first.name}"
+        )
+
+
+def _lowest_m(terrain: Terrain, step: int) -> float:
+    """Least distance of the terrain's nodes from the Moon's centre."""
     all_around = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.field.whole, step))
     radius = np.linalg.norm(all_around, axis=-1)
     lowest_m = float(np.nanmin(radius)) if np.isfinite(radius).any() else np.nan
     for level in terrain.far.levels if terrain.far else ():
         beyond = np.linalg.norm(terrain.frame.to_mcmf(nodes_enu(level, level.whole, 4)), axis=-1)
         lowest_m = float(np.nanmin(beyond, initial=lowest_m))
-    limb = (math.degrees(SOLAR_RADIUS_RAD) if disc else 0.0) + _ROUNDING_DEG
-    if not _sun_above_horizon_deg(terrain, sun, lowest_m, step) + limb < 0:
-        return
-    best = _sun_above_horizon_deg(terrain, sun, lowest_m, 1) + limb
-    if best < 0:
-        raise SunError(
-            f"the Sun stands {-best:.2f} deg below the horizon of the area's highest ground: "
-            "nothing is lit; state another Sun"
-        )
+    return lowest_m
+
+
+def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> float:
+    """Greatest elevation of a source's upper limb above the dipped horizon of the core's nodes; NaN
+    without heights.
+    """
+    limb = (math.degrees(source.disc.radius_rad) if source.disc else 0.0) + _ROUNDING_DEG
+    return _sun_above_horizon_deg(terrain, source.direction, lowest_m, step) + limb
 
 
 def _sun_above_horizon_deg(terrain: Terrain, sun: Array, lowest_m: float, step: int) -> float:
@@ -200,28 +247,47 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-def _sunlit(terrain: Terrain, sun: Array, accuracy: Accuracy, plan: ScenePlan | None) -> Band:
-    """Share of the Sun above the terrain's horizon at the core's nodes, float32; without a plan no
+def _sunlit(terrain: Terrain, source: Source, accuracy: Accuracy, plan: ScenePlan | None) -> Band:
+    """Share of the first source above the terrain's horizon at the core's nodes, float32; without a plan no
     shadow is cast.
     """
+    shadows = plan is not None and (plan.solar_disc.modelled or plan.cast_shadows.modelled)
+    if plan is not None and not plan.solar_disc.modelled:
+        source = replace(source, disc=None)
+    return _sunlit_by(terrain, source, accuracy, shadows)
+
+
+def _sunlit_by(terrain: Terrain, source: Source, accuracy: Accuracy, shadows: bool) -> Band:
+    """Share of a source above the terrain's horizon at the core's nodes, float32."""
     row0, row1, col0, col1 = terrain.core
-    if plan is not None and plan.solar_disc.modelled:
-        return sunlit_share(terrain.field, sun, accuracy, terrain.core, far=terrain.far)
-    if plan is not None and plan.cast_shadows.modelled:
-        dark = occluded(terrain.field, sun, accuracy, terrain.core, terrain.far)
-        return (~dark).astype(np.float32)
-    return np.ones((row1 - row0, col1 - col0), dtype=np.float32)
+    if not shadows:
+        return np.ones((row1 - row0, col1 - col0), dtype=np.float32)
+    if source.disc is not None:
+        return sunlit_share(
+            terrain.field, source.direction, accuracy, terrain.core, source.disc, terrain.far
+        )
+    dark = occluded(terrain.field, source.direction, accuracy, terrain.core, terrain.far)
+    return (~dark).astype(np.float32)
 
 
 def _sunlit_points(
-    terrain: Terrain, points: Array, sun: Array, accuracy: Accuracy, plan: ScenePlan
+    terrain: Terrain, points: Array, source: Source, accuracy: Accuracy, plan: ScenePlan
 ) -> Array:
-    """The same at ENU points (n, 3) of the surface, float64 (n,)."""
-    if plan.solar_disc.modelled:
-        return share_at_points(terrain.field, points, sun, accuracy, far=terrain.far)
-    if plan.cast_shadows.modelled:
-        return (~Points(terrain.field, points, terrain.far).occluded(sun)).astype(np.float64)
-    return np.ones(len(points))
+    """The share of the first source at ENU points (n, 3) of the surface, float64 (n,)."""
+    if not (plan.solar_disc.modelled or plan.cast_shadows.modelled):
+        return np.ones(len(points))
+    if not plan.solar_disc.modelled:
+        source = replace(source, disc=None)
+    return _sunlit_points_by(terrain, points, source, accuracy)
+
+
+def _sunlit_points_by(terrain: Terrain, points: Array, source: Source, accuracy: Accuracy) -> Array:
+    if source.disc is not None:
+        return share_at_points(
+            terrain.field, points, source.direction, accuracy, source.disc, terrain.far
+        )
+    dark = Points(terrain.field, points, terrain.far).occluded(source.direction)
+    return (~dark).astype(np.float64)
 
 
 def _parallel(terrain: Terrain, view: View) -> View:
@@ -247,9 +313,22 @@ def _in_core(terrain: Terrain, points: Array) -> Mask:
 
 
 def _bands(
-    normals: Array, sun: Array, to_camera: Array, sunlit: Band, seen: Mask, model: str
+    normals: Array,
+    sun: Array,
+    to_camera: Array,
+    irradiance: Band,
+    seen: Mask,
+    model: Reflectance,
 ) -> tuple[Array, Array, Array, Array]:
-    """Radiance factor; incidence, emission and phase in degrees."""
-    bands = photometry(normals, sun, to_camera, sunlit > 0.0, seen, model)
+    """Radiance under the first source; incidence, emission and phase in degrees."""
+    bands = photometry(normals, sun, to_camera, irradiance > 0.0, seen, model)
     angles = [np.degrees(band) for band in bands[1:]]
-    return bands.radiance * sunlit, angles[0], angles[1], angles[2]
+    return bands.radiance * irradiance, angles[0], angles[1], angles[2]
+
+
+def _radiance(
+    normals: Array, source: Source, to_camera: Array, share: Band, model: Reflectance
+) -> Array:
+    """What another source adds to the radiance of points that are seen."""
+    factor = radiance_under(normals, source.direction, to_camera, share > 0.0, model)
+    return source.irradiance * share * factor

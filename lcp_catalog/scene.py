@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from . import scene_effects as effects
 from .accuracy import TIERS, Accuracy
-from .reflectance import DEFAULT_MODEL
+from .reflectance import DEFAULT_MODEL, Reflectance
 from .relief import (
     Relief,
     Steepness,
@@ -77,7 +77,7 @@ def plan_scene(
     *,
     accuracy: Accuracy = TIERS["reference"],
     disc: bool = False,
-    model: str = DEFAULT_MODEL,
+    model: Reflectance = DEFAULT_MODEL,
     everything: bool = False,
 ) -> ScenePlan:
     """Decide for a terrain, an ENU direction to the Sun (its middle, where ``disc``) and a view.
@@ -101,11 +101,11 @@ def plan_scene(
     return ScenePlan(
         cast_shadows=_shadows(light_slope, sun, disc_decision.modelled, in_camera_plane, accuracy),
         occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy),
-        perspective=_perspective(found, view, least_view, in_camera_plane, accuracy),
+        perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
         solar_disc=disc_decision,
         relief=effects.surface(found, least_view, away_m),
         float_width=effects.float_width(),
-        reflectance=effects.reflectance(model),
+        reflectance=effects.reflectance(model.name),
         others=(*((ring,) if ring is not None else ()), *effects.always(half_m)),
     )
 
@@ -149,14 +149,20 @@ def _occlusion(
 
 
 def _perspective(
-    found: Relief, view: View, least_tangent: float, in_camera_plane: bool, accuracy: Accuracy
+    found: Relief,
+    view: View,
+    least_tangent: float,
+    in_camera_plane: bool,
+    accuracy: Accuracy,
+    model: Reflectance,
 ) -> Decision:
     if in_camera_plane:
         return effects.perspective_of_pixels()
     if view.direction is not None:
         return effects.perspective_of_infinity()
     angle = ray_angle_rad(found.box, view)
-    return effects.perspective(angle, parallel_error(found, angle, least_tangent), accuracy)
+    error = parallel_error(found, angle, least_tangent, model)
+    return effects.perspective(angle, error, accuracy)
 
 
 def parallel_view(terrain: Terrain, view: View) -> View:

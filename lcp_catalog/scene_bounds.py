@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from .kernels.reflectance import LAMBERT, LOMMEL_SEELIGER
+from .reflectance import DEFAULT_MODEL, Reflectance
 from .relief import Box, Relief, tangent_of
 from .solar_disc import penumbra_m
 from .view import View
@@ -23,6 +25,9 @@ STORED = 2.0**-21
 """Two bands of equal value differ by less when both are rounded to float32: radiances by 2^-23 of
 themselves, angles of up to 180 deg by 2.7e-7 rad.
 """
+
+BOUNDED_LAWS = frozenset({LAMBERT, LOMMEL_SEELIGER})
+"""Laws for which `parallel_error` is proved."""
 
 PENUMBRA_PX = 0.1
 """A penumbra narrower than this on level ground is left out where a tier admits errors at nodes."""
@@ -81,20 +86,23 @@ def ray_angle_rad(box: Box, view: View) -> float:
     return float(np.arctan2(across, along).max())
 
 
-def parallel_error(relief: Relief, angle_rad: float, least_tangent: float) -> float:
+def parallel_error(
+    relief: Relief, angle_rad: float, least_tangent: float, model: Reflectance = DEFAULT_MODEL
+) -> float:
     """Greatest relative change of the radiance factor when directions to the camera are turned by
     an angle; also bounds the change of emission and phase, radians. inf where nothing bounds it.
 
     Lommel-Seeliger: mu0 / (mu0 + mu') over mu0 / (mu0 + mu) is 1 + (mu - mu') / (mu0 + mu'), with
     |mu - mu'| <= 2 sin(a / 2), mu0 >= 0 and mu' >= sin(e - s), e the least elevation of the camera
     from any node (``least_tangent``), s the greatest tilt of a node's normal. Lambert does not
-    depend on mu. With sin(e - s) > 0 every node leans towards the camera, either way.
+    depend on mu; of other laws, whose brightness changes with the phase, nothing is proved. With
+    sin(e - s) > 0 every node leans towards the camera, either way.
 
     The box's middle sees the camera at e or higher, too: the points that do fill a convex cone,
     with all under it. Half way between the highest node and the one opposite, it is at least as
     high as the middle.
     """
-    if not relief.slope.clears(least_tangent):
+    if model.code not in BOUNDED_LAWS or not relief.slope.clears(least_tangent):
         return math.inf
     leaning = math.sin(math.atan(least_tangent) - math.atan(relief.node_tangent))
     leaning -= 2.0 * NORMAL_ROUNDING_RAD

@@ -17,7 +17,7 @@ from .config import BuildConfig
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .kernels.reflectance import shade_nodes
-from .reflectance import model_code
+from .reflectance import Reflectance
 from .shadows import occluded, occluded_sweep
 from .sphere import direction_enu
 from .sun import reachable_suns
@@ -86,7 +86,7 @@ class Sweep:
     field: Heightfield
     window: Window
     conditions: Conditions
-    reflectance: str
+    reflectance: Reflectance
     accuracy: Accuracy
     turn_rad: float = 0.0
     far: FarTerrain | None = None  # terrain beyond the field, for its shadows
@@ -111,7 +111,7 @@ class Sweep:
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[Image]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those named)."""
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
-        code = model_code(self.reflectance)
+        law = (self.reflectance.code, self.reflectance.numbers)
         for azimuth in range(len(self.conditions.sun_azimuth_deg)):
             elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
             if not len(elevations):
@@ -126,6 +126,6 @@ class Sweep:
                 for view in wanted:
                     camera = self.conditions.view_direction(view, self.turn_rad)
                     radiance = shade_nodes(
-                        self.normals, sun, camera, dark[slot], self.unseen[view], code
+                        self.normals, sun, camera, dark[slot], self.unseen[view], *law
                     )
                     yield Image(view, int(elevation), azimuth, radiance)

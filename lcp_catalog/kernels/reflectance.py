@@ -7,14 +7,24 @@ from numba import njit
 
 LOMMEL_SEELIGER = 0
 LAMBERT = 1
-
-SINGLE_SCATTERING_ALBEDO = 0.21
-LAMBERT_ALBEDO = 0.12
+LUNAR_LAMBERT = 2
+MINNAERT = 3
+HAPKE = 4
+FACET = 5
 
 
 @njit(cache=True, nogil=True, inline="always")
-def radiance_factor(code, mu0, mu):
-    """I/F of a lit and seen facet; mu0, mu are the cosines of incidence and emission.
+def phase_terms(code, law, cos_g):
+    """Two numbers that hold all of a law that depends on the phase alone: computed once a scene
+    where light and view are parallel.
+    """
+    return 1.0, 1.0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def radiance_factor(code, law, terms, mu0, mu, cos_g):
+    """I/F of a lit and seen facet; mu0, mu, cos_g are the cosines of incidence, emission and phase,
+    law (n,) the law's numbers, terms its `phase_terms`.
 
     Finite everywhere: Lommel-Seeliger's 0/0 at mu0 = mu = 0 is taken as 0, the limit of its
     numerator (no light arrives), and a facet seen from behind (mu < 0) counts as seen edge-on.
@@ -22,12 +32,12 @@ def radiance_factor(code, mu0, mu):
     if mu0 <= 0.0:
         return 0.0
     if code == LAMBERT:
-        return LAMBERT_ALBEDO * mu0
-    return 0.25 * SINGLE_SCATTERING_ALBEDO * mu0 / (mu0 + max(mu, 0.0))
+        return law[0] * mu0
+    return 0.25 * law[0] * mu0 / (mu0 + max(mu, 0.0))
 
 
 @njit(cache=True, nogil=True)
-def shade_nodes(normals, sun, camera, dark, unseen, code):
+def shade_nodes(normals, sun, camera, dark, unseen, code, law):
     """Radiance factor, float32 (rows, cols), under one Sun and one camera at infinity.
 
     normals (rows, cols, 3); sun, camera (3,): unit vectors from the surface; dark, unseen (rows,
@@ -35,6 +45,8 @@ def shade_nodes(normals, sun, camera, dark, unseen, code):
     seen.
     """
     rows, cols = dark.shape
+    cos_g = _cosine(sun, camera)
+    terms = phase_terms(code, law, cos_g)
     radiance = np.empty((rows, cols), np.float32)
     for row in range(rows):
         for col in range(cols):
@@ -46,12 +58,12 @@ def shade_nodes(normals, sun, camera, dark, unseen, code):
                 radiance[row, col] = 0.0
             else:
                 mu0 = nx * sun[0] + ny * sun[1] + nz * sun[2]
-                radiance[row, col] = radiance_factor(code, mu0, mu)
+                radiance[row, col] = radiance_factor(code, law, terms, mu0, mu, cos_g)
     return radiance
 
 
 @njit(cache=True, nogil=True)
-def shade_points(normals, sun, cameras, lit, seen, code):
+def shade_points(normals, sun, cameras, lit, seen, code, law):
     """Radiance factor, incidence, emission and phase (radians), float64 (n,) each, of points with
     their own view.
 
@@ -74,8 +86,36 @@ def shade_points(normals, sun, cameras, lit, seen, code):
         elif not lit[k]:
             radiance[k] = 0.0
         else:
-            radiance[k] = radiance_factor(code, _dot(normal, sun), _dot(normal, camera))
+            radiance[k] = _radiance(normal, sun, camera, code, law)
     return radiance, incidence, emission, phase
+
+
+@njit(cache=True, nogil=True)
+def radiance_of_points(normals, sun, cameras, lit, code, law):
+    """Radiance factor alone, float64 (n,), of points that are seen: 0 where not lit, NaN without a
+    normal. Shapes as in `shade_points`.
+    """
+    shared = cameras.shape[0] == 1
+    radiance = np.zeros(normals.shape[0])
+    for k in range(normals.shape[0]):
+        if math.isnan(normals[k, 0]):
+            radiance[k] = np.nan
+        elif lit[k]:
+            radiance[k] = _radiance(normals[k], sun, cameras[0 if shared else k], code, law)
+    return radiance
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _radiance(normal, sun, camera, code, law):
+    cos_g = _cosine(sun, camera)
+    terms = phase_terms(code, law, cos_g)
+    return radiance_factor(code, law, terms, _dot(normal, sun), _dot(normal, camera), cos_g)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _cosine(a, b):
+    """Cosine of the angle between unit vectors, within -1 and 1."""
+    return min(1.0, max(-1.0, _dot(a, b)))
 
 
 @njit(cache=True, nogil=True, inline="always")
