@@ -8,7 +8,7 @@ PHOTO := sample_data/AS15-M-0414
 CATALOG := build/hadley.h5
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog test test-slow check bench bench-peers clean venv
+.PHONY: all catalog gallery test test-slow check bench bench-peers clean venv
 
 all: catalog
 
@@ -33,6 +33,10 @@ catalog: $(READY)
 	@echo "catalogue  $(CATALOG)"
 	@echo "report     build/hadley.html"
 	@echo "previews   build/AS15-M-0414_render.png (beside $(PHOTO).png)  build/hadley_relief.png"
+
+gallery: $(READY)
+	@mkdir -p build
+	$(BIN)/python docs/gallery.py build/gallery
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow'

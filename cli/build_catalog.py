@@ -11,6 +11,7 @@ import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
 from .options import (
+    albedo_options,
     area_options,
     dem_argument,
     depfile_option,
@@ -31,6 +32,7 @@ EXIT_SOME_FAILED = 3
 @area_options
 @sweep_options
 @model_options
+@albedo_options
 @point_options
 @click.option(
     "--jobs",
@@ -139,8 +141,6 @@ def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
 
 
 def _write_depfile(depfile: str, output: str, build: Any) -> None:
-    from lcp_catalog.demset import DemSet
     from lcp_catalog.files import depfile_text, write_bytes
 
-    sources = [path for opened in DemSet.open(build.dem_paths).dems for path in opened.files]
-    write_bytes(depfile, depfile_text(output, sources).encode(), overwrite=True)
+    write_bytes(depfile, depfile_text(output, build.files).encode(), overwrite=True)

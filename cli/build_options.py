@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from .options import check_accuracy, check_area, option_group
+from .options import check_accuracy, check_albedo, check_area, option_group
 
 
 class NumberList(click.ParamType):
@@ -124,6 +124,9 @@ def configuration(
     accuracy: str | None = None,
     tolerance: float | None = None,
     product_order: tuple[str, ...] | None = None,
+    albedo_path: str | None = None,
+    albedo_encoding: str | None = None,
+    albedo_reference: float | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file with the flags laid over it. UsageError for flags that contradict each other."""
     from lcp_catalog.config import BuildConfig
@@ -131,6 +134,9 @@ def configuration(
     check_area(center, size_km, bounds)
     check_accuracy(accuracy, tolerance)
     config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
+    check_albedo(albedo_path or config.model.albedo, albedo_encoding, albedo_reference)
+    if albedo_path:  # how the file's own map is read says nothing of another
+        config = dataclasses.replace(config, model=config.model.without_albedo)
     area: dict[str, Any] = {}
     if center or bounds:
         area = {
@@ -159,6 +165,9 @@ def configuration(
             reflectance=reflectance,
             accuracy=accuracy,
             tolerance=tolerance,
+            albedo=albedo_path,
+            albedo_encoding=albedo_encoding,
+            albedo_reference=albedo_reference,
         ),
     )
 

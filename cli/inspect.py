@@ -34,5 +34,6 @@ def _text(path: str, found: dict[str, Any]) -> str:
     if found["points"] is not None:
         lines[0] += f", schema {found['schema_version']}, made by {found['software']}"
         lines += [f"{name:14} {text}" for name, text in summary_rows(found)]
-        lines += [f"{'source':14} {s['name']}, {s['size']} bytes" for s in found["sources"]]
+        files = found["sources"] + (found["albedo"]["files"] if found["albedo"] else [])
+        lines += [f"{'source':14} {s['name']}, {s['size']} bytes" for s in files]
     return "\n".join(lines)

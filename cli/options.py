@@ -17,10 +17,15 @@ Command = Callable[..., Any]
 TIERS = ("draft", "standard", "high", "reference")
 """Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.accuracy`."""
 
-REFLECTANCES = ("lommel-seeliger", "lambert")
+REFLECTANCES = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke", "facet")
 """Written out, so that no flag needs the kernels to be imported; a test holds it against
 `lcp_catalog.reflectance`.
 """
+
+REFLECTANCE_HELP = (
+    f"Law of reflection: {', '.join(REFLECTANCES)}, some with :SET (hapke:wac-643-mare, minnaert:0.7; "
+    "docs/reflectance.md); default: auto, the one that the scene's phases want."
+)
 
 
 def option_group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
@@ -60,6 +65,36 @@ class Instant(click.ParamType):
         except SunError as error:
             self.fail(f"{error}.", param, ctx)
         return str(value)
+
+
+class Law(click.ParamType):
+    """A law of reflection by name, with what may follow a colon; or auto, which leaves it to the scene."""
+
+    name = "law"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        return "LAW[:SET]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        law, colon, _ = str(value).partition(":")
+        if law not in REFLECTANCES and value != "auto":
+            self.fail(
+                f"{value!r} is no law of reflection; there are {', '.join(REFLECTANCES)}.",
+                param,
+                ctx,
+            )
+        if colon and law != "facet":  # a facet's file is read, and complained of, with the others
+            from lcp_catalog.errors import ConfigError
+            from lcp_catalog.reflectance import reflectance_model  # numba: only when it is asked
+
+            try:
+                reflectance_model(value)
+            except ConfigError as error:
+                self.fail(f"{error}.", param, ctx)
+        return str(value)
+
+
+LAW = Law()
 
 
 class Step(click.ParamType):
@@ -109,6 +144,8 @@ product_order_option = click.option(
 )
 
 dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
+
+dem_argument_or_none = click.argument("dem", nargs=-1, metavar="[DEM...]")
 
 area_options = option_group(
     click.option(
@@ -164,6 +201,67 @@ sun_options = option_group(
     ),
 )
 
+light_options = option_group(
+    click.option(
+        "--earthshine",
+        is_flag=True,
+        help="The Earth lights the scene, too; where it stands is by --time (or the camera's), else over longitude 0, "
+        "latitude 0.",
+    ),
+    click.option(
+        "--environment",
+        "environment_path",
+        metavar="PANORAMA",
+        help="Instead of a Sun: a panorama of all directions (Radiance .hdr, or .pfm, .tif, .png), twice as wide as "
+        "high, its middle looking north.",
+    ),
+    click.option(
+        "--environment-azimuth",
+        type=AZIMUTH,
+        metavar="DEG",
+        help="Where the panorama's middle looks, clockwise from north; default: 0.",
+    ),
+    click.option(
+        "--environment-sources",
+        nargs=3,
+        type=click.Tuple([POSITIVE] * 3),
+        metavar="T R M",
+        help="A bright source: its peak over T times the mean of 45 x 45 deg, its pixels within R deg and over M times "
+        "that mean; default: 6 5 2.",
+    ),
+    click.option(
+        "--sun-sky-ratio",
+        type=POSITIVE,
+        metavar="RATIO",
+        help="Scale the strongest source until it lights a horizontal plane so many times as the rest of the sky "
+        "(CIE clear sky: 4).",
+    ),
+)
+
+composite_options = option_group(
+    click.option(
+        "--shadow-catcher",
+        "catcher_m",
+        type=Number(),
+        metavar="M",
+        help="Where a camera misses the terrain, the background under the shadows on a horizontal plane at this ENU "
+        "height.",
+    ),
+    click.option(
+        "--background",
+        "background_path",
+        metavar="IMAGE",
+        help="What stands behind the terrain in the camera's plane; default with --environment: the panorama.",
+    ),
+    click.option(
+        "--background-white",
+        type=POSITIVE,
+        metavar="V",
+        help="Radiance of the background's 1 (of 8 and 16 bits: white); default: 1, and the render's own white for "
+        "8 and 16 bits.",
+    ),
+)
+
 view_options = option_group(
     click.option("--camera", "camera_path", metavar="CAMERA.json", help="Camera that looks."),
     click.option(
@@ -194,12 +292,27 @@ view_options = option_group(
     ),
 )
 
+SURFACES = ("auto", "heightfield", "sphere")
+"""Like `TIERS`: written out, and held by a test against `lcp_catalog.exposure`."""
+
+surface_option = click.option(
+    "--surface",
+    type=click.Choice(SURFACES),
+    default=SURFACES[0],
+    show_default=True,
+    help="The DEM's heights, or the plain sphere of 1737.4 km, which needs no DEM; auto: the sphere "
+    "where relief changes less than the accuracy admits.",
+)
+
+HEIGHTFIELD_MAX_KM = 2000.0
+"""No area of a DEM is wider; held by a test against `lcp_catalog.terrain`."""
+
 model_options = option_group(
     click.option(
         "--reflectance",
-        type=click.Choice(REFLECTANCES),
+        type=LAW,
         default=None,
-        help=f"Photometric model; default: {REFLECTANCES[0]}.",
+        help=REFLECTANCE_HELP,
     ),
     click.option(
         "--accuracy",
@@ -214,6 +327,33 @@ model_options = option_group(
         metavar="T",
         default=None,
         help="Instead of --accuracy: the fastest tier whose errors stay within this share.",
+    ),
+)
+
+ENCODINGS = ("linear", "srgb")
+"""Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.config`."""
+
+albedo_options = option_group(
+    click.option(
+        "--albedo",
+        "albedo_path",
+        metavar="MAP",
+        help="A map of the ground's relative brightness, any raster in a lunar CRS; radiance is "
+        "multiplied by its value over a reference.",
+    ),
+    click.option(
+        "--albedo-encoding",
+        type=click.Choice(ENCODINGS),
+        default=None,
+        help="What MAP holds: values proportional to brightness (the default), or the codes of a "
+        "display image.",
+    ),
+    click.option(
+        "--albedo-reference",
+        type=POSITIVE,
+        default=None,
+        metavar="V",
+        help="The value, decoded, whose factor is 1; default: MAP's own mean over the ground.",
     ),
 )
 
@@ -263,6 +403,44 @@ def check_sun(
     return any(stated)
 
 
+def check_light(
+    sun_stated: bool,
+    sun_model: str | None,
+    earthshine: bool,
+    environment: str | None,
+    **how: Any,
+) -> None:
+    """Usage error for lights that exclude each other, and for what says how (by name) without a
+    panorama.
+    """
+    if environment is not None and (sun_stated or sun_model is not None):
+        raise click.UsageError(
+            "--environment is all the light there is: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar "
+            "and --sun"
+        )
+    if environment is not None and earthshine:
+        raise click.UsageError("--environment excludes --earthshine: the panorama holds all light")
+    for name, value in how.items():
+        if environment is None and value is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
+
+
+def check_composite(
+    catcher_m: float | None,
+    background: str | None,
+    white: float | None,
+    environment: str | None,
+    frame: str,
+) -> None:
+    """Usage error for a background or a shadow catcher that has no camera, or nothing to darken."""
+    if (catcher_m is not None or background is not None) and frame != "camera":
+        raise click.UsageError("--shadow-catcher and --background need --frame camera")
+    if catcher_m is not None and background is None and environment is None:
+        raise click.UsageError("--shadow-catcher needs --background IMAGE or --environment PANORAMA")
+    if white is not None and background is None:
+        raise click.UsageError("--background-white needs --background IMAGE")
+
+
 def check_view(
     camera_path: str | None,
     off_nadir: float | None,
@@ -282,6 +460,24 @@ def check_view(
         raise click.UsageError("--view-azimuth needs --off-nadir")
     if frame == "camera" and not camera_path and altitude_km is None:
         raise click.UsageError("--frame camera needs --camera, or --altitude (with --off-nadir)")
+
+
+def check_surface(surface: str, dems: tuple[str, ...], size_km: float | None) -> None:
+    """Usage error for heights without a DEM, and for more of them than fit into one plane."""
+    if surface != "sphere" and not dems:
+        raise click.UsageError("no DEM: name one or more, or --surface sphere to render without")
+    if surface != "sphere" and size_km is not None and size_km > HEIGHTFIELD_MAX_KM:
+        raise click.UsageError(
+            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_MAX_KM:g} km wide; the plain "
+            "sphere as wide as the Moon: --surface sphere"
+        )
+
+
+def check_albedo(path: str | None, encoding: str | None, reference: float | None) -> None:
+    """Usage error for what says how a map is read without one."""
+    for flag, value in (("--albedo-encoding", encoding), ("--albedo-reference", reference)):
+        if path is None and value is not None:
+            raise click.UsageError(f"{flag} needs --albedo MAP")
 
 
 def check_accuracy(tier: str | None, tolerance: float | None) -> None:

@@ -12,17 +12,22 @@ import click
 from . import options
 
 if TYPE_CHECKING:
+    from lcp_catalog.environment import Environment
     from lcp_catalog.exposure import Request
 
 
 @click.command()
-@options.dem_argument
+@options.dem_argument_or_none
 @options.product_order_option
 @options.output_option("OUT.tif", required=False)
 @options.area_options
 @options.sun_options
+@options.light_options
 @options.view_options
+@options.surface_option
 @options.model_options
+@options.albedo_options
+@options.composite_options
 @click.option("--preview", metavar="OUT.png", help="Also write a picture for the eye.")
 @click.option(
     "--explain", is_flag=True, help="Say as JSON what is modelled and why; without -o only that."
@@ -42,6 +47,8 @@ def command(
 
     The bands of OUT.tif are radiance, sunlit, visible, incidence, emission, phase and height
     (in the camera's plane x, y, z instead of height). See docs/render.md.
+
+    Without a DEM, --surface sphere renders the plain sphere: see docs/sphere.md.
     """
     if output is None and not explain:
         raise click.UsageError("say where to write with -o OUT.tif, or --explain")
@@ -52,6 +59,7 @@ def command(
         raise click.UsageError("-o, --preview and --depfile must name different files")
     request = _request(dem, **flags)
 
+    from lcp_catalog.exposure import explain as explained
     from lcp_catalog.exposure import prepare
     from lcp_catalog.files import check_output
 
@@ -62,7 +70,7 @@ def command(
     if output is not None:
         _write(scene, output, preview, depfile, overwrite, _camera_of(flags))
     if explain:
-        click.echo(json.dumps(scene.plan.to_json(), indent=2))
+        click.echo(json.dumps(explained(scene), indent=2))
 
 
 def _request(dem: tuple[str, ...], **flags: Any) -> Request:
@@ -73,22 +81,35 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     oblique = (flags["off_nadir"], flags["view_azimuth"], flags["altitude_km"])
     options.check_view(flags["camera_path"], *oblique, flags["frame"])
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
+    albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
+    options.check_albedo(*albedo)
+    options.check_surface(flags["surface"], dem, flags["size_km"])
+    panorama = flags["environment_path"]
+    how = {name: flags[name] for name in ENVIRONMENT}
+    options.check_light(sun_stated, flags["sun_model"], flags["earthshine"], panorama, **how)
+    behind = (flags["catcher_m"], flags["background_path"], flags["background_white"])
+    options.check_composite(*behind, panorama, flags["frame"])
 
     from lcp_catalog.accuracy import accuracy
+    from lcp_catalog.albedo import AlbedoMap
     from lcp_catalog.camera import read_camera
+    from lcp_catalog.compositing import Backdrop
     from lcp_catalog.exposure import Request, SunChoice, ViewChoice
-    from lcp_catalog.reflectance import reflectance_model
+    from lcp_catalog.model_choice import named
+    from lcp_catalog.sphere_scene import Cap
     from lcp_catalog.terrain import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
-    if not sun_stated and (camera is None or not camera.has_sun):
+    if not sun_stated and panorama is None and (camera is None or not camera.has_sun):
         raise click.UsageError(
-            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar"
+            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
             + (f" ({flags['camera_path']} has none)" if camera else "")
         )
-    area = None
+    area: Area | Cap | None = None
     if flags["center"]:
-        area = Area(*flags["center"], flags["size_km"])
+        size_km = flags["size_km"]
+        sphere = flags["surface"] == "sphere"
+        area = Cap(*flags["center"], (size_km, size_km)) if sphere else Area(*flags["center"], size_km)
     elif flags["bounds"]:
         area = Area.from_bounds(*flags["bounds"])
     return Request(
@@ -98,11 +119,33 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
         view=ViewChoice(camera, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
         in_camera_plane=flags["frame"] == "camera",
-        model=reflectance_model(flags["reflectance"] or options.REFLECTANCES[0]),
+        model=named(flags["reflectance"] or "auto"),
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",
         product_order=flags["product_order"] or (),
+        albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
+        surface=flags["surface"],
+        environment=_environment(panorama, **how) if panorama else None,
+        earthshine=flags["earthshine"],
+        backdrop=Backdrop.open(*behind) if behind != (None, None, None) else None,
     )
+
+
+ENVIRONMENT = ("environment_azimuth", "environment_sources", "sun_sky_ratio")
+"""Flags that say how a panorama is used."""
+
+
+def _environment(
+    path: str,
+    environment_azimuth: float | None,
+    environment_sources: tuple[float, float, float] | None,
+    sun_sky_ratio: float | None,
+) -> Environment:
+    from lcp_catalog.environment import Environment
+    from lcp_catalog.panorama_sources import SourceSearch
+
+    search = SourceSearch(*(environment_sources or ()))
+    return Environment.open(path, environment_azimuth or 0.0, search, sun_sky_ratio)
 
 
 def _write(
@@ -122,7 +165,8 @@ def _write(
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode(scene, result))
         if preview:
-            image = png(picture(result.radiance))
+            shown = result.radiance if result.composite is None else result.composite
+            image = png(picture(shown))
             stack.enter_context(write_aside(preview, overwrite)).write_bytes(image)
         if depfile:
             text = depfile_text(output, [*scene.sources, *camera])

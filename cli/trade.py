@@ -9,7 +9,9 @@ import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
 from .options import (
-    REFLECTANCES,
+    LAW,
+    REFLECTANCE_HELP,
+    albedo_options,
     area_options,
     dem_argument,
     output_option,
@@ -27,10 +29,11 @@ from .options import (
 @sweep_options
 @click.option(
     "--reflectance",
-    type=click.Choice(REFLECTANCES),
+    type=LAW,
     default=None,
-    help=f"Photometric model; default: {REFLECTANCES[0]}.",
+    help=REFLECTANCE_HELP,
 )
+@albedo_options
 @point_options
 @click.option(
     "--areas",

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import scene_effects as effects
+from .albedo import AlbedoMap, Cover
 from .catalog import Catalog, Coverage, Overview
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
@@ -27,6 +28,7 @@ from .scene_bounds import limb_tangent
 from .scene_effects import Decision
 from .schema import LOCALIZABLE, UNIQUE, USABLE
 from .sphere import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from .sweep import law_of_build
 from .terrain import Area, NodeWindow, build_terrain
 from .view import slant_range_m
 
@@ -45,12 +47,14 @@ def assemble(
     region: Area,
     gsd_m: float,
     results: list[Candidates],
+    albedo: AlbedoMap | None = None,
 ) -> Catalog:
     """Choose the points and fill every variable of the catalogue."""
     dems = DemSet.open(dem_paths, config.dem.product_order)
     everything = joined(results)
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
+    cover = albedo.cover_of(region, gsd_m) if albedo else None
     return Catalog(
         **_places(points, dems, gsd_m),
         **_worth(points.evaluation, config, gsd_m),
@@ -61,7 +65,10 @@ def assemble(
         view_altitude=np.array(config.view.altitude_km),
         config=_resolved(config, region, gsd_m, spacing_m).to_toml(),
         sources=dems.sources(),
-        scene_plan=json.dumps({"decisions": decisions(config, gsd_m)}, sort_keys=True),
+        albedo_map=albedo.provenance() if albedo else None,
+        scene_plan=json.dumps(
+            {"decisions": decisions(config, gsd_m, region.lat_deg, albedo, cover)}, sort_keys=True
+        ),
         overview=_overview(dems, region, gsd_m),
         coverage=_coverage(
             dems, region, everything, points, spacing_m, config.points.min_usable_conditions
@@ -86,7 +93,9 @@ def joined(parts: list[Any]) -> Any:
     for field in dataclasses.fields(kind):
         values = [getattr(part, field.name) for part in parts]
         nested = dataclasses.is_dataclass(values[0])
-        columns[field.name] = joined(values) if nested else np.concatenate(values)
+        columns[field.name] = (
+            None if values[0] is None else joined(values) if nested else np.concatenate(values)
+        )
     return kind(**columns)
 
 
@@ -95,7 +104,13 @@ def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
     columns = {}
     for field in dataclasses.fields(table):
         value = getattr(table, field.name)
-        columns[field.name] = _rows(value, rows) if dataclasses.is_dataclass(value) else value[rows]
+        columns[field.name] = (
+            _rows(value, rows)
+            if dataclasses.is_dataclass(value)
+            else None
+            if value is None
+            else value[rows]
+        )
     return type(table)(**columns)
 
 
@@ -135,6 +150,7 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
         "elevation_sigma": _known([f.sigma_m for f in facts])[points.product],
         "dem_resolution": _known([f.resolution_m for f in facts])[points.product],
         "dem": points.patch_m,
+        "albedo": points.albedo,
     }
 
 
@@ -176,7 +192,7 @@ def _coarsest(evaluation: Evaluation) -> Array:
             "ignore", RuntimeWarning
         )  # a point without usable conditions has no median: NaN
         masked = np.where(evaluation.condition == USABLE, evaluation.coarsest_scale, np.nan)
-        flat = masked.reshape(len(masked), -1)
+        flat = masked.reshape(len(masked), math.prod(masked.shape[1:]))
         return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
 
 
@@ -243,22 +259,32 @@ def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
 
 
 def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float) -> BuildConfig:
-    """The configuration with what was derived from the DEM filled in."""
+    """The configuration with what was derived from the DEM filled in; no folders."""
     area = dataclasses.replace(config.area, gsd_m=gsd_m)
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
     search_m = config.points.search_nodes(gsd_m) * gsd_m
     points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
-    return dataclasses.replace(config, area=area, points=points)
+    law = law_of_build(config, region.lat_deg).model.name
+    model = dataclasses.replace(config.model.portable, reflectance=law)
+    return dataclasses.replace(config, area=area, points=points, model=model)
 
 
-def decisions(config: BuildConfig, gsd_m: float) -> list[dict[str, Any]]:
-    """What every area of a build models, as `scene_effects` says it: worst over all Suns and views."""
+def decisions(
+    config: BuildConfig,
+    gsd_m: float,
+    lat_deg: float,
+    albedo: AlbedoMap | None = None,
+    cover: Cover | None = None,
+) -> list[dict[str, Any]]:
+    """What every area of a build models, as `scene_effects` says it: worst over all Suns and views. ``cover``: of the region
+    by the map of brightness.
+    """
     accuracy, elevations = config.model.precision, config.sun.elevations_deg
     light = math.tan(math.radians(min(elevations)))
     limb = limb_tangent(direction_enu(0.0, min(elevations)))
     lowest_view = math.tan(math.radians(90.0 - max(config.view.off_nadir_deg)))
-    rays = effects.Rays.of(accuracy)
+    rays, law = effects.Rays.of(accuracy), law_of_build(config, lat_deg)
     made = [
         effects.hiding("cast shadows", "the lowest Sun's elevation", light, None, rays),
         effects.hiding("occlusion", "the lowest view's elevation", lowest_view, None, rays)
@@ -268,9 +294,10 @@ def decisions(config: BuildConfig, gsd_m: float) -> list[dict[str, Any]]:
         effects.solar_disc(False, None, limb, math.inf, accuracy),
         effects.surface(None, lowest_view, 0.0),
         effects.float_width(),
-        effects.reflectance(config.model.reflectance),
+        effects.reflectance(law.model.name, law),
         effects.ring_of_build(min(elevations), config.model.ring_max_km * 1e3),
         *effects.always(config.model.area_nodes_max * gsd_m / math.sqrt(2.0)),
+        effects.albedo(albedo, cover),
         Decision("dependence", True, _DEPENDENCE, 0.0, "share of nodes"),
         Decision(
             "one direction per area", True, _DIRECTION, config.model.direction_tolerance_deg, "deg"

@@ -10,11 +10,13 @@ import json
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ._version import __version__
-from .assemble import assemble
+from .albedo import AlbedoMap
+from .assemble import assemble, decisions
 from .catalog import write_catalog
 from .config import BuildConfig
 from .constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
@@ -22,12 +24,13 @@ from .demset import DemSet
 from .disagreement import warn_of_disagreements
 from .engine import run_tasks
 from .errors import AreaError, AreaFailedError, SunError
+from .facet_file import law_file
 from .files import check_output
 from .job import AreaJob, Candidates, run_area
 from .plan import AreaGrid, AreaTask, plan_areas
 from .schema import SCHEMA_VERSION
 from .shards import Shards
-from .sweep import Conditions
+from .sweep import Conditions, law_of_build
 from .terrain import Area, native_gsd_m
 
 log = logging.getLogger(__name__)
@@ -44,6 +47,7 @@ class Build:
     region: Area
     gsd_m: float
     jobs: tuple[AreaJob, ...]
+    albedo: AlbedoMap | None = None
 
     @classmethod
     def plan(cls, dem_paths: tuple[Path, ...], config: BuildConfig) -> Build:
@@ -57,13 +61,36 @@ class Build:
         if not tasks:
             raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
         _require_sunlight(tasks, config)
-        jobs = tuple(AreaJob(task, grid, region, gsd_m, config, dem_paths) for task in tasks)
-        return cls(config, dem_paths, region, gsd_m, jobs)
+        law = law_of_build(config, region.lat_deg).model
+        spec = config.model.reflectance if law.file else law.name
+        lawful = replace(config, model=replace(config.model, reflectance=spec))
+        albedo = AlbedoMap.of(config.model)
+        if albedo:
+            albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
+        given = (grid, region, gsd_m, lawful, dem_paths, albedo)
+        jobs = tuple(AreaJob(task, *given) for task in tasks)
+        return cls(config, dem_paths, region, gsd_m, jobs, albedo)
+
+    @property
+    def files(self) -> list[Path]:
+        """Every file that the build reads, but its configuration."""
+        dems = [path for dem in DemSet.open(self.dem_paths).dems for path in dem.files]
+        law = law_file(self.config.model.reflectance)
+        return [*dems, *(self.albedo.files if self.albedo else ()), *([law] if law else ())]
+
+    def decisions(self) -> list[dict[str, Any]]:
+        """What is modelled, and why."""
+        cover = self.albedo.cover_of(self.region, self.gsd_m) if self.albedo else None
+        return decisions(self.config, self.gsd_m, self.region.lat_deg, self.albedo, cover)
 
     def fingerprint(self) -> str:
-        """What decides the areas' content: version, configuration, and every DEM file's bytes."""
+        """What decides the areas' content: version, configuration, and every file's bytes."""
         sources = DemSet.open(self.dem_paths).sources()
-        facts = [__version__, SCHEMA_VERSION, self.config.to_toml(), sources]
+        config = replace(self.config, model=self.config.model.portable).to_toml()
+        facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
+        facts += [self.albedo.provenance()] if self.albedo else []
+        law = law_file(self.config.model.reflectance)
+        facts += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
@@ -116,7 +143,7 @@ def build_catalog(
             f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
         )
     catalog = assemble(
-        build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values())
+        build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values()), build.albedo
     )
     write_catalog(catalog, output, overwrite=overwrite)
     shards.remove()

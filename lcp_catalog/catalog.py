@@ -17,16 +17,18 @@ from .datasets import (
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
+    OPTIONAL_ATTRIBUTES,
     TEXT,
     Array,
     Values,
     digest,
     key,
+    split,
     variable_attributes,
 )
 from .errors import CatalogError
 from .files import check_output, write_bytes
-from .schema import ADDED_IN_1_1, SCHEMA_VERSION, Variable
+from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION, Variable
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -63,7 +65,7 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     """
     check_output(path, overwrite)
     values, attributes, groups = catalog.values(), catalog.attributes(), catalog.group_attributes()
-    attributes["content_sha256"] = digest(values, attributes, groups)
+    attributes |= _digests(values, attributes, groups, catalog.optional_attributes())
     with _create() as file:
         file.attrs.update(attributes)
         for group, variables in GROUPS.items():
@@ -82,7 +84,8 @@ def _write_group(
 ) -> None:
     place = file.create_group(group, track_order=True) if group else file
     place.attrs.update(attributes.get(group, {}))
-    scales_first = sorted(variables, key=lambda name: variables[name].dims != (name,))
+    present = [name for name in variables if key(group, name) in values]
+    scales_first = sorted(present, key=lambda name: variables[name].dims != (name,))
     for name in scales_first:
         _write_variable(place, name, variables[name], values[key(group, name)])
 
@@ -146,6 +149,20 @@ def _chunks(array: Array) -> tuple[int, ...]:
     return tuple(shape)
 
 
+def _digests(
+    values: Values,
+    attributes: dict[str, Any],
+    groups: dict[str, dict[str, float]],
+    optional: dict[str, Any],
+) -> dict[str, Any]:
+    """The attributes that only some catalogues have, and a digest of everything else and one of them."""
+    plain, extra = split(values)
+    found: dict[str, Any] = {"content_sha256": digest(plain, attributes, groups)}
+    if optional:
+        found |= optional | {"albedo_sha256": digest(extra, optional, {})}
+    return found
+
+
 # -- reading
 
 
@@ -191,12 +208,14 @@ def _values(file: h5py.File) -> dict[str, Array]:
         key(group, name): _read_variable(file[key(group, name)], variable)
         for group, variables in GROUPS.items()
         for name, variable in variables.items()
-        if not _is_older(file, name)
+        if not _is_absent(file, name)
     }
 
 
-def _is_older(file: h5py.File, name: str) -> bool:
-    """Whether a variable is missing because the file was written before there was one."""
+def _is_absent(file: h5py.File, name: str) -> bool:
+    """Whether a variable is missing because the file was written before there was one, or without one."""
+    if name in OPTIONAL:
+        return not (_has_variable(file, name) or _has_attribute(file, "albedo_map"))
     return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
 
 
@@ -214,6 +233,7 @@ def _read_variable(dataset: h5py.Dataset, variable: Variable) -> Array:
 
 def _attributes(file: h5py.File) -> dict[str, Any]:
     found = {name: file.attrs[name] for name in GLOBAL_ATTRIBUTES}
+    found |= {name: file.attrs[name] for name in OPTIONAL_ATTRIBUTES if name in file.attrs}
     return {
         name: float(value) if name == "reference_radius_m" else str(value)
         for name, value in found.items()
@@ -251,16 +271,26 @@ def _content_problems(file: h5py.File) -> list[str]:
         return problems + structure
     try:
         values, attributes, groups = _values(file), _attributes(file), _group_attributes(file)
-        stated = attributes.pop("content_sha256")
-        if digest(values, attributes, groups) != stated:
-            problems.append(
-                "content_sha256: the content is not what was written (damaged or edited)"
-            )
+        problems += _digest_problems(values, attributes, groups)
         values = _completed(values)
         shapes = shape_problems(values)
         return problems + (shapes or value_problems(values)) + list(text_problems(attributes))
     except _HDF5_ERRORS as error:
         return [*problems, f"is damaged: {_line(error)}"]
+
+
+def _digest_problems(
+    values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]
+) -> list[str]:
+    """Digests that are not those of the content."""
+    optional = {name: attributes[name] for name in ("albedo_map",) if name in attributes}
+    own = ("content_sha256", *OPTIONAL_ATTRIBUTES)
+    plain = {name: value for name, value in attributes.items() if name not in own}
+    return [
+        f"{name}: the content is not what was written (damaged or edited)"
+        for name, found in _digests(values, plain, groups, optional).items()
+        if name.endswith("_sha256") and found != attributes.get(name)
+    ]
 
 
 def _identity_problems(file: h5py.File) -> Iterator[str]:
@@ -297,9 +327,8 @@ def _unreadable(file: h5py.File) -> Iterator[str]:
 
 def _structure_problems(file: h5py.File) -> Iterator[str]:
     """Attributes and variables that are missing or are not what the schema says."""
-    for name in GLOBAL_ATTRIBUTES:
-        if not _has_attribute(file, name):
-            yield f"the attribute {name} is missing"
+    wanted = (*GLOBAL_ATTRIBUTES, *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()))
+    yield from (f"the attribute {n} is missing" for n in wanted if not _has_attribute(file, n))
     for group, variables in GROUPS.items():
         place = file.get(group) if group else file
         if not isinstance(place, h5py.Group):
@@ -309,12 +338,20 @@ def _structure_problems(file: h5py.File) -> Iterator[str]:
             if not _has_attribute(place, name):
                 yield f"{group}: the attribute {name} is missing"
         for name, variable in variables.items():
-            if _is_older(file, name):
+            if _is_absent(file, name):
                 continue
             try:
                 yield from _variable_problems(place, name, variable, key(group, name))
             except _HDF5_ERRORS as error:
                 yield f"{key(group, name)}: is damaged: {_line(error)}"
+
+
+def _has_variable(file: h5py.File, name: str) -> bool:
+    """Whether a variable is there, damaged or not."""
+    try:
+        return name in file
+    except _HDF5_ERRORS:
+        return True
 
 
 def _has_attribute(place: h5py.Group, name: str) -> bool:

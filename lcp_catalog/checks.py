@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .constants import FRAME, MOON_RADIUS_M
 from .datasets import FIXED, GROUPS, Values, centred, key
 from .flags import evaluated, summarise_usable, usable
-from .schema import COVERAGE_STATUS, USABLE
+from .schema import COVERAGE_STATUS, OPTIONAL, USABLE
 from .sphere import enu_rotation, lonlat_to_mcmf
 
 _PLACE_TOLERANCE_M = 1e-3
@@ -39,6 +39,8 @@ def shape_problems(values: Values) -> list[str]:
         lengths = dict(FIXED)
         for short, variable in variables.items():
             name = key(group, short)
+            if name in OPTIONAL and name not in values:
+                continue
             array = values[name]
             if array.ndim != len(variable.dims):
                 lines.append(
@@ -64,9 +66,9 @@ def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
         or attributes["frame"] != FRAME
     ):
         yield f"body, frame or reference_radius_m are not MOON, {FRAME}, {MOON_RADIUS_M:g}"
-    for name in ("sources", "scene_plan"):
+    for name in ("sources", "scene_plan", "albedo_map"):
         try:
-            json.loads(attributes[name])
+            json.loads(attributes.get(name, "null"))
         except json.JSONDecodeError:
             yield f"{name}: is no JSON"
 
@@ -150,6 +152,18 @@ def _check_patches(values: Values) -> Iterator[str]:
     )
 
 
+def _check_albedo(values: Values) -> Iterator[str]:
+    """Of every patch the whole or nothing is known, and no ground gives back less than nothing."""
+    if "albedo" not in values:
+        return
+    albedo = values["albedo"]
+    known = np.isfinite(albedo)
+    wrong = np.isinf(albedo) | np.asarray(known & (albedo < 0.0))
+    yield from _where("albedo", wrong, "not 0 or above")
+    part = np.asarray(known.any(axis=(1, 2)) & ~known.all(axis=(1, 2)))
+    yield from _where("albedo", part, "is known of a part of the patch only")
+
+
 def _check_resolutions(values: Values) -> Iterator[str]:
     for name in ("gsd", "gsd_min", "gsd_max"):
         yield from _where(
@@ -207,6 +221,7 @@ _CHECKS = (
     _check_places,
     _check_rotations,
     _check_patches,
+    _check_albedo,
     _check_resolutions,
     _check_conditions,
     _check_figures,

@@ -19,6 +19,9 @@ import tomli_w
 from .accuracy import Accuracy, accuracy
 from .errors import ConfigError
 
+ALBEDO_ENCODINGS = ("linear", "srgb")
+"""What the numbers of a map may be: proportional to brightness, or codes of a display image."""
+
 PARALLEL_ALTITUDE_KM = math.inf
 """A camera at infinity: parallel rays."""
 
@@ -177,7 +180,14 @@ class PointConfig:
 class ModelConfig:
     """How an area is modelled."""
 
-    reflectance: str = "lommel-seeliger"
+    reflectance: str = "auto"
+    """Law of reflection; ``auto``: the one that the build's phases want (`model_choice`)."""
+    albedo: str | None = None
+    """File of a map of relative brightness, sought from the folder of the BUILD.toml that names it; none: all ground alike."""
+    albedo_encoding: str | None = None
+    """``linear`` (also for none), or ``srgb``: the codes of a display image."""
+    albedo_reference: float | None = None
+    """The map's value whose factor is 1; none: its own mean."""
     accuracy: str | None = None
     """Tier of shadows and visibility; none: the one that the tolerance wants, else `accuracy.DEFAULT_TIER`."""
     tolerance: float | None = None
@@ -192,6 +202,18 @@ class ModelConfig:
             "model.direction_tolerance_deg must lie in 0.05..10",
         )
         accuracy(self.accuracy, self.tolerance)  # says what is wrong with them
+        _require(
+            self.albedo_encoding in (None, *ALBEDO_ENCODINGS),
+            f"model.albedo_encoding must be {' or '.join(ALBEDO_ENCODINGS)}",
+        )
+        _require(
+            self.albedo_reference is None or 0.0 < self.albedo_reference < math.inf,
+            f"model.albedo_reference must be positive, not {self.albedo_reference}",
+        )
+        _require(
+            self.albedo is not None or self.albedo_encoding is self.albedo_reference is None,
+            "model.albedo_encoding and model.albedo_reference need model.albedo, a map",
+        )
         _require(self.ring_max_km >= 0.0, "model.ring_max_km must not be negative")
         _require(self.area_nodes_max >= 16, "model.area_nodes_max must be at least 16")
 
@@ -199,6 +221,32 @@ class ModelConfig:
     def precision(self) -> Accuracy:
         """The tier and tolerance that are meant."""
         return accuracy(self.accuracy, self.tolerance)
+
+    @property
+    def without_albedo(self) -> ModelConfig:
+        """The same for ground that is all alike."""
+        return dataclasses.replace(self, albedo=None, albedo_encoding=None, albedo_reference=None)
+
+    def beside(self, folder: Path) -> ModelConfig:
+        """The same with its files' names, which stand in a file of this folder, as seen from here;
+        an absolute one stays what it is.
+        """
+        albedo = None if self.albedo is None else str(folder / self.albedo)
+        law, _, which = self.reflectance.partition(":")
+        if law == "facet" and which.lower().endswith(".toml"):
+            law = f"{law}:{folder / which}"
+            return dataclasses.replace(self, albedo=albedo, reflectance=law)
+        return dataclasses.replace(self, albedo=albedo)
+
+    @property
+    def portable(self) -> ModelConfig:
+        """The same without folders: files by their names."""
+        name = None if self.albedo is None else Path(self.albedo).name
+        law, colon, which = self.reflectance.partition(":")
+        if law == "facet":  # a file, or a name without folders
+            law = f"{law}{colon}{Path(which).name}"
+            return dataclasses.replace(self, albedo=name, reflectance=law)
+        return dataclasses.replace(self, albedo=name)
 
 
 @dataclass(frozen=True)
@@ -222,9 +270,10 @@ class BuildConfig:
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path}: not TOML: {error}") from error
         try:
-            return cls.from_dict(document)
+            config = cls.from_dict(document)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
+        return dataclasses.replace(config, model=config.model.beside(path.parent))
 
     @classmethod
     def from_dict(cls, document: dict[str, Any]) -> BuildConfig:

@@ -14,7 +14,7 @@ from .checks import first_few, shape_problems, value_problems
 from .constants import FRAME, MOON_RADIUS_M
 from .datasets import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Array, Values, centred, key
 from .errors import CatalogError
-from .schema import ADDED_IN_1_1, SCHEMA_VERSION
+from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -89,12 +89,19 @@ class Catalog:
     schema_version: str = SCHEMA_VERSION  # of the file that was read; the present one is written
     elevation_sigma: Array | None = None  # (n,) metres, NaN or None: unknown
     dem_resolution: Array | None = None  # (n,) metres, NaN or None: unknown
+    albedo: Array | None = None  # (n, p, p) float32, NaN outside the map; None: no map
+    albedo_map: Any = None  # what ``albedo`` comes from: name, encoding, reference, files
 
     def __post_init__(self) -> None:
         for name in ADDED_IN_1_1:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(len(self.point_id), np.nan))
-        for name in ("sources", "scene_plan"):
+        _require(
+            ""
+            if (self.albedo is None) == (self.albedo_map is None)
+            else "albedo and albedo_map go together"
+        )
+        for name in ("sources", "scene_plan", "albedo_map"):
             value = getattr(self, name)
             object.__setattr__(
                 self, name, _from_json(name, value) if isinstance(value, str) else value
@@ -132,6 +139,8 @@ class Catalog:
             owner = getattr(self, group) if group else self
             for short, variable in variables.items():
                 name = key(group, short)
+                if name in OPTIONAL and getattr(self, name) is None:
+                    continue
                 found[name] = _typed(
                     name, found[name] if name in found else getattr(owner, short), variable.dtype
                 )
@@ -153,6 +162,12 @@ class Catalog:
             "sources": json.dumps(self.sources, sort_keys=True),
             "scene_plan": json.dumps(self.scene_plan, sort_keys=True),
         }
+
+    def optional_attributes(self) -> dict[str, Any]:
+        """Those that only some catalogues have, but for the digest of what only some have."""
+        if self.albedo_map is None:
+            return {}
+        return {"albedo_map": json.dumps(self.albedo_map, sort_keys=True)}
 
     def group_attributes(self) -> dict[str, dict[str, float]]:
         """Attributes of the groups by group and name."""
@@ -208,7 +223,9 @@ def catalog_of(
             "product_version",
             "software_version",
             "schema_version",
+            "albedo_map",
         )
+        if name in attributes
     }
     arrays: dict[str, Any] = {
         f.name: values[f.name] for f in dataclasses.fields(Catalog) if f.name in values

@@ -18,6 +18,7 @@ from .schema import (
     COVERAGE_STATUS,
     FLAG_MASKS,
     FLAG_MEANINGS,
+    OPTIONAL,
     OVERVIEW,
     VARIABLES,
     Variable,
@@ -33,6 +34,11 @@ GROUPS: dict[str, dict[str, Variable]] = {
 """Every dataset of the file by group and name; the root group has no name."""
 
 GROUP_ATTRIBUTES = {"overview": ("center_lon", "center_lat"), "coverage": ("spacing_m",)}
+
+OPTIONAL_ATTRIBUTES = ("albedo_map", "albedo_sha256")
+"""Of a catalogue with albedo: the map it comes from, and a digest of both. `content_sha256` leaves them out, so that a
+reader of schema 1.1 finds what it knows intact.
+"""
 
 GLOBAL_ATTRIBUTES = (
     "Conventions",
@@ -88,6 +94,12 @@ def variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
 def centred(count: int) -> NDArray[np.int32]:
     """Indices of a patch's nodes counted from its centre."""
     return np.arange(count, dtype=np.int32) - count // 2
+
+
+def split(values: Values) -> tuple[dict[str, Array], dict[str, Array]]:
+    """What every catalogue has, and what only some have."""
+    optional = {name: values[name] for name in OPTIONAL if name in values}
+    return {name: values[name] for name in values if name not in optional}, optional
 
 
 def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:

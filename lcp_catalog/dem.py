@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from .constants import MOON_RADIUS_M
 from .errors import DemError, LabelError
 from .grid import Grid
+from .gridded import Gridded
 from .label import Label, find_image
 from .pds4 import product_label
 from .products import ProductFacts, facts_of, product_name
-from .raster import Heights, Raster, open_dataset
+from .raster import Raster, open_dataset
 
 __all__ = ["Dem", "Statistics", "product_name"]
-
-_COARSER = 1.5
-"""From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,7 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class Dem:
+class Dem(Gridded):
     """One product: its pixels, its grid and its name. Picklable; files are opened again where it
     arrives.
     """
@@ -133,11 +127,6 @@ class Dem:
         return cls(path, product_name(path.stem), grid, raster, (path,))
 
     @property
-    def gsd_m(self) -> float:
-        """Pixel size at true scale."""
-        return self.grid.pixel_m
-
-    @property
     def abs_latitude_use(self) -> tuple[float, float] | None:
         """Absolute latitudes for which the method takes this product; None for others."""
         return self.facts.abs_latitude_use
@@ -153,76 +142,6 @@ class Dem:
         opened.
         """
         return MOON_RADIUS_M
-
-    def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
-        """Heights of a window that may reach beyond the raster: NaN there, but round the Moon and
-        over a pole where it does.
-
-        Columns of a global product repeat; beyond the pole of a global cylinder its rows come back
-        on the other side.
-        """
-        out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
-        for source, target, turn in self._row_runs(row0, row1):
-            for columns, place in self._column_runs(col0 + turn, col1 + turn):
-                block = self.raster.read(source[0], source[1], *columns)
-                out[target[0] : target[1], place[0] : place[1]] = (
-                    block if target[2] > 0 else block[::-1]
-                )
-        return out
-
-    def _row_runs(
-        self, row0: int, row1: int
-    ) -> Iterator[tuple[tuple[int, int], tuple[int, int, int], int]]:
-        """(rows of the raster), (rows of the window, direction), columns to turn by."""
-        height, half = self.grid.height, self.grid.period // 2
-        first, last = max(row0, 0), min(row1, height)
-        if first < last:
-            yield (first, last), (first - row0, last - row0, 1), 0
-        if not self.grid.wraps or self.grid.period % 2:
-            return
-        north, south = self._reaches_poles
-        for there, top, bottom, mirror in (
-            (north, row0, min(row1, 0), -1),
-            (south, max(row0, height), row1, 2 * height - 1),
-        ):
-            top, bottom = max(top, mirror - height + 1), min(bottom, mirror + 1)  # noqa: PLW2901
-            if there and top < bottom:  # row r beyond the pole is row mirror - r on the other side
-                yield (mirror - bottom + 1, mirror - top + 1), (top - row0, bottom - row0, -1), half
-
-    @cached_property
-    def _reaches_poles(self) -> tuple[bool, bool]:
-        box = self.grid.bounds
-        return abs(box.north - 90.0) < 1e-6, abs(box.south + 90.0) < 1e-6
-
-    def _column_runs(
-        self, col0: int, col1: int
-    ) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-        """(columns of the raster), (columns of the window)."""
-        width = self.grid.period if self.grid.wraps else self.grid.width
-        turns = (
-            range(math.floor(col0 / width), math.ceil(col1 / width))
-            if self.grid.wraps
-            else range(1)
-        )
-        for turn in turns:
-            first, last = max(col0, turn * width), min(col1, (turn + 1) * width)
-            if first < last:
-                yield (first - turn * width, last - turn * width), (first - col0, last - col0)
-
-    def factor(self, gsd_m: float) -> int:
-        """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5,
-        else the ratio, rounded.
-
-        Around the Moon it is lowered to a divisor of the columns, so that blocks do not depend on
-        where a window begins.
-        """
-        ratio = gsd_m / self.grid.pixel_m
-        if not ratio >= _COARSER:
-            return 1
-        wanted = min(math.floor(ratio + 0.5), max(self.grid.width, self.grid.height))
-        if not self.grid.wraps:
-            return wanted
-        return next(f for f in range(wanted, 0, -1) if self.grid.period % f == 0)
 
 
 def _refuse_other_kind(image: Path, label: Label) -> None:

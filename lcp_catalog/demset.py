@@ -7,12 +7,10 @@ the ranking changes, inside the outer edge of a product that has another one ben
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .constants import MOON_RADIUS_M
 from .dem import Dem
 from .errors import AreaError, DemError
+from .files import file_facts
 from .grid import Bounds, enclosing_arc
 from .layers import Layer
 from .products import is_called
@@ -108,7 +107,7 @@ class DemSet:
         return tuple(tuple(layer) for layer in found)
 
     @cached_property
-    def layers(self) -> tuple[Layer, ...]:
+    def layers(self) -> tuple[Layer[Dem], ...]:
         """The files of one product on one lattice as one, in the order of their first file."""
         return tuple(Layer(tuple(self.dems[i] for i in members)) for members in self._members)
 
@@ -292,8 +291,7 @@ class DemSet:
         """Name, size and SHA-256 of every file that heights come from, labels included; no folders,
         in the given order.
         """
-        files = dict.fromkeys(path for dem in self.dems for path in dem.files)
-        return [{"name": p.name, "size": p.stat().st_size, "sha256": _sha256(p)} for p in files]
+        return file_facts(dict.fromkeys(path for dem in self.dems for path in dem.files))
 
 
 def height_at(dem: Dem, lon_deg: float, lat_deg: float) -> float | None:
@@ -315,7 +313,7 @@ def _is_meant(dem: Dem, name: str) -> bool:
     return is_called(dem.product, name) or name.upper() in files
 
 
-def _boxes_overlap(one: Layer, other: Layer) -> bool:
+def _boxes_overlap(one: Layer[Dem], other: Layer[Dem]) -> bool:
     return any(_overlap(a.grid.bounds, b.grid.bounds) for a in one.dems for b in other.dems)
 
 
@@ -323,14 +321,3 @@ def _overlap(a: Bounds, b: Bounds) -> bool:
     apart = (b.west - a.west) % 360.0
     along = apart <= a.east - a.west or 360.0 - apart <= b.east - b.west
     return along and a.south <= b.north and b.south <= a.north
-
-
-def _sha256(path: Path) -> str:
-    stat = os.stat(path)
-    return _sha256_of(str(path), stat.st_mtime_ns, stat.st_size)
-
-
-@lru_cache(maxsize=256)
-def _sha256_of(path: str, _mtime_ns: int, _size: int) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

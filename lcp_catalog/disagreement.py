@@ -94,7 +94,7 @@ def _compared(dems: DemSet, first: int, second: int, box: Bounds) -> Disagreemen
         return None
     facts = [layer.dems[0].facts for layer in layers]
     sigmas = [UNKNOWN_SIGMA_M if f.sigma_m is None else f.sigma_m for f in facts]
-    names = layers[0].product, layers[1].product
+    names = layers[0].dems[0].product, layers[1].dems[0].product
     assumed = tuple(name for name, fact in zip(names, facts, strict=True) if fact.sigma_m is None)
     limit_m = FACTOR * math.hypot(*sigmas)
     return Disagreement(names, common.size, float(np.median(common)), limit_m, assumed)

@@ -17,6 +17,10 @@ class DemError(LcpError, OSError):
     """A DEM file cannot be opened or read, or its pixels do not match its label."""
 
 
+class AlbedoError(LcpError, ValueError):
+    """An albedo map that cannot be read, is none, or does not cover the area."""
+
+
 class AreaError(LcpError, ValueError):
     """An area is malformed, or has no heights in the DEM that was given."""
 
@@ -29,8 +33,16 @@ class CameraError(LcpError, ValueError):
     """A camera file that cannot be read, or a camera that cannot see the area."""
 
 
+class ImageError(LcpError, ValueError):
+    """A picture that cannot be read, or is not what it is given for."""
+
+
 class ConfigError(LcpError, ValueError):
     """A configuration value that is unknown or out of range."""
+
+
+class MeasurementError(LcpError, ValueError):
+    """Measurements of a surface that cannot be read, or do not say enough for a fit."""
 
 
 class OutputExistsError(LcpError, FileExistsError):

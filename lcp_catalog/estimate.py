@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .assemble import OVERVIEW_NODES, choose, decisions
+from .assemble import OVERVIEW_NODES, choose
 from .build import Build
 from .job import Candidates, run_area
 from .sweep import Conditions
@@ -33,7 +33,8 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     seconds, result = _measured(build, sample)
     ground = [int(np.prod(job.task.window.shape)) for job in build.jobs]
     points = len(choose(result, build.config, build.gsd_m)) * sum(ground) / max(ground[sample], 1)
-    one_point = config.points.patch_nodes**2 * 4 + int(np.prod(conditions[sample].shape))
+    layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
+    one_point = config.points.patch_nodes**2 * 4 * layers + int(np.prod(conditions[sample].shape))
     return {
         "areas": len(build.jobs),
         "suns": max(int(c.reachable.sum()) for c in conditions),
@@ -46,7 +47,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "bytes_estimate": int(
             FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
         ),
-        "decisions": decisions(config, build.gsd_m),
+        "decisions": build.decisions(),
     }
 
 

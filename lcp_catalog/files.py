@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from .errors import OutputError, OutputExistsError
 
@@ -60,6 +63,25 @@ def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool =
     """Write a whole file as `write_aside` does."""
     with write_aside(path, overwrite) as aside:
         aside.write_bytes(content)
+
+
+def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
+    """Name, size and SHA-256 of files, for what a result says it was made from; no folders."""
+    found = [(path, os.stat(path)) for path in paths]
+    return [
+        {
+            "name": path.name,
+            "size": stat.st_size,
+            "sha256": _sha256(str(path), stat.st_mtime_ns, stat.st_size),
+        }
+        for path, stat in found
+    ]
+
+
+@lru_cache(maxsize=256)
+def _sha256(path: str, _mtime_ns: int, _size: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def depfile_text(target: Path | str, sources: Iterable[Path | str]) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .albedo import AlbedoMap
 from .config import BuildConfig
 from .constants import MOON_RADIUS_M
 from .demset import DemSet
@@ -20,10 +21,9 @@ from .evaluate import Evaluation, evaluate
 from .heightfield import Window
 from .landmarks.corners import Persistence, candidates
 from .plan import AreaGrid, AreaTask
-from .reflectance import reflectance_model
 from .sphere import EnuFrame, enu_rotation, mcmf_to_lonlat
 from .surroundings import build_surrounded, ring_for_rays_m, surroundings
-from .sweep import Conditions, Sweep
+from .sweep import Conditions, Sweep, law_of_build
 from .terrain import Area, Terrain, sample_patch
 
 Array = NDArray[np.float64]
@@ -44,6 +44,7 @@ class AreaJob:
     gsd_m: float
     config: BuildConfig
     dem_paths: tuple[Path, ...]
+    albedo: AlbedoMap | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Candidates:
     patch_m: NDArray[np.float32]  # (n, p, p) ENU z in the point's own frame
     product: NDArray[np.int16]  # index of the DEM
     evaluation: Evaluation
+    albedo: NDArray[np.float32] | None = None
+    """(n, p, p) relative brightness of the patches' nodes, all NaN outside the map; None without a map."""
 
     def __len__(self) -> int:
         return len(self.lon_deg)
@@ -78,9 +81,10 @@ def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
         terrain.field,
         terrain.core,
         conditions,
-        reflectance_model(model.reflectance),
+        law_of_build(job.config, job.region.lat_deg).model,
         model.precision,
         far=terrain.far,
+        brightness=job.albedo.known_nodes(terrain) if job.albedo else None,
     )
     return terrain, sweep
 
@@ -169,9 +173,20 @@ def _evaluated(
     cols: NDArray[np.int64],
 ) -> Candidates:
     """Evaluate the candidates in groups of like convergence, each under Suns turned to the group's own north."""
-    whole = _has_whole_patch(core.z, rows, cols, job.config.points.half)
+    half = job.config.points.half
+    whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
     lon, lat = core.lon[rows, cols], core.lat[rows, cols]
+    found = _patches(dems, lon, lat, job)
+    if found.albedo is not None and sweep.brightness is not None:
+        known = _known_alike(sweep.brightness, rows, cols, half, found.albedo)
+        rows, cols, lon, lat, found = (
+            rows[known],
+            cols[known],
+            lon[known],
+            lat[known],
+            found.rows(known),
+        )
     turns = _turns(core.frame, lon, lat, job.config)
     parts = Evaluation.empty(len(rows), sweep.conditions.shape)
     for turn in np.unique(turns):
@@ -180,8 +195,7 @@ def _evaluated(
         parts = parts.with_rows(
             group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m)
         )
-    patches, elevation, product = _patches(dems, lon, lat, job)
-    return Candidates(lon, lat, elevation, patches, product, parts)
+    return Candidates(lon, lat, found.elevation_m, found.z_m, found.product, parts, found.albedo)
 
 
 def _has_whole_patch(
@@ -204,15 +218,49 @@ def _turns(frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig) -> Arra
     return np.round(turn / step) * step
 
 
-def _patches(
-    dems: DemSet, lon: Array, lat: Array, job: AreaJob
-) -> tuple[NDArray[np.float32], Array, NDArray[np.int16]]:
-    """Each candidate's fragment of the DEM in its own frame."""
+def _known_alike(
+    brightness: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    half: int,
+    patches: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Which patches lie wholly on a map of brightness, or wholly off it, as the area has them and as they are stored (n, p, p).
+    Where the map ends inside a patch the image has an edge that is not on the ground.
+    """
+    known, alike = np.isfinite(brightness), np.empty(len(rows), dtype=np.bool_)
+    for i, (r, c) in enumerate(zip(rows, cols, strict=True)):
+        area = known[r - half : r + half + 1, c - half : c + half + 1]
+        own = np.isfinite(patches[i])
+        alike[i] = (area.all() and own.all()) or not (area.any() or own.any())
+    return alike
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Each candidate's fragment of the DEM in its own frame: (n, p, p), (n,), (n,), (n, p, p)."""
+
+    z_m: NDArray[np.float32]
+    elevation_m: Array
+    product: NDArray[np.int16]
+    albedo: NDArray[np.float32] | None
+
+    def rows(self, some: NDArray[np.bool_]) -> _Found:
+        """Some of the candidates."""
+        albedo = None if self.albedo is None else self.albedo[some]
+        return _Found(self.z_m[some], self.elevation_m[some], self.product[some], albedo)
+
+
+def _patches(dems: DemSet, lon: Array, lat: Array, job: AreaJob) -> _Found:
+    """Each candidate's fragment, with the brightness of the same nodes."""
     size = job.config.points.patch_nodes
-    patches = np.empty((len(lon), size, size), dtype=np.float32)
+    z = np.empty((len(lon), size, size), dtype=np.float32)
+    albedo = np.empty_like(z) if job.albedo else None
     elevation = np.empty(len(lon))
     product = np.empty(len(lon), dtype=np.int16)
     for i, (o, a) in enumerate(zip(lon, lat, strict=True)):
         patch = sample_patch(dems, float(o), float(a), size, job.gsd_m)
-        patches[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
-    return patches, elevation, product
+        z[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
+        if albedo is not None and job.albedo is not None:
+            albedo[i] = job.albedo.patch(patch.frame, patch.z_m, job.gsd_m)
+    return _Found(z, elevation, product, albedo)

@@ -1,19 +1,22 @@
-"""The files of one product on one lattice as one raster: heights at any place, and how far a place lies inside what they cover."""
+"""The files of one product on one lattice as one raster: heights (or whatever its pixels hold) at any place, and how far a
+place lies inside what they cover.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import block_cache
 from .constants import MOON_RADIUS_M
-from .dem import Dem
 from .grid import EDGE_PX, Grid
+from .gridded import Gridded
 from .kernels import resample
 from .raster import Heights
 from .seams import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
@@ -21,6 +24,7 @@ from .seams import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
 Array = NDArray[np.float64]
 Indices = NDArray[np.int16]
 Places = NDArray[np.intp] | slice
+File = TypeVar("File", bound=Gridded)
 Box = tuple[tuple[float, float], tuple[float, float]]
 """Least and greatest column, least and greatest row, on the first file's lattice."""
 
@@ -47,14 +51,10 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Layer:
+class Layer(Generic[File]):
     """Files of one product that cut one lattice, in the order in which they are asked."""
 
-    dems: tuple[Dem, ...]
-
-    @property
-    def product(self) -> str:
-        return self.dems[0].product
+    dems: tuple[File, ...]
 
     @property
     def pixel_m(self) -> float:
@@ -263,10 +263,9 @@ class Layer:
         )
 
     @cached_property
-    def _identity(self) -> tuple[tuple[str, int, int], ...]:
-        """What the pixels depend on: files that were written anew are others."""
-        stats = [(dem.path, dem.path.stat()) for dem in self.dems]
-        return tuple((str(path), stat.st_mtime_ns, stat.st_size) for path, stat in stats)
+    def _identity(self) -> tuple[Hashable, ...]:
+        """What the pixels depend on."""
+        return tuple(dem.identity for dem in self.dems)
 
     def _blocks(
         self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int

@@ -5,7 +5,8 @@ What is modelled, and how exactly, the scene plan says (`scene`). Nodata is neve
 radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
 
 The light is a `Lighting`, or the direction to a lone Sun. Each source adds its irradiance times the
-radiance factor under it; sunlit, incidence and phase are those of the first.
+radiance factor under it, a sky the sum over its samples; sunlit, incidence and phase are those of the
+first source.
 
 The radiance under a disc is that under a Sun in its middle, times the share of the disc above the
 terrain's horizon. A facet that the middle does not reach is dark, though it may see part of the
@@ -26,7 +27,14 @@ from .camera import Camera
 from .errors import CameraError, SunError
 from .horizons import Points
 from .lighting import Lighting, Source
-from .reflectance import DEFAULT_MODEL, Reflectance, photometry, radiance_under
+from .panorama_sky import sky_at_nodes, sky_at_points
+from .reflectance import (
+    DEFAULT_MODEL,
+    Reflectance,
+    bands_of_nodes,
+    photometry,
+    radiance_under,
+)
 from .relief import nodes_enu
 from .scene import ScenePlan, parallel_view, plan_scene
 from .shadows import occluded
@@ -57,19 +65,22 @@ class Albedo(Protocol):
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
-    not lit), sunlit share of the Sun (0 or 1 of a point), visible as a mask, angles in degrees (NaN
+    not lit), sunlit share of the Sun (0 or 1 of a point), visible as a mask (of a sphere's limb the
+    share of a pixel), angles in degrees (NaN
     without a surface), and where it is: ``height_m`` (ENU z) at the area's nodes,
-    ``position_mcmf_m`` (rows, cols, 3) in the camera's plane.
+    ``position_mcmf_m`` (rows, cols, 3) in the camera's plane. ``composite``: the radiance, and what
+    stands behind the terrain where that is missed (`compositing`).
     """
 
     radiance: Band
     sunlit: Band
-    visible: Mask
+    visible: Mask | Band
     incidence_deg: Band
     emission_deg: Band
     phase_deg: Band
     height_m: Band | None = None
     position_mcmf_m: Array | None = None
+    composite: Band | None = None
 
 
 def render_enu(
@@ -94,7 +105,7 @@ def render_enu(
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
     sun, disc = light.first.direction, light.first.disc is not None
     plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
-    check_light(terrain, light)
+    light = risen(terrain, light)
     check_camera(terrain, view)
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
     sunlit = _sunlit(terrain, light.first, accuracy, plan if shadows else None)
@@ -103,11 +114,19 @@ def render_enu(
     if plan.occlusion.modelled:
         seen = ~_hidden(terrain, view, accuracy)
     parallel = view if plan.perspective.modelled else _parallel(terrain, view)
+    quick = accuracy.tier != "reference" and parallel.direction is not None and not view.camera
     angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
     for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
         rows = slice(window[0] - row0, window[1] - row0)
-        points, normals = nodes_enu(field, window), field.normals(window).astype(np.float64)
+        stored = field.normals(window)
+        if quick:
+            lights = [(light.first, sunlit), *others]
+            bands = _bands_parallel(stored, lights, rows, parallel, seen, model)
+            for band, values in zip(angles, bands, strict=True):
+                band[rows] = values
+            continue
+        points, normals = nodes_enu(field, window), stored.astype(np.float64)
         towards = parallel.direction
         if towards is None:
             towards = view.directions(points)
@@ -123,6 +142,7 @@ def render_enu(
         for band, values in zip(angles, bands, strict=True):
             band[rows] = values
     radiance, incidence, emission, phase = angles
+    radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
     if albedo is not None:
         radiance *= albedo.at_nodes(terrain)
     height = field.z_m[row0:row1, col0:col1]
@@ -153,7 +173,7 @@ def render_camera(
     plan = plan or plan_scene(
         terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
     )
-    check_light(terrain, light)
+    light = risen(terrain, light)
     check_camera(terrain, view)
     origin, rays = camera.rays_enu(terrain.frame)
     points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays
@@ -173,29 +193,41 @@ def render_camera(
             facing = share > 0
             share[facing] = _sunlit_points_by(terrain, points[facing], source, accuracy)
         bands[0][...] += _radiance(normals, source, -rays, share, model)
+    if light.sky is not None:
+        where = points[seen], normals[seen], -rays[seen]
+        bands[0][seen] += sky_at_points(terrain, light.sky, *where, model, accuracy, shadows)
     if albedo is not None:
         bands[0][seen] *= albedo.at_points(terrain, points[seen])
     position = terrain.frame.to_mcmf(points)
     return Photograph(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
 
 
-def check_light(terrain: Terrain, light: Lighting) -> None:
-    """SunError when every source, of a disc its upper limb, stands below the horizon of even the
-    highest node of the area.
+def risen(terrain: Terrain, light: Lighting) -> Lighting:
+    """The light, its sources without irradiance where they stand below the horizon of even the
+    area's highest node, a disc with its upper limb; SunError where all do and there is no sky.
 
     Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips
-    by acos(R / (R + h)).
+    by acos(R / (R + h)). Beyond the terrain there is nothing: without this a set Sun would light its
+    border from below.
     """
     step = max(1, max(terrain.field.shape) // 256)
     lowest_m = _lowest_m(terrain, step)
-    if any(not _above_deg(terrain, source, lowest_m, step) < 0 for source in light.sources):
-        return
-    best, first = _above_deg(terrain, light.first, lowest_m, 1), light.first
-    if all(_above_deg(terrain, source, lowest_m, 1) < 0 for source in light.sources):
+    sources = [
+        replace(source, irradiance=0.0) if _is_set(terrain, source, lowest_m, step) else source
+        for source in light.sources
+    ]
+    if light.sky is None and all(source.irradiance == 0.0 for source in sources):
+        first = light.first
         raise SunError(
-            f"the {first.name} stands {-best:.2f} deg below the horizon of the area's highest "
-            f"ground: nothing is lit; state another {first.name}"
+            f"the {first.name} stands {-_above_deg(terrain, first, lowest_m, 1):.2f} deg below the "
+            f"horizon of the area's highest ground: nothing is lit; state another {first.name}"
         )
+    return replace(light, sources=tuple(sources))
+
+
+def _is_set(terrain: Terrain, source: Source, lowest_m: float, step: int) -> bool:
+    """Whether a source stands below every horizon; few nodes are asked where they say no."""
+    return all(_above_deg(terrain, source, lowest_m, every) < 0 for every in (step, 1))
 
 
 def _lowest_m(terrain: Terrain, step: int) -> float:
@@ -260,8 +292,11 @@ def _sunlit(terrain: Terrain, source: Source, accuracy: Accuracy, plan: ScenePla
 def _sunlit_by(terrain: Terrain, source: Source, accuracy: Accuracy, shadows: bool) -> Band:
     """Share of a source above the terrain's horizon at the core's nodes, float32."""
     row0, row1, col0, col1 = terrain.core
+    shape = (row1 - row0, col1 - col0)
+    if source.irradiance == 0.0:
+        return np.zeros(shape, dtype=np.float32)
     if not shadows:
-        return np.ones((row1 - row0, col1 - col0), dtype=np.float32)
+        return np.ones(shape, dtype=np.float32)
     if source.disc is not None:
         return sunlit_share(
             terrain.field, source.direction, accuracy, terrain.core, source.disc, terrain.far
@@ -275,13 +310,15 @@ def _sunlit_points(
 ) -> Array:
     """The share of the first source at ENU points (n, 3) of the surface, float64 (n,)."""
     if not (plan.solar_disc.modelled or plan.cast_shadows.modelled):
-        return np.ones(len(points))
+        return np.full(len(points), 1.0 if source.irradiance else 0.0)
     if not plan.solar_disc.modelled:
         source = replace(source, disc=None)
     return _sunlit_points_by(terrain, points, source, accuracy)
 
 
 def _sunlit_points_by(terrain: Terrain, points: Array, source: Source, accuracy: Accuracy) -> Array:
+    if source.irradiance == 0.0:
+        return np.zeros(len(points))
     if source.disc is not None:
         return share_at_points(
             terrain.field, points, source.direction, accuracy, source.disc, terrain.far
@@ -324,6 +361,40 @@ def _bands(
     bands = photometry(normals, sun, to_camera, irradiance > 0.0, seen, model)
     angles = [np.degrees(band) for band in bands[1:]]
     return bands.radiance * irradiance, angles[0], angles[1], angles[2]
+
+
+def _bands_parallel(
+    normals: NDArray[np.float32],
+    lights: list[tuple[Source, Band]],
+    rows: slice,
+    view: View,
+    seen: Mask,
+    model: Reflectance,
+) -> tuple[Band, Band, Band, Band]:
+    """`_bands` of some rows in single precision, under all sources with their shares (rows, cols),
+    the first's and seen of the whole window being brought up to date.
+    """
+    assert view.direction is not None
+    weights = [(s.direction, np.float32(s.irradiance) * share[rows]) for s, share in lights]
+    bands = bands_of_nodes(normals, weights, view.direction, model)
+    lights[0][1][rows] *= bands.lit_side
+    seen[rows] &= bands.near_side
+    bands.radiance[~seen[rows]] = np.nan
+    return bands[:4]
+
+
+def _under_sky(
+    terrain: Terrain,
+    light: Lighting,
+    view: View,
+    model: Reflectance,
+    accuracy: Accuracy,
+    shadows: bool,
+) -> Band | np.float32:
+    """What a sky adds to the radiance of the core's nodes."""
+    if light.sky is None:
+        return np.float32(0.0)
+    return sky_at_nodes(terrain, light.sky, view, model, accuracy, shadows)
 
 
 def _radiance(

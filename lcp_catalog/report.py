@@ -284,7 +284,7 @@ def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> st
 def _provenance(catalog: Catalog) -> str:
     sources = "".join(
         f"<li><b>{escape(str(s.get('name', '')))}</b>, {escape(str(s.get('size', '')))} bytes<br><code>sha256 {escape(str(s.get('sha256', '')))}</code></li>"
-        for s in catalog.sources
+        for s in [*catalog.sources, *(catalog.albedo_map or {}).get("files", [])]
     )
     plan = json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False)
     return (

@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from . import scene_effects as effects
 from .accuracy import TIERS, Accuracy
+from .constants import SOLAR_RADIUS_RAD
+from .model_choice import SLOPE_RMS, Choice, choose
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .relief import (
     Relief,
     Steepness,
     core_box,
     lowest_core_tangent,
+    nodes_enu,
     relief,
     ring_of,
     tangent_of,
@@ -35,11 +38,14 @@ from .scene_bounds import (
     ray_angle_rad,
 )
 from .scene_effects import EVERY_NODE, EVERY_PIXEL, Decision, Rays
+from .sphere_bounds import SphereCost, sphere_cost
 from .surroundings import REACH_MAX_M
 from .terrain import Terrain
 from .view import View
 
 Array = NDArray[np.float64]
+
+_SLOPE_NODES = 256  # of a side, whose slopes say how rough a terrain is
 
 
 @dataclass(frozen=True)
@@ -77,12 +83,19 @@ def plan_scene(
     *,
     accuracy: Accuracy = TIERS["reference"],
     disc: bool = False,
+    disc_radius_rad: float = SOLAR_RADIUS_RAD,
     model: Reflectance = DEFAULT_MODEL,
+    choice: Choice | None = None,
+    albedo: Decision | None = None,
     everything: bool = False,
+    sphere_may_do: bool = False,
 ) -> ScenePlan:
     """Decide for a terrain, an ENU direction to the Sun (its middle, where ``disc``) and a view.
 
-    ``everything``: leave out nothing that can be modelled; a disc only where it is asked for.
+    ``albedo``: the decision about a map of brightness, none: there is no map.
+    ``choice``: how the law of reflection was found, where that is known. ``everything``: leave
+    out nothing that can be modelled; a disc only where it is asked for. ``sphere_may_do``: whether
+    the plain sphere may stand for the heightfield (`sphere_render`).
     """
     found, least_view = relief(terrain), lowest_core_tangent(view, terrain)
     slope = None if everything else found.slope
@@ -91,44 +104,77 @@ def plan_scene(
     if terrain.far is not None:
         light_slope = None
         disc_slope = None if everything else replace(found.slope, connected=False)
-    disc_decision = _disc(
-        found, disc_slope, sun, pixel_m(found, view, in_camera_plane), disc, accuracy
-    )
+    limb = limb_tangent(sun, disc_radius_rad)
+    finest_m = pixel_m(found, view, in_camera_plane)
+    disc_decision = _disc(found, disc_slope, sun, limb, finest_m, disc, accuracy)
     away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
     half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
     if everything:
         accuracy = replace(accuracy, tolerance=0.0)
+    lowest = limb if disc_decision.modelled else None
+    hidden = _shadows(light_slope, sun, lowest, in_camera_plane, accuracy)
+    plain = None
+    if sphere_may_do and not hidden.modelled and found.slope.clears(least_view):
+        pixel = pixel_m(found, view, in_camera_plane)
+        how = (least_view, pixel, accuracy, in_camera_plane)
+        plain = _sphere(terrain, sun, view, model, *how)
     return ScenePlan(
-        cast_shadows=_shadows(light_slope, sun, disc_decision.modelled, in_camera_plane, accuracy),
+        cast_shadows=hidden,
         occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy),
         perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
         solar_disc=disc_decision,
-        relief=effects.surface(found, least_view, away_m),
+        relief=effects.surface(found, least_view, away_m, plain, accuracy),
         float_width=effects.float_width(),
-        reflectance=effects.reflectance(model.name),
-        others=(*((ring,) if ring is not None else ()), *effects.always(half_m)),
+        reflectance=effects.reflectance(model.name, choice),
+        others=(
+            *((ring,) if ring is not None else ()),
+            *effects.always(half_m),
+            albedo or effects.albedo(),
+        ),
     )
+
+
+def _sphere(
+    terrain: Terrain,
+    sun: Array,
+    view: View,
+    model: Reflectance,
+    least_view_tangent: float,
+    finest_m: float,
+    accuracy: Accuracy,
+    in_camera_plane: bool,
+) -> SphereCost | None:
+    """What the plain sphere costs, for a tier that could admit it."""
+    if accuracy.exact or accuracy.tolerance <= 0.0:
+        return None
+    how = (least_view_tangent, finest_m, accuracy.tolerance, in_camera_plane)
+    return sphere_cost(terrain, sun, view, model, *how)
 
 
 def _disc(
     found: Relief,
     slope: Steepness | None,
     sun: Array,
+    limb: float,
     finest_m: float,
     asked: bool,
     accuracy: Accuracy,
 ) -> Decision:
     width = math.inf if asked and slope is None else penumbra_px(found, sun, finest_m)
-    return effects.solar_disc(asked, slope, limb_tangent(sun), width, accuracy)
+    return effects.solar_disc(asked, slope, limb, width, accuracy)
 
 
 def _shadows(
-    slope: Steepness | None, sun: Array, disc: bool, in_camera_plane: bool, accuracy: Accuracy
+    slope: Steepness | None,
+    sun: Array,
+    limb: float | None,
+    in_camera_plane: bool,
+    accuracy: Accuracy,
 ) -> Decision:
     rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
-    if disc:
+    if limb is not None:
         return effects.hiding(
-            "cast shadows", "the elevation of the Sun's lower limb", limb_tangent(sun), slope, rays
+            "cast shadows", "the elevation of the Sun's lower limb", limb, slope, rays
         )
     return effects.hiding("cast shadows", "the Sun's elevation", tangent_of(sun), slope, rays)
 
@@ -168,6 +214,27 @@ def _perspective(
 def parallel_view(terrain: Terrain, view: View) -> View:
     """The view of parallel rays from the middle of the core that may stand for one from near."""
     return View(direction=parallel_direction(core_box(terrain), view), camera=view.camera)
+
+
+def choose_model(
+    terrain: Terrain, sun: Array, view: View, tier: str, asked: Reflectance | None = None
+) -> Choice:
+    """The law of reflection for one image of a terrain: the one asked for, or the one that its
+    slopes, its Sun and its view want. All phases of the image are in it.
+    """
+    row0, row1, col0, col1 = terrain.core
+    field = terrain.field
+    step = max(1, max(row1 - row0, col1 - col0) // _SLOPE_NODES)
+    normals = field.normals(terrain.core)[::step, ::step].reshape(-1, 3)
+    normals = normals[np.isfinite(normals[:, 2]) & (normals[:, 2] > 0)].astype(np.float64)
+    slope = normals[:, :2] / normals[:, 2:]
+    slope_rms = float(np.sqrt(np.mean(slope**2))) if len(slope) else SLOPE_RMS
+    points = nodes_enu(field, terrain.core, max(1, max(row1 - row0, col1 - col0) // 4))
+    points = points.reshape(-1, 3)[np.isfinite(points.reshape(-1, 3)[:, 2])]
+    cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
+    cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))
+    suns = np.broadcast_to(sun, cameras.shape)
+    return choose(tier, suns[None], cameras[None], slope_rms, asked)
 
 
 def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:

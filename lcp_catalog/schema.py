@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 
 ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
 """Variables that files of schema 1.0 do not have; they are read as NaN."""
+
+OPTIONAL = ("albedo",)
+"""Variables that a file has only where the catalogue was made with them (since schema 1.2)."""
 
 FLAG_MASKS = (1, 2, 4, 8, 16)
 FLAG_MEANINGS = ("evaluated", "localizable", "unique", "unshadowed", "unoccluded")
@@ -86,6 +89,12 @@ VARIABLES = {
         "f4",
         "m",
         "up coordinate of the patch's nodes in the point's frame, row 0 north, column 0 west",
+    ),
+    "albedo": Variable(
+        ("point", "patch_row", "patch_col"),
+        "f4",
+        "1",
+        "brightness of the patch's nodes relative to the map's reference, NaN outside the map",
     ),
     "condition": Variable(
         _CONDITION, "u1", "1", "what holds for the point under each view and Sun"

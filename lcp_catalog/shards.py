@@ -12,7 +12,7 @@ import shutil
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
@@ -72,7 +72,9 @@ class Shards:
 
 
 def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:
-    """Arrays of nested dataclasses by dotted name."""
+    """Arrays of nested dataclasses by dotted name; what is None has none."""
+    if value is None:
+        return {}
     if not dataclasses.is_dataclass(value):
         return {prefix: value}
     found: dict[str, np.ndarray] = {}
@@ -83,7 +85,7 @@ def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:
 
 def _unflatten(prefix: str, kind: Any, arrays: Any) -> Any:
     if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
-        return arrays[prefix]
+        return arrays[prefix] if prefix in arrays or type(None) not in get_args(kind) else None
     hints = get_type_hints(kind)
     names = [field.name for field in dataclasses.fields(kind)]
     return kind(

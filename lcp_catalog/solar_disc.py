@@ -43,20 +43,23 @@ FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
 STEEP_RAD = math.radians(88.0)
 """Nearer to the zenith, vertical planes fan out over the disc: there it is sampled by directions."""
 
+LEAN_MAX = 0.4
+"""So is a large disc from where on its limbs' planes lean so far (the Earth's: 87.5 deg)."""
+
 SAMPLES = {"draft": 16, "standard": 128, "high": 512, "reference": 2048}
 CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
 class SolarDisc:
-    """A disc of angular radius ``radius_rad`` and its limb darkening."""
+    """A disc of angular radius ``radius_rad``, the Sun's or the Earth's, and its limb darkening."""
 
     radius_rad: float = SOLAR_RADIUS_RAD
     limb_darkening: LimbDarkening = VISIBLE
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius_rad < math.radians(1.0):
-            raise ValueError(f"a solar disc has a radius below one degree, not {self.radius_rad}")
+        if not 0.0 < self.radius_rad < math.radians(2.0):
+            raise ValueError(f"a disc has a radius below two degrees, not {self.radius_rad} rad")
 
 
 MEAN_SUN = SolarDisc()
@@ -104,7 +107,8 @@ class _Sun:
 
     @property
     def steep(self) -> bool:
-        return abs(self.elevation) > STEEP_RAD
+        lean = self.radius * math.tan(min(abs(self.elevation), STEEP_RAD))
+        return abs(self.elevation) > STEEP_RAD or lean > LEAN_MAX
 
     def directions(self, points: Array) -> Array:
         """Unit vectors (n, 3) to points (n, 2) of the tangent plane: right and up, in disc radii."""
@@ -212,6 +216,12 @@ def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
     out[out < TRACE] = 0.0
     out[out > 1.0 - TRACE] = 1.0
     return out
+
+
+def disc_directions(direction: ArrayLike, disc: SolarDisc, accuracy: Accuracy) -> Array:
+    """Unit ENU vectors (n, 3) of equal flux over a disc around a direction, as many as the tier takes."""
+    points = disc.limb_darkening.samples(SAMPLES[accuracy.tier])
+    return _sun(direction, disc, 1.0).directions(points)
 
 
 def _sun(direction: ArrayLike, disc: SolarDisc, gsd_m: float) -> _Sun:

@@ -104,6 +104,7 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "frame": FRAME,
         "software": f"lcp-catalog {catalog.software_version}",
         "sources": catalog.sources,
+        "albedo": _albedo(catalog),
         "bounds": bounds(catalog.longitude, catalog.latitude),
         "region": _region(catalog),
         "spacing_m": catalog.coverage.spacing_m,
@@ -119,6 +120,15 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "second_peak": _percentiles(catalog.second_peak),
         "coverage": coverage_counts(catalog),
     }
+
+
+def _albedo(catalog: Catalog) -> dict[str, Any] | None:
+    """The map of brightness with the range of its factors over the patches; None without one."""
+    if catalog.albedo is None:
+        return None
+    known = catalog.albedo[np.isfinite(catalog.albedo)]
+    off = np.isnan(catalog.albedo).any(axis=(1, 2))
+    return catalog.albedo_map | {"range": _range(known), "points_off_the_map": int(off.sum())}
 
 
 def bounds(lon_deg: Array, lat_deg: Array) -> dict[str, float] | None:
@@ -234,6 +244,7 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             "heights",
             f"1 sigma {_metres(found['elevation_sigma_m'])}, resolving {_metres(found['dem_resolution_m'])}",
         ),
+        *_albedo_rows(found["albedo"]),
         ("frame", f"{found['frame']}, mean Earth"),
         ("Suns", _suns_line(found)),
         (
@@ -263,6 +274,18 @@ def _metres(span: list[float] | None) -> str:
     if span is None:
         return "unknown"
     return f"{' to '.join(dict.fromkeys(number(value, 3) for value in span))} m"
+
+
+def _albedo_rows(albedo: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """No row for ground that is all alike."""
+    if albedo is None:
+        return []
+    text = f"{albedo['name']}, {albedo['encoding']}, over {number(albedo['reference'], 4)} ({albedo['reference_is']})"
+    if albedo["range"]:
+        text += f"; factors {' to '.join(number(value) for value in albedo['range'])}"
+    if albedo["points_off_the_map"]:
+        text += f"; {albedo['points_off_the_map']} points lie off it"
+    return [("albedo", text)]
 
 
 def _suns_line(found: dict[str, Any]) -> str:

@@ -18,7 +18,7 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from .constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from .errors import SunError
 from .instants import Times, instants
 from .sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
@@ -68,6 +68,12 @@ def sun_direction_at(time_utc: str | dt.datetime) -> Array:
     """
     directions, _ = apparent_sun(time_utc)
     return np.asarray(directions[0])
+
+
+def sun_distance_m(time_utc: str | dt.datetime) -> float:
+    """Between the centres of the Moon and the Sun; SunError as `sun_direction_at`."""
+    _, distance_au = apparent_sun(time_utc)
+    return float(distance_au[0]) * ASTRONOMICAL_UNIT_M
 
 
 def apparent_sun(times: Times) -> tuple[Array, Array]:

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .accuracy import Accuracy
+from .albedo import neutral
 from .config import BuildConfig
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
-from .kernels.reflectance import shade_nodes
+from .kernels.shading import shade_nodes
+from .model_choice import Choice, choose, named
 from .reflectance import Reflectance
 from .shadows import occluded, occluded_sweep
 from .sphere import direction_enu
@@ -69,6 +71,20 @@ class Conditions:
         return direction_enu(turned, 90.0 - self.off_nadir_deg[view])
 
 
+def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
+    """The law of reflection for all images of a build around a latitude: the one configured, or the
+    one that the worst of its Suns and views wants. ConfigError for a name that is none.
+    """
+    conditions = Conditions.at(lat_deg, config)
+    suns = [
+        conditions.sun_direction(int(e), int(a), 0.0) for e, a in np.argwhere(conditions.reachable)
+    ] or [np.array([0.0, 0.0, 1.0])]
+    views = [conditions.view_direction(v, 0.0) for v in range(len(conditions.off_nadir_deg))]
+    pairs = np.array([(sun, view) for sun in suns for view in views])[:, :, None]
+    tier, asked = config.model.precision.tier, named(config.model.reflectance)
+    return choose(tier, pairs[:, 0], pairs[:, 1], asked=asked)
+
+
 @dataclass(frozen=True)
 class Image:
     """One condition's picture of the window: radiance factor, 0 in shadow, NaN where nothing is seen."""
@@ -90,10 +106,17 @@ class Sweep:
     accuracy: Accuracy
     turn_rad: float = 0.0
     far: FarTerrain | None = None  # terrain beyond the field, for its shadows
+    brightness: NDArray[np.float32] | None = None
+    """Relative albedo of the window's nodes, NaN where it is not known; None: all ground alike."""
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         return self.field.normals(self.window)
+
+    @cached_property
+    def planes(self) -> NDArray[np.float32]:
+        """The normals' components, each a raster, (3, rows, cols)."""
+        return np.ascontiguousarray(np.moveaxis(self.normals, -1, 0))
 
     @cached_property
     def unseen(self) -> list[Mask]:
@@ -112,6 +135,7 @@ class Sweep:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those named)."""
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
         law = (self.reflectance.code, self.reflectance.numbers)
+        factors = None if self.brightness is None else neutral(self.brightness)
         for azimuth in range(len(self.conditions.sun_azimuth_deg)):
             elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
             if not len(elevations):
@@ -126,6 +150,8 @@ class Sweep:
                 for view in wanted:
                     camera = self.conditions.view_direction(view, self.turn_rad)
                     radiance = shade_nodes(
-                        self.normals, sun, camera, dark[slot], self.unseen[view], *law
+                        self.planes, sun, camera, dark[slot], self.unseen[view], *law
                     )
+                    if factors is not None:
+                        radiance *= factors
                     yield Image(view, int(elevation), azimuth, radiance)

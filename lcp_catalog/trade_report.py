@@ -17,6 +17,7 @@ from .charts import data_uri, number
 from .errors import OutputError
 from .files import check_output, write_bytes
 from .summary import latitude_name
+from .trade_model_report import models_markdown, models_section
 from .trade_plot import pareto
 from .tradeoff import Picture, Trade
 
@@ -189,7 +190,8 @@ def markdown(trade: Trade) -> str:
         lines.append(
             f"| **{heading}**: {meaning} | {' | '.join(text(row) for row in trade.rows)} |"
         )
-    return "\n".join([*lines, "", *(f"- {sentence}" for sentence in advice(trade.rows)), "", RULES, ""])  # fmt: skip
+    said = [f"- {sentence}" for sentence in advice(trade.rows)]
+    return "\n".join([*lines, "", *said, "", RULES, "", *models_markdown(trade.models)])
 
 
 def compared_line(compared: dict[str, Any]) -> str:
@@ -228,6 +230,7 @@ def render_trade(trade: Trade) -> str:
         "their images.</figcaption></figure></section>",
         f"<section><h2>The figures</h2>{_table(trade.rows)}<p class='file'>{escape(HELD_EQUAL)}</p></section>",
         _picture_section(trade.picture) if trade.picture else "",
+        models_section(trade.models),
         "<section><h2>As data</h2><details><summary>What was compared</summary>"
         f"<pre>{escape(json.dumps(compared, indent=1))}</pre></details></section>",
     ]

@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from .accuracy import TIERS
+from .accuracy import DEFAULT_TIER, TIERS
 from .build import Build
 from .demset import DemSet
 from .errors import ConfigError
 from .job import AreaJob, run_area
 from .sphere import lonlat_to_mcmf
-from .sweep import Conditions
+from .sweep import Conditions, law_of_build
 from .trade_images import REFERENCE, ImageChanges, Picture, compare_images
+from .trade_models import ModelChanges, compare_models
 from .trade_points import compare_points
 from .trade_runs import Runs, Workers, timed_area
 
@@ -38,10 +39,12 @@ class Trade:
     rows: list[dict[str, Any]]
     compared: dict[str, Any]
     picture: Picture | None
+    models: ModelChanges
 
     def document(self) -> dict[str, Any]:
         """What ``trade.json`` holds."""
-        return {"rows": self.rows, "compared": self.compared}
+        laws = {"rows": self.models.rows(), "seconds_relative": self.models.times()}
+        return {"rows": self.rows, "models": laws, "compared": self.compared}
 
 
 def measure_trade(
@@ -60,9 +63,10 @@ def measure_trade(
         raise ConfigError("--areas and --rounds must be at least 1")
     chosen = [build.jobs[i] for i in spread(build, areas)]
     jobs = [{tier: _in_tier(job, tier) for tier in TIERS} for job in chosen]
-    steps = _Steps(progress, total=len(jobs) * (1 + rounds * len(TIERS)) + len(TIERS))
+    steps = _Steps(progress, total=len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))
     with Workers(isolated) as workers:
         images, picture = _images(workers, jobs, steps)
+        models = _models(workers, jobs, steps)
         runs = {tier: Runs() for tier in TIERS}
         for tier, run in runs.items():  # kernels load, files come into the system's cache
             run.base_mb = workers.call(tier, timed_area, jobs[0][tier]).before_mb
@@ -73,7 +77,10 @@ def measure_trade(
                     runs[tier].add(job[tier].task.name, workers.call(tier, timed_area, job[tier]))
                     steps.one()
     return Trade(
-        _rows(build, images, runs, isolated), _compared(build, chosen, rounds, isolated), picture
+        _rows(build, images, runs, isolated),
+        _compared(build, chosen, rounds, isolated),
+        picture,
+        models,
     )
 
 
@@ -141,6 +148,15 @@ def _images(
     return totals, shown
 
 
+def _models(workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps) -> ModelChanges:
+    """The areas' images under each law of reflection, in the default tier."""
+    total = ModelChanges()
+    for tiers in jobs:
+        total.add(workers.call("images", compare_models, tiers[DEFAULT_TIER]))
+        steps.one()
+    return total
+
+
 # -- the table
 
 
@@ -203,7 +219,7 @@ def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) 
         "sun_elevations_deg": list(config.sun.elevations_deg),
         "views": len(config.view),
         "view_off_nadir_deg": list(config.view.off_nadir_deg),
-        "reflectance": config.model.reflectance,
+        "reflectance": law_of_build(config, build.region.lat_deg).model.name,
         "threads": 1,
         "rounds": rounds,
         "own_process": isolated,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import sphere_rays
 from .camera import FARTHEST_M, Camera
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
@@ -176,12 +177,8 @@ def _border_and_inside(camera: Camera, samples: int) -> Array:
 
 def _on_sphere(camera: Camera, pixels: Array) -> Array:
     """Where pixels' rays first meet the reference sphere, MCMF (n, 3); without rays that miss."""
-    rays, position = camera.rays(pixels), camera.position_mcmf_m
-    along = rays @ position
-    under_root = along**2 - (position @ position - MOON_RADIUS_M**2)
-    hit = (under_root >= 0) & (along < 0)
-    distance = -along[hit] - np.sqrt(under_root[hit])
-    return position + distance[:, None] * rays[hit]
+    distance, points = sphere_rays.hits(camera.position_mcmf_m, camera.rays(pixels))
+    return np.asarray(points[np.isfinite(distance)])
 
 
 def _limb(camera: Camera, samples: int) -> Array:

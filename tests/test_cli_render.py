@@ -310,7 +310,8 @@ def test_the_suns_shape(dem, out, flags, sun):
 def test_explain_beside_an_output(dem, out, capsys):
     assert run(["render", dem, "-o", str(out), "--explain", *AREA, *SUN]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads(read(out)[2]["scene_plan"])
+    tags = read(out)[2]
+    assert printed == json.loads(tags["scene_plan"]) | {"light": json.loads(tags["light"])}
 
 
 def test_what_was_read_for_make(dem, tmp_path, out):

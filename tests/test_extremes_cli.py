@@ -124,7 +124,6 @@ def test_a_small_fine_area_under_a_low_sun(moon, out):
         (["--gsd", "1e-300"], "too many for one area"),
         (["--sun-elevation", "-20"], "below the horizon"),
         (["--sun-elevation", "-90"], "below the horizon"),
-        (["--size", "2000.1"], "at most 2000 km"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(moon, out, capfd, arguments, says):
@@ -139,6 +138,16 @@ def test_what_cannot_be_is_said_in_one_line(moon, out, capfd, arguments, says):
     assert error.startswith("lcp: ")
     assert error.count("\n") == 1
     assert says in error
+    assert os.listdir(out.parent) == []
+
+
+def test_a_dem_wider_than_a_plane_is_a_wrong_use(moon, out, capfd):
+    area = ["--center", "0", "0", "--size", "2000.1", "--sun-azimuth", "9", "--sun-elevation", "30"]
+    assert run(["render", moon, "-o", str(out), *area]) == 2
+    assert (
+        "2000 km wide; the plain sphere as wide as the Moon: --surface sphere"
+        in capfd.readouterr().err
+    )
     assert os.listdir(out.parent) == []
 
 

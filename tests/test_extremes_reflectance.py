@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.kernels.reflectance import shade_nodes
-from lcp_catalog.reflectance import MODELS, model_code, photometry
+from lcp_catalog.kernels.shading import shade_nodes
+from lcp_catalog.reflectance import MODELS, photometry, reflectance_model
 
 mpmath.mp.dps = 40
 
@@ -59,7 +59,10 @@ def exact_radiance(model, normal, sun, camera):
 
 def shade(normal, sun, camera, model, lit=True, seen=True):
     flags = np.array([lit]), np.array([seen])
-    return [float(band[0]) for band in photometry(normal[None], sun, camera, *flags, model)]
+    return [
+        float(band[0])
+        for band in photometry(normal[None], sun, camera, *flags, reflectance_model(model))
+    ]
 
 
 def agree(result, normal, sun, camera, model):
@@ -144,16 +147,18 @@ def test_nodes_of_a_sweep_stay_finite_where_seen(model):
     """float32 normals, the sweep's own kernel: every pair of extremes at once."""
     sides = [tilted(angle, azimuth) for angle in EXTREMES_DEG for azimuth in (0.0, 90.0, 200.0)]
     normals = np.array(sides, dtype=np.float32)[None]
+    planes = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+    law = reflectance_model(model)
     for sun in sides[::2]:
         for camera in sides[1::3]:
             dark = np.zeros(normals.shape[:2], dtype=bool)
-            image = shade_nodes(normals, sun, camera, dark, dark, model_code(model))
+            image = shade_nodes(planes, sun, camera, dark, dark, law.code, law.numbers)
             mu0, mu = normals.astype(float) @ sun, normals.astype(float) @ camera
             assert (np.isnan(image) == ~(mu > 0)).all()
             assert (image[(mu > 0) & (mu0 <= 0)] == 0).all()
             assert np.nanmax(image, initial=0.0) <= BRIGHTEST
             assert np.nanmin(image, initial=0.0) >= 0.0
-            black = shade_nodes(normals, sun, camera, ~dark, dark, model_code(model))
+            black = shade_nodes(planes, sun, camera, ~dark, dark, law.code, law.numbers)
             assert (black[mu > 0] == 0).all()
 
 

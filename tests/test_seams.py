@@ -205,7 +205,7 @@ class TestEdges:
         two = geotiff(tmp_path / "LDEM_1024_b.tif", zero, 1e4, 2e4, 100.0)
         wide = geotiff(tmp_path / "wide.tif", np.full((500, 500), 10.0), -1e4, 4e4, 100.0)
         dems = DemSet.open([one, two, wide])
-        assert [layer.product for layer in dems.layers] == ["LDEM_1024", "wide"]
+        assert [layer.dems[0].product for layer in dems.layers] == ["LDEM_1024", "wide"]
         x = np.linspace(0.7e4, 1.3e4, 601) / DEGREE_M
         for y in (1e4, 2e4 - 500.0):
             height, _ = dems.heights(x, np.full(x.size, y / DEGREE_M), 100.0)

@@ -479,7 +479,7 @@ def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
     assert len(page.addresses) == len(TIERS)
     assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
     assert page.counts["circle"] == 2 * len(TIERS)
-    assert page.counts["tr"] == len(trade_report.COLUMNS)
+    assert page.counts["tr"] == len(trade_report.COLUMNS) + 1 + len(trade.models.rows())
     assert f"2 of {trade.compared['areas_of']} areas" in html
     assert "craters.tif" in html
     assert str(Path.home()) not in html
@@ -502,8 +502,12 @@ def test_pictures_show_which_way_a_node_is_wrong() -> None:
 
 def test_the_table_has_a_column_a_tier(trade: Trade) -> None:
     text = trade_report.markdown(trade)
-    table = [line for line in text.splitlines() if line.startswith("|")]
+    tiers, _, laws = text.partition("\n## ")
+    table = [line for line in tiers.splitlines() if line.startswith("|")]
     assert len(table) == len(trade_report.COLUMNS) + 1
+    assert len([line for line in laws.splitlines() if line.startswith("|")]) == 2 + len(
+        trade.models.rows()
+    )
     assert {line.count("|") for line in table} == {len(TIERS) + 2}
 
 

@@ -1,9 +1,17 @@
-"""Radiance factors and photometric angles of nodes, in one pass; NaN normals (nodata) give NaN."""
+"""The laws of reflection on numbers: radiance factors of facets and, with their photometric angles, of
+points; NaN normals (nodata) give NaN. Images of nodes are shaded in `shading`.
+
+A law is a code and its numbers; `lcp_catalog.reflectance` says what they are and where they come
+from.
+"""
 
 import math
 
 import numpy as np
 from numba import njit
+
+from .facet import facet_factor
+from .hapke import hapke_factor, hapke_terms
 
 LOMMEL_SEELIGER = 0
 LAMBERT = 1
@@ -12,16 +20,30 @@ MINNAERT = 3
 HAPKE = 4
 FACET = 5
 
+DISC_NUMBERS = 14
+"""A Lommel-Seeliger law of so many numbers has the phase function of a measured disc."""
 
-@njit(cache=True, nogil=True, inline="always")
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def phase_terms(code, law, cos_g):
     """Two numbers that hold all of a law that depends on the phase alone: computed once a scene
     where light and view are parallel.
+
+    Lommel-Seeliger, Lambert and their mixture: the factors of mu0 / (mu0 + mu) and of mu0.
     """
-    return 1.0, 1.0
+    if code == LAMBERT:
+        return 0.0, law[0]
+    if code == LUNAR_LAMBERT:
+        share, f = mixture(cos_g), law[0] * two_lobes(law, cos_g)
+        return 2.0 * share * f, (1.0 - share) * f
+    if code == HAPKE:
+        return hapke_terms(law, cos_g)
+    if code == LOMMEL_SEELIGER and law.size == DISC_NUMBERS:
+        return even_sphere(law, cos_g), 0.0
+    return 0.25 * law[0], 0.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def radiance_factor(code, law, terms, mu0, mu, cos_g):
     """I/F of a lit and seen facet; mu0, mu, cos_g are the cosines of incidence, emission and phase,
     law (n,) the law's numbers, terms its `phase_terms`.
@@ -31,35 +53,68 @@ def radiance_factor(code, law, terms, mu0, mu, cos_g):
     """
     if mu0 <= 0.0:
         return 0.0
-    if code == LAMBERT:
-        return law[0] * mu0
-    return 0.25 * law[0] * mu0 / (mu0 + max(mu, 0.0))
+    if code <= LUNAR_LAMBERT:
+        return terms[0] * (mu0 / (mu0 + max(mu, 0.0))) + terms[1] * mu0
+    if code == MINNAERT:
+        return law[0] * mu0 * (max(mu0, law[2]) * max(mu, law[2])) ** (law[1] - 1.0)
+    if code == FACET:
+        return facet_factor(law, mu0, mu, cos_g)
+    return hapke_factor(law, terms, mu0, mu, cos_g)
 
 
 @njit(cache=True, nogil=True)
-def shade_nodes(normals, sun, camera, dark, unseen, code, law):
-    """Radiance factor, float32 (rows, cols), under one Sun and one camera at infinity.
-
-    normals (rows, cols, 3); sun, camera (3,): unit vectors from the surface; dark, unseen (rows,
-    cols): what terrain keeps from the Sun or the camera. 0 where seen but not lit, NaN where not
-    seen.
+def mixture(cos_g):
+    """Share of Lommel-Seeliger in the lunar-Lambert law (McEwen 1996): a cubic in degrees that falls
+    from 1 at 0 to 0 at 104, and is 0 beyond.
     """
-    rows, cols = dark.shape
-    cos_g = _cosine(sun, camera)
-    terms = phase_terms(code, law, cos_g)
-    radiance = np.empty((rows, cols), np.float32)
-    for row in range(rows):
-        for col in range(cols):
-            nx, ny, nz = normals[row, col, 0], normals[row, col, 1], normals[row, col, 2]
-            mu = nx * camera[0] + ny * camera[1] + nz * camera[2]
-            if unseen[row, col] or not mu > 0.0:
-                radiance[row, col] = np.nan
-            elif dark[row, col]:
-                radiance[row, col] = 0.0
-            else:
-                mu0 = nx * sun[0] + ny * sun[1] + nz * sun[2]
-                radiance[row, col] = radiance_factor(code, law, terms, mu0, mu, cos_g)
-    return radiance
+    g = math.degrees(math.acos(min(1.0, max(-1.0, cos_g))))
+    return max(0.0, 1.0 + g * (-0.019 + g * (0.242e-3 - 1.46e-6 * g)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def two_lobes(law, cos_g):
+    """Phase function of Yokota et al. (2011): (1 + B0 / (1 + tan(g/2) / h)) times a double
+    Henyey-Greenstein function; law[1:5] is B0, h, c, asymmetry. As their code has it, (1 - c)/2
+    weighs the backward lobe.
+    """
+    surge, width, c, b = law[1], law[2], law[3], law[4]
+    above, below = math.sqrt(max(1.0 - cos_g, 0.0)), math.sqrt(max(1.0 + cos_g, 0.0))
+    backward = 0.5 * (1.0 - c) / (1.0 + b * b - 2.0 * b * cos_g) ** 1.5
+    forward = 0.5 * (1.0 + c) / (1.0 + b * b + 2.0 * b * cos_g) ** 1.5
+    opposition = surge * width * below / (width * below + above)
+    return (1.0 + opposition) * (1.0 - b * b) * (backward + forward)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def even_sphere(law, cos_g):
+    """Lommel-Seeliger's factor under which a sphere is as bright as the Moon's disc was measured.
+
+    law: a0..a3, d1..d3, p1..p4 (phase in radians in a, in degrees elsewhere) of the disc's
+    reflectance A (Kieffer & Stone 2005, eq. 10, without libration and lunation); the last phase it was
+    measured at (radians); the logarithm of the factor there, and its slope, with which it goes on.
+    A sphere's disc is factor / 2 * (1 - sin(g/2) tan(g/2) ln cot(g/4)) bright.
+    """
+    g = math.acos(min(1.0, max(-1.0, cos_g)))
+    if g > law[11]:
+        return math.exp(law[12] + law[13] * (g - law[11]))
+    degrees = math.degrees(g)
+    log_a = law[0] + g * (law[1] + g * (law[2] + g * law[3]))
+    log_a += law[4] * math.exp(-degrees / law[7]) + law[5] * math.exp(-degrees / law[8])
+    log_a += law[6] * math.cos((degrees - law[9]) / law[10])
+    dimming = 0.0
+    if g > 0.0:
+        dimming = math.sin(0.5 * g) * math.tan(0.5 * g) * math.log(math.tan(0.25 * g))
+    return 2.0 * math.exp(log_a) / (1.0 + dimming)
+
+
+@njit(cache=True, nogil=True)
+def factors(mu0, mu, cos_g, code, law):
+    """Radiance factors (n,) of facets by their cosines, each (n,)."""
+    out = np.empty(mu0.size)
+    for k in range(mu0.size):
+        terms = phase_terms(code, law, cos_g[k])
+        out[k] = radiance_factor(code, law, terms, mu0[k], mu[k], cos_g[k])
+    return out
 
 
 @njit(cache=True, nogil=True)

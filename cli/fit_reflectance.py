@@ -1,0 +1,193 @@
+"""``lcp fit-reflectance``: goniometer measurements in, a reflectance model out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import Number, depfile_option, output_option, overwrite_option
+
+if TYPE_CHECKING:
+    from lcp_catalog.facet_fit import Fit
+    from lcp_catalog.goniometer import Measurements
+
+HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  error %  (alone)"
+
+
+@click.command("fit-reflectance")
+@click.argument("goniometer", metavar="GONIOMETER.csv")
+@output_option("MODEL.toml")
+@click.option(
+    "--c",
+    "weight",
+    type=Number(0.0, 1e6),
+    default=2.0,
+    show_default=True,
+    metavar="C",
+    help="Weight of smooth curves over the incidence against small errors; 0 fits every incidence "
+    "by itself.",
+)
+@click.option(
+    "--albedo",
+    type=Number(1e-6, 1.0),
+    default=None,
+    metavar="A",
+    help="Directional-hemispherical reflectance, the same at every incidence: how bright the "
+    "surface is where only relative values were measured; default: 0.12.",
+)
+@click.option(
+    "--refractive-index",
+    nargs=2,
+    type=Number(0.0),
+    default=(1.5, 0.0),
+    show_default=True,
+    metavar="N K",
+    help="Complex refractive index of a facet.",
+)
+@click.option(
+    "--polarisation",
+    nargs=2,
+    type=Number(),
+    default=(0.0, 0.0),
+    show_default=True,
+    metavar="D XI",
+    help="Degree of polarisation of the light, 0..1, and angle of the electric vector to the plane "
+    "of incidence, degrees.",
+)
+@click.option(
+    "--normalize",
+    type=click.Choice(["specular", "none"]),
+    default="specular",
+    show_default=True,
+    help="Take the intensities of an incidence relative to the specular direction, or as they are.",
+)
+@click.option("--name", metavar="TEXT", help="The model's name; default: that of MODEL.toml.")
+@click.option(
+    "--chart", metavar="CHART.svg", help="Also draw measurements and model, one polar plot each."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@depfile_option
+@overwrite_option
+def command(
+    goniometer: str,
+    output: str,
+    chart: str | None,
+    as_json: bool,
+    depfile: str | None,
+    overwrite: bool,
+    **flags: Any,
+) -> None:
+    """Fit the two-component facet model to goniophotometer measurements of a surface.
+
+    GONIOMETER.csv has the columns incidence_deg, emission_deg (signed: the source's side positive, the specular direction at
+    -incidence), optionally azimuth_deg, and one of intensity, brightness, radiance_factor. MODEL.toml is what
+    `--reflectance facet:MODEL.toml` takes. See docs/facet-model.md.
+    """
+    from lcp_catalog.facet_fit import fit_reflectance
+    from lcp_catalog.files import check_output
+    from lcp_catalog.goniometer import read_measurements
+
+    from .progress import progress
+
+    _distinct(goniometer, output, chart, depfile)
+    check_output(output, overwrite)
+    if chart:
+        check_output(chart, overwrite)
+    measurements = read_measurements(goniometer)
+    if measurements.absolute and flags["albedo"] is not None:
+        raise click.UsageError("--albedo: a radiance_factor column says how bright the surface is")
+    with progress("fit") as update:
+        fit = fit_reflectance(measurements, progress=update, **_settings(output, **flags))
+    _write(fit, measurements, goniometer, output, chart, depfile, overwrite)
+    text = (
+        json.dumps(_document(fit, measurements), indent=2) if as_json else _text(fit, measurements)
+    )
+    click.echo(text)
+    click.echo(f"{output}: use it as --reflectance facet:{output}", err=True)
+
+
+def _distinct(*names: str | None) -> None:
+    said = [name for name in names if name]
+    if len({Path(name).resolve() for name in said}) != len(said):
+        raise click.UsageError("GONIOMETER.csv, -o, --chart and --depfile must be different files")
+
+
+def _settings(
+    output: str,
+    weight: float,
+    albedo: float | None,
+    refractive_index: tuple[float, float],
+    polarisation: tuple[float, float],
+    normalize: str,
+    name: str | None,
+) -> dict[str, Any]:
+    """Flags as arguments of `fit_reflectance`; usage errors name the flag."""
+    from lcp_catalog.errors import ConfigError
+    from lcp_catalog.facet import Optics
+
+    try:
+        Optics(*refractive_index)
+    except ConfigError as error:
+        raise click.UsageError(f"--refractive-index: {error}") from error
+    try:
+        optics = Optics(*refractive_index, *polarisation)
+    except ConfigError as error:
+        raise click.UsageError(f"--polarisation: {error}") from error
+    found: dict[str, Any] = {"weight": weight, "optics": optics}
+    found |= {"normalize": normalize == "specular", "name": name or Path(output).stem}
+    return found if albedo is None else found | {"albedo": albedo}
+
+
+def _write(
+    fit: Fit,
+    measurements: Measurements,
+    goniometer: str,
+    output: str,
+    chart: str | None,
+    depfile: str | None,
+    overwrite: bool,
+) -> None:
+    """Everything, or nothing when one of them cannot be written."""
+    from contextlib import ExitStack
+
+    from lcp_catalog.facet_fit import fit_file
+    from lcp_catalog.facet_plot import fit_chart
+    from lcp_catalog.files import depfile_text, write_aside
+
+    texts = {output: fit_file(fit, measurements).to_toml()}
+    if chart:
+        texts[chart] = fit_chart(fit, measurements)
+    with ExitStack() as stack:
+        for name, text in texts.items():
+            stack.enter_context(write_aside(name, overwrite)).write_text(text, encoding="utf-8")
+        if depfile:
+            rule = depfile_text(output, [goniometer])
+            stack.enter_context(write_aside(depfile, True)).write_text(rule, encoding="utf-8")
+
+
+def _text(fit: Fit, measurements: Measurements) -> str:
+    rows = [
+        f"{node.incidence_deg:9g} {node.w_b:5.3f} {node.shift_b_deg:8.2f} {node.sigma_b:8.4f} {node.w_d:5.3f} "
+        f"{node.shift_d_deg:8.2f} {node.sigma_d:8.4f} {len(sample):7d} {100 * after:8.2f}  ({100 * before:.2f})"
+        for node, sample, after, before in zip(
+            fit.model.nodes, measurements.samples, fit.errors, fit.errors_alone, strict=True
+        )
+    ]
+    total = f"D1 {fit.d1:+.3f}, D2 {fit.d2:+.3f}, D1 + {fit.weight:g} D2 = {fit.d:+.3f}"
+    return "\n".join([HEADING, *rows, total])
+
+
+def _document(fit: Fit, measurements: Measurements) -> dict[str, Any]:
+    from lcp_catalog.facet_file import nodes_table
+    from lcp_catalog.facet_fit import fit_table
+
+    reflectance = fit.model.reflectance([node.incidence_deg for node in fit.model.nodes])
+    return {
+        "name": fit.model.name,
+        "nodes": nodes_table(fit.model.nodes),
+        "directional_reflectance": reflectance.tolist(),
+        **fit_table(fit, measurements),
+    }
