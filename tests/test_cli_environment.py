@@ -142,6 +142,12 @@ def test_a_panorama_behind_the_terrain(dem, skies, tmp_path):
     assert (bands["composite"][missed] == 0).all()  # looking down: the panorama's dark ground
     bands, _ = render(dem, tmp_path / "b.tif", *how[:-2])
     assert "composite" not in bands
+    # a plane over all ground is not shaded: pi L / E of the ground of the clear sky's panorama, 0.1
+    how = [*CAMERA, "--environment", skies / "clear.hdr", "--shadow-catcher", "300"]
+    bands, _ = render(dem, tmp_path / "c.tif", *how)
+    clear = with_lamps(cie_sky(64, 100.0, 30.0), [Lamp(100.0, 30.0, 3.0, 1.0)])
+    expected = np.pi * 0.1 / clear.power_above
+    assert bands["composite"][missed] == pytest.approx(expected, rel=0.01)  # 8 bits of mantissa
 
 
 def test_depfile_names_what_was_read(dem, skies, tmp_path):
@@ -226,3 +232,6 @@ def test_a_mock_up_of_centimetres(skies, tmp_path):
     assert dark.size * step == pytest.approx(0.5 / np.tan(np.radians(31.5)), abs=0.1)
     assert dark.max() < 30
     assert bands["visible"][30].sum() * step == pytest.approx(1.0, abs=0.1)
+    # seen aslant, terrain beyond the area could hide it: none is looked for where the DEM has ended
+    aslant = [*how, "--off-nadir", "35", "--overwrite"]
+    assert run(["render", str(path), "-o", str(out), *map(str, aslant)]) == 0

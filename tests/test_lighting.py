@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from synthetic import cratered
 
+from lcp_catalog import solar_disc
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.camera import camera_from_json
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
@@ -204,15 +205,18 @@ def test_the_lowest_light_that_can_be_up(elevation, below):
     assert math.degrees(math.atan(disc.lowest_tangent)) == pytest.approx(limb)
 
 
-@pytest.mark.parametrize("elevation", [20.0, 87.8])
-def test_the_earths_disc_against_directions_all_over_it(elevation):
-    """Shares of a disc three and a half times as wide as the Sun's; exact shadows of 2048 directions."""
+@pytest.mark.parametrize(("elevation", "radius_deg"), [(20.0, 0.95), (87.8, 0.95), (87.0, 1.9)])
+def test_the_earths_disc_against_directions_all_over_it(elevation, radius_deg):
+    """Shares of a disc three and a half times as wide as the Sun's, and of a wider one that vertical planes
+    do not cut into strips; exact shadows of 2048 directions.
+    """
+    disc = dataclasses.replace(EARTH, radius_rad=math.radians(radius_deg))
     y, x = np.mgrid[-11:12, -11:12] * GSD
     field = Heightfield((400.0 * (x > 100) * (y < 0) + 0.02 * y).astype(np.float32), GSD)
     towards = direction_enu(97.0, elevation)
-    found = sunlit_share(field, towards, TIERS["high"], disc=EARTH)
+    found = sunlit_share(field, towards, TIERS["high"], disc=disc)
     free = np.zeros(field.shape)
-    directions = disc_directions(towards, EARTH, TIERS["reference"])
+    directions = disc_directions(towards, disc, TIERS["reference"])
     for direction in directions:
         free += ~field.occluded_nodes(direction)
     inner = (slice(2, -2), slice(2, -2))
@@ -220,8 +224,24 @@ def test_the_earths_disc_against_directions_all_over_it(elevation):
     assert np.sqrt(np.mean(off**2)) < 2e-3
     assert np.abs(off).max() < 0.04  # 9 strips; 2048 rays
     spread = np.degrees(np.arccos(np.clip(directions @ towards, -1, 1)))
-    assert spread.max() == pytest.approx(0.95, rel=0.01)
-    assert np.mean(spread**2) == pytest.approx(0.95**2 / 2, rel=0.01)  # of one brightness all over
+    assert spread.max() == pytest.approx(radius_deg, rel=0.01)
+    assert np.mean(spread**2) == pytest.approx(radius_deg**2 / 2, rel=0.01)  # of one brightness all over
+
+
+@pytest.mark.parametrize("radius_deg", [0.2666, 1.03, 1.9])
+def test_no_strip_of_a_disc_leans_beyond_what_strips_are_made_for(radius_deg, monkeypatch):
+    """`limb_darkening.strips` wants |lean| below 0.5; a wide disc near the zenith is sampled instead."""
+    leans = []
+    made = solar_disc.strips
+    monkeypatch.setattr(
+        solar_disc, "strips", lambda law, n, lean=0.0: leans.append(lean) or made(law, n, lean)
+    )
+    field = Heightfield(np.pad(np.full((3, 3), 900.0, np.float32), 5), GSD)
+    disc = dataclasses.replace(EARTH, radius_rad=math.radians(radius_deg))
+    for elevation in (20.0, 70.0, 85.0, 87.9):
+        sunlit_share(field, direction_enu(97.0, elevation), TIERS["high"], disc=disc)
+    assert leans
+    assert max(map(abs, leans)) < 0.5
 
 
 def test_the_suns_size_by_its_distance():
