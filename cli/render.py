@@ -13,7 +13,7 @@ from . import options
 
 if TYPE_CHECKING:
     from lcp_catalog.environment import Environment
-    from lcp_catalog.exposure import Request
+    from lcp_catalog.request import Request
 
 
 @click.command()
@@ -59,9 +59,9 @@ def command(
         raise click.UsageError("-o, --preview and --depfile must name different files")
     request = _request(dem, **flags)
 
-    from lcp_catalog.exposure import explain as explained
     from lcp_catalog.exposure import prepare
     from lcp_catalog.files import check_output
+    from lcp_catalog.render_file import explain as explained
 
     for name, replaced in ((output, overwrite), (preview, overwrite), (depfile, True)):
         if name:
@@ -94,8 +94,8 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.albedo import AlbedoMap
     from lcp_catalog.camera import read_camera
     from lcp_catalog.compositing import Backdrop
-    from lcp_catalog.exposure import Request, SunChoice, ViewChoice
     from lcp_catalog.model_choice import named
+    from lcp_catalog.request import Request, SunChoice, ViewChoice
     from lcp_catalog.sphere_scene import Cap
     from lcp_catalog.terrain import Area
 
@@ -157,9 +157,10 @@ def _write(
     camera: list[str],
 ) -> None:
     """Render and write; OUT.tif appears last, when everything else is whole."""
-    from lcp_catalog.exposure import encode, expose
+    from lcp_catalog.exposure import expose
     from lcp_catalog.files import depfile_text, write_aside
     from lcp_catalog.raster_out import picture, png
+    from lcp_catalog.render_file import encode
 
     result = expose(scene)
     with ExitStack() as stack:

@@ -36,7 +36,7 @@ from .terrain import NodeWindow, require_room
 from .view import View, camera_view, looking_camera
 
 if TYPE_CHECKING:
-    from .exposure import Request
+    from .request import Request
 
 Array = NDArray[np.float64]
 

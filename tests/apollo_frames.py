@@ -20,10 +20,11 @@ import rasterio
 from lcp_catalog.camera import Camera, read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.demset import DemSet
-from lcp_catalog.exposure import Request, Scene, ViewChoice, expose, prepare
+from lcp_catalog.exposure import Scene, expose, prepare
 from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.relief import nodes_enu
 from lcp_catalog.render import Photograph
+from lcp_catalog.request import Request, ViewChoice
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.terrain import Area
 from lcp_catalog.view import looking_camera

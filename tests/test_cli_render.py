@@ -11,7 +11,7 @@ import rasterio
 from lcp_cli.main import run
 from lcp_cli.options import REFLECTANCES
 
-from lcp_catalog import exposure, files
+from lcp_catalog import exposure, files, render_file
 from lcp_catalog.camera import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.reflectance import MODELS
@@ -390,12 +390,12 @@ def test_a_camera_without_a_sun_is_a_usage_error(dem, tmp_path, out, capsys):
     assert run(["render", dem, "-o", str(out), "--camera", camera]) == 0
 
 
-@pytest.mark.parametrize("broken", ["encode", "expose"])
-def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, broken):
+@pytest.mark.parametrize(("room", "broken"), [(render_file, "encode"), (exposure, "expose")])
+def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, room, broken):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(exposure, broken, interrupt)
+    monkeypatch.setattr(room, broken, interrupt)
     target = str(tmp_path / "OUT.tif")
     assert run(["render", dem, "-o", target, *AREA, *SUN]) == 130
     assert os.listdir(tmp_path) == []

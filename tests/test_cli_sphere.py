@@ -11,7 +11,7 @@ import rasterio
 from lcp_cli import options
 from lcp_cli.main import run
 
-from lcp_catalog import exposure
+from lcp_catalog import request
 from lcp_catalog.camera import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
@@ -82,7 +82,7 @@ def rough(tmp_path_factory):
 
 
 def test_surfaces_are_the_librarys():
-    assert options.SURFACES == exposure.SURFACES
+    assert options.SURFACES == request.SURFACES
     assert options.HEIGHTFIELD_MAX_KM == _SIZE_MAX_KM
 
 

@@ -31,7 +31,9 @@ from products import DEGREE_M, EQC, geotiff
 from synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.exposure import Request, SunChoice, encode, expose, prepare
+from lcp_catalog.exposure import expose, prepare
+from lcp_catalog.render_file import encode
+from lcp_catalog.request import Request, SunChoice
 from lcp_catalog.terrain import Area
 
 AGREED = 0.995

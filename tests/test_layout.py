@@ -106,7 +106,10 @@ FLOORS = [
     {"catalog", "evaluate", "compositing"},
     {"job"},
     {"shards", "engine", "assemble"},
-    {"build", "phase_curves", "charts", "sphere_scene", "exposure"},
+    {"build", "phase_curves", "charts", "sphere_scene", "request"},
+    {"render_area"},
+    {"exposure"},
+    {"render_file"},
     {
         "summary",
         "estimate",

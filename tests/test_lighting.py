@@ -14,7 +14,6 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADI
 from lcp_catalog.earthshine import mean_earth
 from lcp_catalog.environment import Environment
 from lcp_catalog.errors import SunError
-from lcp_catalog.exposure import SunChoice
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.lighting import Lighting, Source
 from lcp_catalog.limb_darkening import LimbDarkening
@@ -23,6 +22,7 @@ from lcp_catalog.panorama_models import Lamp, room, uniform
 from lcp_catalog.panorama_sources import split_sources
 from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.render import render_camera, render_enu, risen
+from lcp_catalog.request import SunChoice
 from lcp_catalog.solar_disc import SolarDisc, disc_directions, sunlit_share
 from lcp_catalog.sphere import EnuFrame, direction_enu
 from lcp_catalog.terrain import NodeWindow, Terrain

@@ -17,9 +17,10 @@ import rasterio
 
 from lcp_catalog.camera import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.exposure import Request, ViewChoice, expose, prepare
+from lcp_catalog.exposure import expose, prepare
 from lcp_catalog.relief import nodes_enu
 from lcp_catalog.render import render_enu
+from lcp_catalog.request import Request, ViewChoice
 from lcp_catalog.sphere import azimuth_elevation, direction_enu
 
 SAMPLE = Path(__file__).parents[1] / "sample_data"

@@ -13,8 +13,9 @@ from lcp_catalog.build import Build, build_catalog
 from lcp_catalog.camera import read_camera
 from lcp_catalog.catalog import read_catalog
 from lcp_catalog.config import BuildConfig
-from lcp_catalog.exposure import Request, ViewChoice, expose, prepare
+from lcp_catalog.exposure import expose, prepare
 from lcp_catalog.relief import nodes_enu
+from lcp_catalog.request import Request, ViewChoice
 from lcp_catalog.schema import USABLE
 from lcp_catalog.terrain import Area
 
