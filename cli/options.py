@@ -436,7 +436,9 @@ def check_composite(
     if (catcher_m is not None or background is not None) and frame != "camera":
         raise click.UsageError("--shadow-catcher and --background need --frame camera")
     if catcher_m is not None and background is None and environment is None:
-        raise click.UsageError("--shadow-catcher needs --background IMAGE or --environment PANORAMA")
+        raise click.UsageError(
+            "--shadow-catcher needs --background IMAGE or --environment PANORAMA"
+        )
     if white is not None and background is None:
         raise click.UsageError("--background-white needs --background IMAGE")
 

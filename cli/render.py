@@ -109,7 +109,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     if flags["center"]:
         size_km = flags["size_km"]
         sphere = flags["surface"] == "sphere"
-        area = Cap(*flags["center"], (size_km, size_km)) if sphere else Area(*flags["center"], size_km)
+        area = (
+            Cap(*flags["center"], (size_km, size_km)) if sphere else Area(*flags["center"], size_km)
+        )
     elif flags["bounds"]:
         area = Area.from_bounds(*flags["bounds"])
     return Request(

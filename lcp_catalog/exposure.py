@@ -228,7 +228,9 @@ def _sun_alone(light: Lighting) -> bool:
 def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
     """Decisions about what lights the scene besides its first source."""
     if light.others:
-        yield effects.several_sources(len(light.others))
+        plane = request.in_camera_plane
+        rays = effects.EVERY_PIXEL if plane else effects.Rays.of(request.accuracy)
+        yield effects.several_sources(len(light.others), rays)
     if light.sky is not None and request.environment is not None:
         samples = SAMPLES[request.accuracy.tier]
         rms = sky_rms(request.accuracy, request.in_camera_plane)

@@ -299,10 +299,10 @@ def sky_light(name: str, share: float, samples: tuple[int, int], rms: float) -> 
     return Decision("sky light", True, reason, rms, "share of the sky's mean radiance")
 
 
-def several_sources(count: int) -> Decision:
-    """Sources besides the first."""
-    reason = f"{count} more light the scene, each with its own shadows; bands of angles are the first one's"
-    return Decision("other sources", True, reason, 0.0, "share of nodes")
+def several_sources(count: int, rays: Rays) -> Decision:
+    """Sources besides the first; their rays are followed whatever the relief."""
+    reason = f"{count} more light the scene, each with its own shadows ({rays.method}); bands of angles are the first one's"
+    return Decision("other sources", True, reason, rays.node_error, "share of nodes, each")
 
 
 def albedo(brightness: AlbedoMap | None = None, cover: Cover | None = None) -> Decision:

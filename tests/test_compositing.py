@@ -39,7 +39,7 @@ def box(height=HIGH, half_m=(100.0, 100.0), gsd=20.0):
 
 def plane(half_m=500.0, count=101, height=0.0):
     x, y = np.meshgrid(np.linspace(-half_m, half_m, count), np.linspace(half_m, -half_m, count))
-    points = np.stack([x, y, np.full(x.shape, height)], axis=-1) + [0.13, 0.29, 0.0]
+    points = np.stack([x + 0.13, y + 0.29, np.full(x.shape, height)], axis=-1)
     return points.reshape(-1, 3)
 
 

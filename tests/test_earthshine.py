@@ -135,7 +135,9 @@ def test_the_suns_distance_from_place_and_earth_counts():
     position = np.array([-MEAN_DISTANCE_M, 0.0, 0.0])
     near = Earth(position, towards, ASTRONOMICAL_UNIT_M).source(EnuFrame(180.0, 0.0))
     far = Earth(position, towards).source(EnuFrame(180.0, 0.0))
-    expected = ((ASTRONOMICAL_UNIT_M + MOON_RADIUS_M) / (ASTRONOMICAL_UNIT_M + MEAN_DISTANCE_M)) ** 2
+    expected = (
+        (ASTRONOMICAL_UNIT_M + MOON_RADIUS_M) / (ASTRONOMICAL_UNIT_M + MEAN_DISTANCE_M)
+    ) ** 2
     assert near.irradiance / far.irradiance == pytest.approx(expected, rel=1e-9)
 
 

@@ -81,7 +81,9 @@ def test_a_panorama_of_one_small_sun_is_that_sun(craters, frame, tier, name):
 def test_two_lamps_are_the_sum_of_two_suns(craters):
     one, two = pixel_lamp(120, 60, 30, 2.0), pixel_lamp(120, 290, 15, 1.0)
     light = Lighting.of_panorama(split_sources(room(120, [one, two], ambient=1e-9)))
-    assert [source.irradiance for source in light.sources] == pytest.approx([2 / 3, 1 / 3], rel=5e-3)
+    assert [source.irradiance for source in light.sources] == pytest.approx(
+        [2 / 3, 1 / 3], rel=5e-3
+    )
     view, how = oblique_view(30, 200), {"accuracy": TIERS["standard"]}
     found = render_enu(craters, light, view, **how).radiance
     parts = [render_enu(craters, lamp.direction, view, **how).radiance for lamp in (one, two)]
@@ -133,7 +135,7 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
 @pytest.mark.parametrize("frame", ["enu", "camera"])
 def test_a_set_sun_lights_no_border_from_below(frame):
     """Slopes at the border of the terrain that face a Sun 20 deg under the horizon; the Earth lights on."""
-    y, x = np.mgrid[-20:21, -20:21] * GSD
+    _, x = np.mgrid[-20:21, -20:21] * GSD
     terrain = make(-0.5 * x)
     sun = Source(direction_enu(90, -20))
     earth = Source(direction_enu(200, 50), 1e-4, name="Earth")
@@ -152,7 +154,11 @@ def test_a_set_sun_lights_no_border_from_below(frame):
 
 
 def test_what_has_risen(craters):
-    sources = (Source(direction_enu(0, -5)), Source(direction_enu(0, 5)), Source(direction_enu(9, 1)))
+    sources = (
+        Source(direction_enu(0, -5)),
+        Source(direction_enu(0, 5)),
+        Source(direction_enu(9, 1)),
+    )
     assert [one.irradiance for one in risen(craters, Lighting(sources)).sources] == [0.0, 1.0, 1.0]
     night = Lighting(sources[:1], uniform(16))
     assert risen(craters, night).first.irradiance == 0.0  # a sky lights on
@@ -184,7 +190,9 @@ def test_turning_a_panorama_turns_its_sun():
     for turn in (0.0, 90.0, -135.0):
         first = Environment.of(Panorama(image, turn)).lighting.first
         expected = direction_enu(20 + turn, 40)
-        assert math.degrees(math.acos(min(1.0, first.direction @ expected))) < 1.5  # pixels of 2 deg
+        assert (
+            math.degrees(math.acos(min(1.0, first.direction @ expected))) < 1.5
+        )  # pixels of 2 deg
 
 
 def test_scaling_the_sun_darkens_the_sky_by_as_much():
@@ -225,7 +233,9 @@ def test_the_earths_disc_against_directions_all_over_it(elevation, radius_deg):
     assert np.abs(off).max() < 0.04  # 9 strips; 2048 rays
     spread = np.degrees(np.arccos(np.clip(directions @ towards, -1, 1)))
     assert spread.max() == pytest.approx(radius_deg, rel=0.01)
-    assert np.mean(spread**2) == pytest.approx(radius_deg**2 / 2, rel=0.01)  # of one brightness all over
+    assert np.mean(spread**2) == pytest.approx(
+        radius_deg**2 / 2, rel=0.01
+    )  # of one brightness all over
 
 
 @pytest.mark.parametrize("radius_deg", [0.2666, 1.03, 1.9])

@@ -60,7 +60,11 @@ def twin(panorama, threshold, radius_deg, minimum):
         peak = max(bright, key=lambda p: light[p])
         floor, centre = minimum * means[segment[peak]], middle[peak]
         for _ in range(20):
-            near = [p for p in light if np.dot(middle[p], centre) >= math.cos(math.radians(radius_deg)) - 1e-9]
+            near = [
+                p
+                for p in light
+                if np.dot(middle[p], centre) >= math.cos(math.radians(radius_deg)) - 1e-9
+            ]
             inside = [p for p in near if light[p] > floor and p not in cut]
             moment = sum((light[p] - floor) * measure[p][1] for p in inside)
             held, where = near, moment / np.linalg.norm(moment)
@@ -109,7 +113,9 @@ def test_power_is_kept(seed, rows, spread):
     assert found.power == pytest.approx(panorama.power, rel=1e-12)
     assert found.power_above == pytest.approx(panorama.power_above, rel=1e-12)
     assert (found.remainder.luminance <= panorama.luminance).all()
-    assert (found.remainder.luminance[(rows + 1) // 2 :] == panorama.luminance[(rows + 1) // 2 :]).all()
+    assert (
+        found.remainder.luminance[(rows + 1) // 2 :] == panorama.luminance[(rows + 1) // 2 :]
+    ).all()
 
 
 @settings(max_examples=40, deadline=None)
@@ -119,7 +125,9 @@ def test_one_lamp_is_one_source_wherever_it_stands(azimuth, elevation, radius):
     sky = room(90, [Lamp(azimuth, elevation, 3.0, radius)], ambient=0.01)
     found = split_sources(sky)
     assert len(found.sources) == 1
-    assert off_deg(found.sources[0].direction, direction_enu(azimuth, elevation)) < 1.5  # pixels of 2
+    assert (
+        off_deg(found.sources[0].direction, direction_enu(azimuth, elevation)) < 1.5
+    )  # pixels of 2
     assert found.sources[0].power == pytest.approx(3.0, rel=0.2)  # what is cut stays: two means
 
 
