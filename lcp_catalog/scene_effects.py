@@ -11,6 +11,7 @@ from .accuracy import Accuracy
 from .albedo import AlbedoMap, Cover
 from .constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from .far_terrain import FarTerrain
+from .files import file_facts
 from .model_choice import Choice
 from .relief import Relief, Ring, Steepness
 from .scene_bounds import (
@@ -207,7 +208,11 @@ def reflectance(model: str, choice: Choice | None = None) -> Decision:
     """Which law of reflection, and how far it is from Hapke's."""
     unit = "share of the mean signal"
     if choice is not None:
-        return Decision("reflectance", True, choice.reason, choice.own.left_over, unit)
+        reason = choice.reason
+        if choice.model.file is not None:  # the result names the file's content, not its folder
+            (facts,) = file_facts([choice.model.file])
+            reason += f"; read from {facts['name']}, sha256 {facts['sha256']}"
+        return Decision("reflectance", True, reason, choice.own.left_over, unit)
     reason = f"{model}, as asked; models are different assumptions, none approximates another"
     return Decision("reflectance", True, reason, None, unit)
 

@@ -1,11 +1,16 @@
 """What one law costs against another, by an independent twin with random facets, and which law a scene gets."""
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lcp_cli.main import run
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.assemble import decisions
 from lcp_catalog.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.model_choice import LAWS, LEFT_OVER, choose, cost, named
@@ -140,6 +145,17 @@ def test_names():
     assert named("lambert") == LAMBERT
     with pytest.raises(ConfigError, match="no reflectance model"):
         named("phong")
+
+
+def test_a_law_from_a_file_is_named_by_its_content(tmp_path):
+    """A catalogue must say which measured surface it was made with, wherever the file lay."""
+    file = tmp_path / "regolith.toml"
+    table = Path(__file__).parents[1] / "sample_data" / "goniometer_synthetic.csv"
+    assert run(["fit-reflectance", str(table), "-o", str(file)]) == 0
+    build = BuildConfig(model=ModelConfig(reflectance=f"facet:{file}"))
+    (said,) = [d for d in decisions(build, 100.0, 26.0) if d["effect"] == "reflectance"]
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in said["reason"]
+    assert str(tmp_path) not in said["reason"]
 
 
 def test_a_build_gets_the_law_of_its_worst_image():
