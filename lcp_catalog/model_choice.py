@@ -37,7 +37,7 @@ SLOPE_RMS = math.tan(math.radians(8.0))
 """Rms slope in one direction where no terrain is known. Measured on GLD100 over 118 and 474 m: 6.0
 deg (Taurus-Littrow) to 8.1 deg (far-side highlands)."""
 
-_QUADRATURE = 13
+_QUADRATURE = 31
 _NO_CONTRAST = 1e-24  # a variance that is rounding
 
 
