@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import dem_check
-from .options import LATITUDE, LONGITUDE, dem_argument, overwrite_option, product_order_option
+from .options import dem_argument, overwrite_option, product_order_option
+from .value_types import LATITUDE, LONGITUDE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import Number, depfile_option, output_option, overwrite_option
+from .options import depfile_option, output_option, overwrite_option
+from .value_types import Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.facet_fit import Fit
@@ -50,7 +51,7 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
 @click.option(
     "--polarisation",
     nargs=2,
-    type=Number(),
+    type=Finite(),
     default=(0.0, 0.0),
     show_default=True,
     metavar="D XI",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
+from .value_types import LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
     from lcp_catalog.instants import Instants
@@ -33,14 +34,12 @@ COLUMNS = {
 
 
 @click.command()
-@click.option(
-    "--lon", type=options.LONGITUDE, required=True, metavar="DEG", help="Longitude, east."
-)
-@click.option("--lat", type=options.LATITUDE, required=True, metavar="DEG", help="Latitude.")
+@click.option("--lon", type=LONGITUDE, required=True, metavar="DEG", help="Longitude, east.")
+@click.option("--lat", type=LATITUDE, required=True, metavar="DEG", help="Latitude.")
 @click.option(
     "--height",
     "height_m",
-    type=options.Number(-20e3, 1e6),
+    type=Number(-20e3, 1e6),
     default=0.0,
     metavar="M",
     help="Height above the sphere of 1737.4 km, with --dem above the ground; default: 0.",
@@ -54,16 +53,16 @@ COLUMNS = {
 @click.option(
     "--gsd",
     "gsd_m",
-    type=options.POSITIVE,
+    type=POSITIVE,
     metavar="M",
     help="With --dem: cell of the terrain near by; default: the DEM's own.",
 )
-@click.option("--time", "time_utc", type=options.Instant(), metavar="UTC", help="One instant.")
+@click.option("--time", "time_utc", type=Instant(), metavar="UTC", help="One instant.")
 @click.option(
     "--range",
     "span",
     nargs=3,
-    type=click.Tuple([options.Instant(), options.Instant(), options.Step()]),
+    type=click.Tuple([Instant(), Instant(), Step()]),
     metavar="START STOP STEP",
     help="Instants from START to STOP; STEP like 30m, 6h, 1d or PT6H.",
 )

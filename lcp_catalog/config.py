@@ -22,9 +22,6 @@ from .errors import ConfigError
 ALBEDO_ENCODINGS = ("linear", "srgb")
 """What the numbers of a map may be: proportional to brightness, or codes of a display image."""
 
-PARALLEL_ALTITUDE_KM = math.inf
-"""A camera at infinity: parallel rays."""
-
 
 def _require(condition: bool, text: str) -> None:
     if not condition:

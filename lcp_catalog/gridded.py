@@ -75,11 +75,11 @@ class Gridded:
         if not self.grid.wraps or self.grid.period % 2:
             return
         north, south = self._reaches_poles
-        for there, top, bottom, mirror in (
+        for there, above, below, mirror in (
             (north, row0, min(row1, 0), -1),
             (south, max(row0, height), row1, 2 * height - 1),
         ):
-            top, bottom = max(top, mirror - height + 1), min(bottom, mirror + 1)  # noqa: PLW2901
+            top, bottom = max(above, mirror - height + 1), min(below, mirror + 1)
             if there and top < bottom:  # row r beyond the pole is row mirror - r on the other side
                 yield (mirror - bottom + 1, mirror - top + 1), (top - row0, bottom - row0, -1), half
 

@@ -116,7 +116,8 @@ def _nodes(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
     field = terrain.field
     x = field.x0_m + np.arange(col0, col1) * field.gsd_m
     y = field.y0_m - np.arange(row0, row1) * field.gsd_m
-    return tuple(np.meshgrid(x, y))  # type: ignore[return-value]
+    east, north = np.meshgrid(x, y)
+    return east, north
 
 
 def test_between_pixels_it_is_what_gdal_makes(tmp_path: Path) -> None:
@@ -406,7 +407,10 @@ class TestCover:
     @pytest.fixture
     def half(self, tmp_path: Path) -> AlbedoMap:
         """East of 30 E only: 1 at the equator's north, 3 at its south."""
-        value = lambda lon, lat: np.where(lat > 0, 1.0, 3.0)  # noqa: E731
+
+        def value(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
+            return np.where(lat > 0, 1.0, 3.0)
+
         path = cylinder(tmp_path / "half.tif", 30.0, 10.0, (200, 100), 10.0, value)
         return AlbedoMap.open(path, reference=1.0)
 

@@ -27,7 +27,10 @@ def waves(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
 def dem(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Hills 200 m high in cells of 1/100 deg, 29..32 E, 9..12 N."""
     path = tmp_path_factory.mktemp("dem") / "hills.tif"
-    hills = lambda lon, lat: 100.0 * np.sin(40.0 * lon) * np.sin(43.0 * lat)  # noqa: E731
+
+    def hills(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
+        return 100.0 * np.sin(40.0 * lon) * np.sin(43.0 * lat)
+
     return str(cylinder(path, 29.0, 12.0, (300, 300), 100.0, hills))
 
 

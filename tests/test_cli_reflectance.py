@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 import pytest
 from click.testing import CliRunner
-from lcp_cli.options import LAW, REFLECTANCES, model_options
+from lcp_cli.options import model_options
+from lcp_cli.value_types import LAW, REFLECTANCES
 
 from lcp_catalog.reflectance import MODELS
 

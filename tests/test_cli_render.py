@@ -9,7 +9,7 @@ import pyproj
 import pytest
 import rasterio
 from lcp_cli.main import run
-from lcp_cli.options import REFLECTANCES
+from lcp_cli.value_types import REFLECTANCES
 
 from lcp_catalog import exposure, files, render_file
 from lcp_catalog.camera import read_camera

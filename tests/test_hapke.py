@@ -174,7 +174,10 @@ def test_the_phase_function_scatters_all_there_is(b, c):
 def test_the_surges_are_full_at_opposition_and_gone_opposite():
     shadow = HapkeSet("s", 0.5, 0.0, 0.0, 1.7, 0.05)
     coherent = HapkeSet("c", 0.5, 0.0, 0.0, 0.0, 0.0, 0.9, 0.03)
-    at = lambda p, g: np.array(hapke_terms(np.array(p.law), math.cos(g)))  # noqa: E731
+
+    def at(parameters, g):
+        return np.array(hapke_terms(np.array(parameters.law), math.cos(g)))
+
     assert at(shadow, 0.0) == pytest.approx([2.7, 0.125], rel=1e-15)
     assert at(shadow, math.pi) == pytest.approx([1.0, 0.125], rel=1e-12)
     assert at(shadow, 2 * math.atan(0.05))[0] == pytest.approx(1 + 1.7 / 2, rel=1e-12)

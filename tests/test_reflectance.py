@@ -148,9 +148,12 @@ def test_hemispherical_albedos_in_closed_form():
     """Lambert: A. Lommel-Seeliger: w/2 (1 - mu0 ln(1 + 1/mu0)). Minnaert: 2A/(k+1) mu0^(k-1). Hapke 2012, eq. 11.9, of isotropic
     scatterers: 1 - sqrt(1 - w) H(mu0), within the error of his H.
     """
+
+    def albedo(spec):
+        return hemispherical_albedo(reflectance_model(spec), math.radians(incidence))
+
     for incidence in (0.0, 40.0, 75.0):
         mu0 = math.cos(math.radians(incidence))
-        albedo = lambda spec: hemispherical_albedo(reflectance_model(spec), math.radians(incidence))  # noqa: B023, E731
         assert albedo("lambert") == pytest.approx(0.12, rel=1e-9)
         assert albedo("lommel-seeliger") == pytest.approx(
             0.105 * (1 - mu0 * math.log(1 + 1 / mu0)), rel=1e-6
@@ -189,10 +192,16 @@ def test_lunar_lambert_has_the_published_phase_function(name):
     """Yokota et al. 2011, in the form of the code that goes with Kouyama et al. 2016; r30 is the reflectance at 30, 0, 30 deg."""
     s = SURFACES[name]
 
+    def lobe(b, g):
+        return (1 - b * b) / (1 + b * b - 2 * b * math.cos(g)) ** 1.5
+
     def f(g):
-        lobe = lambda b: (1 - b * b) / (1 + b * b - 2 * b * math.cos(g)) ** 1.5  # noqa: E731
         surge = 1 + s.b0 / (1 + math.tan(g / 2) / s.h)
-        return surge * ((1 - s.c) / 2 * lobe(s.asymmetry) + (1 + s.c) / 2 * lobe(-s.asymmetry))
+        lobes = (1 - s.c) / 2 * lobe(s.asymmetry, g) + (1 + s.c) / 2 * lobe(-s.asymmetry, g)
+        return surge * lobes
+
+    def shape(x, mu0, mu):
+        return 2 * x * mu0 / (mu0 + mu) + (1 - x) * mu0
 
     law = reflectance_model(f"lunar-lambert:{name}")
     thirty = math.radians(30)
@@ -202,8 +211,7 @@ def test_lunar_lambert_has_the_published_phase_function(name):
         share = 1 - 0.019 * degrees + 0.242e-3 * degrees**2 - 1.46e-6 * degrees**3
         at30 = 1 - 0.57 + 0.2178 - 0.03942
         mu0 = math.cos(thirty)
-        shape = lambda x, mu: 2 * x * mu0 / (mu0 + mu) + (1 - x) * mu0  # noqa: B023, E731
-        expected = s.r30 * shape(share, 0.7) / shape(at30, 1.0) * f(g) / f(thirty)
+        expected = s.r30 * shape(share, mu0, 0.7) / shape(at30, mu0, 1.0) * f(g) / f(thirty)
         assert radiance_factor(law, thirty, math.acos(0.7), g) == pytest.approx(expected, rel=1e-9)
 
 
