@@ -93,10 +93,10 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.albedo import AlbedoMap
     from lcp_catalog.camera import read_camera
+    from lcp_catalog.cap import Cap
     from lcp_catalog.compositing import Backdrop
     from lcp_catalog.model_choice import named
     from lcp_catalog.request import Request, SunChoice, ViewChoice
-    from lcp_catalog.sphere_scene import Cap
     from lcp_catalog.terrain import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None

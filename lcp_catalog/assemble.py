@@ -294,7 +294,7 @@ def decisions(
         effects.solar_disc(False, None, limb, math.inf, accuracy),
         effects.surface(None, lowest_view, 0.0),
         effects.float_width(),
-        effects.reflectance(law.model.name, law),
+        effects.reflectance(law),
         effects.ring_of_build(min(elevations), config.model.ring_max_km * 1e3),
         *effects.always(config.model.area_nodes_max * gsd_m / math.sqrt(2.0)),
         effects.albedo(albedo, cover),

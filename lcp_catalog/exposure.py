@@ -22,7 +22,7 @@ from .errors import AreaError, CameraError, ImageError
 from .lighting import Lighting
 from .panorama_sky import SAMPLES, SKY_FLOOR_RAD, sky_rms
 from .reflectance import Reflectance
-from .render import Photograph, render_camera, render_enu, risen
+from .render import Photograph, render_camera, render_enu
 from .render_area import (
     RING_MAX_M,
     area_of,
@@ -34,6 +34,7 @@ from .render_area import (
     view_ring_m,
 )
 from .request import Request
+from .risen import risen
 from .scene import ScenePlan, choose_model, plan_scene, ring_decision
 from .scene_effects import Decision
 from .sphere import EnuFrame
@@ -41,6 +42,7 @@ from .sphere_render import render_sphere_camera, render_sphere_enu
 from .sphere_scene import SphereScene, expose_sphere, prepare_sphere
 from .surroundings import build_surrounded, surroundings
 from .terrain import (
+    Area,
     NodeWindow,
     Terrain,
     native_gsd_m,
@@ -62,7 +64,7 @@ class Scene:
     model: Reflectance
     view: View
     plan: ScenePlan
-    sources: tuple[Path, ...]  # every file that heights and albedo come from
+    sources: tuple[Path, ...]  # every file that was read, but the camera's
 
     @property
     def sun(self) -> Array:
@@ -108,55 +110,68 @@ def prepare(request: Request) -> Scene | SphereScene:
     dems = DemSet.open(request.dem_paths, request.product_order)
     area, grows = area_of(request, dems)
     warn_of_disagreements(dems, area.bounds)
-    frame = area.frame
-    lit_by = request.lighting(frame)
-    to_sun, disc = lit_by.first.direction, lit_by.first.disc is not None
+    light = request.lighting(area.frame)
+    terrain, view, ring = _ground(request, dems, area, grows, light)
+    choice = choose_model(
+        terrain, light.first.direction, view, request.accuracy.tier, request.model
+    )
+    plan = plan_scene(
+        terrain,
+        light.first.direction,
+        view,
+        in_camera_plane=request.in_camera_plane,
+        ring=ring,
+        accuracy=request.accuracy,
+        disc=light.first.disc is not None,
+        disc_radius_rad=light.first.radius_rad or SOLAR_RADIUS_RAD,
+        model=choice.model,
+        choice=choice,
+        albedo=_albedo_decision(request.albedo, terrain),
+        sphere_may_do=request.surface == "auto" and _sun_alone(light) and not request.backdrop,
+    )
+    plan = replace(plan, others=(*plan.others, *_of_light(request, light)))
+    files = _files(request, dems, choice.model)
+    return Scene(request, terrain, light, choice.model, view, plan, files)
+
+
+def _ground(
+    request: Request, dems: DemSet, area: Area, grows: bool, light: Lighting
+) -> tuple[Terrain, View, Decision]:
+    """The terrain of an area with all around it that can shadow or hide it, the view of it, and what
+    the plan says of the terrain around; ``grows``: so that it holds all that a camera sees.
+    """
+    frame, extent = area.frame, area.extent_m
     view = request.view.view(frame)
     gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
     if not 0.0 < gsd_m < math.inf:
         raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
-    extent = area.extent_m
     require_extent(extent)
     require_room(NodeWindow.covering(extent, gsd_m))
     if request.in_camera_plane and view.camera is None:
         view = replace(view, camera=camera_over(frame, view, gsd_m, extent))
-    light = lit_by.lowest_tangent
-    if lit_by.sky is not None:
-        light = min(light, math.tan(SKY_FLOOR_RAD))
     coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
     if grows:
         extent = grown(extent, height_reach_m(coarse, view))
         coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
-    ring_m = view_ring_m(coarse, view)
+    view_m = view_ring_m(coarse, view)
     place = (dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
-    around = surroundings(*place, light, min(ring_m, RING_MAX_M))
-    needed_m = max(around.needed_m, ring_m)
+    lowest = light.lowest_tangent
+    if light.sky is not None:
+        lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
+    around = surroundings(*place, lowest, min(view_m, RING_MAX_M))
     terrain = build_surrounded(*place, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
-    choice = choose_model(terrain, to_sun, view, request.accuracy.tier, request.model)
-    plan = plan_scene(
-        terrain,
-        to_sun,
-        view,
-        in_camera_plane=request.in_camera_plane,
-        ring=ring_decision(terrain, around.ring_m, needed_m),
-        accuracy=request.accuracy,
-        disc=disc,
-        disc_radius_rad=lit_by.first.radius_rad or SOLAR_RADIUS_RAD,
-        model=choice.model,
-        choice=choice,
-        albedo=_albedo_decision(request.albedo, terrain),
-        sphere_may_do=request.surface == "auto" and _sun_alone(lit_by) and not request.backdrop,
-    )
-    plan = replace(plan, others=(*plan.others, *_of_light(request, lit_by)))
+    return terrain, view, ring_decision(terrain, around.ring_m, max(around.needed_m, view_m))
+
+
+def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ...]:
+    """Every file that a render looks at, once, but the camera's."""
     files = [path for dem in dems.dems for path in dem.files]
-    files += [choice.model.file] if choice.model.file else []
-    files += request.albedo.files if request.albedo else ()
-    files += request.environment.files if request.environment else ()
-    files += request.backdrop.files if request.backdrop else ()
-    sources = tuple(dict.fromkeys(files))
-    return Scene(request, terrain, lit_by, choice.model, view, plan, sources)
+    files += [model.file] if model.file else []
+    for asked in (request.albedo, request.environment, request.backdrop):
+        files += asked.files if asked else ()
+    return tuple(dict.fromkeys(files))
 
 
 def expose(scene: Scene | SphereScene) -> Photograph:
@@ -215,7 +230,7 @@ def _prepare_sphere(request: Request) -> SphereScene:
         if request.area is None and not (request.in_camera_plane and request.view.camera):
             request = replace(request, area=area_of(request, dems)[0])
         gsd_m = min(dem.gsd_m for dem in dems.dems)
-    scene = prepare_sphere(request, request.lighting, gsd_m)
+    scene = prepare_sphere(request, gsd_m)
     plan = replace(scene.plan, others=(*scene.plan.others, *_of_light(request, scene.light)))
     return replace(scene, plan=plan, sources=(*files, *scene.sources))
 

@@ -15,7 +15,6 @@ disc: the cosine of incidence is wrong by less than sin(0.267 deg) = 0.0047 (doc
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 
 from .accuracy import TIERS, Accuracy
 from .camera import Camera
-from .errors import CameraError, SunError
+from .errors import CameraError
 from .horizons import Points
 from .lighting import Lighting, Source
 from .panorama_sky import sky_at_nodes, sky_at_points
@@ -36,6 +35,7 @@ from .reflectance import (
     radiance_under,
 )
 from .relief import nodes_enu
+from .risen import risen
 from .scene import ScenePlan, parallel_view, plan_scene
 from .shadows import occluded
 from .solar_disc import share_at_points, sunlit_share
@@ -49,7 +49,6 @@ Mask = NDArray[np.bool_]
 
 
 _BLOCK_ROWS = 256
-_ROUNDING_DEG = 1e-9  # of the Sun's elevation: one on the horizon is not below it
 
 
 class Albedo(Protocol):
@@ -108,8 +107,11 @@ def render_enu(
     light = risen(terrain, light)
     check_camera(terrain, view)
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
-    sunlit = _sunlit(terrain, light.first, accuracy, plan if shadows else None)
-    others = [(source, _sunlit_by(terrain, source, accuracy, shadows)) for source in light.others]
+    lights = [
+        (source, _share_at_nodes(terrain, source, cast, accuracy))
+        for source, cast in _planned(light, plan, shadows)
+    ]
+    sunlit = lights[0][1]
     seen = np.ones(sunlit.shape, dtype=np.bool_)
     if plan.occlusion.modelled:
         seen = ~_hidden(terrain, view, accuracy)
@@ -121,7 +123,6 @@ def render_enu(
         rows = slice(window[0] - row0, window[1] - row0)
         stored = field.normals(window)
         if quick:
-            lights = [(light.first, sunlit), *others]
             bands = _bands_parallel(stored, lights, rows, parallel, seen, model)
             for band, values in zip(angles, bands, strict=True):
                 band[rows] = values
@@ -137,7 +138,7 @@ def render_enu(
             seen[rows] &= view.camera.in_image(pixels)
         first = light.first.irradiance * sunlit[rows]
         bands = _bands(normals, sun, towards, first, seen[rows], model)
-        for source, share in others:
+        for source, share in lights[1:]:
             bands[0][...] += _radiance(normals, source, towards, share[rows], model)
         for band, values in zip(angles, bands, strict=True):
             band[rows] = values
@@ -182,16 +183,11 @@ def render_camera(
     normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
     seen &= ~np.isnan(normals[..., 0])
     points[~seen] = np.nan
-    facing = np.sum(normals * sun, axis=-1) > 0
-    sunlit = facing.astype(np.float64)
-    if shadows:
-        sunlit[facing] = _sunlit_points(terrain, points[facing], light.first, accuracy, plan)
+    (first, cast), *others = _planned(light, plan, shadows)
+    sunlit = _share_at_points(terrain, points, normals, first, cast, accuracy)
     bands = _bands(normals, sun, -rays, light.first.irradiance * sunlit, seen, model)
-    for source in light.others:
-        share = (np.sum(normals * source.direction, axis=-1) > 0).astype(np.float64)
-        if shadows:
-            facing = share > 0
-            share[facing] = _sunlit_points_by(terrain, points[facing], source, accuracy)
+    for source, cast in others:
+        share = _share_at_points(terrain, points, normals, source, cast, accuracy)
         bands[0][...] += _radiance(normals, source, -rays, share, model)
     if light.sky is not None:
         where = points[seen], normals[seen], -rays[seen]
@@ -200,68 +196,6 @@ def render_camera(
         bands[0][seen] *= albedo.at_points(terrain, points[seen])
     position = terrain.frame.to_mcmf(points)
     return Photograph(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
-
-
-def risen(terrain: Terrain, light: Lighting) -> Lighting:
-    """The light, its sources without irradiance where they stand below the horizon of even the
-    area's highest node, a disc with its upper limb; SunError where all do and there is no sky.
-
-    Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips
-    by acos(R / (R + h)). Beyond the terrain there is nothing: without this a set Sun would light its
-    border from below.
-    """
-    step = max(1, max(terrain.field.shape) // 256)
-    lowest_m = _lowest_m(terrain, step)
-    sources = [
-        replace(source, irradiance=0.0) if _is_set(terrain, source, lowest_m, step) else source
-        for source in light.sources
-    ]
-    if light.sky is None and all(source.irradiance == 0.0 for source in sources):
-        first = light.first
-        raise SunError(
-            f"the {first.name} stands {-_above_deg(terrain, first, lowest_m, 1):.2f} deg below the "
-            f"horizon of the area's highest ground: nothing is lit; state another {first.name}"
-        )
-    return replace(light, sources=tuple(sources))
-
-
-def _is_set(terrain: Terrain, source: Source, lowest_m: float, step: int) -> bool:
-    """Whether a source stands below every horizon; few nodes are asked where they say no."""
-    return all(_above_deg(terrain, source, lowest_m, every) < 0 for every in (step, 1))
-
-
-def _lowest_m(terrain: Terrain, step: int) -> float:
-    """Least distance of the terrain's nodes from the Moon's centre."""
-    all_around = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.field.whole, step))
-    radius = np.linalg.norm(all_around, axis=-1)
-    lowest_m = float(np.nanmin(radius)) if np.isfinite(radius).any() else np.nan
-    for level in terrain.far.levels if terrain.far else ():
-        beyond = np.linalg.norm(terrain.frame.to_mcmf(nodes_enu(level, level.whole, 4)), axis=-1)
-        lowest_m = float(np.nanmin(beyond, initial=lowest_m))
-    return lowest_m
-
-
-def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> float:
-    """Greatest elevation of a source's upper limb above the dipped horizon of the core's nodes; NaN
-    without heights.
-    """
-    limb = (math.degrees(source.disc.radius_rad) if source.disc else 0.0) + _ROUNDING_DEG
-    return _sun_above_horizon_deg(terrain, source.direction, lowest_m, step) + limb
-
-
-def _sun_above_horizon_deg(terrain: Terrain, sun: Array, lowest_m: float, step: int) -> float:
-    """Greatest elevation of the Sun above the dipped horizon of the core's nodes; NaN without
-    heights.
-    """
-    places = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core, step))
-    places = places[np.isfinite(places[..., 2])]
-    if not len(places):
-        return float("nan")
-    radius = np.linalg.norm(places, axis=-1)
-    sine = np.clip(places @ terrain.frame.direction_to_mcmf(sun) / radius, -1.0, 1.0)
-    elevation = np.arcsin(sine)
-    dip = np.arccos(np.clip(lowest_m / radius, -1.0, 1.0))
-    return float(np.degrees((elevation + dip).max()))
 
 
 def check_camera(terrain: Terrain, view: View) -> None:
@@ -279,24 +213,23 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-def _sunlit(terrain: Terrain, source: Source, accuracy: Accuracy, plan: ScenePlan | None) -> Band:
-    """Share of the first source above the terrain's horizon at the core's nodes, float32; without a plan no
-    shadow is cast.
+def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Source, bool]]:
+    """Each source, and whether terrain may keep it from a node. Of the first the plan says so, and
+    whether it is a disc; of the others nothing was decided, so that all is modelled.
     """
-    shadows = plan is not None and (plan.solar_disc.modelled or plan.cast_shadows.modelled)
-    if plan is not None and not plan.solar_disc.modelled:
-        source = replace(source, disc=None)
-    return _sunlit_by(terrain, source, accuracy, shadows)
+    modelled = plan.solar_disc.modelled or plan.cast_shadows.modelled
+    first = light.first if plan.solar_disc.modelled else replace(light.first, disc=None)
+    return [(first, shadows and modelled), *((source, shadows) for source in light.others)]
 
 
-def _sunlit_by(terrain: Terrain, source: Source, accuracy: Accuracy, shadows: bool) -> Band:
-    """Share of a source above the terrain's horizon at the core's nodes, float32."""
+def _share_at_nodes(terrain: Terrain, source: Source, shadows: bool, accuracy: Accuracy) -> Band:
+    """Share of a source above the terrain's horizon at the core's nodes, float32; without
+    ``shadows`` all of it. None of a source without irradiance.
+    """
     row0, row1, col0, col1 = terrain.core
-    shape = (row1 - row0, col1 - col0)
-    if source.irradiance == 0.0:
-        return np.zeros(shape, dtype=np.float32)
-    if not shadows:
-        return np.ones(shape, dtype=np.float32)
+    if source.irradiance == 0.0 or not shadows:
+        share = 0.0 if source.irradiance == 0.0 else 1.0
+        return np.full((row1 - row0, col1 - col0), share, dtype=np.float32)
     if source.disc is not None:
         return sunlit_share(
             terrain.field, source.direction, accuracy, terrain.core, source.disc, terrain.far
@@ -305,26 +238,29 @@ def _sunlit_by(terrain: Terrain, source: Source, accuracy: Accuracy, shadows: bo
     return (~dark).astype(np.float32)
 
 
-def _sunlit_points(
-    terrain: Terrain, points: Array, source: Source, accuracy: Accuracy, plan: ScenePlan
+def _share_at_points(
+    terrain: Terrain,
+    points: Array,
+    normals: Array,
+    source: Source,
+    shadows: bool,
+    accuracy: Accuracy,
 ) -> Array:
-    """The share of the first source at ENU points (n, 3) of the surface, float64 (n,)."""
-    if not (plan.solar_disc.modelled or plan.cast_shadows.modelled):
-        return np.full(len(points), 1.0 if source.irradiance else 0.0)
-    if not plan.solar_disc.modelled:
-        source = replace(source, disc=None)
-    return _sunlit_points_by(terrain, points, source, accuracy)
-
-
-def _sunlit_points_by(terrain: Terrain, points: Array, source: Source, accuracy: Accuracy) -> Array:
-    if source.irradiance == 0.0:
-        return np.zeros(len(points))
+    """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 where they
+    face away.
+    """
+    share = np.where(np.sum(normals * source.direction, axis=-1) > 0, 1.0, 0.0)
+    facing = share > 0
+    if source.irradiance == 0.0 or not shadows:
+        return np.zeros_like(share) if source.irradiance == 0.0 else share
     if source.disc is not None:
-        return share_at_points(
-            terrain.field, points, source.direction, accuracy, source.disc, terrain.far
+        share[facing] = share_at_points(
+            terrain.field, points[facing], source.direction, accuracy, source.disc, terrain.far
         )
-    dark = Points(terrain.field, points, terrain.far).occluded(source.direction)
-    return (~dark).astype(np.float64)
+    else:
+        seen_from = Points(terrain.field, points[facing], terrain.far)
+        share[facing] = ~seen_from.occluded(source.direction)
+    return share
 
 
 def _parallel(terrain: Terrain, view: View) -> View:

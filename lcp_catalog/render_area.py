@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
+from .cap import Cap
 from .constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from .demset import DemSet
 from .errors import AreaError, CameraError
@@ -21,7 +22,6 @@ from .relief import (
 )
 from .request import Request
 from .sphere import EnuFrame, lonlat_to_mcmf
-from .sphere_scene import Cap
 from .terrain import (
     Area,
     NodeWindow,

@@ -13,6 +13,7 @@ from . import sun
 from .accuracy import TIERS, Accuracy
 from .albedo import AlbedoMap
 from .camera import Camera
+from .cap import Cap
 from .compositing import Backdrop
 from .earthshine import earth_at, mean_earth
 from .environment import Environment
@@ -21,10 +22,7 @@ from .lighting import Lighting
 from .reflectance import Reflectance
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 from .sphere import EnuFrame
-from .sphere_scene import Cap
-from .terrain import (
-    Area,
-)
+from .terrain import Area
 from .view import View, camera_view, oblique_view
 
 Array = NDArray[np.float64]

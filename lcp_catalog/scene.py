@@ -125,7 +125,9 @@ def plan_scene(
         solar_disc=disc_decision,
         relief=effects.surface(found, least_view, away_m, plain, accuracy),
         float_width=effects.float_width(),
-        reflectance=effects.reflectance(model.name, choice),
+        reflectance=effects.reflectance(choice)
+        if choice
+        else effects.reflectance_as_asked(model.name),
         others=(
             *((ring,) if ring is not None else ()),
             *effects.always(half_m),

@@ -204,17 +204,22 @@ def float_width() -> Decision:
     return Decision("float width", True, reason, NORMAL_ROUNDING_RAD, "rad of a normal")
 
 
-def reflectance(model: str, choice: Choice | None = None) -> Decision:
+REFLECTANCE, REFLECTANCE_UNIT = "reflectance", "share of the mean signal"
+
+
+def reflectance(choice: Choice) -> Decision:
     """Which law of reflection, and how far it is from Hapke's."""
-    unit = "share of the mean signal"
-    if choice is not None:
-        reason = choice.reason
-        if choice.model.file is not None:  # the result names the file's content, not its folder
-            (facts,) = file_facts([choice.model.file])
-            reason += f"; read from {facts['name']}, sha256 {facts['sha256']}"
-        return Decision("reflectance", True, reason, choice.own.left_over, unit)
+    reason = choice.reason
+    if choice.model.file is not None:  # the result names the file's content, not its folder
+        (facts,) = file_facts([choice.model.file])
+        reason += f"; read from {facts['name']}, sha256 {facts['sha256']}"
+    return Decision(REFLECTANCE, True, reason, choice.own.left_over, REFLECTANCE_UNIT)
+
+
+def reflectance_as_asked(model: str) -> Decision:
+    """A law that nobody compared with another."""
     reason = f"{model}, as asked; models are different assumptions, none approximates another"
-    return Decision("reflectance", True, reason, None, unit)
+    return Decision(REFLECTANCE, True, reason, None, REFLECTANCE_UNIT)
 
 
 def far_terrain(

@@ -31,7 +31,7 @@ def sphere_plan(
         solar_disc=_solar_disc(light),
         relief=_relief(shift_px),
         float_width=Decision("float width", True, "float64 throughout", 0.0, "rad of a normal"),
-        reflectance=effects.reflectance(choice.model.name, choice),
+        reflectance=effects.reflectance(choice),
         others=(_curvature(), *effects.always(half_m)[1:], albedo or effects.albedo()),
     )
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from . import sphere_rays
 from .camera import Camera
+from .cap import Extent
 from .constants import MOON_RADIUS_M
 from .errors import CameraError, SunError
 from .footprints import Map, seen_through
@@ -36,7 +37,6 @@ from .view import View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Extent = tuple[float, float, float, float]
 
 _BLOCK_PIXELS = 1 << 18
 _FACING = 1e-9  # least cosine of emission that a footprint is stretched by

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +13,19 @@ from . import scene_effects as effects
 from . import sphere_rays
 from .albedo import AlbedoMap, Cover
 from .camera import Camera
+from .cap import Extent
 from .constants import HIGHEST_M, MOON_RADIUS_M
 from .errors import AreaError, CameraError
 from .lighting import Lighting
 from .model_choice import SLOPE_RMS, Choice, choose
 from .reflectance import Reflectance
 from .render import Photograph
+from .request import Request
 from .scene import ScenePlan
 from .scene_effects import Decision
 from .sphere import EnuFrame, enu_rotation
 from .sphere_plan import sphere_plan
 from .sphere_render import (
-    Extent,
     render_sphere_camera,
     render_sphere_enu,
     require_above,
@@ -35,45 +34,10 @@ from .sphere_render import (
 from .terrain import NodeWindow, require_room
 from .view import View, camera_view, looking_camera
 
-if TYPE_CHECKING:
-    from .request import Request
-
 Array = NDArray[np.float64]
 
 _SAMPLES = 64
 """Pixels or nodes a side at which a scene is looked at before it is rendered."""
-
-SIZE_MAX_KM = 4 * MOON_RADIUS_M / 1e3
-"""No square of a plane is wider: twice the Moon's own width."""
-
-
-@dataclass(frozen=True)
-class Cap:
-    """A rectangle of the tangent plane at a place, as wide as the Moon or wider: what `Area` is for
-    terrain. ``size_km``: east-west, north-south.
-    """
-
-    lon_deg: float
-    lat_deg: float
-    size_km: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        if not all(0.0 < side <= SIZE_MAX_KM for side in self.size_km):
-            raise AreaError(
-                f"a size of {self.size_km[0]:g} x {self.size_km[1]:g} km is not above 0 and at most "
-                f"{SIZE_MAX_KM:.0f} km"
-            )
-
-    @property
-    def frame(self) -> EnuFrame:
-        """The frame at its centre, on the sphere."""
-        return EnuFrame(self.lon_deg % 360.0, self.lat_deg)
-
-    @property
-    def extent_m(self) -> Extent:
-        """Least x, greatest x, least y, greatest y in its frame."""
-        east, north = (500.0 * side for side in self.size_km)
-        return -east, east, -north, north
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +75,9 @@ class SphereScene:
         return self.light.first.direction
 
 
-def prepare_sphere(
-    request: Request, lit_by: Callable[[EnuFrame], Lighting], gsd_m: float | None
-) -> SphereScene:
-    """Everything but the bands; ``lit_by`` gives the light in a frame, ``gsd_m`` is the cell size where one is
-    known (a DEM's own). Raises the library's errors for what cannot be rendered.
+def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
+    """Everything but the bands; ``gsd_m`` is the cell size where one is known (a DEM's own). Raises the
+    library's errors for what cannot be rendered.
     """
     frame, extent = _place(request)
     view = request.view.view(frame)
@@ -131,7 +93,7 @@ def prepare_sphere(
         if request.in_camera_plane:
             view = camera_view(_looking(frame, view, gsd_m, extent), frame)
             extent = _whole_cells(extent, gsd_m)
-    light = lit_by(frame)
+    light = request.lighting(frame)
     points, towards, pixel_m = _sample(request, frame, view, gsd_m, extent)
     choice = _choose(request, frame, light, points, towards)
     albedo = request.albedo

@@ -37,6 +37,7 @@ FLOORS = [
         "instants",
         "products",
         "seams",
+        "cap",
     },
     {
         "config",
@@ -97,7 +98,7 @@ FLOORS = [
     {"shadows", "horizons"},
     {"terrain", "contents", "solar_disc", "sun_table"},
     {"relief", "lighting"},
-    {"albedo", "panorama_sky", "earthshine", "environment"},
+    {"albedo", "panorama_sky", "earthshine", "environment", "risen"},
     {"scene_bounds", "surroundings", "model_choice"},
     {"local_horizon", "sphere_bounds"},
     {"scene_effects"},
@@ -106,8 +107,8 @@ FLOORS = [
     {"catalog", "evaluate", "compositing"},
     {"job"},
     {"shards", "engine", "assemble"},
-    {"build", "phase_curves", "charts", "sphere_scene", "request"},
-    {"render_area"},
+    {"build", "phase_curves", "charts", "request"},
+    {"sphere_scene", "render_area"},
     {"exposure"},
     {"render_file"},
     {

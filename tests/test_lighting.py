@@ -21,8 +21,9 @@ from lcp_catalog.panorama import Panorama
 from lcp_catalog.panorama_models import Lamp, room, uniform
 from lcp_catalog.panorama_sources import split_sources
 from lcp_catalog.reflectance import reflectance_model
-from lcp_catalog.render import render_camera, render_enu, risen
+from lcp_catalog.render import render_camera, render_enu
 from lcp_catalog.request import SunChoice
+from lcp_catalog.risen import risen
 from lcp_catalog.solar_disc import SolarDisc, disc_directions, sunlit_share
 from lcp_catalog.sphere import EnuFrame, direction_enu
 from lcp_catalog.terrain import NodeWindow, Terrain
