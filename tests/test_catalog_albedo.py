@@ -307,20 +307,10 @@ class TestTheFile:
             damage(file)
         assert any(says in line for line in verify(path))
 
-    def test_no_damage_raises_or_passes(self, path: Path) -> None:
+    def test_no_damage_raises_or_passes(self, path: Path, tmp_path: Path) -> None:
         """One byte turned at 60 places: it is noticed, or what is read is equal all the same."""
-        content, sound = path.read_bytes(), self.made().values()
-        noticed = 0
-        for offset in np.random.default_rng(5).integers(0, len(content), 60):
-            turned = bytearray(content)
-            turned[offset] ^= 0xFF
-            path.write_bytes(turned)
-            if verify(path):
-                noticed += 1
-                continue
-            for name, array in read_catalog(path).values().items():
-                np.testing.assert_array_equal(array, sound[name], err_msg=name)
-        assert noticed > 15
+        sound = self.made().values()
+        assert catalogs.noticed_damage(path, sound, tmp_path / "turned.h5", seed=5) > 15
 
     @pytest.mark.parametrize(
         ("spoilt", "says"),

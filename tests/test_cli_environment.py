@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rasterio
 from lcp_cli.main import run
+from renders import read
 from test_cli_render import rolling, write_dem
 
 from lcp_catalog.panorama_models import Lamp, cie_sky, room, uniform, with_lamps
@@ -38,14 +39,10 @@ def skies(tmp_path_factory):
     return folder
 
 
-def read(path):
-    with rasterio.open(path) as file:
-        return dict(zip(file.descriptions, file.read(), strict=True)), file.tags()
-
-
 def render(dem, out, *how):
     assert run(["render", dem, "-o", str(out), *AREA, *map(str, how)]) == 0
-    return read(out)
+    bands, _, tags = read(out)
+    return bands, tags
 
 
 def test_a_panorama_lights_and_is_reported(dem, skies, tmp_path, capsys):
@@ -71,7 +68,7 @@ def test_a_panorama_lights_and_is_reported(dem, skies, tmp_path, capsys):
 
 def test_the_sun_of_a_panorama_is_that_sun(dem, skies, tmp_path):
     one, _ = render(dem, tmp_path / "a.tif", "--environment", skies / "sun.hdr")
-    report = json.loads(read(tmp_path / "a.tif")[1]["environment"])["sources"][0]
+    report = json.loads(read(tmp_path / "a.tif")[2]["environment"])["sources"][0]
     sun = ["--sun-azimuth", report["azimuth_deg"], "--sun-elevation", report["elevation_deg"]]
     other, _ = render(dem, tmp_path / "b.tif", *sun)
     off = one["radiance"] - other["radiance"]
@@ -113,7 +110,7 @@ def test_earthshine_on_the_plain_sphere(tmp_path):
     area = ["--center", "0", "0", "--size", "1000", "--gsd", "10000"]
     how = ["--surface", "sphere", *area, "--time", "2024-01-11T12:00", "--earthshine"]
     assert run(["render", "-o", str(out), *how]) == 0
-    bands, _ = read(out)
+    bands, _, _ = read(out)
     assert (bands["sunlit"] == 0).all()
     assert np.nanmedian(bands["radiance"]) > 1e-6
 
@@ -225,7 +222,7 @@ def test_a_mock_up_of_centimetres(skies, tmp_path):
     light = ["--environment", tmp_path / "lamp.hdr", "--shadow-catcher", "0"]
     how = [*view, *light, "--background", tmp_path / "white.tif", "--accuracy", "draft"]
     assert run(["render", str(path), "-o", str(out), *map(str, how)]) == 0
-    bands, _ = read(out)
+    bands, _, _ = read(out)
     row = bands["composite"][30]
     dark = np.flatnonzero((row < 0.1) & (bands["visible"][30] == 0))
     # half a metre wide to each side and 0.5 / tan(31.5 deg) = 0.82 m of shadow, 5 cm a pixel

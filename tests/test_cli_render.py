@@ -10,6 +10,7 @@ import pytest
 import rasterio
 from lcp_cli.main import run
 from lcp_cli.value_types import REFLECTANCES
+from renders import read
 
 from lcp_catalog import exposure, files, render_file
 from lcp_catalog.camera import read_camera
@@ -66,12 +67,6 @@ def smooth_moon(tmp_path_factory):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "OUT.tif"
-
-
-def read(path):
-    with rasterio.open(path) as file:
-        bands = dict(zip(file.descriptions, file.read(), strict=True))
-        return bands, file.profile, file.tags()
 
 
 AREA = ["--center", "30.5", "10.5", "--size", "8"]

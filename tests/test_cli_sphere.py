@@ -10,6 +10,7 @@ import pytest
 import rasterio
 from lcp_cli import options
 from lcp_cli.main import run
+from renders import read
 
 from lcp_catalog import request
 from lcp_catalog.camera import read_camera
@@ -26,12 +27,6 @@ SPHERE = ["render", "--surface", "sphere"]
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "OUT.tif"
-
-
-def read(path):
-    with rasterio.open(path) as file:
-        bands = dict(zip(file.descriptions, file.read(), strict=True))
-        return bands, file.profile, file.tags()
 
 
 def write_camera(path, distance=6e6, pixels=48, **more):
