@@ -27,7 +27,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
 from lcp_catalog.facet_file import facet_model
-from lcp_catalog.facet_plot import brightness_chart
+from lcp_catalog.facet_plot import brightness_chart, intensity_chart, shadowing_chart
 from lcp_catalog.phase_curves import phase_curve_chart, polar_chart
 from lcp_catalog.png import encode_png
 from lcp_catalog.raster_out import picture
@@ -313,6 +313,7 @@ def _laws_of(*names: str) -> list[Reflectance]:
     return [reflectance_model(name) for name in names]
 
 
+_PAINT = facet_model("labunets-2019-table-3")
 _LUNAR = ("lommel-seeliger:rolo", "lambert", "lunar-lambert", "minnaert", "hapke")
 CHARTS: tuple[tuple[str, str, Callable[[], str]], ...] = (
     (
@@ -331,7 +332,17 @@ CHARTS: tuple[tuple[str, str, Callable[[], str]], ...] = (
     (
         "facet-lobes",
         "The measured paint of table 3 and its lobes",
-        lambda: brightness_chart(facet_model("labunets-2019-table-3"), (0.0, 30.0, 60.0, 70.0)),
+        lambda: brightness_chart(_PAINT, (0.0, 30.0, 60.0, 70.0)),
+    ),
+    (
+        "facet-intensity",
+        "The same as intensities (the paper's figure 6)",
+        lambda: intensity_chart(_PAINT, (0.0, 30.0, 50.0, 60.0)),
+    ),
+    (
+        "facet-shadowing",
+        "How likely a facet is lit and seen (the paper's figure 7)",
+        lambda: shadowing_chart(_PAINT, (0.0, 30.0, 50.0, 60.0)),
     ),
 )
 
