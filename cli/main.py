@@ -20,6 +20,7 @@ COMMANDS = {
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Say what is in a catalogue, and whether it is intact."),
     "report": ("report", "Draw a catalogue as one self-contained page."),
+    "validate": ("validate", "Find a catalogue's points in images, and compare them with renders."),
     "fit-reflectance": ("fit_reflectance", "Fit a reflectance model to goniometer measurements."),
     "trade": ("trade", "Measure what each accuracy tier costs and changes."),
 }

@@ -77,7 +77,7 @@ area_options = option_group(
     ),
 )
 
-sun_options = option_group(
+sun_angle_options = option_group(
     click.option(
         "--sun-azimuth",
         type=AZIMUTH,
@@ -100,6 +100,10 @@ sun_options = option_group(
         metavar="LON LAT",
         help="Sun overhead at a place.",
     ),
+)
+
+sun_options = option_group(
+    sun_angle_options,
     click.option(
         "--sun",
         "sun_model",
@@ -216,13 +220,7 @@ surface_option = click.option(
 HEIGHTFIELD_MAX_KM = 2000.0
 """No area of a DEM is wider; held by a test against `lcp_catalog.terrain`."""
 
-model_options = option_group(
-    click.option(
-        "--reflectance",
-        type=LAW,
-        default=None,
-        help=REFLECTANCE_HELP,
-    ),
+accuracy_options = option_group(
     click.option(
         "--accuracy",
         type=click.Choice(TIERS),
@@ -237,6 +235,16 @@ model_options = option_group(
         default=None,
         help="Instead of --accuracy: the fastest tier whose errors stay within this share.",
     ),
+)
+
+model_options = option_group(
+    click.option(
+        "--reflectance",
+        type=LAW,
+        default=None,
+        help=REFLECTANCE_HELP,
+    ),
+    accuracy_options,
 )
 
 ENCODINGS = ("linear", "srgb")

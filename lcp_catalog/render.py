@@ -116,7 +116,8 @@ def render_enu(
     if plan.occlusion.modelled:
         seen = ~_hidden(terrain, view, accuracy)
     parallel = view if plan.perspective.modelled else _parallel(terrain, view)
-    quick = accuracy.tier != "reference" and parallel.direction is not None and not view.camera
+    one_way = parallel.direction is not None and parallel.towards is None
+    quick = accuracy.tier != "reference" and one_way and not view.camera
     angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
     for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
@@ -128,9 +129,8 @@ def render_enu(
                 band[rows] = values
             continue
         points, normals = nodes_enu(field, window), stored.astype(np.float64)
-        towards = parallel.direction
-        if towards is None:
-            towards = view.directions(points)
+        towards = parallel.direction if one_way else view.directions(points)
+        assert towards is not None
         sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
         seen[rows] &= np.sum(normals * towards, axis=-1) > 0
         if view.camera is not None:

@@ -20,10 +20,11 @@ from .environment import Environment
 from .errors import SunError
 from .lighting import Lighting
 from .reflectance import Reflectance
+from .sensors import Sensor
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 from .sphere import EnuFrame
 from .terrain import Area
-from .view import View, camera_view, oblique_view
+from .view import View, camera_view, oblique_view, sensor_view
 
 Array = NDArray[np.float64]
 
@@ -80,15 +81,18 @@ class SunChoice:
 @dataclass(frozen=True)
 class ViewChoice:
     """From where: a camera, or angles at the area's centre (without an altitude from infinity);
-    nothing: straight down.
+    nothing: straight down. ``sensor``: one that is no camera (`view.sensor_view`).
     """
 
     camera: Camera | None = None
     off_nadir_deg: float = 0.0
     view_azimuth_deg: float = 0.0
     altitude_km: float | None = None
+    sensor: Sensor | None = None
 
     def view(self, frame: EnuFrame) -> View:
+        if self.sensor is not None:
+            return sensor_view(self.sensor, frame)
         if self.camera is not None:
             return camera_view(self.camera, frame)
         altitude_m = None if self.altitude_km is None else 1e3 * self.altitude_km

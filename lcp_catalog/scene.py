@@ -206,6 +206,8 @@ def _perspective(
 ) -> Decision:
     if in_camera_plane:
         return effects.perspective_of_pixels()
+    if view.towards is not None:
+        return effects.perspective_of_nodes()
     if view.direction is not None:
         return effects.perspective_of_infinity()
     angle = ray_angle_rad(found.box, view)

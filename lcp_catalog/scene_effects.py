@@ -136,6 +136,11 @@ def perspective_of_pixels() -> Decision:
     return Decision(PERSPECTIVE, True, "a ray a pixel", 0.0, PERSPECTIVE_UNIT)
 
 
+def perspective_of_nodes() -> Decision:
+    """A sensor that moves while it looks sees every node from its own direction."""
+    return Decision(PERSPECTIVE, True, "a direction a node", 0.0, PERSPECTIVE_UNIT)
+
+
 def perspective(angle_rad: float, error: float, accuracy: Accuracy) -> Decision:
     """For a camera at a finite position: one direction for all nodes where that costs no more than
     the tolerance (`scene_bounds.ray_angle_rad`, `parallel_error`).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from .camera import FARTHEST_M, Camera
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
 from .grid import Bounds
+from .sensors import Sensor
 from .sphere import EnuFrame, direction_enu, mcmf_to_lonlat
 
 Array = NDArray[np.float64]
@@ -27,11 +29,14 @@ class View:
     frame.
 
     ``camera`` limits what is visible to its image. Exactly one of direction and position is set.
+    ``towards`` beside a direction: where each point (..., 3) is seen from, of a sensor that moves while it
+    looks; brightness goes by that, what hides what by the one direction.
     """
 
     direction: Array | None = None
     position_m: Array | None = None
     camera: Camera | None = None
+    towards: Callable[[Array], Array] | None = None
 
     def __post_init__(self) -> None:
         if (self.direction is None) == (self.position_m is None):
@@ -44,6 +49,8 @@ class View:
         """Unit directions (..., 3) from ENU points (..., 3) to the camera; up where the camera
         itself stands.
         """
+        if self.towards is not None:
+            return self.towards(points_m)
         if self.direction is not None:
             return np.broadcast_to(self.direction, points_m.shape)
         assert self.position_m is not None
@@ -67,6 +74,22 @@ class View:
 def camera_view(camera: Camera, frame: EnuFrame) -> View:
     """The view of a camera on an area."""
     return View(position_m=frame.from_mcmf(camera.position_mcmf_m), camera=camera)
+
+
+def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
+    """The view of any sensor on an area. A scanner sees every line from another place: each point has its own
+    direction, and what hides what goes by the one at the frame's origin.
+    """
+    if isinstance(sensor, Camera):
+        return camera_view(sensor, frame)
+
+    def towards(points_m: Array) -> Array:
+        return frame.direction_from_mcmf(sensor.towards(frame.to_mcmf(points_m)))
+
+    direction = towards(np.zeros(3))
+    if not np.isfinite(direction).all():
+        raise CameraError(f"{sensor.name}: does not see the middle of the area")
+    return View(direction=direction, towards=towards)
 
 
 def nadir_view() -> View:
