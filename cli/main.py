@@ -22,6 +22,7 @@ COMMANDS = {
     "report": ("report", "Draw a catalogue as one self-contained page."),
     "validate": ("validate", "Find a catalogue's points in images, and compare them with renders."),
     "fit-reflectance": ("fit_reflectance", "Fit a reflectance model to goniometer measurements."),
+    "simulate": ("simulate", "Take a frame with a camera that never flew."),
     "trade": ("trade", "Measure what each accuracy tier costs and changes."),
 }
 

@@ -92,7 +92,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
 
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.albedo import AlbedoMap
-    from lcp_catalog.camera import read_camera
+    from lcp_catalog.camera_file import read_camera
     from lcp_catalog.cap import Cap
     from lcp_catalog.compositing import Backdrop
     from lcp_catalog.model_choice import named

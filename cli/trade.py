@@ -63,13 +63,13 @@ def command(
     """
     config = configuration(**flags)
     from lcp_catalog.build import Build
-    from lcp_catalog.trade_report import check_folder, markdown, write_trade
+    from lcp_catalog.trade_report import check_trade_folder, markdown, write_trade
     from lcp_catalog.tradeoff import AREAS, ROUNDS, measure_trade
 
     from .progress import progress
 
     folder = Path(output)
-    check_folder(folder, overwrite)
+    check_trade_folder(folder, overwrite)
     build = Build.plan(tuple(Path(path) for path in dem), config)
     with progress("tiers") as update:
         trade = measure_trade(build, areas or AREAS, rounds or ROUNDS, progress=update)

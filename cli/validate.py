@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -95,6 +94,13 @@ DEFAULT_LAW = "lunar-lambert"
     help="Shift the whole image by what it is off before windows are compared (the report says by how much).",
 )
 @click.option(
+    "--encoding",
+    type=click.Choice(options.ENCODINGS),
+    default=options.ENCODINGS[0],
+    show_default=True,
+    help="What the image's numbers are: proportional to radiance, or the codes of a display picture.",
+)
+@click.option(
     "--known-pose",
     is_flag=True,
     help="The camera file's position is the truth: report the found one's error against it.",
@@ -128,27 +134,26 @@ def command(
     from lcp_catalog.requirement import Requirement
 
     wanted = Requirement.parse(require) if require else None
-    from lcp_catalog.validate import check_folder, validate, write_validation
-
+    from lcp_catalog.validate import validate
+    from lcp_catalog.validation_files import check_validation_folder, write_validation
     from lcp_catalog.verdict import summary_lines
 
     from .progress import progress
 
-    check_folder(Path(output), overwrite)
+    check_validation_folder(Path(output), overwrite)
     request = _request(catalog, files, **flags)
     with progress("images") as update:
         result = validate(request, update)
     write_validation(result, Path(output), overwrite, depfile)
-    report = result.verdict.to_json()
     if as_json:
-        click.echo(json.dumps(report, indent=2, allow_nan=False))
+        click.echo(result.verdict.to_json(), nl=False)
     for line in summary_lines(result.verdict):
         click.echo(line, err=as_json)
-    failures = wanted.failures(report) if wanted else []
+    failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
         click.echo(f"lcp: --require: {line}", err=True)
     click.echo(f"{output}/report.html: written", err=True)
-    return EXIT_NO if failures or not result.verdict.located else 0
+    return EXIT_NO if failures or not result.located else 0
 
 
 def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFiles]:
@@ -173,13 +178,13 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     albedo = flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"]
     options.check_albedo(*albedo)
 
-    from lcp_catalog.validate import Validation, WindowChoice
-
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.albedo import AlbedoMap
+    from lcp_catalog.ground_comparison import WindowChoice
     from lcp_catalog.model_choice import named
     from lcp_catalog.request import SunChoice
     from lcp_catalog.sensors import Uncertainty
+    from lcp_catalog.validate import Validation
 
     size = flags["window"]
     return Validation(
@@ -193,4 +198,5 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         pose_is_known=flags["known_pose"],
+        encoding=flags["encoding"],
     )

@@ -2,16 +2,14 @@
 
 Camera axes are OpenCV's: X along rows (right), Y along columns (down), Z along the optical axis
 towards the scene. Pixel centres are at whole numbers, so an image of width w reaches from -0.5 to w
-- 0.5. Distortion is OpenCV's [k1, k2, p1, p2, k3].
+- 0.5. The lens is OpenCV's [k1, k2, p1, p2, k3], or any other of `lens` (docs/sensors.md).
 """
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,6 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
+from .focal_plane import FocalPlane
+from .lens import Lens, NoLens, OpenCV, lens_from_json
+from .rotations import by_vector
+from .sensors import POSE
 from .sphere import EnuFrame
 
 Array = NDArray[np.float64]
@@ -27,7 +29,6 @@ FARTHEST_M = 1e11
 """No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
 
 _ROTATION_TOLERANCE = 1e-5
-_UNDISTORT_STEPS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,8 @@ class Camera:
     """A framing camera at a place; raises CameraError for one that cannot be.
 
     ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding
-    (up to 1e-5) is made orthonormal.
+    (up to 1e-5) is made orthonormal. ``lens`` is one that ``distortion`` cannot say, in units of the
+    focal length; one of the two at most.
     """
 
     position_mcmf_m: Array
@@ -47,29 +49,34 @@ class Camera:
     sun_position_mcmf_m: Array | None = None
     time_utc: str | None = None
     name: str = "camera"
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
-        put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
         position = self._numbers("position_mcmf_m", (3,))
         if np.linalg.norm(position) < 0.5 * MOON_RADIUS_M:
             self._refuse("position_mcmf_m", "lies deep inside the Moon (are these metres?)")
         if np.linalg.norm(position) > 1.1 * FARTHEST_M:
             self._refuse("position_mcmf_m", f"lies beyond {FARTHEST_M / 1e3:g} km")
-        put("position_mcmf_m", position)
-        put("rotation_mcmf_to_camera", self._rotation())
-        put("focal_length_px", float(self._numbers("focal_length_px", ())))
+        self._put("position_mcmf_m", position)
+        self._put("rotation_mcmf_to_camera", self._rotation())
+        self._put("focal_length_px", float(self._numbers("focal_length_px", ())))
         if not self.focal_length_px > 0:
             self._refuse("focal_length_px", "must be positive")
-        put("principal_point_px", tuple(self._numbers("principal_point_px", (2,)).tolist()))
+        self._put("principal_point_px", tuple(self._numbers("principal_point_px", (2,)).tolist()))
         size = self._numbers("image_size_px", (2,))
         if (size < 1).any() or (size > 1_000_000).any() or (size != np.round(size)).any():
             self._refuse("image_size_px", "must be two whole numbers, width and height")
-        put("image_size_px", (int(size[0]), int(size[1])))
-        put("distortion", self._numbers("distortion", (5,)))
+        self._put("image_size_px", (int(size[0]), int(size[1])))
+        self._put("distortion", self._numbers("distortion", (5,)))
+        if self.lens is not None and self.distortion.any():
+            self._refuse("distortion", "and a lens besides: state one of them")
         if self.sun_position_mcmf_m is not None:
-            put("sun_position_mcmf_m", self._numbers("sun_position_mcmf_m", (3,)))
+            self._put("sun_position_mcmf_m", self._numbers("sun_position_mcmf_m", (3,)))
         if self.time_utc is not None and not isinstance(self.time_utc, str):
             self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
+
+    def _put(self, key: str, value: Any) -> None:
+        object.__setattr__(self, key, value)
 
     def _refuse(self, key: str, why: str) -> NoReturn:
         raise CameraError(f"{self.name}: {key} {why}")
@@ -119,13 +126,36 @@ class Camera:
             "focal_length_px": self.focal_length_px,
             "principal_point_px": list(self.principal_point_px),
             "image_size_px": list(self.image_size_px),
-            "distortion": self.distortion.tolist(),
         }
+        if self.lens is None:
+            document["distortion"] = self.distortion.tolist()
+        else:
+            document["lens"] = self.lens.to_json()
         if self.sun_position_mcmf_m is not None:
             document["sun_position_mcmf_m"] = self.sun_position_mcmf_m.tolist()
         if self.time_utc is not None:
             document["time_utc"] = self.time_utc
         return document
+
+    @cached_property
+    def focal_plane(self) -> FocalPlane:
+        """Directions in camera axes to pixels, and back."""
+        lens = OpenCV(*self.distortion.tolist()) if self.lens is None else self.lens
+        return FocalPlane(self.focal_length_px, self.principal_point_px, lens)
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What `moved` takes."""
+        return POSE
+
+    def moved(self, correction: ArrayLike) -> Camera:
+        """The camera shifted by three metres MCMF and turned about its own axes by a vector of three radians."""
+        six = np.asarray(correction, dtype=np.float64)
+        return replace(
+            self,
+            position_mcmf_m=self.position_mcmf_m + six[:3],
+            rotation_mcmf_to_camera=by_vector(six[3:]) @ self.rotation_mcmf_to_camera,
+        )
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
         """Pixels (..., 2), column then row, of MCMF points (..., 3); NaN for what is not in front
@@ -135,17 +165,14 @@ class Camera:
         (see `in_image`).
         """
         points = np.asarray(points_mcmf_m, dtype=np.float64)
-        x, y, depth = np.moveaxis(
-            (points - self.position_mcmf_m) @ self.rotation_mcmf_to_camera.T, -1, 0
+        return self.focal_plane.pixels(
+            (points - self.position_mcmf_m) @ self.rotation_mcmf_to_camera.T
         )
-        ahead = depth > 0
-        safe = np.where(ahead, depth, 1.0)
-        x, y = x / safe, y / safe
-        ahead &= x * x + y * y <= self._fold_radius2
-        x, y = distort(np.where(ahead, x, 0.0), np.where(ahead, y, 0.0), self.distortion)
-        cx, cy = self.principal_point_px
-        pixels = np.stack([cx + self.focal_length_px * x, cy + self.focal_length_px * y], axis=-1)
-        return np.where(ahead[..., None], pixels, np.nan)
+
+    def towards(self, points_mcmf_m: ArrayLike) -> Array:
+        """Unit directions (..., 3) from points (..., 3) to the camera."""
+        away = self.position_mcmf_m - np.asarray(points_mcmf_m, dtype=np.float64)
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie within the image; False for NaN."""
@@ -159,20 +186,16 @@ class Camera:
 
         Raises CameraError where the distortion cannot be undone within the image.
         """
-        column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        cx, cy = self.principal_point_px
-        u, v = (column - cx) / self.focal_length_px, (row - cy) / self.focal_length_px
-        x, y = undistort(u, v, self.distortion)
-        if self.distortion.any():
-            with np.errstate(all="ignore"):
-                back = distort(x, y, self.distortion)
-                off_px = np.hypot(back[0] - u, back[1] - v) * self.focal_length_px
-                undone = (off_px < 1e-6) & (x * x + y * y <= self._fold_radius2)
-            if not undone.all():
-                self._refuse("distortion", "cannot be undone within the image")
-        looking = np.stack([x, y, np.ones_like(x)], axis=-1)
-        looking /= np.linalg.norm(looking, axis=-1, keepdims=True)
+        given = np.asarray(pixels, dtype=np.float64)
+        looking = self.focal_plane.directions(given)
+        if (np.isnan(looking).any(axis=-1) & np.isfinite(given).all(axis=-1)).any():
+            self._refuse("distortion", "cannot be undone within the image")
         return looking @ self.rotation_mcmf_to_camera
+
+    def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
+        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look."""
+        directions = self.rays(pixels)
+        return np.broadcast_to(self.position_mcmf_m, directions.shape), directions
 
     def rays_enu(self, frame: EnuFrame) -> tuple[Array, Array]:
         """The camera's position (3,) and every pixel's unit direction (rows, columns, 3) in an ENU
@@ -182,30 +205,6 @@ class Camera:
         row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
         directions = frame.direction_from_mcmf(self.rays(np.stack([column, row], axis=-1)))
         return frame.from_mcmf(self.position_mcmf_m), directions
-
-    @property
-    def _fold_radius2(self) -> float:
-        """Squared undistorted radius up to which the radial polynomial grows; infinite where it
-        always does.
-        """
-        k1, k2, _, _, k3 = self.distortion
-        turns = np.roots(
-            [7 * k3, 5 * k2, 3 * k1, 1.0]
-        )  # d/dr (r + k1 r^3 + k2 r^5 + k3 r^7), in r^2
-        real = turns[(np.abs(turns.imag) < 1e-12) & (turns.real > 0)].real if turns.size else turns
-        return float(real.min()) if real.size else math.inf
-
-
-def read_camera(path: Path | str) -> Camera:
-    """The camera in a CAMERA.json; CameraError names the file and the field that is wrong."""
-    path = Path(path)
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CameraError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise CameraError(f"{path}: is not JSON: {error}") from error
-    return camera_from_json(document, str(path))
 
 
 def camera_from_json(document: Any, name: str = "camera") -> Camera:
@@ -219,52 +218,28 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
         "principal_point_px",
         "image_size_px",
     )
-    if "name_model" in document:
-        raise CameraError(f"{name}: is a USGS ISD; only CAMERA.json is read so far")
     missing = [key for key in needed if key not in document]
     if missing:
         raise CameraError(f"{name}: lacks {', '.join(missing)}")
     known = {key: document[key] for key in needed}
     optional = ("distortion", "sun_position_mcmf_m", "time_utc")
     known |= {key: document[key] for key in optional if document.get(key) is not None}
+    if document.get("lens") is not None:
+        try:
+            known["lens"] = lens_from_json(document["lens"])
+        except ValueError as error:
+            raise CameraError(f"{name}: lens {error}") from error
     return Camera(**known, name=name)
 
 
-def distort(x: Array, y: Array, distortion: ArrayLike) -> tuple[Array, Array]:
-    """Where ideal normalised image coordinates land through the lens (OpenCV's five numbers)."""
-    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return (
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+def camera_on(plane: FocalPlane, **rest: Any) -> Camera:
+    """The camera with a focal plane; the other fields of `Camera` as they are."""
+    lens = plane.lens
+    if isinstance(lens, NoLens | OpenCV):
+        numbers = lens if isinstance(lens, OpenCV) else OpenCV()
+        rest["distortion"] = [numbers.k1, numbers.k2, numbers.p1, numbers.p2, numbers.k3]
+    else:
+        rest["lens"] = lens
+    return Camera(
+        focal_length_px=plane.focal_length_px, principal_point_px=plane.principal_point_px, **rest
     )
-
-
-def undistort(u: Array, v: Array, distortion: ArrayLike) -> tuple[Array, Array]:
-    """The ideal coordinates that `distort` takes to (u, v): Newton's method, from (u, v) itself."""
-    coefficients = np.asarray(distortion, dtype=np.float64)
-    x, y = np.array(u, dtype=np.float64), np.array(v, dtype=np.float64)
-    if not coefficients.any():
-        return x, y
-    with np.errstate(all="ignore"):  # what diverges ends as NaN; the caller looks
-        for _ in range(_UNDISTORT_STEPS):
-            step_x, step_y = _newton_step(x, y, u, v, coefficients)
-            x, y = x - step_x, y - step_y
-            if not np.hypot(step_x, step_y).max(initial=0.0) > 1e-14:
-                break
-    return x, y
-
-
-def _newton_step(x: Array, y: Array, u: Array, v: Array, distortion: Array) -> tuple[Array, Array]:
-    k1, k2, p1, p2, k3 = distortion
-    du, dv = distort(x, y, distortion)
-    du, dv = du - u, dv - v
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
-    uu = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
-    vv = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-    uv = slope * x * y + 2 * p1 * x + 2 * p2 * y
-    determinant = uu * vv - uv * uv
-    return (vv * du - uv * dv) / determinant, (uu * dv - uv * du) / determinant

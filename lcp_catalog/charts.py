@@ -199,20 +199,21 @@ def histogram(values: ArrayLike, unit: str, label: str, bins: int = 24) -> str:
     )
 
 
-def _nice_step(span: float, parts: int) -> float:
+def nice_step(span: float, parts: int) -> float:
+    """1, 2, 2.5, 5 or 10 times a power of ten: the smallest that covers a span in at most so many parts."""
     raw = span / parts
     power = 10.0 ** math.floor(math.log10(raw))
     return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
 
 
 def _nice_edges(low: float, high: float, bins: int) -> Array:
-    step = _nice_step(high - low, bins)
+    step = nice_step(high - low, bins)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return np.arange(first, max(last, first + 1) + 1) * step
 
 
 def _ticks(low: float, high: float, width: float) -> Iterator[tuple[float, float]]:
-    step = _nice_step(high - low, 4)
+    step = nice_step(high - low, 4)
     for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
         yield k * step, (k * step - low) / (high - low) * width
 
@@ -363,7 +364,7 @@ class Map:
 
     def _scale_bar(self, base: float) -> str:
         """A bar of a round length, about a fifth of the map, at the lower right."""
-        length_m = _nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
+        length_m = nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
         length_m = length_m / 2.0 if length_m > self._width_m / 3.0 else length_m
         px = length_m * self._scale
         right = _MAP_PX - _MARGIN_PX[1]

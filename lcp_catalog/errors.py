@@ -37,6 +37,10 @@ class ImageError(LcpError, ValueError):
     """A picture that cannot be read, or is not what it is given for."""
 
 
+class PoseError(LcpError, ValueError):
+    """Points that do not decide where a sensor stood."""
+
+
 class ConfigError(LcpError, ValueError):
     """A configuration value that is unknown or out of range."""
 

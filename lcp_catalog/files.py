@@ -36,6 +36,20 @@ def check_output(path: Path | str, overwrite: bool = False) -> Path:
     return target
 
 
+def check_folder(folder: Path, names: Iterable[str], overwrite: bool) -> None:
+    """The same for the files of a folder, which need not exist yet. OutputError for a place where no folder can be."""
+    names = tuple(names)
+    if folder.is_dir():
+        for name in names:
+            check_output(folder / name, overwrite)
+    elif folder.exists():
+        raise OutputError(
+            f"{folder}: is not a folder; -o wants one to write {', '.join(names)} into"
+        )
+    else:
+        check_output(folder)
+
+
 @contextmanager
 def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
     """A path in the same folder to write to; it becomes ``path`` when the block ends well, and

@@ -85,6 +85,19 @@ class Instants:
         ]
 
 
+def of_ephemeris_time(seconds: float) -> str:
+    """UTC, to a millisecond, of an ephemeris time of SPICE: seconds of barycentric dynamical time since J2000.
+
+    Terrestrial time is taken for barycentric (2 ms at most). Before 1972 UTC ran at other rates, which SPICE leaves out:
+    0.4 s in 1971.
+    """
+    with _dubious_years():
+        utc = erfa.taiutc(*erfa.tttai(2451545.0, seconds / 86400.0))
+        year, month, day, of_day = erfa.d2dtf("UTC", 3, *utc)
+    h, m, s, fraction = of_day.item()
+    return f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{h:02d}:{m:02d}:{s:02d}.{fraction:03d}Z"
+
+
 Times: TypeAlias = (
     Instants | str | dt.datetime | Sequence[str | dt.datetime] | NDArray[np.datetime64]
 )

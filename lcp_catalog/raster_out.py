@@ -102,11 +102,12 @@ def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
     return np.round(255 * grey).astype(np.uint8)
 
 
-def png(grey: NDArray[np.uint8]) -> bytes:
-    """An 8-bit grey PNG."""
+def png(grey: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A grey PNG of 8 or 16 bits."""
     rows, columns = grey.shape
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with memory.open(driver="PNG", width=columns, height=rows, count=1, dtype="uint8") as file:
+        profile = {"driver": "PNG", "width": columns, "height": rows, "count": 1}
+        with memory.open(**profile, dtype=grey.dtype.name) as file:
             file.write(grey, 1)
         return bytes(memory.getbuffer())

@@ -49,12 +49,12 @@ def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
         )
     if request.area is not None:
         return request.area, False
-    if request.view.camera is not None:
-        seen = footprint(request.view.camera)
+    looks = request.view.camera or request.view.sensor
+    if looks is not None:
+        seen = footprint(looks)
         box = _clipped(seen, dems.bounds)
         if box is None:
-            name = request.view.camera.name
-            raise AreaError(f"{name}: the camera sees {seen}; the DEM covers {dems.bounds}")
+            raise AreaError(f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}")
         return _box_area(box, request), True
     return _box_area(dems.bounds, request), False
 

@@ -26,6 +26,7 @@ from .charts import (
     symbol,
 )
 from .files import check_output, write_bytes
+from .page import facts, header, page, tiles
 from .schema import COVERAGE_STATUS
 from .sphere import EnuFrame, lonlat_to_mcmf
 from .summary import (
@@ -71,9 +72,8 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
     """The page as HTML that refers to nothing outside itself; equal catalogues give equal text."""
     statistics, found = Statistics(catalog), summary(catalog)
     disc = SunDisc(catalog.sun_elevation, catalog.sun_azimuth)
-    title = escape(f"{catalog.title}: {name}")
     body = [
-        f"<header><h1>{escape(catalog.title)}</h1><p class='file'>{escape(name)}</p></header>",
+        header(catalog.title, name),
         _facts(found),
         _map_section(catalog, statistics),
         _validity_section(statistics, found, disc),
@@ -81,20 +81,13 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         _cards_section(catalog, statistics, disc, cards_max),
         _provenance(catalog),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{disc.definitions()}\n<main>\n"
-        + "\n".join(body)
-        + f"\n</main>\n<script>{_SCRIPT}</script>\n</body>\n</html>\n"
-    )
+    return page(f"{catalog.title}: {name}", body, _STYLE, _SCRIPT, disc.definitions())
 
 
 def _facts(found: dict[str, Any]) -> str:
     sigma, coverage = found["localization_sigma_m"], found["coverage"]
     ground = sum(coverage.values()) - coverage["nodata"]
-    tiles = [
+    figures = [
         (str(found["points"]), "control points"),
         (percent(found["usable_share"]), "of the evaluated conditions are usable"),
         (
@@ -106,16 +99,12 @@ def _facts(found: dict[str, Any]) -> str:
             "of the spacing cells with ground have a point near",
         ),
     ]
-    shown = "".join(
-        f"<div class='tile'><strong>{value}</strong><span>{text}</span></div>"
-        for value, text in tiles
-    )
-    rows = "".join(
-        f"<dt>{escape(name.strip())}</dt><dd>{escape(text)}</dd>"
+    rows = [
+        (name.strip(), text)
         for name, text in summary_rows(found)
         if not name.startswith(" ") and name != "points"
-    )
-    return f"<section><div class='tiles'>{shown}</div><dl>{rows}</dl></section>"
+    ]
+    return f"<section>{tiles(figures)}{facts(rows)}</section>"
 
 
 def _map_section(catalog: Catalog, statistics: Statistics) -> str:
@@ -296,20 +285,8 @@ def _provenance(catalog: Catalog) -> str:
 
 
 _STYLE = """
-:root{color-scheme:light dark;--bg:#fbfbf9;--card:#fff;--ink:#1c1d20;--soft:#5d6068;--line:#d9dade;--void:#eeeeec;
---r0:#440f54;--r1:#414487;--r2:#2a788e;--r3:#22a884;--r4:#7ad151;--r5:#f2d91c}
-@media (prefers-color-scheme:dark){:root{--bg:#15161a;--card:#1e2026;--ink:#e9e9ec;--soft:#a0a3ad;--line:#383b44;--void:#2a2c33;--r0:#6b2a80;--r1:#5560ad}}
-*{box-sizing:border-box}
-body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
-main{max-width:1120px;margin:0 auto;padding:24px 20px 64px}
-h1{font-size:1.7rem;line-height:1.2;margin:0}h2{font-size:1.25rem;margin:44px 0 8px}h3{font-size:.95rem;margin:0 0 6px}
-p{margin:6px 0;max-width:72ch}.file,.none{color:var(--soft);margin:2px 0 0;overflow-wrap:anywhere}
-.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px;margin:22px 0}
-.tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px 14px}
-.tile strong{display:block;font-size:1.6rem;line-height:1.2}.tile span{color:var(--soft);font-size:.86rem}
-dl{display:grid;grid-template-columns:max-content 1fr;gap:2px 16px;margin:0}dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere;min-width:0}
-figure{margin:0}figcaption{font-size:.88rem;color:var(--soft)}figcaption b{color:var(--ink)}
-svg{display:block;max-width:100%;font:12px system-ui,sans-serif}svg text{fill:var(--soft)}.defs{position:absolute}
+:root{--r0:#440f54;--r1:#414487;--r2:#2a788e;--r3:#22a884;--r4:#7ad151;--r5:#f2d91c}
+@media (prefers-color-scheme:dark){:root{--r0:#6b2a80;--r1:#5560ad}}
 .map{width:100%;height:auto;font-size:14px}.frame{fill:none;stroke:var(--line)}
 .graticule polyline{fill:none;stroke:#fff;stroke-opacity:.35;stroke-width:1}.scale path{fill:none;stroke:var(--ink);stroke-width:1.6}
 .halo{fill:none;stroke:#111;stroke-width:3.2;stroke-opacity:.75}.hole{fill:none;stroke:#ffe9c9;stroke-width:1.4}
@@ -329,10 +306,8 @@ svg{display:block;max-width:100%;font:12px system-ui,sans-serif}svg text{fill:va
 .cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:14px;margin-top:10px}
 article{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}article dl{font-size:.8rem;gap:0 10px;margin-top:8px}
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:8px;align-items:center}.pair img{width:100%;aspect-ratio:1;border-radius:4px;background:var(--void)}
-.pair .disc{width:100%}.sources{padding-left:18px}code,pre{font:12px/1.5 ui-monospace,Menlo,Consolas,monospace}code{overflow-wrap:anywhere}
-pre{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}summary{cursor:pointer;padding:6px 0}
-select{font:inherit;color:inherit;background:var(--card);border:1px solid var(--line);border-radius:6px;padding:2px 6px}
-@media (max-width:520px){main{padding:16px 14px 48px}dl{grid-template-columns:1fr;gap:0}dl dd{margin-bottom:6px}article dl{grid-template-columns:max-content 1fr}article dl dd{margin:0}.map{font-size:25px}}
+.pair .disc{width:100%}.sources{padding-left:18px}
+@media (max-width:520px){article dl{grid-template-columns:max-content 1fr}article dl dd{margin:0}.map{font-size:25px}}
 """
 
 _SCRIPT = """

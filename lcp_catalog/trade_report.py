@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .charts import data_uri, number
-from .errors import OutputError
-from .files import check_output, write_bytes
+from .files import check_folder, write_bytes
+from .page import header, page
 from .summary import latitude_name
 from .trade_model_report import models_markdown, models_section
 from .trade_plot import pareto
@@ -43,22 +43,14 @@ HELD_EQUAL = (
 )
 
 
-def check_folder(folder: Path, overwrite: bool) -> None:
-    """Say early what would fail late. OutputError for a place where no folder can be, OutputExistsError for files that are there."""
-    if folder.is_dir():
-        for name in FILES:
-            check_output(folder / name, overwrite)
-    elif folder.exists():
-        raise OutputError(
-            f"{folder}: is not a folder; -o wants one to write {', '.join(FILES)} into"
-        )
-    else:
-        check_output(folder)
+def check_trade_folder(folder: Path, overwrite: bool) -> None:
+    """Say early what would fail late. Raises as `files.check_folder`."""
+    check_folder(folder, FILES, overwrite)
 
 
 def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
-    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is made where it is missing. Raises as `check_folder`."""
-    check_folder(folder, overwrite)
+    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is made where it is missing. Raises as `files.check_folder`."""
+    check_trade_folder(folder, overwrite)
     document = trade.document() | {"advice": advice(trade.rows)}
     folder.mkdir(exist_ok=True)
     texts = (json.dumps(document, indent=2) + "\n", render_trade(trade), markdown(trade))
@@ -220,10 +212,9 @@ def compared_line(compared: dict[str, Any]) -> str:
 def render_trade(trade: Trade) -> str:
     """The page as HTML that refers to nothing outside itself."""
     compared = trade.compared
-    title = escape(f"Speed against accuracy: {', '.join(compared['dems'])}")
     sentences = "".join(f"<li>{escape(sentence)}</li>" for sentence in advice(trade.rows))
     body = [
-        f"<header><h1>Speed against accuracy</h1><p class='file'>{escape(compared_line(compared))}</p></header>",
+        header("Speed against accuracy", compared_line(compared)),
         f"<section><h2>Which tier when</h2><ul class='advice'>{sentences}</ul><p class='file'>{escape(RULES)}</p></section>",
         f"<section><h2>Price and error</h2><figure>{pareto(trade.rows)}<figcaption>Filled: a build’s whole work on the areas; ring: the "
         "images alone. Matching and localisation cost the same in every tier, so whole areas lie closer together than "
@@ -234,14 +225,7 @@ def render_trade(trade: Trade) -> str:
         "<section><h2>As data</h2><details><summary>What was compared</summary>"
         f"<pre>{escape(json.dumps(compared, indent=1))}</pre></details></section>",
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(part for part in body if part)
-        + "\n</main>\n</body>\n</html>\n"
-    )
+    return page(f"Speed against accuracy: {', '.join(compared['dems'])}", body, _STYLE)
 
 
 def _table(rows: list[Row]) -> str:
@@ -297,21 +281,14 @@ def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 _STYLE = """
-:root{color-scheme:light dark;--bg:#fbfbf9;--card:#fff;--ink:#1c1d20;--soft:#5d6068;--line:#d9dade;--over:#c62320;--under:#1f5fc0;--dot:#2a788e}
-@media (prefers-color-scheme:dark){:root{--bg:#15161a;--card:#1e2026;--ink:#e9e9ec;--soft:#a0a3ad;--line:#383b44;--over:#ff6b66;--under:#7eb0ff;--dot:#4bb3cd}}
-*{box-sizing:border-box}
-body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
-main{max-width:1040px;margin:0 auto;padding:24px 20px 64px}
-h1{font-size:1.7rem;line-height:1.2;margin:0}h2{font-size:1.25rem;margin:40px 0 8px}
-p{margin:6px 0;max-width:80ch}.file{color:var(--soft);font-size:.9rem;overflow-wrap:anywhere}
+:root{--over:#c62320;--under:#1f5fc0;--dot:#2a788e}
+@media (prefers-color-scheme:dark){:root{--over:#ff6b66;--under:#7eb0ff;--dot:#4bb3cd}}
+main{max-width:1040px}p{max-width:80ch}.file{font-size:.9rem}
 .advice{padding-left:20px;max-width:80ch}.advice li{margin:4px 0}
-figure{margin:0}figcaption{font-size:.88rem;color:var(--soft)}figcaption b{color:var(--ink)}
-svg{display:block;width:100%;max-width:760px;height:auto;font:13px system-ui,sans-serif}svg text{fill:var(--soft)}svg .name{fill:var(--ink);font-weight:600}
+svg{width:100%;max-width:760px;height:auto;font-size:13px}svg .name{fill:var(--ink);font-weight:600}
 .axis,.grid{fill:none;stroke:var(--line)}.axis{stroke:var(--soft)}.whole{fill:var(--dot);stroke:var(--bg)}.images{fill:var(--bg);stroke:var(--dot);stroke-width:2}
 .tie{stroke:var(--dot);stroke-dasharray:3 4;stroke-opacity:.7}.front{fill:none;stroke:var(--dot);stroke-width:1.5;stroke-opacity:.55}
-.wide{overflow-x:auto}table{border-collapse:collapse;font-size:.92rem;width:100%}td,th{padding:5px 10px;text-align:right;vertical-align:top;border-bottom:1px solid var(--line);white-space:nowrap}
-th[scope=row]{text-align:left;font-weight:600;white-space:normal;min-width:190px}th span{display:block;font-weight:400;font-size:.8rem;color:var(--soft);line-height:1.35}
+th[scope=row]{white-space:normal;min-width:190px}th span{display:block;font-weight:400;font-size:.8rem;color:var(--soft);line-height:1.35}
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(220px,1fr));gap:14px;margin-top:12px}.pictures img{width:100%;image-rendering:pixelated;border-radius:4px;border:1px solid var(--line)}
 .over{color:var(--over)}.under{color:var(--under)}
-pre{font:12px/1.5 ui-monospace,Menlo,Consolas,monospace;overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px}summary{cursor:pointer;padding:6px 0}
 """

@@ -159,25 +159,28 @@ def looking_camera(
     )
 
 
-def footprint(camera: Camera, samples: int = 129) -> Bounds:
-    """Bounds of what the camera sees of the reference sphere; CameraError when it sees none of it,
+def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
+    """Bounds of what a sensor sees of the reference sphere; CameraError when it sees none of it,
     or stands within.
 
-    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb and
-    the poles are looked at; between samples the bounds are short by the sagitta of the border at
-    most.
+    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb (of
+    what is seen from one place) and the poles are looked at; between samples the bounds are short
+    by the sagitta of the border at most.
     """
-    position = camera.position_mcmf_m
-    if np.linalg.norm(position) <= MOON_RADIUS_M:
+    positions, directions = sensor.looks(_border_and_inside(sensor.shape, samples))
+    if (np.linalg.norm(positions, axis=-1) <= MOON_RADIUS_M).any():
         raise CameraError(
-            f"{camera.name}: the camera is below the reference sphere: state the area"
+            f"{sensor.name}: the camera is below the reference sphere: state the area"
         )
-    seen = [_on_sphere(camera, _border_and_inside(camera, samples)), _limb(camera, 8 * samples)]
+    seen = [_on_sphere(positions, directions)]
+    if (positions == positions[0]).all():
+        seen.append(_limb(sensor, positions[0], 8 * samples))
     poles = np.array([[0.0, 0.0, MOON_RADIUS_M], [0.0, 0.0, -MOON_RADIUS_M]])
-    pole_seen = camera.in_image(camera.project(poles)) & (poles @ position > MOON_RADIUS_M**2)
+    above = np.einsum("ij,ij->i", sensor.towards(poles), poles) > 0.0
+    pole_seen = sensor.in_image(sensor.project(poles)) & above
     points = np.concatenate([*seen, poles[pole_seen]])
     if not len(points):
-        raise CameraError(f"{camera.name}: the camera does not see the Moon")
+        raise CameraError(f"{sensor.name}: the camera does not see the Moon")
     lon, lat, _ = mcmf_to_lonlat(points)
     if pole_seen.any():
         return Bounds(-180.0, float(lat.min()), 180.0, float(lat.max()))
@@ -185,8 +188,8 @@ def footprint(camera: Camera, samples: int = 129) -> Bounds:
     return Bounds(west, float(lat.min()), east, float(lat.max()))
 
 
-def _border_and_inside(camera: Camera, samples: int) -> Array:
-    width, height = camera.image_size_px
+def _border_and_inside(shape: tuple[int, int], samples: int) -> Array:
+    height, width = shape
     along = np.linspace(0.0, 1.0, samples)
     inner = np.linspace(0.0, 1.0, max(9, samples // 4))
     a, b = (grid.ravel() for grid in np.meshgrid(inner, inner))
@@ -198,16 +201,19 @@ def _border_and_inside(camera: Camera, samples: int) -> Array:
     return share * [width, height] - 0.5
 
 
-def _on_sphere(camera: Camera, pixels: Array) -> Array:
-    """Where pixels' rays first meet the reference sphere, MCMF (n, 3); without rays that miss."""
-    distance, points = sphere_rays.hits(camera.position_mcmf_m, camera.rays(pixels))
+def _on_sphere(positions: Array, directions: Array) -> Array:
+    """Where rays (n, 3) first meet the reference sphere, MCMF (m, 3); without rays that miss, and without those of pixels that
+    see nothing.
+    """
+    looking = np.isfinite(directions).all(axis=-1)
+    distance, points = sphere_rays.hits(positions[looking], directions[looking])
     return np.asarray(points[np.isfinite(distance)])
 
 
-def _limb(camera: Camera, samples: int) -> Array:
-    """Points of the sphere's limb as seen from the camera that fall into the image, MCMF (n, 3)."""
-    distance = np.linalg.norm(camera.position_mcmf_m)
-    axis = camera.position_mcmf_m / distance
+def _limb(sensor: Sensor, position: Array, samples: int) -> Array:
+    """Points of the sphere's limb as seen from a position that fall into the image, MCMF (n, 3)."""
+    distance = np.linalg.norm(position)
+    axis = position / distance
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first /= np.linalg.norm(first)
     second = np.cross(axis, first)
@@ -215,7 +221,7 @@ def _limb(camera: Camera, samples: int) -> Array:
     level = MOON_RADIUS_M / distance
     ring = math.sqrt(1 - level**2) * (np.cos(turn) * first + np.sin(turn) * second)
     limb = MOON_RADIUS_M * (level * axis + ring)
-    return np.asarray(limb[camera.in_image(camera.project(limb))])
+    return np.asarray(limb[sensor.in_image(sensor.project(limb))])
 
 
 def _shortest_arc(lon_deg: Array) -> tuple[float, float]:

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 import rasterio
 
-from lcp_catalog.camera import Camera, read_camera
+from lcp_catalog.camera import Camera
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.demset import DemSet
 from lcp_catalog.exposure import Scene, expose, prepare

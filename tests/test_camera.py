@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from lcp_catalog.camera import camera_from_json, distort, read_camera, undistort
+from lcp_catalog.camera import camera_from_json
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
+from lcp_catalog.lens import OpenCV
 from lcp_catalog.sphere import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
 from lcp_catalog.view import (
     camera_view,
@@ -75,11 +77,12 @@ def test_rays_and_projection_undo_each_other(distortion):
 
 def test_undistort_against_opencv():
     u, v = np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(-0.3, 0.3, 7))
-    x, y = undistort(u, v, LENS)
+    lens = OpenCV(*LENS)
+    x, y = lens.undistort(u, v)
     ideal = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=-1)
     theirs, _ = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), np.eye(3), np.array(LENS))
     assert np.abs(theirs[:, 0] - np.stack([u.ravel(), v.ravel()], -1)).max() < 1e-14
-    assert np.allclose(distort(x, y, LENS), [u, v], atol=1e-14)
+    assert np.allclose(lens.distort(x, y), [u, v], atol=1e-14)
 
 
 def test_a_lens_that_cannot_be_undone_is_refused():

@@ -13,7 +13,7 @@ from lcp_cli.value_types import REFLECTANCES
 from renders import read
 
 from lcp_catalog import exposure, files, render_file
-from lcp_catalog.camera import read_camera
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.reflectance import MODELS
 from lcp_catalog.sphere import EnuFrame, azimuth_elevation, central_angle_deg, mcmf_to_lonlat

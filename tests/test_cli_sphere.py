@@ -13,7 +13,7 @@ from lcp_cli.main import run
 from renders import read
 
 from lcp_catalog import request
-from lcp_catalog.camera import read_camera
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.terrain import _SIZE_MAX_KM

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from lcp_catalog.camera import read_camera
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exposure import expose, prepare
 from lcp_catalog.relief import nodes_enu

@@ -10,7 +10,7 @@ import pytest
 import rasterio
 
 from lcp_catalog.build import Build, build_catalog
-from lcp_catalog.camera import read_camera
+from lcp_catalog.camera_file import read_camera
 from lcp_catalog.catalog import read_catalog
 from lcp_catalog.config import BuildConfig
 from lcp_catalog.exposure import expose, prepare

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import catalogs
 import cv2
 import numpy as np
 import pytest
+from pages import decoded, parsed
 
 from lcp_catalog import charts, report
 from lcp_catalog.catalog import Overview, write_catalog
@@ -20,56 +19,10 @@ from lcp_catalog.png import encode_png
 from lcp_catalog.sphere import EnuFrame
 from lcp_catalog.summary import summary
 
-VOID = {"meta", "img", "br", "link", "input", "hr"}
-
-
-class Page(HTMLParser):
-    """Checks that elements nest, and collects every address the page names."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.counts: dict[str, int] = {}
-        self.ids: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.counts[tag] = self.counts.get(tag, 0) + 1
-        for name, value in attrs:
-            if name in ("href", "src", "srcset", "xlink:href", "action", "data", "poster"):
-                self.addresses.append(value or "")
-            if name == "id":
-                self.ids.append(value or "")
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open, tag
-        assert self.open[-1] == tag, (self.open, tag)
-        self.open.pop()
-
-
-def parsed(html: str) -> Page:
-    page = Page()
-    page.feed(html)
-    page.close()
-    assert page.open == []
-    return page
-
 
 @pytest.fixture(scope="module")
 def html() -> str:
     return report.render_report(catalogs.catalog(70, 9), "a&b.h5")
-
-
-def decoded(address: str) -> np.ndarray:
-    content = base64.b64decode(address.removeprefix("data:image/png;base64,"))
-    return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def test_the_page_refers_to_nothing_outside(html: str) -> None:

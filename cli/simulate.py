@@ -1,0 +1,172 @@
+"""``lcp simulate``: a frame of a camera that never flew."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import options
+from .value_types import POSITIVE, Number
+
+if TYPE_CHECKING:
+    from lcp_catalog.detector import Detector
+    from lcp_catalog.simulate import Ground
+
+BITS = ("8", "10", "12", "14", "16")
+
+
+@click.command()
+@click.argument("source", nargs=-1, required=True, metavar="CATALOG.h5|DEM...")
+@options.product_order_option
+@options.output_option("FRAME.png|.tif")
+@click.option(
+    "--camera", "camera_path", required=True, metavar="CAMERA.json", help="Camera that takes it."
+)
+@options.sun_options
+@options.model_options
+@options.albedo_options
+@click.option(
+    "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: the DEM's own."
+)
+@click.option(
+    "--blur",
+    "blur_px",
+    type=Number(0.0, 16.0),
+    default=0.0,
+    show_default=True,
+    metavar="PX",
+    help="Point spread: the standard deviation of a Gaussian, pixels.",
+)
+@click.option(
+    "--noise",
+    type=Number(0.0, 10.0),
+    default=0.0,
+    show_default=True,
+    metavar="SHARE",
+    help="1 sigma of noise at the mean lit signal, as a share of it; 0.02 is a signal to noise of 50.",
+)
+@click.option(
+    "--shot-share",
+    type=Number(0.0, 1.0),
+    default=0.5,
+    show_default=True,
+    metavar="SHARE",
+    help="How much of that noise's variance is the photons' own, which grows with the signal.",
+)
+@click.option(
+    "--exposure",
+    "full_scale",
+    type=POSITIVE,
+    metavar="I/F",
+    help="Radiance factor at which the detector saturates; default: the 99.5th percentile of what is lit comes to 80 %.",
+)
+@click.option(
+    "--bits", type=click.Choice(BITS), default="8", show_default=True, help="Of a pixel's number."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the noise."
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(1, 16),
+    metavar="N",
+    help="N x N rays a pixel; default: 2 to 4, one a cell.",
+)
+@options.depfile_option
+@options.overwrite_option
+def command(
+    source: tuple[str, ...], output: str, depfile: str | None, overwrite: bool, **flags: Any
+) -> None:
+    """Take a frame of a DEM, or of a catalogue's patches, with a camera and its detector.
+
+    A .png holds the detector's numbers, a .tif the radiance factor by them. The camera, with the Sun's
+    position, is written beside it as FRAME_camera.json: lcp validate takes both. See docs/simulate.md.
+    """
+    options.check_accuracy(flags["accuracy"], flags["tolerance"])
+    sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
+    sun_stated = options.check_sun(*sun)
+    albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
+    options.check_albedo(*albedo)
+    if output and Path(output).suffix.lower() not in (".png", ".tif", ".tiff"):
+        raise click.UsageError(f"-o {output}: a frame is written as .png or .tif")
+
+    from lcp_catalog.camera_file import read_camera
+    from lcp_catalog.detector import Detector
+    from lcp_catalog.files import check_output
+    from lcp_catalog.simulate import frame
+    from lcp_catalog.simulate_file import camera_path
+
+    camera = read_camera(flags["camera_path"])
+    if not sun_stated and not camera.has_sun:
+        raise click.UsageError(
+            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar "
+            f"({flags['camera_path']} has none)"
+        )
+    chosen = ("blur_px", "noise", "shot_share", "full_scale", "seed")
+    detector = Detector(bits=int(flags["bits"]), **{name: flags[name] for name in chosen})
+    beside = str(camera_path(output))
+    for name, replaced in ((output, overwrite), (beside, overwrite), (depfile, True)):
+        if name:
+            check_output(name, replaced)
+    ground = _ground(source, camera, detector, sun, albedo, flags)
+    taken = frame(ground, camera, detector, flags["samples"])
+    _write(taken, output, beside, depfile, overwrite, [flags["camera_path"]])
+
+
+def _ground(
+    source: tuple[str, ...],
+    camera: Any,
+    detector: Detector,
+    sun: tuple[Any, ...],
+    albedo: tuple[Any, ...],
+    flags: dict[str, Any],
+) -> Ground:
+    """What is taken: a DEM's ground, or a catalogue's patches."""
+    from lcp_catalog.accuracy import accuracy
+    from lcp_catalog.albedo import AlbedoMap
+    from lcp_catalog.model_choice import named
+    from lcp_catalog.request import Request, SunChoice, ViewChoice
+    from lcp_catalog.simulate import DemGround
+    from lcp_catalog.simulate_patches import PatchGround, is_catalog
+
+    tier = flags["accuracy"] or (None if flags["tolerance"] is not None else "reference")
+    how: dict[str, Any] = {
+        "model": named(flags["reflectance"] or "auto"),
+        "accuracy": accuracy(tier, flags["tolerance"]),
+        "disc": None if flags["sun_model"] is None else flags["sun_model"] == "disc",
+    }
+    choice = SunChoice(*sun)
+    if is_catalog(source[0]):
+        if len(source) > 1 or albedo[0] or flags["gsd_m"] or flags["product_order"]:
+            raise click.UsageError(
+                f"{source[0]} is a catalogue: it is taken alone, with its own cells and albedo"
+            )
+        return PatchGround.lit(Path(source[0]), choice, camera, **how)
+    request = Request(
+        dem_paths=source,
+        gsd_m=flags["gsd_m"],
+        sun=choice,
+        view=ViewChoice(camera),
+        product_order=flags["product_order"] or (),
+        albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
+        **how,
+    )
+    return DemGround.seen(request, detector.margin_px)
+
+
+def _write(
+    taken: Any, output: str, beside: str, depfile: str | None, overwrite: bool, camera: list[str]
+) -> None:
+    """FRAME appears last, when everything else is whole."""
+    from lcp_catalog.files import depfile_text, write_aside
+    from lcp_catalog.simulate_file import encode_camera, encode_frame
+
+    with ExitStack() as stack:
+        stack.enter_context(write_aside(output, overwrite)).write_bytes(encode_frame(taken, output))
+        stack.enter_context(write_aside(beside, overwrite)).write_bytes(encode_camera(taken))
+        if depfile:
+            text = depfile_text(output, [*taken.sources, *camera])
+            stack.enter_context(write_aside(depfile, True)).write_text(text, encoding="utf-8")

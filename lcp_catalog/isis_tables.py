@@ -1,0 +1,70 @@
+"""The binary tables that ISIS's spiceinit attaches to a cube: where the Sun stood when it was taken."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+
+def sun_of_tables(path: Path, isis: Mapping[str, Any]) -> Array | None:
+    """The Sun in MCMF metres by the tables that ISIS's spiceinit attached; None without them.
+
+    SunPosition holds the Sun from the body's centre in J2000 axes, in kilometres; BodyRotation the
+    quaternions (scalar first) of J2000 to a frame, and a constant rotation from there to the
+    body-fixed one. Mean over the records of the rotation, which lie over the exposure.
+    """
+    try:
+        sun = _table(path, isis["Table_SunPosition"], ("J2000X", "J2000Y", "J2000Z"))
+        turns = _table(
+            path, isis["Table_BodyRotation"], tuple(f"J2000Q{number}" for number in range(4))
+        )
+    except KeyError:
+        return None
+    except (OSError, ValueError, TypeError) as error:
+        log.warning("%s: the Sun in its tables is left aside: %s", path, error)
+        return None
+    j2000 = sun.mean(axis=0)
+    constant = isis["Table_BodyRotation"].get("ConstantRotation", np.eye(3).ravel())
+    fixed = np.array([_rotation(turn) @ j2000 for turn in turns]).mean(axis=0)
+    position = 1e3 * np.array(constant, dtype=np.float64).reshape(3, 3) @ fixed
+    if not 1e11 < np.linalg.norm(position) < 2e11:
+        log.warning(
+            "%s: the Sun in its tables is %g m away and left aside", path, np.linalg.norm(position)
+        )
+        return None
+    return np.asarray(position)
+
+
+def _table(path: Path, table: Mapping[str, Any], columns: tuple[str, ...]) -> Array:
+    """Columns (records, n) of a binary table; all its fields are doubles in every version of these tables."""
+    fields = [value for key, value in table.items() if key.startswith("Field_") and "Name" in value]
+    if any(field["Type"] != "Double" or int(field["Size"]) != 1 for field in fields):
+        raise ValueError(f"table {table.get('Name')} holds other things than doubles")
+    names = [field["Name"] for field in fields]
+    order = "<" if str(table.get("ByteOrder", "Lsb")).lower() == "lsb" else ">"
+    count, start = int(table["Records"]), int(table["StartByte"]) - 1
+    values = np.fromfile(path, f"{order}f8", count * len(names), offset=start)
+    if values.size == 0 or values.size != count * len(names) or not np.isfinite(values).all():
+        raise ValueError(f"table {table.get('Name')} is cut short or damaged")
+    return values.reshape(count, -1)[:, [names.index(name) for name in columns]].astype(np.float64)
+
+
+def _rotation(quaternion: Array) -> Array:
+    """The rotation (3, 3) of a unit quaternion, scalar first, in NAIF's sense (q2m)."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,150 @@
+"""Drawings on a fine grid, seen through a pixel's square and a Gaussian point spread at any fraction of a pixel, and what a
+photograph says of that fraction.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+_ROOT_HALF = math.sqrt(0.5)
+_INVERSE_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ramp(x, sigma):
+    """Twice the integral of a Gaussian step from -infinity to x, and the step: (x Phi + sigma phi, Phi)."""
+    if sigma <= 0.0:
+        return max(x, 0.0), (1.0 if x > 0.0 else (0.5 if x == 0.0 else 0.0))
+    t = x / sigma
+    step = 0.5 * math.erfc(-t * _ROOT_HALF)
+    return x * step + sigma * _INVERSE_ROOT_TWO_PI * math.exp(-0.5 * t * t), step
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def taps(sub, sigma, shift):
+    """Weights of the samples around a pixel, their slopes with the shift, and the first one's place (samples from the pixel's
+    own first sample).
+
+    A sample stands for its square of 1/sub pixel; the pixel sees the mean over a unit square and a Gaussian of ``sigma`` pixels;
+    what is drawn is moved by ``shift`` pixels. The square of a sample widens the spread by 1/(12 sub^2) px^2, which the
+    Gaussian gives up.
+    """
+    narrow = math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
+    half = 0.5 + 4.0 * narrow + 1.0 / sub
+    first = int(math.floor((0.5 - half - shift) * sub))
+    last = int(math.ceil((0.5 + half - shift) * sub))
+    weights = np.empty(last - first, np.float32)
+    slopes = np.empty(last - first, np.float32)
+    for k in range(last - first):
+        # the sample's square reaches from a to b, from the pixel's middle
+        a = (first + k) / sub - 0.5 + shift
+        b = a + 1.0 / sub
+        r1, s1 = _ramp(b + 0.5, narrow)
+        r2, s2 = _ramp(a + 0.5, narrow)
+        r3, s3 = _ramp(b - 0.5, narrow)
+        r4, s4 = _ramp(a - 0.5, narrow)
+        weights[k] = np.float32(r1 - r2 - r3 + r4)
+        slopes[k] = np.float32(s1 - s2 - s3 + s4)
+    return weights, slopes, first
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unveil(drawing, sub, light, known):
+    """A drawing (rows * sub, cols * sub) with 0 for what is not seen, and 1 where it is seen, into light and known, of its shape:
+    column c * sub + s at s * cols + c, so that what goes into neighbouring pixels with one weight lies side by side.
+    """
+    cols = light.shape[1] // sub
+    for r in range(light.shape[0]):
+        for s in range(sub):
+            for c in range(cols):
+                value = drawing[r, c * sub + s]
+                seen = not math.isnan(value)
+                light[r, s * cols + c] = value if seen else np.float32(0.0)
+                known[r, s * cols + c] = np.float32(1.0) if seen else np.float32(0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _down(rows, first, weights, out):
+    """Into out (n,): rows (m, n), from ``first`` on as far as there are any, times weights, four at a time."""
+    k0, k1 = max(0, -first), min(weights.size, rows.shape[0] - first)
+    out[:] = np.float32(0.0)
+    k = k0
+    while k + 3 < k1:
+        w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        x0, x1, x2, x3 = rows[first + k], rows[first + k + 1], rows[first + k + 2], rows[first + k + 3]
+        for c in range(out.size):
+            out[c] += (w0 * x0[c] + w1 * x1[c]) + (w2 * x2[c] + w3 * x3[c])
+        k += 4
+    while k < k1:
+        w0, x0 = weights[k], rows[first + k]
+        for c in range(out.size):
+            out[c] += w0 * x0[c]
+        k += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _across(values, sub, first, weights, out):
+    """Into out (cols,): what the samples ``values`` (sub * cols,) from ``first`` on give with the weights."""
+    cols = out.size
+    out[:] = np.float32(0.0)
+    for k in range(weights.size):
+        by = (first + k) // sub
+        start = ((first + k) % sub) * cols
+        w = weights[k]
+        c0, c1 = max(0, -by), min(cols, cols - by)
+        x, y = values[start + c0 + by : start + c1 + by], out[c0:c1]
+        for c in range(y.size):
+            y[c] += w * x[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def see(light, known, sub, sigma, shift_x, shift_y, sloped, out):
+    """Pixels of a drawing, as `unveil` lays it out, moved by a shift, into out (4, rows, cols) float32: value, its slopes with the
+    shift right and down (where ``sloped``), and the share of the spread that falls on what is drawn. 0 where that is 0.
+    """
+    _, rows, cols = out.shape
+    wx, gx, fx = taps(sub, sigma, shift_x)
+    wy, gy, fy = taps(sub, sigma, shift_y)
+    line = np.empty(sub * cols, np.float32)
+    sums = np.zeros((6, cols), np.float32)
+    for r in range(rows):
+        first = r * sub + fy
+        _down(light, first, wy, line)
+        _across(line, sub, fx, wx, sums[0])
+        if sloped:
+            _across(line, sub, fx, gx, sums[1])
+            _down(light, first, gy, line)
+            _across(line, sub, fx, wx, sums[2])
+        _down(known, first, wy, line)
+        _across(line, sub, fx, wx, sums[3])
+        if sloped:
+            _across(line, sub, fx, gx, sums[4])
+            _down(known, first, gy, line)
+            _across(line, sub, fx, wx, sums[5])
+        for c in range(cols):
+            cover = sums[3, c]
+            inverse = np.float32(1.0) / cover if cover > np.float32(1e-6) else np.float32(0.0)
+            value = sums[0, c] * inverse
+            out[0, r, c], out[3, r, c] = value, cover
+            out[1, r, c] = (sums[1, c] - value * sums[4, c]) * inverse
+            out[2, r, c] = (sums[2, c] - value * sums[5, c]) * inverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def templates(drawings, sub, sigma, least, values, mask):
+    """Templates of n drawings (n, rows * sub, cols * sub) as they are, into values (n, rows, cols) float32, 0 where not
+    mask: where less than ``least`` of the spread falls on what is drawn.
+    """
+    n, rows, cols = values.shape
+    for k in prange(n):
+        seen = np.empty((4, rows, cols), np.float32)
+        light = np.empty((rows * sub, sub * cols), np.float32)
+        known = np.empty_like(light)
+        unveil(drawings[k], sub, light, known)
+        see(light, known, sub, sigma, 0.0, 0.0, False, seen)
+        for r in range(rows):
+            for c in range(cols):
+                good = seen[3, r, c] >= least
+                mask[k, r, c] = good
+                values[k, r, c] = seen[0, r, c] if good else np.float32(0.0)

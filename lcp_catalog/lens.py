@@ -1,0 +1,332 @@
+"""What a lens does to an image: where ideal coordinates of the focal plane land, and back.
+
+Every lens has its own unit of the focal plane: the focal length (`OpenCV`), or millimetres as sensor models state them.
+``distort`` goes from ideal to landed, ``undistort`` back; arrays of one shape in and out. One of the two is the formula that
+the lens is defined by, the other its inverse, solved to the last bits. What has no inverse comes back as NaN or as
+something that the formula does not take back: callers ask ``within`` and compare (`focal_plane`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .inversion import MOST_STEPS, Slopes, first_root, settled, undone
+
+Array = NDArray[np.float64]
+Pair = tuple[Array, Array]
+
+
+class Lens(Protocol):
+    """A lens: frozen, and the same again from what it says of itself (`lens_from_json`)."""
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        """Where ideal coordinates land."""
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        """The ideal coordinates of what lands at (u, v)."""
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Whether ideal coordinates lie where the lens does not yet fold back on itself."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Its ``model`` and its numbers."""
+
+
+@dataclass(frozen=True)
+class _Unfolded:
+    """What lenses share: how they are written, and that they do not fold unless they say where."""
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Everywhere that is a number."""
+        return np.isfinite(x) & np.isfinite(y)
+
+    def to_json(self) -> dict[str, Any]:
+        """Its ``model`` and its numbers."""
+        return {"model": _NAME[type(self)]} | {
+            field.name: _plain(getattr(self, field.name)) for field in fields(self)
+        }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(part) for part in value]
+    return value.to_json() if isinstance(value, _Unfolded) else value
+
+
+@dataclass(frozen=True)
+class NoLens(_Unfolded):
+    """A pinhole."""
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return x, y
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        return u, v
+
+
+@dataclass(frozen=True)
+class OpenCV(_Unfolded):
+    """OpenCV's radial and tangential lens; also the TSAI of the Ames Stereo Pipeline (since 3.3.0, as its manual says), and
+    RADTAN of usgscsm, there in millimetres.
+
+    u = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); v alike with p1 and p2 exchanged.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        return (
+            x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
+            y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y,
+        )
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        if not any((self.k1, self.k2, self.p1, self.p2, self.k3)):
+            return u, v
+        return undone(self.distort, u, v, self._slopes)
+
+    def _slopes(self, x: Array, y: Array) -> Slopes:
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        slope = 2 * (self.k1 + r2 * (2 * self.k2 + r2 * 3 * self.k3))
+        across = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
+        return (
+            radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x,
+            across,
+            across,
+            radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x,
+        )
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to where the radial polynomial r + k1 r^3 + k2 r^5 + k3 r^7 turns back."""
+        turn2 = first_root(1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3)
+        return np.asarray(x * x + y * y <= turn2)
+
+
+@dataclass(frozen=True)
+class UsgsRadial(_Unfolded):
+    """'radial' of an ISD, millimetres: defined from landed to ideal, x = u (1 - k0 - k1 r^2 - k2 r^4), r of (u, v)."""
+
+    k0: float = 0.0
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        r2 = u * u + v * v
+        kept = 1 - (self.k0 + r2 * (self.k1 + r2 * self.k2))
+        return u * kept, v * kept
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        """Newton's method on the radius: the polynomial is monotone and of one curvature up to its turn."""
+        ideal = np.hypot(x, y)
+        landed = ideal
+        with np.errstate(all="ignore"):
+            for _ in range(MOST_STEPS):
+                r2 = landed * landed
+                there = landed * (1 - (self.k0 + r2 * (self.k1 + r2 * self.k2)))
+                slope = 1 - (self.k0 + r2 * (3 * self.k1 + r2 * 5 * self.k2))
+                step = (there - ideal) / slope
+                landed = landed - step
+                if settled(step, landed):
+                    break
+            scale = np.where(ideal > 0.0, landed / ideal, 1.0)
+        return x * scale, y * scale
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to the ideal radius that the turn of the polynomial stands for."""
+        turn2 = first_root(1 - self.k0, -3 * self.k1, -5 * self.k2)
+        if math.isinf(turn2):
+            return super().within(x, y)
+        kept = 1 - (self.k0 + turn2 * (self.k1 + turn2 * self.k2))
+        return np.asarray(x * x + y * y <= turn2 * kept * kept)
+
+
+@dataclass(frozen=True)
+class LroNac(_Unfolded):
+    """'lrolrocnac' of an ISD, millimetres: along the detector only, y = v / (1 + k v^2)."""
+
+    k: float
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        return u, v / (1 + self.k * v * v)
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        """The root of k y v^2 - v + y that goes to y for small k."""
+        with np.errstate(invalid="ignore"):
+            return x, 2 * y / (1 + np.sqrt(1 - 4 * self.k * y * y))
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to |y| = 1 / (2 sqrt k): 117.5 mm for the LRO NAC, of whose detector the last pixel stands at 17.7 mm."""
+        return np.asarray(4 * self.k * y * y <= 1.0)
+
+
+@dataclass(frozen=True)
+class KaguyaLism(_Unfolded):
+    """'kaguyalism' of an ISD, millimetres: x = u + boresight_x + a0 + a1 r + a2 r^2 + a3 r^3, r of (u, v); y alike with b."""
+
+    a: tuple[float, float, float, float]
+    b: tuple[float, float, float, float]
+    boresight_x: float
+    boresight_y: float
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        r = np.sqrt(u * u + v * v)
+        (a0, a1, a2, a3), (b0, b1, b2, b3) = self.a, self.b
+        return (
+            u + self.boresight_x + a0 + r * (a1 + r * (a2 + r * a3)),
+            v + self.boresight_y + b0 + r * (b1 + r * (b2 + r * b3)),
+        )
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return undone(self.undistort, x, y)
+
+
+@dataclass(frozen=True)
+class Photometrix(_Unfolded):
+    """ASP's Photometrix (Australis), in the unit of the file's focal length: defined from landed to ideal.
+
+    With x = u - xp, y = v - yp and r^2 = x^2 + y^2:
+    ideal = u + x (k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 x^2) + 2 p2 x y; v alike with p1 and p2 exchanged. ASP's
+    program starts from u, as here, where its manual writes x; the program is the reference, the manual says.
+    """
+
+    xp: float
+    yp: float
+    k1: float
+    k2: float
+    k3: float
+    p1: float
+    p2: float
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        x, y = u - self.xp, v - self.yp
+        r2 = x * x + y * y
+        radial = r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        return (
+            u + x * radial + self.p1 * (r2 + 2 * x * x) + 2 * self.p2 * x * y,
+            v + y * radial + self.p2 * (r2 + 2 * y * y) + 2 * self.p1 * x * y,
+        )
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return undone(self.undistort, x, y)
+
+
+@dataclass(frozen=True)
+class BrownConrady(_Unfolded):
+    """ASP's BrownConrady, in the unit of the file's focal length: defined from landed to ideal.
+
+    With x, y, r as in `Photometrix`: ideal = x (1 + k1 r^2 + k2 r^4 + k3 r^6) - (p1 r^2 + p2 r^4) sin(phi), phi in radians;
+    y alike, but plus the cosine. The offset is not added again.
+    """
+
+    xp: float
+    yp: float
+    k1: float
+    k2: float
+    k3: float
+    p1: float
+    p2: float
+    phi: float
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        x, y = u - self.xp, v - self.yp
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        aside = r2 * (self.p1 + r2 * self.p2)
+        return x * radial - aside * math.sin(self.phi), y * radial + aside * math.cos(self.phi)
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return undone(self.undistort, x, y)
+
+
+Square = tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class OnPlane(_Unfolded):
+    """A lens of other units or axes: ``into`` takes the focal plane of a camera (units of its focal length) to that of the
+    lens, ``out`` back to the detector. A detector that is skewed, mirrored or has oblong pixels is said by the two as well.
+    """
+
+    into: Square
+    lens: Lens
+    out: Square
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return _times(self.out, *self.lens.distort(*_times(self.into, x, y)))
+
+    def undistort(self, u: Array, v: Array) -> Pair:
+        ideal = self.lens.undistort(*_times(_inverse(self.out), u, v))
+        return _times(_inverse(self.into), *ideal)
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        return self.lens.within(*_times(self.into, x, y))
+
+
+def _times(square: Square, x: Array, y: Array) -> Pair:
+    (a, b), (c, d) = square
+    return a * x + b * y, c * x + d * y
+
+
+def _inverse(square: Square) -> Square:
+    (a, b), (c, d) = square
+    determinant = a * d - b * c
+    return (d / determinant, -b / determinant), (-c / determinant, a / determinant)
+
+
+_KINDS: dict[str, type[Any]] = {
+    "none": NoLens,
+    "opencv": OpenCV,
+    "usgs-radial": UsgsRadial,
+    "lro-nac": LroNac,
+    "kaguya-lism": KaguyaLism,
+    "photometrix": Photometrix,
+    "brown-conrady": BrownConrady,
+    "plane": OnPlane,
+}
+_NAME = {kind: name for name, kind in _KINDS.items()}
+
+
+def lens_from_json(document: Any) -> Lens:
+    """The lens that said this of itself; ValueError for what is none."""
+    if not isinstance(document, Mapping) or document.get("model") not in _KINDS:
+        raise ValueError(f"has no model of {', '.join(_KINDS)}")
+    kind = _KINDS[document["model"]]
+    names = [field.name for field in fields(kind)]
+    missing = [name for name in names if name not in document]
+    if missing:
+        raise ValueError(f"lacks {', '.join(missing)}")
+    lens: Lens = kind(**{name: _parsed(kind, name, document[name]) for name in names})
+    return lens
+
+
+def _parsed(kind: type, name: str, value: Any) -> Any:
+    """One number, or as many as the field holds, all finite."""
+    if name == "lens":
+        return lens_from_json(value)
+    shape = {"into": (2, 2), "out": (2, 2), "a": (4,), "b": (4,)}.get(name, ())
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is not made of numbers") from error
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must hold finite numbers of shape {shape}")
+    if kind is OnPlane and abs(np.linalg.det(numbers)) < 1e-12:
+        raise ValueError(f"{name} cannot be undone")
+    return tuple(map(tuple, numbers.tolist())) if shape == (2, 2) else _tuple(numbers.tolist())
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

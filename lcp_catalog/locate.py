@@ -1,0 +1,329 @@
+"""Where an image was taken, from a catalogue's points in it: sought, agreed on, solved, sought again; and whether to believe it.
+
+A pose is given only with the verdict `LOCATED`. What has to hold for it, in this order: an image with something in it; enough points
+that can be looked for; an agreement among those found that is no chance and has no rival (`consensus`); a correction that the stated
+uncertainty allows; a Sun that fits (`light_check`). docs/pose.md has the figures.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .consensus import (
+    SIGNIFICANT,
+    Consensus,
+    agree,
+    agreeing,
+    independent_share,
+    log10_false_alarms,
+)
+from .contents import Catalog
+from .light_check import LightCheck, check_light
+from .match import Criteria, match
+from .matches import CODE, FOUND, Matches
+from .photo import Photo
+from .pose import Pose, solve
+from .reflectance import DEFAULT_MODEL, Reflectance
+from .search_area import SearchArea, in_view, narrowed, perhaps_in_view
+from .search_image import reduction
+from .sensors import Sensor, Uncertainty, pixel_size_m
+from .usable import working_photo
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LOCATED = "located"
+NOT_HERE = "not this place"
+CANNOT_SAY = "cannot say"
+
+SEARCHED = tuple(
+    CODE[reason] for reason in (FOUND, "weak", "ambiguous", "not confirmed", "inconsistent")
+)
+"""Codes of points that could be looked for: what became of them says something about the place."""
+
+LEAST_LIKENESS = 0.3
+"""Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
+
+_ROUNDS = 10
+_NOBODY = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to look. Pixels are those of the photograph that is searched, which may be a reduced one (`usable.working_photo`)."""
+
+    criteria: Criteria = field(default_factory=Criteria)
+    tolerance_px: float = 1.0  # how far a match may lie off beside 3 sigma of its own
+    sigmas: float = 3.0  # of the stated uncertainty that are searched
+    least_reach_px: float = (
+        16.0  # also where the uncertainty is less: agreement must be able to fail
+    )
+    most_reach_px: float = 64.0  # further than this the whole image is shifted first
+    second_reach_px: float = 6.0  # with the corrected sensor
+    passes: int = 4
+    most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given
+    check_light: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are the inliers.
+    ``log10_false_alarms``: of solutions as good by chance; ``rival``: the same of the best other one.
+    """
+
+    verdict: str
+    reason: str  # one line
+    matches: Matches
+    pose: Pose | None = None
+    log10_false_alarms: float = 0.0
+    rival_log10: float = 0.0
+    light: LightCheck | None = None
+
+
+def locate(
+    catalog: Catalog,
+    photo: Photo,
+    uncertainty: Uncertainty,
+    model: Reflectance = DEFAULT_MODEL,
+    options: Options = Options(),
+) -> Located:
+    """Seek a catalogue's points in a photograph whose sensor is known within an uncertainty, and solve for the sensor.
+
+    Frames: the pose corrects ``photo.sensor``; matches are in the pixels of the image as it came.
+    """
+    seen = in_view(catalog, photo.sensor)
+    search = _Search(
+        catalog, photo, working_photo(catalog, photo, seen), uncertainty, model, options
+    )
+    area = perhaps_in_view(
+        catalog, photo.sensor, uncertainty, options.sigmas, options.least_reach_px * search.factor
+    )
+    if not len(area):
+        reason = f"none of the catalogue's {len(catalog)} points can be in view"
+        return Located(CANNOT_SAY, reason, search.unmatched())
+    if (missing := nothing_in(photo)) is not None:
+        return Located(CANNOT_SAY, missing, search.unmatched())
+    return search.located(area)
+
+
+def nothing_in(photo: Photo) -> str | None:
+    """What an image lacks for anything to be found in it; None where it lacks nothing."""
+    valid = photo.valid
+    if not valid.any():
+        return "the image has no valid pixel"
+    signal = photo.signal
+    likeness = max(
+        _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
+        _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),
+    )
+    if not likeness > LEAST_LIKENESS:
+        return (
+            "the image is blank or nothing but noise: "
+            f"neighbouring pixels correlate by {likeness:.2f}"
+        )
+    return None
+
+
+def _correlation(a: NDArray[np.float32], b: NDArray[np.float32], both: Mask) -> float:
+    """Centred and normalised, of the pixels that count in both; 0 where one of them is the same everywhere."""
+    if not both.any():
+        return 0.0
+    one, other = (v[both].astype(np.float64) for v in (a, b))
+    one, other = one - one.mean(), other - other.mean()
+    norm = math.sqrt(float(one @ one) * float(other @ other))
+    return float(one @ other) / norm if norm > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    catalog: Catalog
+    photo: Photo  # as it came
+    working: Photo  # as it is searched
+    uncertainty: Uncertainty
+    model: Reflectance
+    options: Options
+
+    @property
+    def factor(self) -> int:
+        """Pixels of the image as it came to one that is searched."""
+        return reduction(self.working.sensor)
+
+    @property
+    def tolerance_px(self) -> float:
+        return self.options.tolerance_px * self.factor
+
+    def unmatched(self, rows: Index = _NOBODY) -> Matches:
+        """Points that show nowhere."""
+        count = len(rows)
+        nothing = np.full((count, 2), np.nan)
+        return Matches(
+            point=rows,
+            predicted_px=self.photo.sensor.project(self.catalog.position_mcmf[rows]),
+            found_px=nothing,
+            covariance_px2=np.full((count, 2, 2), np.nan),
+            correlation=nothing[:, 0],
+            second=nothing[:, 0],
+            back_px=nothing[:, 0],
+            code=np.full(count, CODE["weak"], dtype=np.uint8),
+        )
+
+    def located(self, area: SearchArea) -> Located:
+        """The whole search over an area, and the verdict."""
+        options, far = self.options, float(np.median(area.reach_px))
+        if far > options.most_reach_px * self.factor:
+            least = options.least_reach_px * self.factor
+            area, chance = narrowed(
+                area,
+                self.catalog,
+                self.working,
+                self.photo.sensor,
+                self.uncertainty,
+                self.model,
+                options.sigmas,
+                least,
+            )
+            if chance > SIGNIFICANT:
+                reason = f"of {len(area)} points in view no shift within {far:.0f} px shows more than chance"
+                return Located(NOT_HERE, reason, self.unmatched(area.points))
+        matches = self.match(self.working, area)
+        score = self.agreement(matches, area)
+        if not score.significant or score.pose is None:
+            return self.refused(matches, area, score)
+        matches, pose = self.settled(score.pose)
+        return self.judged(matches, pose, score)
+
+    def match(self, photo: Photo, area: SearchArea) -> Matches:
+        """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was given."""
+        found = match(
+            self.catalog,
+            photo,
+            self.model,
+            area.reach_px,
+            points=area.points,
+            offset_px=area.offset_px,
+            criteria=self.options.criteria,
+        )
+        given = self.photo.sensor.project(self.catalog.position_mcmf[area.points])
+        return replace(found, predicted_px=given)
+
+    def places(self, matches: Matches) -> tuple[Array, Array, Array]:
+        """Ground, pixels and covariances of matches; NaN pixels for what was not found."""
+        found = np.where(matches.found[:, None], matches.found_px, np.nan)
+        return self.catalog.position_mcmf[matches.point], found, matches.covariance_px2
+
+    def width_px(self, matches: Matches) -> float:
+        """Side of a patch in the image, the median."""
+        rows = matches.point
+        ground = pixel_size_m(self.photo.sensor, self.catalog.position_mcmf[rows])
+        return float(np.nanmedian(self.catalog.gsd[rows] * (self.catalog.patch_nodes - 1) / ground))
+
+    def agreement(self, matches: Matches, area: SearchArea) -> Consensus:
+        found = agree(
+            self.photo.sensor,
+            *self.places(matches),
+            self.uncertainty,
+            area.reach_px,
+            tolerance_px=self.tolerance_px,
+            width_px=self.width_px(matches),
+        )
+        return replace(found, log10_false_alarms=found.log10_false_alarms + area.log10_places)
+
+    def settled(self, pose: Pose) -> tuple[Matches, Pose]:
+        """Sought again with the corrected sensor, near where it has them, until the correction stands."""
+        matches = self.unmatched()
+        for _ in range(self.options.passes):
+            before = pose
+            rows = in_view(self.catalog, pose.sensor)
+            reach = np.full(len(rows), self.options.second_reach_px * self.factor)
+            area = SearchArea(rows, np.zeros((len(rows), 2)), reach)
+            matches = self.match(self.corrected(pose), area)
+            pose, matches = self.solved(matches, pose)
+            if (np.abs(pose.correction - before.correction) <= 0.1 * pose.sigma).all():
+                break
+        return matches, pose
+
+    def corrected(self, pose: Pose) -> Photo:
+        """The searched photograph with the corrected sensor."""
+        return self.working.with_sensor(self.working.sensor.moved(pose.correction))
+
+    def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
+        """Solved from those that agree with a pose, and again, until nobody changes sides; the others are inconsistent."""
+        ground, found, covariance = self.places(matches)
+        width = self.width_px(matches)
+
+        def who(sensor: Sensor) -> Mask:
+            return agreeing(sensor, ground, found, covariance, self.tolerance_px)
+
+        agrees = who(pose.sensor)
+        for _ in range(_ROUNDS):
+            overlap = 1.0 / independent_share(found[agrees], width)
+            pose = solve(
+                self.photo.sensor, ground, found, covariance, self.uncertainty, agrees, overlap
+            )
+            before, agrees = agrees, who(pose.sensor)
+            if (agrees == before).all():
+                break
+        code = np.where(matches.found & ~pose.used, CODE["inconsistent"], matches.code)
+        return pose, replace(matches, code=code.astype(np.uint8))
+
+    def refused(self, matches: Matches, area: SearchArea, score: Consensus) -> Located:
+        """Why the first search gives no place."""
+        searched = np.isin(matches.code, SEARCHED)
+        figures = (None, score.log10_false_alarms, score.rival_log10)
+        if self.at_best(searched, area) > 2.0 * SIGNIFICANT:
+            reason = f"too few points can be looked for: {_counted(matches)}"
+            return Located(CANNOT_SAY, reason, matches, *figures)
+        if score.log10_false_alarms < SIGNIFICANT:
+            reason = "the points found agree on two places about as well"
+            return Located(CANNOT_SAY, reason, matches, *figures)
+        reason = (
+            f"of {searched.sum()} points looked for {matches.found.sum()} were found, "
+            "and they agree on no place"
+        )
+        return Located(NOT_HERE, reason, matches, *figures)
+
+    def at_best(self, searched: Mask, area: SearchArea) -> float:
+        """log10 of the false alarms if all the points that could be looked for agreed."""
+        gate = math.pi * self.tolerance_px**2
+        chance = np.minimum(1.0, gate / (2.0 * area.reach_px[searched] + 1.0) ** 2)
+        least = -(-len(self.photo.sensor.corrections) // 2)
+        if len(chance) <= least:
+            return 0.0
+        return log10_false_alarms(chance, np.ones(len(chance), dtype=bool), least)
+
+    def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Located:
+        """The verdict on a pose that is no chance."""
+        sigmas = self.uncertainty.sigmas(self.photo.sensor)
+        off = float(np.abs(pose.correction[pose.solved] / sigmas[pose.solved]).max(initial=0.0))
+        figures = (score.log10_false_alarms, score.rival_log10)
+        if off > self.options.most_sigmas:
+            reason = (
+                f"the points agree on a place {off:.1f} of the stated sigmas away; "
+                "state a larger uncertainty if it may be there"
+            )
+            return Located(CANNOT_SAY, reason, matches, None, *figures)
+        light = self.light(matches, pose) if self.options.check_light else None
+        if light is not None and not light.fits:
+            return Located(CANNOT_SAY, light.complaint, matches, None, *figures, light)
+        reason = (
+            f"{pose.used.sum()} of {len(matches)} points agree; "
+            f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
+        )
+        return Located(LOCATED, reason, matches, pose, *figures, light)
+
+    def light(self, matches: Matches, pose: Pose) -> LightCheck:
+        rows = matches.point[pose.used]
+        offset = matches.found_px[pose.used] - pose.sensor.project(self.catalog.position_mcmf[rows])
+        return check_light(
+            self.catalog, self.corrected(pose), self.model, rows, offset, self.options.criteria
+        )
+
+
+def _counted(matches: Matches) -> str:
+    """What became of the points, as text: ``12 found, 30 not lit``."""
+    return ", ".join(f"{count} {reason}" for reason, count in matches.counts().items())

@@ -1,0 +1,120 @@
+"""Which of a catalogue's points can be in an image whose sensor is only roughly known, and how far from where it puts them.
+
+A point's reach is so many sigmas of its place in the image, by the sensor's Jacobian: to first order in the uncertainty. Where that is too
+far to be searched point by point, the whole image's offset is sought first (`coarse_match.coarse_shift`); what it leaves open is the
+uncertainty given that offset, a Kalman step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coarse_match import coarse_shift
+from .contents import Catalog
+from .photo import Photo
+from .pose import jacobian
+from .reflectance import Reflectance
+from .sensors import Sensor, Uncertainty
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_FARTHEST = 2.0
+"""Points that a sensor puts further than this many images from the middle are out of any doubt: that far a pinhole's linear
+reach means nothing.
+"""
+_ROUGH = 2
+"""Pixels of the coarse grid by which its offset may be wrong beyond its own precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchArea:
+    """Points (rows of the catalogue, (n,)), each sought within ``reach_px`` (n,) of where the sensor has it plus ``offset_px`` (n, 2).
+    Pixels of the image as it came. ``log10_places``: among how many areas as large these were chosen, a power of ten.
+    """
+
+    points: Index
+    offset_px: Array
+    reach_px: Array
+    log10_places: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
+    """Those of the rows on whose side of the Moon the sensor is."""
+    up = catalog.rotation_mcmf_to_enu[rows, 2]
+    return np.asarray(rows[(sensor.towards(catalog.position_mcmf[rows]) * up).sum(-1) > 0.0])
+
+
+def in_view(catalog: Catalog, sensor: Sensor) -> Index:
+    """Rows of the points that a sensor has in its image."""
+    pixels = sensor.project(catalog.position_mcmf)
+    return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
+
+
+def perhaps_in_view(
+    catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float, least_px: float
+) -> SearchArea:
+    """The points that may be in the image, each with its reach: ``sigmas`` of its place, ``least_px`` at least."""
+    height, width = sensor.shape
+    middle = np.array([(width - 1) / 2.0, (height - 1) / 2.0])
+    off = np.abs(sensor.project(catalog.position_mcmf) - middle)
+    with np.errstate(invalid="ignore"):
+        rows = facing(
+            catalog, sensor, np.flatnonzero((off < _FARTHEST * max(height, width)).all(-1))
+        )
+    if not len(rows):
+        return SearchArea(rows, np.zeros((0, 2)), np.zeros(0))
+    slope = jacobian(sensor, catalog.position_mcmf[rows])
+    reach = _reach(slope, np.diag(uncertainty.sigmas(sensor) ** 2), sigmas, least_px)
+    kept = (off[rows] <= np.array([width, height]) / 2.0 + reach[:, None]).all(-1)
+    return SearchArea(rows[kept], np.zeros((int(kept.sum()), 2)), reach[kept])
+
+
+def narrowed(
+    area: SearchArea,
+    catalog: Catalog,
+    photo: Photo,
+    sensor: Sensor,
+    uncertainty: Uncertainty,
+    model: Reflectance,
+    sigmas: float,
+    least_px: float,
+) -> tuple[SearchArea, float]:
+    """The area once the offset of the whole image is known, and log10 of how often chance would show one as clear; the area as it
+    was, and 0, where no point can be looked at. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
+    """
+    prior = np.diag(uncertainty.sigmas(sensor) ** 2)
+    slope = jacobian(sensor, catalog.position_mcmf[area.points])
+    common = slope.mean(axis=0)
+    slack = 0.5 * float(np.median(_reach(slope - common, prior, 1.0, 0.0)))
+    shift = coarse_shift(
+        catalog,
+        photo,
+        model,
+        float(np.median(area.reach_px)),
+        points=area.points,
+        slack_px=slack,
+    )
+    if shift is None:
+        return area, 0.0
+    noise = (_ROUGH * shift.precision_px) ** 2 * np.eye(2)
+    gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)
+    correction = gain @ np.array(shift.offset_px)
+    left = prior - gain @ common @ prior
+    reach = np.minimum(_reach(slope, left, sigmas, least_px), area.reach_px)
+    places = 2.0 * math.log10(float(np.median(area.reach_px)) / float(np.median(reach)))
+    narrow = SearchArea(area.points, slope @ correction, reach, max(places, 0.0))
+    return narrow, shift.log10_false_alarms
+
+
+def _reach(slope: Array, covariance: Array, sigmas: float, least_px: float) -> Array:
+    """So many sigmas of the worse of a place's two coordinates, (n,)."""
+    variance = np.einsum("nia,ab,nib->ni", slope, covariance, slope).max(-1, initial=0.0)
+    return np.asarray(np.maximum(sigmas * np.sqrt(variance), least_px))

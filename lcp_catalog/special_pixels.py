@@ -1,0 +1,148 @@
+"""Samples that are no brightness: the special pixels of ISIS, and plateaus where a scale ended.
+
+ISIS gives meanings to the codes at the ends of each type (its SpecialPixel): NULL (nothing here), LRS and LIS (below what the
+file, or the instrument, can say), HIS and HRS (above). They are stored codes: base and multiplier do not touch them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+
+_FLOAT_CODES = {
+    # null, low, low, high, high: the bits of the five most negative finite numbers, upwards of NULL
+    "float32": (0xFF7FFFFB, 0xFF7FFFFC, 0xFF7FFFFD, 0xFF7FFFFE, 0xFF7FFFFF),
+    "float64": tuple(0xFFEFFFFFFFFFFFFB + step for step in range(5)),
+}
+_INTEGER_CODES = {
+    # null, lrs, lis, his, hrs, and the range that is brightness
+    "uint8": ((0, 0, 0, 255, 255), (1, 254)),
+    "int16": ((-32768, -32767, -32766, -32765, -32764), (-32752, 32767)),
+    "uint16": ((0, 1, 2, 65534, 65535), (3, 65522)),
+    "int32": (tuple(-(2**31) + step for step in range(5)), (-(2**31) + 16, 2**31 - 1)),
+    "uint32": ((0, 1, 2, 2**32 - 2, 2**32 - 1), (3, 2**32 - 14)),
+}
+
+PLATEAU_NEIGHBOURS = 4
+PLATEAU_FACTOR = 3.0
+PLATEAU_LEAST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """Which samples (rows, cols) are no brightness: ``missing``, darker than could be said (``low``), brighter (``high``)."""
+
+    missing: Mask
+    low: Mask
+    high: Mask
+
+    def __or__(self, other: Kinds) -> Kinds:
+        return Kinds(self.missing | other.missing, self.low | other.low, self.high | other.high)
+
+
+@dataclass(frozen=True)
+class Codes:
+    """Samples that a label calls no brightness, as they are stored; whole numbers stand for the bits of floats."""
+
+    missing: tuple[float | int, ...] = ()
+    low: tuple[float | int, ...] = ()
+    high: tuple[float | int, ...] = ()
+
+    def among(self, samples: NDArray[Any]) -> Kinds:
+        """Where they stand in samples (rows, cols)."""
+        return Kinds(*(_any_of(samples, codes) for codes in (self.missing, self.low, self.high)))
+
+
+NO_CODES = Codes()
+
+
+def _any_of(samples: NDArray[Any], codes: tuple[float | int, ...]) -> Mask:
+    found = np.zeros(samples.shape, dtype=bool)
+    bits = None
+    if samples.dtype.kind == "f":
+        bits = np.ascontiguousarray(samples).view(f"u{samples.dtype.itemsize}")
+    for code in codes:
+        if bits is not None and isinstance(code, int) and code > 2**31:
+            found |= bits == code
+        else:
+            found |= samples == code
+    return found
+
+
+def isis_special(samples: NDArray[Any]) -> Kinds:
+    """The special pixels of a cube's samples (rows, cols); bytes have one code for NULL and all that is low: it is taken as NULL.
+
+    Codes between the special ones and the range of brightness are reserved by ISIS: taken as missing.
+    """
+    if samples.dtype.kind == "f":
+        return _special_floats(samples)
+    if samples.dtype.name not in _INTEGER_CODES:
+        nothing = np.zeros(samples.shape, dtype=bool)
+        return Kinds(nothing, nothing, nothing)
+    (null, lrs, lis, his, hrs), (least, most) = _INTEGER_CODES[samples.dtype.name]
+    low = ((samples == lrs) | (samples == lis)) & (samples != null)
+    high = (samples == his) | (samples == hrs)
+    return Kinds(((samples < least) | (samples > most)) & ~low & ~high, low, high)
+
+
+def _special_floats(samples: NDArray[Any]) -> Kinds:
+    bits = np.ascontiguousarray(samples).view(f"u{samples.dtype.itemsize}")
+    null, lrs, lis, his, hrs = _FLOAT_CODES[samples.dtype.name]
+    low, high = (bits == lrs) | (bits == lis), (bits == his) | (bits == hrs)
+    return Kinds((bits == null) | ~np.isfinite(samples), low, high)
+
+
+def ends(samples: NDArray[Any], valid: Mask) -> tuple[float | None, float | None]:
+    """The lowest and the highest value (of samples where ``valid``), each only where a plateau stands there; else None.
+
+    At the end of a scale that clipped nothing the values thin out. A plateau is an end value that occurs at least
+    `PLATEAU_LEAST` times and more than `PLATEAU_FACTOR` times as often as the values next to it do on average, over as many
+    neighbouring pixels as hold `PLATEAU_NEIGHBOURS` times its count.
+    """
+    values = samples[valid]
+    if values.size == 0:
+        return None, None
+    low, high = values.min(), values.max()
+    if low == high:
+        return None, None
+    return (
+        float(low) if _is_plateau(values, low, 1.0) else None,
+        float(high) if _is_plateau(values, high, -1.0) else None,
+    )
+
+
+def _is_plateau(values: NDArray[Any], end: Any, towards: float) -> bool:
+    others = values[values != end]
+    count = values.size - others.size
+    if count < PLATEAU_LEAST:
+        return False
+    next_to = min(others.size, PLATEAU_NEIGHBOURS * count)
+    kth = next_to - 1 if towards > 0 else others.size - next_to
+    parted = np.partition(others, kth)
+    nearest = parted[:next_to] if towards > 0 else parted[kth:]
+    return bool(count > PLATEAU_FACTOR * next_to / np.unique(nearest).size)
+
+
+def touching_edge(mask: Mask) -> Mask:
+    """The part of a mask (rows, cols) that hangs together with the image's edge, by sides."""
+    reached = np.zeros_like(mask)
+    for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+        reached[edge] = mask[edge]
+    while True:
+        before = int(np.count_nonzero(reached))
+        for axis in (0, 1):
+            for step in (1, -1):
+                _sweep(np.moveaxis(mask, axis, 0)[::step], np.moveaxis(reached, axis, 0)[::step])
+        if int(np.count_nonzero(reached)) == before:
+            return reached
+
+
+def _sweep(mask: Mask, reached: Mask) -> None:
+    """Carries what is reached on along the first axis, as far as the mask goes; in place."""
+    for row in range(1, len(mask)):
+        reached[row] |= reached[row - 1] & mask[row]

@@ -1,0 +1,247 @@
+"""The whole validation: each image from its files to a verdict, and what is shown of it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .accuracy import TIERS, Accuracy
+from .albedo import AlbedoMap
+from .camera import Camera
+from .camera_file import read_sensor
+from .catalog import read_catalog
+from .contents import Catalog
+from .errors import LcpError
+from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
+from .locate import LOCATED, Located, locate
+from .match import points_in_view
+from .photo import Photo
+from .photo_file import PhotoOptions, center_of, open_photo
+from .plates import PIXELS_MAX, Pictures
+from .pose import PositionError, position_error
+from .reflectance import Reflectance, reflectance_model
+from .request import SunChoice
+from .scanners import LineScanner, PushFrame
+from .sensors import POSE, Sensor, Uncertainty, pixel_size_m
+from .sphere import EnuFrame, azimuth_elevation, lonlat_to_mcmf
+from .verdict import ImageFacts, ImageVerdict, PointFigures, Verdict, WindowFigures
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+log = logging.getLogger(__name__)
+
+LAW = "lunar-lambert"
+"""What a navigator should carry (docs/photographs.md): it has a phase function, which a wide image needs."""
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """An image and what took it; no camera: the map that it was projected on."""
+
+    image: Path
+    camera: Path | None = None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What one validation is asked for. ``pose_is_known``: the camera files' positions are the truth that found ones are held
+    against.
+    """
+
+    catalog_path: Path
+    files: tuple[ImageFiles, ...]
+    uncertainty: Uncertainty
+    dem_paths: tuple[Path, ...] = ()
+    windows: WindowChoice = field(default_factory=WindowChoice)
+    sun: SunChoice = field(default_factory=SunChoice)
+    model: Reflectance | None = None
+    accuracy: Accuracy = TIERS["standard"]
+    albedo: AlbedoMap | None = None
+    pose_is_known: bool = False
+    encoding: str = "linear"
+
+    @property
+    def law(self) -> Reflectance:
+        return self.model or reflectance_model(LAW)
+
+    def described(self) -> dict[str, Any]:
+        """The options as a report says them: no folders."""
+        sun = {name: value for name, value in vars(self.sun).items() if value is not None}
+        return {
+            "cameras": [files.camera.name if files.camera else None for files in self.files],
+            "dem": [path.name for path in self.dem_paths],
+            "albedo": self.albedo.name if self.albedo else None,
+            "reflectance": self.law.name,
+            "accuracy": self.accuracy.tier,
+            "encoding": self.encoding,
+            "sun": sun,
+            "position_sigma_m": self.uncertainty.position_m,
+            "attitude_sigma_deg": float(np.degrees(self.uncertainty.attitude_rad)),
+            "window": self.windows.size,
+            "step": self.windows.step,
+            "gsd_m": self.windows.gsd_m,
+            "remove_offset": self.windows.remove_offset,
+            "pose_is_known": self.pose_is_known,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A verdict, what is shown of each image, and every file that was read."""
+
+    verdict: Verdict
+    pictures: tuple[Pictures, ...]
+    sources: tuple[Path, ...]
+
+    @property
+    def located(self) -> bool:
+        """Whether every image is where its camera file says."""
+        return all(image.located.verdict == LOCATED for image in self.verdict.images)
+
+
+def validate(request: Validation, progress: Progress | None = None) -> Result:
+    """Every image in turn. Raises the library's errors for a catalogue, a DEM or an image that cannot be read; an image that can,
+    but shows something else, is a verdict.
+    """
+    catalog = read_catalog(request.catalog_path)
+    images, pictures = [], []
+    sources = [request.catalog_path]
+    for done, files in enumerate(request.files):
+        if progress:
+            progress(done, len(request.files))
+        image, shown, read = _one(request, catalog, files)
+        images.append(image)
+        pictures.append(shown)
+        sources += read
+    if progress:
+        progress(len(request.files), len(request.files))
+    facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
+    verdict = Verdict(tuple(images), facts, request.described())
+    return Result(verdict, tuple(pictures), tuple(dict.fromkeys(sources)))
+
+
+def _one(
+    request: Validation, catalog: Catalog, files: ImageFiles
+) -> tuple[ImageVerdict, Pictures, list[Path]]:
+    sensor = read_sensor(files.camera) if files.camera else None
+    photo = open_photo(files.image, sensor, request.sun, PhotoOptions(**({"encoding": request.encoding} if request.encoding != "linear" else {})))
+    located = locate(catalog, photo, request.uncertainty, request.law)
+    best = photo.with_sensor(located.pose.sensor) if located.pose else photo
+    ground, why = _ground(request, catalog, best)
+    image = ImageVerdict(
+        _facts(photo, files),
+        located,
+        _points(catalog, located, best.sensor),
+        windows=_windows(catalog, ground) if ground else None,
+        windows_reason=why,
+        error=_error(request, located, photo.sensor),
+    )
+    read = [files.image, *([files.camera] if files.camera else [])]
+    return image, _pictures(photo, ground), read + list(ground.sources if ground else ())
+
+
+def _ground(
+    request: Validation, catalog: Catalog, photo: Photo
+) -> tuple[GroundComparison | None, str]:
+    """The image against the ground, or why not."""
+    how = request.law, request.accuracy, request.windows
+    try:
+        if request.dem_paths:
+            return against_dem(photo, request.dem_paths, *how, request.albedo), ""
+        return against_patches(photo, catalog, points_in_view(catalog, photo), *how), ""
+    except LcpError as error:
+        log.info("%s: windows: %s", photo.name, error)
+        return None, str(error)
+
+
+def _error(request: Validation, located: Located, given: Sensor) -> PositionError | None:
+    if not request.pose_is_known or located.pose is None or given.corrections != POSE:
+        return None
+    return position_error(located.pose, given)
+
+
+def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
+    return WindowFigures(
+        ground.windows,
+        ground.resolution,
+        ground.against,
+        ground.longitude_deg,
+        ground.latitude_deg,
+        None if ground.point is None else catalog.point_id[ground.point],
+    )
+
+
+def _points(catalog: Catalog, located: Located, sensor: Sensor) -> PointFigures:
+    rows = located.matches.point
+    places = catalog.position_mcmf[rows]
+    corrected = sensor.project(places) if located.pose else np.full((len(rows), 2), np.nan)
+    size_m = pixel_size_m(sensor, places) if len(rows) else np.empty(0)
+    return PointFigures(
+        catalog.point_id[rows], catalog.longitude[rows], catalog.latitude[rows], size_m, corrected
+    )
+
+
+def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
+    rows, cols = photo.signal.shape
+    factor = max(1, int(np.ceil(np.sqrt(rows * cols / PIXELS_MAX))))
+    if factor > min(rows, cols):
+        factor = 1
+    shown = (
+        np.where(photo.valid, photo.signal, np.nan) if factor == 1 else photo.reduced(factor).signal
+    )
+    return Pictures(
+        shown, factor, ground.image if ground else None, ground.render if ground else None
+    )
+
+
+# -- facts of an image
+
+
+def _facts(photo: Photo, files: ImageFiles) -> ImageFacts:
+    rows, cols = photo.signal.shape
+    known: dict[str, Any] = {}
+    try:
+        lon, lat = center_of(photo.sensor)
+    except LcpError:
+        pass  # its middle shows the sky: angles there are not known
+    else:
+        known = _angles(photo, lon, lat)
+    return ImageFacts(
+        files.image.name,
+        cols,
+        rows,
+        _kind(photo.sensor),
+        saturated_share=photo.saturated_share,
+        missing_share=photo.missing_share,
+        **known,
+    )
+
+
+def _angles(photo: Photo, lon_deg: float, lat_deg: float) -> dict[str, float]:
+    """Pixel, Sun and view at a place of the sphere."""
+    frame = EnuFrame(lon_deg, lat_deg)
+    place = lonlat_to_mcmf(lon_deg, lat_deg)
+    azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(photo.sun_directions(place)))
+    up = float(frame.rotation[2] @ photo.sensor.towards(place))
+    return {
+        "pixel_m": float(pixel_size_m(photo.sensor, place)),
+        "sun_azimuth_deg": float(azimuth),
+        "sun_elevation_deg": float(elevation),
+        "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
+    }
+
+
+def _kind(sensor: Sensor) -> str:
+    kinds = (
+        (Camera, "framing camera"),
+        (LineScanner, "line scanner"),
+        (PushFrame, "push-frame camera"),
+    )
+    return next((name for kind, name in kinds if isinstance(sensor, kind)), "map-projected image")

@@ -1,0 +1,257 @@
+"""The page of a validation: nothing outside it, every part where there is something to show, no text that becomes markup."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import verdicts
+from pages import Page, decoded, parsed
+
+from lcp_catalog import points_section, window_charts
+from lcp_catalog import verdict as v
+from lcp_catalog.plates import PIXELS_MAX, Pictures, grey
+from lcp_catalog.validation_report import render
+from lcp_catalog.windows import of_patches
+
+BYTES_MAX = 5_000_000
+"""Of a page, for each of its images."""
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    return render(verdicts.whole(), [verdicts.pictures(), Pictures(), Pictures()])
+
+
+def alone(image: v.ImageVerdict, shown: Pictures | None = None) -> str:
+    """A page of one image; it parses."""
+    html = render(v.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
+    parsed(html)
+    return html
+
+
+def texts(html: str) -> str:
+    """What a reader reads."""
+    body = html[html.index("<body>") : html.index("<script>")]
+    return re.sub(r"<[^>]*>", " ", body)
+
+
+def pictures_of(page: Page) -> list[np.ndarray]:
+    return [decoded(a) for a in page.addresses if a.startswith("data:")]
+
+
+def test_the_page_refers_to_nothing_outside(html: str) -> None:
+    page = parsed(html)
+    assert all(a.startswith(("data:image/png;base64,", "#")) for a in page.addresses)
+    assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
+
+
+def test_what_the_page_refers_to_it_holds(html: str) -> None:
+    page = parsed(html)
+    assert len(page.ids) == len(set(page.ids))
+    wanted = {a[1:] for a in page.addresses if a.startswith("#")}
+    wanted |= {attrs["for"] for tag, attrs in page.elements if tag == "label"}
+    assert {"image-0", "image-1", "look-0-0"} <= wanted <= set(page.ids)
+
+
+def test_the_pictures_are_those_given(html: str) -> None:
+    image, render_, windows, photo = pictures_of(parsed(html))
+    shown = verdicts.pictures()
+    given = grey(shown.ground_image, shown.ground_render)
+    np.testing.assert_array_equal(image[..., [0, 3]], given)
+    np.testing.assert_array_equal(
+        render_[..., 0], grey(shown.ground_render, shown.ground_image)[..., 0]
+    )
+    assert (image[:9, :17, 3] == 0).all()
+    assert photo.shape[:2] == shown.photo.shape
+    wanted = window_charts.correlation_pixels(verdicts.image().windows.compared)
+    np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
+
+
+def test_the_photo_covers_its_blocks(html: str) -> None:
+    """Half as many pixels, drawn over the whole image; a column that was no whole block stays bare."""
+    *_, photo = re.findall(r'<image href="[^"]*" width="([\d.]+)" height="([\d.]+)"', html)
+    assert photo == ("960.0", "720.0")
+    image = verdicts.image()
+    odd = replace(image, facts=replace(image.facts, width_px=641))
+    *_, photo = re.findall(r'<image href="[^"]*" width="([\d.]+)" height="([\d.]+)"', alone(odd))
+    assert photo == (f"{640 / 641 * 960:.1f}", f"{480 / 641 * 960:.1f}")
+
+
+def test_points_are_marked_where_they_are() -> None:
+    """Where the corrected sensor has them; without a pose where the given one does."""
+    for located in (True, False):
+        image = verdicts.image(located=located)
+        html = alone(image)
+        places = image.points.corrected_px if located else image.matches.predicted_px
+        scale = 960.0 / verdicts.WIDTH
+        weak = image.matches.code == 7
+        assert weak.any()
+        for column, row in (places[weak] + 0.5) * scale:
+            assert f'<g transform="translate({column:.1f} {row:.1f})"><g class="mark">' in html
+
+
+def test_arrows_are_the_residuals() -> None:
+    image = verdicts.image()
+    html = alone(image)
+    times = float(re.search(r"px; arrows ([\d.]+) times their length", html)[1])
+    found = image.matches.found
+    start = (image.points.corrected_px[found] + 0.5) * 1.5
+    ends = start + image.residual_px[found] * 1.5 * times
+    shown = set(re.findall(r'd="(M[-\d.]+ [-\d.]+L[-\d.]+ [-\d.]+)', html))
+    for (x, y), (to_x, to_y) in zip(start, ends, strict=True):
+        assert f"M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}" in shown
+    counts = [int(n) for n in re.findall(r"<b class='(?:within.|beyond3)'>[^<]*</b> (\d+)", html)]
+    assert sum(counts) == found.sum()
+
+
+def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
+    image = verdicts.image(located=False)
+    html = alone(image)
+    assert "where the given camera puts a point" in html
+    assert ">Pose<" not in html
+    assert "Nothing was compared: without a place there is nothing to compare." in html
+    first = np.flatnonzero(image.matches.found)[0]
+    x, y = (image.matches.predicted_px[first] + 0.5) * 1.5
+    assert f'd="M{x:.1f} {y:.1f}L' in html
+
+
+def test_the_figures_of_the_verdict_are_told(html: str) -> None:
+    whole, text = verdicts.whole(), texts(html)
+    image = whole.images[0]
+    found = whole.document()["images"][0]
+    assert f"{found['points_found']} of 60" in text
+    assert f"{v.number(found['offset_px']['median'])} px" in text
+    assert f"{100 * found['windows']['share_above_0_9']:.1f} % above 0.9" in text
+    assert f"{v.number(found['pose']['position_sigma_m'])} m" in text
+    assert f"{v.number(found['pose']['position_error_m'])} m against the true place" in text
+    assert (
+        "fits: median correlation 0.9; under other Suns 0.625 (turned -20°), – (raised +10°)"
+        in text
+    )
+    for reason, count in image.matches.counts().items():
+        assert re.search(rf"\b{reason}\s+{count}:", text)
+    for word in v.VERDICTS:
+        assert word in text
+    turn = image.pose.pose.correction[3] * 180 * 3600 / np.pi
+    assert f"{v.number(turn).replace('-', '−')} ″" in text
+    assert not re.search(r"\b(nan|inf|None)\b", text)
+
+
+def test_the_table_has_every_point(html: str) -> None:
+    image = verdicts.image()
+    table = alone(image).split("<table class='sortable'>")[1].split("</table>")[0]
+    rows = [
+        re.findall(r"<td>(.*?)</td>", row) for row in table.split("<tbody>")[1].split("<tr")[1:]
+    ]
+    assert len(rows) == 60
+    assert [int(row[0]) for row in rows] == image.points.point_id.tolist()
+    i = int(np.flatnonzero(image.matches.found)[0])
+    column, line = image.matches.found_px[i]
+    assert rows[i][4] == f"{column:.2f}, {line:.2f}"
+    assert rows[i][5] == f"{np.linalg.norm(image.residual_px[i]):.3f}"
+    assert rows[i][10] == "found"
+    lost = int(np.flatnonzero(image.matches.code == 7)[0])
+    assert rows[lost][4:7] == ["–", "–", "–"]
+    assert len(re.findall("<th scope='col'><button", table)) == len(rows[0])
+
+
+def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(points_section, "ROWS_MAX", 10)
+    html = alone(verdicts.image())
+    assert len(re.findall(r"<tr class='(?:is|not)-found'", html)) == 10
+    assert "Table of the 60 points in view. The first 10 are here, all in the CSV." in html
+
+
+def test_every_drawing_has_a_name(html: str) -> None:
+    drawings = [attrs for tag, attrs in parsed(html).elements if tag == "svg"]
+    assert len(drawings) > 15
+    assert all(attrs.get("aria-label") or attrs.get("aria-hidden") == "true" for attrs in drawings)
+
+
+def test_every_class_has_a_rule(html: str) -> None:
+    style = html[html.index("<style>") : html.index("</style>")]
+    used = {name for _, attrs in parsed(html).elements for name in attrs.get("class", "").split()}
+    plain = {"within2", "cannot-say", "is-found", "for-side", "for-image", "for-render", "for-blink",
+             "for-correlation", "frame", "to-side"}  # fmt: skip
+    assert {name for name in used - plain if f".{name}" not in style} == set()
+
+
+def test_ways_to_look_need_no_script(html: str) -> None:
+    """A radio button for each, the first one chosen, and a rule that shows what it says."""
+    page = parsed(html)
+    radios = [attrs for _, attrs in page.elements if attrs.get("type") == "radio"]
+    assert [attrs["class"] for attrs in radios] == [
+        "to-side", "to-image", "to-render", "to-blink", "to-swipe", "to-correlation",
+    ]  # fmt: skip
+    assert [("checked" in attrs) for attrs in radios] == [True] + [False] * 5
+    for layer in ("image", "render", "correlation"):
+        assert f".to-{layer}:checked~.stack .{layer}" in html
+        assert f"<figure class='layer {layer}'>" in html
+    assert "animation:blink" in html
+
+
+def test_texts_cannot_become_markup() -> None:
+    bad = "<script>alert('1')&\"</script>"
+    name = bad.replace("/", "|")
+    image = verdicts.image(name)
+    image = replace(
+        image,
+        facts=replace(image.facts, sensor=bad, sun_from=bad),
+        located=replace(image.located, reason=bad),
+        windows=replace(image.windows, resolution=bad, against=bad),
+    )
+    lost = replace(verdicts.nothing(name), windows_reason=bad)
+    whole = v.Verdict((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
+    html = render(whole, [verdicts.pictures(), Pictures()])
+    parsed(html)
+    assert html.count("<script>") == 1
+    assert "alert('1')" not in html
+
+
+def test_equal_verdicts_are_equal_pages(html: str) -> None:
+    again = render(verdicts.whole(), [verdicts.pictures(), Pictures(), Pictures()])
+    assert again == html
+
+
+def test_large_pictures_do_not_make_large_pages() -> None:
+    """Noise packs worst."""
+    dice = np.random.default_rng(8)
+    noise = dice.normal(size=(1800, 2400)).astype(np.float32)
+    html = alone(verdicts.image(), Pictures(noise, 1, noise, noise[::-1]))
+    assert len(html) < BYTES_MAX
+    image, _, _, photo = pictures_of(parsed(html))
+    assert 0.9 * PIXELS_MAX < image.shape[0] * image.shape[1] <= PIXELS_MAX
+    assert photo.shape == image.shape
+
+
+def test_without_pictures_there_are_still_figures() -> None:
+    html = alone(verdicts.image(), Pictures())
+    assert "data:" not in html
+    assert "histogram of the correlation" in html
+    assert "<figure class='layer" not in html
+
+
+def test_windows_of_patches_have_no_map() -> None:
+    dice = np.random.default_rng(9)
+    renders = dice.normal(size=(5, 20, 20))
+    compared = of_patches(renders + 0.1 * dice.normal(size=renders.shape), renders, gsd_m=60.0)
+    html = alone(replace(verdicts.image(), windows=verdicts.figures_of(compared)))
+    assert "<figure class='layer" not in html
+    assert ">100.0 % above 0.9<" in html
+
+
+def test_nothing_at_all_has_a_page() -> None:
+    text = texts(alone(verdicts.nothing(), Pictures()))
+    assert "No control point is in view." in text
+    assert "cannot say" in text
+    assert "no point is in view" in text
+    assert "<h2>All images</h2>" not in alone(verdicts.nothing(), Pictures())
+    assert not re.search(r"\b(nan|inf|None)\b", text)
+
+
+def test_points_and_pictures_belong_together() -> None:
+    with pytest.raises(ValueError, match="zip"):
+        render(verdicts.whole(), [Pictures()])
