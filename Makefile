@@ -30,8 +30,11 @@ catalog: $(READY)
 	$(BIN)/lcp render $(SAMPLE) -o build/hadley_relief.tif --center 3.5 26 --size 150 --sun-azimuth 96.5 --sun-elevation 13.7 \
 	  --preview build/hadley_relief.png --overwrite
 	$(BIN)/lcp inspect $(CATALOG)
+	$(BIN)/lcp validate $(CATALOG) $(PHOTO).png --camera $(PHOTO)_camera.json --dem $(SAMPLE) -o build/validation \
+	  --known-pose --require 'points_found>=50 and share_above_0_9>=0.7' --overwrite
 	@echo "catalogue  $(CATALOG)"
 	@echo "report     build/hadley.html"
+	@echo "validated  build/validation/report.html (the catalogue's points in the photograph, and the photograph beside renders)"
 	@echo "previews   build/AS15-M-0414_render.png (beside $(PHOTO).png)  build/hadley_relief.png"
 
 gallery: $(READY)

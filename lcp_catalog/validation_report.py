@@ -33,7 +33,7 @@ def render(verdict: Verdict, pictures: Sequence[Pictures]) -> str:
         ),
         _data_section(verdict),
     ]
-    style = match_charts.STYLE + window_charts.STYLE + _STYLE
+    style = match_charts.STYLE + window_charts.STYLE + STYLE
     return page(f"Validation of {catalog}: {names}", body, style, _SCRIPT)
 
 
@@ -89,8 +89,8 @@ def _image_section(k: int, image: ImageVerdict, shown: Pictures) -> str:
 def _tiles(image: ImageVerdict) -> list[tuple[str, str]]:
     found: dict[str, Any] = plain(image.figures())
     count = f"{found['points_found']} of {found['points_in_view']}"
-    alone = "points in view look found, each by itself; together they say nothing"
-    shown = [(count, "points in view were found" if image.pose else alone)]
+    what = "points in view were found" if image.pose else "points in view match, each by itself"
+    shown = [(count, what) if found["points_in_view"] else ("0", "control points are in view")]
     if found["points_found"]:
         px, metres = found["offset_px"]["median"], found["offset_m"]["median"]
         shown.append(
@@ -133,7 +133,7 @@ def _chance(image: ImageVerdict) -> str:
     if not image.matches.found.any() or not math.isfinite(known):
         return ""
     rival = image.located.rival_log10
-    return f"random matches would agree as well 10^{known:.1f} times, as well as on the next best place 10^{rival:.1f} times"
+    return f"of random matches 10^{known:.0f} such agreements are expected; of the next best place’s 10^{rival:.0f}"
 
 
 def _light(check: LightCheck | None) -> str:
@@ -168,7 +168,7 @@ def _data_section(verdict: Verdict) -> str:
     )
 
 
-_STYLE = """
+STYLE = """
 .part{font-size:1.05rem;margin:30px 0 8px}.said{font-size:1.02rem}.image{border-top:1px solid var(--line);margin-top:40px}
 a{color:inherit}.image h2{margin-top:28px;overflow-wrap:anywhere}
 .badge{display:inline-block;padding:1px 10px;border-radius:999px;color:#fff;background:#8a5a00;font-weight:600}
@@ -181,7 +181,7 @@ a{color:inherit}.image h2{margin-top:28px;overflow-wrap:anywhere}
 background:var(--card);cursor:pointer;font-size:.9rem}
 .look>input:checked+label{background:var(--ink);color:var(--bg)}.look>input:focus-visible+label{outline:2px solid #3b82f6}
 .look .for-swipe,.swipe{display:none}.scripted .look .for-swipe{display:inline-block}
-.scripted .to-swipe:checked~.swipe{display:block;width:100%;margin:4px 0 8px}
+.scripted .to-swipe:checked~.swipe{display:block;width:100%;max-width:820px;margin:4px 0 8px}
 .stack{display:grid;gap:14px;grid-template-columns:repeat(auto-fit,minmax(min(100%,300px),1fr));align-items:start}
 .look>:not(.to-side):checked~.stack{grid-template-columns:minmax(0,820px)}
 .look>:not(.to-side):checked~.stack .layer{grid-area:1/1;visibility:hidden}

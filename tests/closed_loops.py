@@ -8,17 +8,19 @@ Embree with a camera of its own (`embree_camera`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import rasterio
+from catalogs import arrays
 from numpy.typing import NDArray
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.camera import Camera
 from lcp_catalog.contents import Catalog
+from lcp_catalog.demset import DemSet
 from lcp_catalog.detector import Detector
 from lcp_catalog.locate import LOCATED, Located, locate
 from lcp_catalog.match import match
@@ -29,6 +31,7 @@ from lcp_catalog.simulate import DemGround, frame
 from lcp_catalog.sphere import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.sphere_rays import hits
 from lcp_catalog.sun import direction_from_subsolar
+from lcp_catalog.terrain import sample_patch
 
 Array = NDArray[np.float64]
 Renderer = Callable[[Camera, "Shot"], Photo]
@@ -181,6 +184,27 @@ def _on_dem(camera: Camera, bounds: tuple[float, float, float, float]) -> bool:
     return bool(
         ((lon > west + 0.1) & (lon < east - 0.1) & (lat > south + 0.1) & (lat < north - 0.1)).all()
     )
+
+
+def cut(dem: Path, places_deg: Iterable[tuple[float, float]], nodes: int, gsd_m: float) -> Catalog:
+    """A catalogue of patches cut at places (longitude, latitude), whatever they are worth."""
+    dems = DemSet.open([dem])
+    patches = [sample_patch(dems, lon % 360.0, lat, nodes, gsd_m) for lon, lat in places_deg]
+    frames = [patch.frame for patch in patches]
+    made = arrays(len(patches), nodes)
+    made |= {
+        "longitude": np.array([f.lon_deg for f in frames]),
+        "latitude": np.array([f.lat_deg for f in frames]),
+        "elevation": np.array([f.height_m for f in frames]),
+        "position_mcmf": np.array([f.origin_mcmf_m for f in frames]),
+        "rotation_mcmf_to_enu": np.array([f.rotation for f in frames]),
+        "gsd": np.full(len(frames), gsd_m),
+        "gsd_min": np.full(len(frames), gsd_m / 16),
+        "gsd_max": np.full(len(frames), 4.0 * gsd_m),
+        "dem_resolution": np.full(len(frames), gsd_m),
+        "dem": np.array([patch.z_m for patch in patches]),
+    }
+    return Catalog(**made)
 
 
 def by_product(dem: Path) -> Renderer:

@@ -13,7 +13,7 @@ from pages import Page, decoded, parsed
 from lcp_catalog import points_section, window_charts
 from lcp_catalog import verdict as v
 from lcp_catalog.plates import PIXELS_MAX, Pictures, grey
-from lcp_catalog.validation_report import render
+from lcp_catalog.validation_report import STYLE, render
 from lcp_catalog.windows import of_patches
 
 BYTES_MAX = 5_000_000
@@ -191,6 +191,21 @@ def test_ways_to_look_need_no_script(html: str) -> None:
         assert f".to-{layer}:checked~.stack .{layer}" in html
         assert f"<figure class='layer {layer}'>" in html
     assert "animation:blink" in html
+
+
+def test_what_is_chosen_outweighs_what_hides() -> None:
+    """Of two rules the one with more classes and states counts, then the one with more elements, then the later."""
+    rules = re.findall(r"([^{}]+)\{[^{}]*visibility:(hidden|visible)(?!!)", STYLE)
+    ranks = [
+        (word, len(re.findall(r"[.:](?!not)", one)), len(re.findall(r"(?:^|[>~ (])[a-z]", one)), at)
+        for at, (selectors, word) in enumerate(rules)
+        for one in selectors.strip().split(",")
+    ]
+    hidden = [rank[1:] for rank in ranks if rank[0] == "hidden"]
+    shown = [rank[1:] for rank in ranks if rank[0] == "visible"]
+    assert len(hidden) == 1
+    assert len(shown) == 7
+    assert min(shown) > max(hidden)
 
 
 def test_texts_cannot_become_markup() -> None:

@@ -122,10 +122,11 @@ class TwinIsd:
         ray = self.from_sensor(t).apply(ray)
         return self.position(t), ray / np.linalg.norm(ray)
 
-    def window(self, t, point):
-        """Line and sample of the window on which a body-fixed point falls at a time."""
+    def window(self, t, point, lens=True):
+        """Line and sample of the window on which a body-fixed point falls at a time; roughly without the lens."""
         x, y, z = self.from_sensor(t).inv().apply(point - self.position(t))
-        return self.of_plane(*self.landed(self.focal * x / z, self.focal * y / z))
+        x, y = self.focal * x / z, self.focal * y / z
+        return self.of_plane(*(self.landed(x, y) if lens else (x, y)))
 
     # times
 
@@ -165,6 +166,13 @@ class TwinIsd:
             return self.look(self.framelet_time(k), within, sample)
         return self.look(0.0, line, sample)
 
+    def _in_framelet(self, k, point):
+        """How far from its middle a framelet has a point; line and sample of the image."""
+        within, sample = self.window(self.framelet_time(k), point)
+        if self.d["framelets_flipped"]:
+            within = self.framelet_lines - within
+        return abs(within - self.framelet_lines / 2), k * self.framelet_lines + within, sample
+
     def _off_line(self, line, point):
         return self.window(self.line_time(line), point)[0]
 
@@ -175,14 +183,11 @@ class TwinIsd:
             line = brentq(self._off_line, 0.0, self.d["image_lines"], point, 1e-12, 1e-15)
             return line, self.window(self.line_time(line), point)[1]
         if "PUSH_FRAME" in kind:
-            seen = []
-            for k in range(self.framelets):
-                within, sample = self.window(self.framelet_time(k), point)
-                if self.d["framelets_flipped"]:
-                    within = self.framelet_lines - within
-                off = abs(within - self.framelet_lines / 2)
-                seen.append((off, k * self.framelet_lines + within, sample))
-            return min(seen)[1:]
+            rough = [
+                abs(self.window(self.framelet_time(k), point, lens=False)[0])
+                for k in range(self.framelets)
+            ]
+            return min(self._in_framelet(k, point) for k in np.argsort(rough)[:9])[1:]
         return self.window(0.0, point)
 
 
