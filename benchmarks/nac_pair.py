@@ -31,6 +31,7 @@ from lcp_catalog.photo_file import open_photo
 from lcp_catalog.raster_out import geotiff
 from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.request import Request, SunChoice
+from lcp_catalog.sphere import azimuth_elevation
 from lcp_catalog.terraces import bending, smooth_terraces
 from lcp_catalog.windows import WindowComparison, compare
 
@@ -40,7 +41,10 @@ GSD_M = 2.0
 PIT_MARGIN_M = 20.0
 """Ground so near the hole is left out of the registration: both files have the same hole, which would be found and not the ground."""
 
-REACH_M, PATCH, PATCH_STEP, PATCH_LEAST = 12.0, 32, 16, 0.5
+REACH_M = 12.0
+OVERLAP = 4.0
+"""Windows lie half a side apart: so many cover every node, and are not independent."""
+
 BANDS_M = ((4, 8), (8, 16), (16, 32), (32, 64), (64, 128))
 MODELS = ("lunar-lambert", "hapke", "lommel-seeliger")
 
@@ -111,40 +115,60 @@ def highest(scores: np.ndarray, step_m: float) -> np.ndarray:
     return (np.clip(at, -1, 1) + [j - cols // 2, i - rows // 2]) * step_m
 
 
-def whole_offset(photo: Photo, ground: Ground, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Where the image's ground lies (east, north, metres) by the highest correlation of the whole, and all
-    correlations: the map is moved, and read anew.
-    """
-    steps = np.arange(-REACH_M, REACH_M + 1.0, GSD_M)
-    keep = far_from_hole(ground, on_ground(photo, ground.nodes)[1])
-    render = passed(ground.radiance, band)
-    scores = np.zeros((len(steps), len(steps)))
-    for i, north in enumerate(steps):
-        for j, east in enumerate(steps):
-            moved = photo.with_sensor(photo.sensor.moved((east, north)))
-            image, weight = on_ground(moved, ground.nodes)
-            use = keep & (weight > 0.9)
-            scores[i, j] = correlation(passed(image, band)[use], render[use])
-    return highest(scores, GSD_M), scores
-
-
-def patch_offsets(image: np.ndarray, ground: Ground, keep: np.ndarray) -> np.ndarray:
-    """(n, 3): by how many metres (east, north) the image's ground lies off in patches, and the correlation there."""
+def window_scores(image: np.ndarray, ground: Ground, keep: np.ndarray, side: int) -> np.ndarray:
+    """(n, shifts, shifts): correlations of windows of the render with the image around them, those without a hole."""
     found = []
     reach = round(REACH_M / GSD_M)
     rows, cols = image.shape
     image = np.where(np.isfinite(image), image, np.nanmean(image)).astype(np.float32)
     render = np.nan_to_num(ground.radiance).astype(np.float32)
-    for row in range(reach, rows - PATCH - reach, PATCH_STEP):
-        for col in range(reach, cols - PATCH - reach, PATCH_STEP):
-            if not keep[row : row + PATCH, col : col + PATCH].all():
-                continue
-            around = image[row - reach : row + PATCH + reach, col - reach : col + PATCH + reach]
-            patch = render[row : row + PATCH, col : col + PATCH]
-            scores = cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED)
-            right, down = highest(scores, GSD_M)
-            found.append((-right, down, scores.max()))  # seen right of there: lies west of there
+    for row in range(reach, rows - side - reach, side // 2):
+        for col in range(reach, cols - side - reach, side // 2):
+            if keep[row : row + side, col : col + side].all():
+                around = image[row - reach : row + side + reach, col - reach : col + side + reach]
+                window = render[row : row + side, col : col + side]
+                found.append(cv2.matchTemplate(around, window, cv2.TM_CCOEFF_NORMED))
     return np.array(found)
+
+
+def offset_of(scores: np.ndarray) -> np.ndarray:
+    """By how many metres (east, north) the image's ground lies from where its map puts it: where the windows correlate best on
+    average. What is seen right of and below its place lies west and north of where the map has it.
+    """
+    right, down = highest(scores.mean(axis=0), GSD_M)
+    return np.array([-right, down])
+
+
+def offset_and_sigma(scores: np.ndarray, draws: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """The offset, and its standard deviation over windows drawn anew (bootstrap)."""
+    rng = np.random.default_rng(0)
+    again = [offset_of(scores[rng.integers(0, len(scores), len(scores))]) for _ in range(draws)]
+    return offset_of(scores), np.nanstd(again, axis=0) * np.sqrt(OVERLAP)
+
+
+def hole_offset(folder: Path) -> tuple[np.ndarray, np.ndarray, float]:
+    """Least and greatest (east, north), metres, by which the orthoimage may be moved so that its hole covers the DTM's
+    as well as it can, and how well (shared area over joint area).
+    """
+    with rasterio.open(folder / "tranqpit1_dtm_2m.tif") as file:
+        coarse, corner = file.read(1) == file.nodata, (file.transform.c, file.transform.f)
+    with rasterio.open(folder / "tranqpit1_ortho_M152662021_0p5m.tif") as file:
+        fine, fine_corner = file.read(1) == 0, (file.transform.c, file.transform.f)
+    fine = np.kron(fine, np.ones((2, 2), bool))
+    coarse = np.kron(coarse, np.ones((8, 8), bool))
+    right, down = (fine_corner[0] - corner[0]) / 0.25, (corner[1] - fine_corner[1]) / 0.25
+    padded = np.zeros((coarse.shape[0] + 64, coarse.shape[1] + 64), bool)
+    padded[32:-32, 32:-32] = coarse
+    best: dict[tuple[float, float], float] = {}
+    for north in range(-16, 17):
+        for east in range(-16, 17):
+            row, col = 32 + round(down) - north, 32 + round(right) + east
+            under = padded[row : row + fine.shape[0], col : col + fine.shape[1]]
+            shared = float((under & fine).sum())
+            best[0.25 * east, 0.25 * north] = shared / (coarse.sum() + fine.sum() - shared)
+    top = max(best.values())
+    places = np.array([place for place, value in best.items() if value > top - 1e-6])
+    return places.min(axis=0), places.max(axis=0), top
 
 
 # -- what limits it
@@ -176,7 +200,9 @@ def at_scale(values: np.ndarray, there: np.ndarray, factor: int) -> np.ndarray:
 
 def windows(image: np.ndarray, ground: Ground, there: np.ndarray, factor: int) -> WindowComparison:
     return compare(
-        at_scale(image, there, factor), at_scale(ground.radiance, there, factor), gsd_m=GSD_M * factor
+        at_scale(image, there, factor),
+        at_scale(ground.radiance, there, factor),
+        gsd_m=GSD_M * factor,
     )
 
 
@@ -196,7 +222,9 @@ def picture(path: Path, *values: np.ndarray) -> None:
     for one in values:
         low, high = np.nanpercentile(one, [1, 99])
         grey.append(np.nan_to_num(np.clip((one - low) / (high - low), 0, 1) * 255).astype(np.uint8))
-    cv2.imwrite(str(path), cv2.resize(np.hstack(grey), None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST))
+    cv2.imwrite(
+        str(path), cv2.resize(np.hstack(grey), None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
+    )
 
 
 def main() -> None:
@@ -222,33 +250,59 @@ def main() -> None:
         f"{np.sqrt(np.nanmean((smoothed.heights_m - heights) ** 2)):.3f} m",
         "",
     ]
-    lines += registration(photo, grounds)
+    lines += registration(folder, photo, grounds)
+    lines += suns(photo, files["steps smoothed"], grounds["steps smoothed"].scene)
     lines += window_tables(photo, grounds, out)
     lines += limits(photo, grounds, out, like)
     (out / "tables.md").write_text("\n".join(lines) + "\n")
     sys.stdout.write("\n".join(lines) + "\n")
 
 
-def registration(photo: Photo, grounds: dict[str, Ground]) -> list[str]:
-    lines = ["## Registration", "", "| surface | how | east, m | north, m | spread, m | correlation |", "| --- | --- | --- | --- | --- | --- |"]
+def registration(folder: Path, photo: Photo, grounds: dict[str, Ground]) -> list[str]:
+    lines = [
+        "## Registration", "",
+        "| surface | windows, m | count | waves, m | east, m | north, m | mean correlation there |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]  # fmt: skip
     for name, ground in grounds.items():
         image, weight = on_ground(photo, ground.nodes)
         keep = far_from_hole(ground, weight)
-        for band in (None, (8, 64)):
-            at, scores = whole_offset(photo, ground, band)
-            how = "whole" if band is None else f"whole, waves of {band[0]}-{band[1]} m"
-            lines.append(f"| {name} | {how} | {at[0]:+.2f} | {at[1]:+.2f} | | {scores.max():.2f} |")
-        patches = patch_offsets(image, ground, keep)
-        for least in (0.3, PATCH_LEAST, 0.6):
-            good = patches[(patches[:, 2] >= least) & np.isfinite(patches[:, 0])]
-            if len(good) < 3:
-                continue
-            middle = np.median(good[:, :2], axis=0)
-            spread = 1.4826 * np.median(np.abs(good[:, :2] - middle))
+        for side, band in ((16, None), (32, None), (48, None), (32, (8, 64))):
+            filtered = replace(ground, radiance=passed(ground.radiance, band))
+            scores = window_scores(passed(image, band), filtered, keep, side)
+            at, sigma = offset_and_sigma(scores)
             lines.append(
-                f"| {name} | {len(good)} of {len(patches)} patches above {least:g} | {middle[0]:+.2f} | {middle[1]:+.2f} "
-                f"| {spread:.2f} | {np.median(good[:, 2]):.2f} |"
+                f"| {name} | {side * GSD_M:g} | {len(scores)} | {band_name(band)} | {at[0]:+.2f} +- {sigma[0]:.2f} "
+                f"| {at[1]:+.2f} +- {sigma[1]:.2f} | {scores.mean(axis=0).max():.2f} |"
             )
+    low, high, shared = hole_offset(folder)
+    lines.append(
+        f"| the hole's outline | | | | {low[0]:+.2f} to {high[0]:+.2f} | {low[1]:+.2f} to {high[1]:+.2f} | ({shared:.3f} shared) |"
+    )
+    return [*lines, ""]
+
+
+def band_name(band: tuple[float, float] | None) -> str:
+    return "all" if band is None else f"{band[0]}-{band[1]}"
+
+
+def suns(photo: Photo, dem: Path, scene: Scene) -> list[str]:
+    """Mean correlation of windows of 64 m under Suns of the same height and other azimuths: albedo does not mind, shading does."""
+    azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
+    lines = [
+        f"## The Sun's azimuth (true: {azimuth:.1f} deg, {elevation:.1f} deg high)",
+        "",
+        "| turned by, deg | mean correlation of windows of 64 m |",
+        "| --- | --- |",
+    ]
+    for turn in (0, 20, -20, 45, -45, 90, -90, 180):
+        ground = Ground.of(
+            dem, SunChoice(azimuth_deg=(azimuth + turn) % 360.0, elevation_deg=elevation)
+        )
+        image, weight = on_ground(photo, ground.nodes)
+        scores = window_scores(image, ground, far_from_hole(ground, weight), 32)
+        middle = scores.shape[1] // 2
+        lines.append(f"| {turn:+d} | {scores[:, middle, middle].mean():.3f} |")
     return [*lines, ""]
 
 
@@ -260,7 +314,9 @@ def window_tables(photo: Photo, grounds: dict[str, Ground], out: Path) -> list[s
     for name, ground in grounds.items():
         image, weight = on_ground(photo, ground.nodes)
         there = np.isfinite(ground.radiance) & (weight > 0.5)
-        lines += [histogram_row(name, windows(image, ground, there, factor)) for factor in (1, 2, 4)]
+        lines += [
+            histogram_row(name, windows(image, ground, there, factor)) for factor in (1, 2, 4)
+        ]
         picture(out / f"{name.replace(' ', '_')}.png", image, ground.radiance)
     for model in MODELS[1:]:
         path = out / "dtm.tif"
@@ -275,14 +331,19 @@ def limits(photo: Photo, grounds: dict[str, Ground], out: Path, like: list[objec
     ground = grounds["steps smoothed"]
     image, weight = on_ground(photo, ground.nodes)
     keep = far_from_hole(ground, weight)
-    lines = ["## By wavelength, away from the hole", "", "| waves, m | image's contrast | render's contrast | correlation, steps | correlation, smoothed | steps' own loss |", "| --- | --- | --- | --- | --- | --- |"]
+    lines = [
+        "## By wavelength, away from the hole",
+        "",
+        "| waves, m | image's contrast | render's contrast | correlation, steps | correlation, smoothed | steps' own loss |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
     true = ground.radiance
     again = ground_of_requantised(ground, out, like)
     for band in (*BANDS_M, None):
         values = {name: passed(g.radiance, band)[keep] for name, g in grounds.items()}
         seen = passed(image, band)[keep]
         lines.append(
-            f"| {'all' if band is None else f'{band[0]}-{band[1]}'} | {seen.std() / image[keep].mean():.3f} "
+            f"| {band_name(band)} | {seen.std() / image[keep].mean():.3f} "
             f"| {values['steps smoothed'].std() / true[keep].mean():.3f} | {correlation(seen, values['steps as they came']):.2f} "
             f"| {correlation(seen, values['steps smoothed']):.2f} | {1 - correlation(passed(again, band)[keep], passed(true, band)[keep]):.3f} |"
         )
@@ -290,7 +351,7 @@ def limits(photo: Photo, grounds: dict[str, Ground], out: Path, like: list[objec
 
 
 def ground_of_requantised(ground: Ground, out: Path, like: list[object]) -> np.ndarray:
-    """The smoothed surface taken for the truth, made rougher as the Moon is, rounded to the same steps shifted by half of one, smoothed again and rendered: what
+    """The smoothed surface taken for the truth, rounded to steps that lie a quarter of one elsewhere, smoothed again and rendered: what
     rounding costs.
     """
     with rasterio.open(out / "dtm.tif") as file:

@@ -257,7 +257,9 @@ def _pair(
         radiance = radiance * np.nan_to_num(catalog.albedo[row], nan=1.0)
     ortho = orthorectify(photo, nodes_mcmf(catalog, [row])[0], shot.visible)
     how: dict[str, Any] = {"gsd_m": terrain.field.gsd_m, "target_m": target_m}
-    return paired(ortho.signal, radiance, ortho.weight, **how)
+    pair = paired(ortho.signal, radiance, ortho.weight, **how)
+    whole = np.ones(radiance.shape)  # a patch's own edge is no gap in it
+    return replace(pair, weight=pair.weight / paired(whole, whole, whole, **how).weight)
 
 
 def _beyond_image(view: View) -> View:

@@ -29,6 +29,7 @@ _MEAN_EARTH = {31001, 31003, 31005, 31007, 31009}
 _RADIUS_TOLERANCE = 0.01
 _UNIT_TOLERANCE = 1e-3
 _UNITS_M = {"m": 1.0, "km": 1000.0}
+_VELOCITY_SHARE, _VELOCITY_M = 0.1, 1.0
 _SPARE = 0.02
 """Of the time that an image takes: so far, and one step more, a table may fall short of it."""
 
@@ -124,7 +125,15 @@ class Tables:
         positions = unit * self.fields.numbers(f"{table}.positions", shape)
         if not self.fields.find(f"{table}.velocities"):
             return Track(times, positions)
-        return Track(times, positions, unit * self.fields.numbers(f"{table}.velocities", shape))
+        velocities = unit * self.fields.numbers(f"{table}.velocities", shape)
+        if not _fit(times, positions, velocities):
+            _log.warning(
+                "%s: %s.velocities do not fit the positions and are left aside",
+                self.fields.name,
+                table,
+            )
+            return Track(times, positions)
+        return Track(times, positions, velocities)
 
     def _turning(self, table: str) -> Turning:
         times = self._times(table)
@@ -159,3 +168,14 @@ class Tables:
                 f"{table}.reference_frame", f"is {frame}: neither J2000 (1) nor the body's"
             )
         return frame != _INERTIAL
+
+
+def _fit(times: Array, positions: Array, velocities: Array) -> bool:
+    """Whether velocities are those at which positions change, to a part: not in other units, and not of something else."""
+    steps = np.diff(times)[:, None]
+    run = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    mean = 0.5 * np.linalg.norm((velocities[1:] + velocities[:-1]) * steps, axis=1)
+    off = np.linalg.norm(
+        np.diff(positions, axis=0) - 0.5 * steps * (velocities[1:] + velocities[:-1]), axis=1
+    )
+    return bool((off <= _VELOCITY_SHARE * np.maximum(run, mean) + _VELOCITY_M).all())

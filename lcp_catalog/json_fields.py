@@ -45,8 +45,9 @@ class JsonFields:
 
     def numbers(self, path: str, shape: tuple[int | None, ...]) -> Array:
         """Finite numbers of a shape; None is any length but 0."""
+        stated = self.need(path)
         try:
-            values = np.array(self.need(path), dtype=np.float64)
+            values = np.array(stated, dtype=np.float64)
         except (TypeError, ValueError):
             self.refuse(path, "is not made of numbers")
         fits = len(values.shape) == len(shape) and all(

@@ -146,11 +146,15 @@ class UsgsRadial(_Unfolded):
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Up to the ideal radius that the turn of the polynomial stands for."""
-        turn2 = first_root(1 - self.k0, -3 * self.k1, -5 * self.k2)
-        if math.isinf(turn2):
-            return super().within(x, y)
-        kept = 1 - (self.k0 + turn2 * (self.k1 + turn2 * self.k2))
-        return np.asarray(x * x + y * y <= turn2 * kept * kept)
+        return np.asarray(x * x + y * y <= _ideal_turn2(1 - self.k0, -self.k1, -self.k2))
+
+
+def _ideal_turn2(*k: float) -> float:
+    """Squared ideal radius r (k0 + k1 r^2 + k2 r^4 ...) at which it stops to grow with the landed r; infinite if it never does."""
+    turn2 = first_root(*((2 * i + 1) * number for i, number in enumerate(k)))
+    if math.isinf(turn2):
+        return turn2
+    return turn2 * sum(number * turn2**i for i, number in enumerate(k)) ** 2
 
 
 @dataclass(frozen=True)
@@ -222,6 +226,10 @@ class Photometrix(_Unfolded):
     def distort(self, x: Array, y: Array) -> Pair:
         return undone(self.undistort, x, y)
 
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to where its radial part turns back."""
+        return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
+
 
 @dataclass(frozen=True)
 class BrownConrady(_Unfolded):
@@ -249,6 +257,10 @@ class BrownConrady(_Unfolded):
 
     def distort(self, x: Array, y: Array) -> Pair:
         return undone(self.undistort, x, y)
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to where its radial part turns back."""
+        return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
 
 
 Square = tuple[tuple[float, float], tuple[float, float]]

@@ -1,12 +1,15 @@
 """Does the Sun that was stated explain an image better than other Suns would?
 
-A patch rendered under a wrong Sun still correlates with the image, but shifted, and shifted alike everywhere: matches agree with each
-other on a place that is wrong. So the points that agree are rendered again under Suns turned about the vertical and raised or
-lowered, and correlated near where they were found. docs/pose.md measures what a wrong Sun does, and what this finds.
+A patch rendered under a wrong Sun still correlates with the image, but less, and it may be found shifted, alike everywhere: matches can
+agree with each other on a place that is wrong. So the points that agree are rendered again under Suns turned about the vertical and
+raised or lowered, and correlated near where they were found. With z = artanh(correlation) (Fisher 1921), nearly normal whatever the
+correlation, another Sun fits better when most points say so: more than half of them by twice the binomial's sigma, and by a median gain
+in z that matters. docs/pose.md has what a wrong Sun does, and what this finds.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,43 +23,60 @@ from .reflectance import Reflectance
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-TURNS_DEG = ((0.0, 0.0), (-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
-"""Suns that are tried: by how much the azimuth is turned and the elevation raised; the stated one first."""
+TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
+"""Suns that are tried: by how much the azimuth is turned and the elevation raised."""
 
-CLEARLY = 0.02
-"""A median correlation that is higher by this says that a Sun fits better; docs/pose.md."""
+LEAST_GAIN = 0.03
+"""In the median of z. Suns that differ by less cannot be told apart by an imperfect law of reflection."""
+
+SIGMAS = 2.0
 
 _REACH_PX = 3.0
 _MOST = 100
+_FEWEST = 5
 
 
 @dataclass(frozen=True)
 class LightCheck:
-    """Median correlation under each of `TURNS_DEG`; NaN where too few points could be compared."""
+    """How the points correlate under the stated Sun, and under others (m)."""
 
-    turns_deg: tuple[tuple[float, float], ...]
-    correlation: tuple[float, ...]
+    points: int
+    independent: float  # as many points that share no ground
+    correlation: float  # median, under the stated Sun
+    turns_deg: tuple[tuple[float, float], ...]  # (m) azimuth, elevation
+    correlations: tuple[float, ...]  # (m) medians
+    gains: tuple[float, ...]  # (m) median of z less z under the stated Sun
+    shares: tuple[float, ...]  # (m) of the points that prefer it
 
     @property
-    def best(self) -> int:
-        """Which Sun fits best; 0, the stated one, unless another is clearly better."""
-        gain = np.nan_to_num(np.array(self.correlation) - self.correlation[0], nan=-np.inf)
-        top = int(np.argmax(gain))
-        return top if gain[top] > CLEARLY else 0
+    def better(self) -> tuple[int, ...]:
+        """Which of the others fit clearly better, the best first."""
+        if self.points < _FEWEST:
+            return ()
+        most = 0.5 + SIGMAS * 0.5 / math.sqrt(self.independent)
+        clear = [
+            k
+            for k, (gain, share) in enumerate(zip(self.gains, self.shares, strict=True))
+            if gain > LEAST_GAIN and share > most
+        ]
+        return tuple(sorted(clear, key=lambda k: -self.gains[k]))
 
     @property
     def fits(self) -> bool:
         """Whether no other Sun fits clearly better."""
-        return self.best == 0
+        return not self.better
 
     @property
     def complaint(self) -> str:
-        """One line on a Sun that does not fit."""
-        turn, up = self.turns_deg[self.best]
+        """One line on a Sun that does not fit; empty for one that does."""
+        if self.fits:
+            return ""
+        best = self.better[0]
+        turn, up = self.turns_deg[best]
         how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
         return (
-            f"the stated Sun does not fit the image: one {how} gives a median correlation of "
-            f"{self.correlation[self.best]:.2f}, not {self.correlation[0]:.2f}"
+            f"the stated Sun does not fit the image: {self.shares[best]:.0%} of {self.points} points "
+            f"correlate better under one {how}"
         )
 
 
@@ -67,44 +87,53 @@ def check_light(
     points: Index,
     offset_px: Array,
     criteria: Criteria,
+    independent_share: float = 1.0,
     reach_px: float = _REACH_PX,
 ) -> LightCheck:
     """Points (rows (n,) of the catalogue) that were found ``offset_px`` (n, 2) from where the photograph's sensor has them, looked for
-    again within ``reach_px`` of there under each Sun.
+    again within ``reach_px`` of there under each Sun; pixels of the image as it came, one point at least.
     """
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST)).round().astype(int))
-    rows = points[some]
-    tried = []
-    for turn_deg, raise_deg in TURNS_DEG:
-        lit = with_sun(catalog, photo, rows, turn_deg, raise_deg)
+    rows, offset = points[some], offset_px[some]
+
+    def under(turn_deg: float, raise_deg: float) -> Array:
+        lit = with_sun(photo, catalog.position_mcmf[rows], turn_deg, raise_deg)
         found = match(
-            catalog, lit, model, reach_px, points=rows, offset_px=offset_px[some], criteria=criteria
+            catalog, lit, model, reach_px, points=rows, offset_px=offset, criteria=criteria
         )
-        tried.append(found.correlation)
-    table = np.array(tried)  # (Suns, points)
-    return LightCheck(TURNS_DEG, tuple(_medians(table)))
+        # what a Sun leaves in the dark does not correlate
+        return np.nan_to_num(found.correlation)
+
+    stated = under(0.0, 0.0)
+    others = np.array([under(*turn) for turn in TURNS_DEG])
+    gain = np.arctanh(np.clip(others, -0.999, 0.999)) - np.arctanh(np.clip(stated, -0.999, 0.999))
+    figures = (np.median(others, axis=1), np.median(gain, axis=1), (gain > 0.0).mean(axis=1))
+    correlations, gains, shares = (tuple(values.tolist()) for values in figures)
+    return LightCheck(
+        points=len(rows),
+        independent=max(1.0, len(rows) * independent_share),
+        correlation=float(np.median(stated)),
+        turns_deg=TURNS_DEG,
+        correlations=correlations,
+        gains=gains,
+        shares=shares,
+    )
 
 
-def _medians(table: Array) -> list[float]:
-    """Median over the points that were compared under the stated Sun; what a Sun leaves in the dark correlates 0."""
-    known = table[:, np.isfinite(table[0])]
-    if known.shape[1] < 3:
-        return [float("nan")] * len(table)
-    return [float(v) for v in np.median(np.nan_to_num(known), axis=1)]
-
-
-def with_sun(
-    catalog: Catalog, photo: Photo, points: Index, turn_deg: float, raise_deg: float
-) -> Photo:
-    """The photograph as if its Sun stood elsewhere: turned clockwise about the vertical at the middle of the points, and raised."""
-    middle = catalog.position_mcmf[points].mean(axis=0)
+def with_sun(photo: Photo, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Photo:
+    """The photograph as if its Sun stood elsewhere: turned clockwise about the vertical at the middle of some ground (n, 3), and
+    raised. A Sun that is not moved stays what it was; one never goes below 1 or above 89 degrees.
+    """
+    if not (turn_deg or raise_deg) or not len(ground_mcmf_m):
+        return photo
+    middle = np.asarray(ground_mcmf_m).mean(axis=0)
     up = middle / np.linalg.norm(middle)
     sun = photo.sun_directions(middle)
-    height = np.arcsin(np.clip(sun @ up, -1.0, 1.0))
+    height = math.asin(float(np.clip(sun @ up, -1.0, 1.0)))
     level = sun - (sun @ up) * up
     level /= np.linalg.norm(level)
-    turn = np.radians(turn_deg)
-    level = np.cos(turn) * level - np.sin(turn) * np.cross(up, level)
-    height = np.clip(height + np.radians(raise_deg), np.radians(1.0), np.radians(89.0))
-    direction = np.cos(height) * level + np.sin(height) * up
+    turn = math.radians(turn_deg)
+    level = math.cos(turn) * level - math.sin(turn) * np.cross(up, level)
+    height = min(max(height + math.radians(raise_deg), math.radians(1.0)), math.radians(89.0))
+    direction = math.cos(height) * level + math.sin(height) * up
     return replace(photo, sun_position_mcmf_m=None, sun_direction_mcmf=direction)

@@ -68,6 +68,7 @@ class Options:
     passes: int = 4
     most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given
     check_light: bool = True
+    light_reach_px: float = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +178,7 @@ class _Search:
         options, far = self.options, float(np.median(area.reach_px))
         if far > options.most_reach_px * self.factor:
             least = options.least_reach_px * self.factor
-            area, chance = narrowed(
+            area, chance, slack = narrowed(
                 area,
                 self.catalog,
                 self.working,
@@ -187,6 +188,12 @@ class _Search:
                 options.sigmas,
                 least,
             )
+            if slack > self.width_px(area.points):
+                reason = (
+                    f"the stated uncertainty turns and scales the image by {slack:.0f} px: "
+                    "too much to be searched; state a smaller one"
+                )
+                return Located(CANNOT_SAY, reason, self.unmatched(area.points))
             if chance > SIGNIFICANT:
                 reason = f"of {len(area)} points in view no shift within {far:.0f} px shows more than chance"
                 return Located(NOT_HERE, reason, self.unmatched(area.points))
@@ -216,9 +223,8 @@ class _Search:
         found = np.where(matches.found[:, None], matches.found_px, np.nan)
         return self.catalog.position_mcmf[matches.point], found, matches.covariance_px2
 
-    def width_px(self, matches: Matches) -> float:
-        """Side of a patch in the image, the median."""
-        rows = matches.point
+    def width_px(self, rows: Index) -> float:
+        """Side of a patch in the image, the median of some points'."""
         ground = pixel_size_m(self.photo.sensor, self.catalog.position_mcmf[rows])
         return float(np.nanmedian(self.catalog.gsd[rows] * (self.catalog.patch_nodes - 1) / ground))
 
@@ -229,7 +235,7 @@ class _Search:
             self.uncertainty,
             area.reach_px,
             tolerance_px=self.tolerance_px,
-            width_px=self.width_px(matches),
+            width_px=self.width_px(matches.point),
         )
         return replace(found, log10_false_alarms=found.log10_false_alarms + area.log10_places)
 
@@ -254,7 +260,7 @@ class _Search:
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
         """Solved from those that agree with a pose, and again, until nobody changes sides; the others are inconsistent."""
         ground, found, covariance = self.places(matches)
-        width = self.width_px(matches)
+        width = self.width_px(matches.point)
 
         def who(sensor: Sensor) -> Mask:
             return agreeing(sensor, ground, found, covariance, self.tolerance_px)
@@ -320,7 +326,14 @@ class _Search:
         rows = matches.point[pose.used]
         offset = matches.found_px[pose.used] - pose.sensor.project(self.catalog.position_mcmf[rows])
         return check_light(
-            self.catalog, self.corrected(pose), self.model, rows, offset, self.options.criteria
+            self.catalog,
+            self.corrected(pose),
+            self.model,
+            rows,
+            offset,
+            self.options.criteria,
+            1.0 / pose.overlap,
+            self.options.light_reach_px * self.factor,
         )
 
 

@@ -20,7 +20,10 @@ from .matches import FOUND
 Array = NDArray[np.float64]
 
 CANVAS = 960.0
-"""Width of a drawing over an image, in its own units."""
+"""Width of a drawing over an image, in its own units; less for one that would be higher than `TALLEST` times that."""
+
+TALLEST, NARROWEST = 1.5, 480.0
+"""Strips of scanners are drawn no higher than so many `CANVAS`, on a ground no narrower than this: it holds a line of text."""
 
 SYMBOLS = {
     FOUND: ("M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0 -9 0Z", "found"),
@@ -45,7 +48,7 @@ ERROR_CLASSES = ((1.0, "within1"), (2.0, "within2"), (3.0, "within3"), (math.inf
 
 @dataclass(frozen=True)
 class Frame:
-    """An image of ``width`` x ``height`` pixels drawn `CANVAS` wide; pixel (0, 0) has its centre half a pixel from the corner."""
+    """An image of ``width`` x ``height`` pixels in a drawing; pixel (0, 0) has its centre half a pixel from the corner."""
 
     width: float
     height: float
@@ -53,7 +56,7 @@ class Frame:
     @property
     def scale(self) -> float:
         """Units of the drawing in a pixel."""
-        return CANVAS / self.width
+        return CANVAS / max(self.width, self.height / TALLEST)
 
     def at(self, pixels: ArrayLike) -> Array:
         """Where pixels (..., 2), (column, row), are drawn."""
@@ -66,15 +69,17 @@ class Frame:
 
     def drawing(self, inside: str, label: str, below: float = 0.0) -> str:
         """A whole SVG around markup, with room below the image."""
-        height = self.height * self.scale
+        width, height = self.width * self.scale, self.height * self.scale
+        wide = max(width, NARROWEST)
         return (
-            f'<svg class="over" viewBox="0 0 {CANVAS:g} {height + below:.1f}" role="img" aria-label="{escape(label)}">'
-            f'{inside}<rect class="edge" width="{CANVAS:g}" height="{height:.1f}"/></svg>'
+            f'<svg class="over" style="max-width:{wide:.0f}px" viewBox="0 0 {wide:.1f} {height + below:.1f}" role="img" '
+            f'aria-label="{escape(label)}">{inside}<rect class="edge" width="{width:.1f}" height="{height:.1f}"/></svg>'
         )
 
     def picture(self, address: str) -> str:
         """A picture that fills the image's extent."""
-        return f'<image href="{address}" width="{CANVAS:g}" height="{self.height * self.scale:.1f}" preserveAspectRatio="none"/>'
+        size = f'width="{self.width * self.scale:.1f}" height="{self.height * self.scale:.1f}"'
+        return f'<image href="{address}" {size} preserveAspectRatio="none"/>'
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,6 @@ Mask = NDArray[np.bool_]
 
 log = logging.getLogger(__name__)
 
-DARK_WEIGHT = 0.5
-"""What a pixel is worth whose darkness was clipped. That it is dark is known and agrees with a render's shadow; how dark, and so
-all that lies in it, is not. docs/images-in.md measures what the figure does.
-"""
-
 SUNS_DIFFER_DEG = 1.0
 """Two statements of an image's Sun that differ by more are worth a warning."""
 
@@ -117,7 +112,11 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: PhotoOptions) ->
 
 
 def _pixels(image: ImagePixels, codes: Codes, on_map: bool) -> _Pixels:
-    """Signal and weights; ImageError for an image without anything in it."""
+    """Signal and weights; ImageError for an image without anything in it.
+
+    What is too dark for the file gets the darkest value that it could say, and counts like any other: it is known to be dark, as a
+    render's shadow is. To weigh it less loses points (docs/images-in.md). What is too bright could be anything.
+    """
     samples = image.samples
     kinds = _kinds(image, codes)
     valid = image.valid & ~kinds.missing
@@ -125,19 +124,15 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool) -> _Pixels:
     if not plain.any():
         raise ImageError(f"{image.path}: has no valid pixel")
     low, high = ends(samples, plain)
-    dark, bright = (
-        special if end is None else special | (plain & (samples == end))
-        for special, end in ((kinds.low, low), (kinds.high, high))
-    )
+    bright = kinds.high if high is None else kinds.high | (plain & (samples == high))
     if on_map and low is not None and not image.states_nodata:
-        filler = touching_edge(plain & (samples == low))  # where the image ends before its map
-        valid, dark = valid & ~filler, dark & ~filler
+        valid &= ~touching_edge(plain & (samples == low))  # where the image ends before its map
     _require_something(image, samples[plain & valid])
     with np.errstate(over="ignore", invalid="ignore"):  # special floats are the largest there are
         signal = (samples * image.scale + image.offset).astype(np.float32)
-    signal[kinds.low & valid] = signal[plain & valid].min()  # no brighter than the darkest
+    signal[kinds.low & valid] = signal[plain & valid].min()
     signal[~valid | bright] = np.nan
-    weight = np.where(valid & ~bright, np.where(dark, DARK_WEIGHT, 1.0), 0.0).astype(np.float32)
+    weight = (valid & ~bright).astype(np.float32)
     return _Pixels(signal, weight, float((bright & valid).mean()), float((~valid).mean()))
 
 

@@ -50,7 +50,7 @@ def _along_rows(values: NDArray[np.generic], count: int) -> Array:
     edges = np.linspace(0.0, rows, count + 1)
     first = edges[:-1].astype(np.int64)
     total = np.add.reduceat(values, first, axis=0, dtype=np.float64)
-    before = values[first] * (edges[:-1] - first)[:, None]
+    before = np.asarray(values[first], dtype=np.float64) * (edges[:-1] - first)[:, None]
     total -= before
     total[:-1] += before[1:]
     return total * (count / rows)
@@ -80,7 +80,8 @@ class Pictures:
     """What is shown of an image; None for what there is not. Values may have any gain and offset, NaN where there are none.
 
     ``photo`` (rows, cols) has blocks of ``photo_factor`` x ``photo_factor`` pixels of the image as it came; ``ground_image`` and
-    ``ground_render`` are on the grid of the windows.
+    ``ground_render`` (rows, cols) are on the grid of the windows; where patches were compared they are (k, rows, cols), and
+    the windows say which.
     """
 
     photo: NDArray[Any] | None = None

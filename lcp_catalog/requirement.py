@@ -32,6 +32,8 @@ NUMBERS = (
     "pose.normalised_error",
     "log10_false_alarms",
     "log10_false_alarms_rival",
+    "light.points",
+    "light.correlation",
     "pixel_m",
     "sun.azimuth_deg",
     "sun.elevation_deg",

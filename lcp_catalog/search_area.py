@@ -86,14 +86,14 @@ def narrowed(
     model: Reflectance,
     sigmas: float,
     least_px: float,
-) -> tuple[SearchArea, float]:
-    """The area once the offset of the whole image is known, and log10 of how often chance would show one as clear; the area as it
-    was, and 0, where no point can be looked at. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
+) -> tuple[SearchArea, float, float]:
+    """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how far, in pixels,
+    single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and 0, where no point can be looked at. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     slope = jacobian(sensor, catalog.position_mcmf[area.points])
     common = slope.mean(axis=0)
-    slack = 0.5 * float(np.median(_reach(slope - common, prior, 1.0, 0.0)))
+    slack = float(np.median(_reach(slope - common, prior, 1.0, 0.0)))
     shift = coarse_shift(
         catalog,
         photo,
@@ -103,7 +103,7 @@ def narrowed(
         slack_px=slack,
     )
     if shift is None:
-        return area, 0.0
+        return area, 0.0, slack
     noise = (_ROUGH * shift.precision_px) ** 2 * np.eye(2)
     gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)
     correction = gain @ np.array(shift.offset_px)
@@ -111,7 +111,7 @@ def narrowed(
     reach = np.minimum(_reach(slope, left, sigmas, least_px), area.reach_px)
     places = 2.0 * math.log10(float(np.median(area.reach_px)) / float(np.median(reach)))
     narrow = SearchArea(area.points, slope @ correction, reach, max(places, 0.0))
-    return narrow, shift.log10_false_alarms
+    return narrow, shift.log10_false_alarms, slack
 
 
 def _reach(slope: Array, covariance: Array, sigmas: float, least_px: float) -> Array:

@@ -142,10 +142,10 @@ def _light(check: LightCheck | None) -> str:
         return ""
     others = ", ".join(
         f"{number(value)} ({_turn(*turn)})"
-        for turn, value in zip(check.turns_deg[1:], check.correlation[1:], strict=True)
+        for turn, value in zip(check.turns_deg, check.correlations, strict=True)
     )
     says = "fits" if check.fits else "does not fit"
-    return f"{says}: median correlation {number(check.correlation[0])}; under other Suns {others}"
+    return f"{says}: median correlation {number(check.correlation)}; under other Suns {others}"
 
 
 def _turn(turned_deg: float, raised_deg: float) -> str:
@@ -191,7 +191,9 @@ background:var(--card);cursor:pointer;font-size:.9rem}
 .look>.to-blink:checked~.stack .image{z-index:1;background:var(--bg);animation:blink 1.4s step-end infinite}
 @keyframes blink{50%{opacity:0}}
 .look>.to-swipe:checked~.stack .image{z-index:1;background:var(--bg);clip-path:inset(0 calc(100% - var(--cut,50%)) 0 0)}
-.layer.image,.layer.render{border:0;margin:0}
+.pairs{display:grid;grid-template-columns:repeat(auto-fill,minmax(130px,1fr));gap:12px;margin-top:8px}
+.pairs div{display:grid;grid-template-columns:1fr 1fr;gap:2px}.pairs img{width:100%;aspect-ratio:1;background:var(--void)}
+.pairs figcaption{font-size:.74rem;overflow-wrap:anywhere}.layer.image,.layer.render{border:0;margin:0}
 .classes{display:flex;flex-wrap:wrap;gap:2px 18px;list-style:none;padding:0;margin:4px 0}
 .classes .within1{color:var(--good)}.classes .within3{color:var(--mid)}.classes .beyond3{color:var(--bad)}
 .tall{max-height:560px;overflow:auto}.sortable{font-size:.84rem;font-variant-numeric:tabular-nums}

@@ -104,8 +104,7 @@ class PoseFigures:
     @property
     def position_axes_m(self) -> Array:
         """1 sigma along the principal axes of the position's covariance, falling; 3 of a camera, 2 on a map."""
-        k = 2 if self.pose.sensor.corrections == ON_MAP else 3
-        variances = np.linalg.eigvalsh(self.pose.covariance[:k, :k])[::-1]
+        variances = np.linalg.eigvalsh(self.pose.covariance[:3, :3])[::-1]
         return np.sqrt(np.maximum(variances, 0.0))
 
     @property
@@ -180,9 +179,10 @@ class ImageVerdict:
 
     @cached_property
     def residual_px(self) -> Array:
-        """Found minus where the corrected sensor puts it, (n, 2); NaN for what was not found and without a pose."""
-        away = self.matches.found_px - self.points.corrected_px
-        return np.where(self.matches.found[:, None], away, np.nan)
+        """Found minus where the corrected sensor puts it, (n, 2), also of what was found and not believed; NaN for the rest, and
+        without a pose.
+        """
+        return np.asarray(self.matches.found_px - self.points.corrected_px)
 
     def figures(self) -> dict[str, Any]:
         """One entry of ``images`` in ``report.json``."""
@@ -286,15 +286,22 @@ def plain(value: Any) -> Any:
 
 
 def _light(check: LightCheck | None) -> dict[str, Any] | None:
-    """What the points say of the Sun: correlation as stated, and under Suns turned clockwise and raised."""
+    """What the points say of the Sun: as stated, and under Suns turned clockwise and raised."""
     if check is None:
         return None
-    tried = zip(check.turns_deg, check.correlation, strict=True)
+    tried = zip(check.turns_deg, check.correlations, check.shares, strict=True)
     return {
         "fits": check.fits,
-        "tried": [
-            {"turned_deg": turned, "raised_deg": raised, "correlation": value}
-            for (turned, raised), value in tried
+        "points": check.points,
+        "correlation": check.correlation,
+        "others": [
+            {
+                "turned_deg": turned,
+                "raised_deg": raised,
+                "correlation": value,
+                "preferred_share": share,
+            }
+            for (turned, raised), value, share in tried
         ],
     }
 

@@ -6,6 +6,7 @@ import math
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import match_charts, window_charts
 from .charts import data_uri, number
@@ -15,11 +16,16 @@ from .summary import percent
 from .verdict import ImageVerdict, WindowFigures
 from .windows import WindowComparison
 
+Array = NDArray[np.float64]
+
 ARROWS_MAX = 1200
 """Windows whose offsets are drawn; of more, every second, third ... one."""
 
 OFFSET_CORRELATION = 0.7
 """Windows below it say little of their offset, and are not drawn."""
+
+PAIRS_MAX, PAIR_PIXELS = 18, 16_384
+"""Patches that are shown where there is no DEM, and most pixels of each."""
 
 MODES = ("side by side", "image", "render", "blink", "swipe", "correlation")
 """Ways to look at the image, its render and their correlation; "swipe" needs a script and shows only with one."""
@@ -35,8 +41,11 @@ def windows_section(k: int, image: ImageVerdict, shown: Pictures) -> str:
         f"<figure>{window_charts.correlation_histogram(w)}"
         f"<figcaption>{_histogram_caption(image.windows)}</figcaption></figure>"
     )
-    if shown.ground_image is None or shown.ground_render is None or w.patch is not None:
+    if shown.ground_image is None or shown.ground_render is None:
         return title + histogram
+    if w.patch is not None:
+        pairs = _pairs(image.windows, shown.ground_image, shown.ground_render)
+        return f"{title}<div class='columns'>{histogram}{pairs}</div>"
     frame = Frame(*shown.ground_image.shape[::-1])
     photo, model = shrunk(shown.ground_image), shrunk(shown.ground_render)
     layers = {
@@ -74,6 +83,32 @@ def _switched(k: int, frame: Frame, layers: dict[str, str], name: str) -> str:
     )
     swipe = "<input type='range' class='swipe' min='0' max='100' value='50' aria-label='how much of the image is seen'>"
     return f"<div class='look' role='group' aria-label='ways to look'>{switches}{swipe}<div class='stack'>{shown}</div></div>"
+
+
+def _pairs(windows: WindowFigures, images: Array, renders: Array) -> str:
+    """Some patches (k, rows, cols), each as image and render: the worst, the middle, the best by their windows' median."""
+    w = windows.compared
+    assert w.patch is not None
+    patches = np.unique(w.patch)
+    medians = np.array([np.median(w.correlation[w.patch == k]) for k in patches])
+    order = np.argsort(medians, kind="stable")
+    some = np.unique(np.linspace(0, len(order) - 1, min(PAIRS_MAX, len(order))).round().astype(int))
+    drawn = []
+    for k, median in zip(patches[order[some]], medians[order[some]], strict=True):
+        name = "" if windows.point_id is None else str(windows.point_id[np.argmax(w.patch == k)])
+        photo, model = shrunk(images[k], PAIR_PIXELS), shrunk(renders[k], PAIR_PIXELS)
+        pair = (("image", grey(photo, model)), ("render", grey(model, photo)))
+        shown = "".join(
+            f"<img src='{data_uri(p)}' alt='{what} of patch {name}'>" for what, p in pair
+        )
+        drawn.append(
+            f"<figure><div>{shown}</div><figcaption>{median:.3f} {name}</figcaption></figure>"
+        )
+    text = (
+        f"{len(some)} of {len(order)} patches, from the worst to the best: image, render, the median correlation "
+        "of its windows, its point."
+    )
+    return f"<div><p class='file'>{text}</p><div class='pairs'>{''.join(drawn)}</div></div>"
 
 
 def _histogram_caption(windows: WindowFigures) -> str:

@@ -58,7 +58,7 @@ class Draw:
         0.25,
         2.0,
     )  # a pixel in the middle, in the catalogue's cells
-    size_px: int = 384
+    size_px: int = 512
 
 
 @dataclass(frozen=True)

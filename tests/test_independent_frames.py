@@ -35,7 +35,7 @@ from lcp_catalog.simulate import DemGround, frame
 LAW = reflectance_model("lommel-seeliger")
 PER_DEGREE = 64
 CELL_M = DEGREE_M / PER_DEGREE
-SIZE = 200
+SIZE = 140
 BLUR_PX = 0.5
 SHIFT_PX = 0.02
 """Two exact renders of one DEM may differ by the surface between its nodes, by noise of the rays, not by a place."""
@@ -97,7 +97,7 @@ def make_site(lon: float, lat: float, folder: Path) -> Site:
     heights = made.astype("f4")
     path = geotiff(folder / "dem.tif", heights, west * DEGREE_M, north * DEGREE_M, CELL_M)
     ground = Ground.of(path, lon, lat, 110e3)
-    step = np.arange(-4, 5) * 0.22
+    step = np.arange(-3, 4) * 0.22
     east = step / np.cos(np.radians(lat))
     places = [(lon + x, lat + y) for y in step for x in east]
     return Site(lon, lat, path, ground, cut(path, places, 25, CELL_M))
@@ -134,7 +134,7 @@ def shift_px(seen: Array, model: Array) -> Array:
 def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     site = sites(name)
     judge, camera, sun = cameras(site, number)
-    light = photograph(site.ground, judge, sun, blur_px=BLUR_PX, samples=4, seed=number)
+    light = photograph(site.ground, judge, sun, blur_px=BLUR_PX, samples=3, seed=number)
     require_telling(light)
     request = Request(
         [site.dem], view=ViewChoice(camera), accuracy=TIERS["reference"], disc=False, model=LAW
@@ -148,9 +148,9 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     print(
         f"{name} view {number}: shift {shift}, {correlation:.5f}; {len(off)} matches: {off.mean(0)} +- {scatter}"
     )
-    assert correlation > 0.995
+    assert correlation > 0.99
     assert np.abs(shift).max() < SHIFT_PX
-    assert len(off) >= 20
+    assert len(off) >= 15
     assert np.abs(off.mean(axis=0)).max() < BIAS_PX
 
 
@@ -169,9 +169,10 @@ def residuals(catalog: Catalog, photo: Photo) -> tuple[Array, Array]:
 
 
 def require_telling(light: Array) -> None:
-    """Nothing is missed, some of it is dark, and most is not."""
+    """Nothing is missed, there is contrast, and most of it is lit."""
     assert np.isfinite(light).all()
-    assert 0.001 < (light < 0.05 * light.mean()).mean() < 0.4
+    assert light.std() / light.mean() > 0.1
+    assert (light < 0.05 * light.mean()).mean() < 0.4
 
 
 # The judge judged
@@ -183,7 +184,8 @@ def test_the_judges_camera_is_opencvs():
 
     place = above(33.0, -41.0, 20.0, 70.0, 4e5)
     camera = Pinhole.looking(mcmf(33.0, -41.0), place, 123.0, 30.0, (300, 200))
-    points = mcmf(*np.random.default_rng(3).uniform(-2, 2, (2, 50)) + [[33.0], [-41.0]], 500.0)
+    around = np.random.default_rng(3).uniform(-2, 2, (2, 50))
+    points = mcmf(33.0 + around[0], -41.0 + around[1], 500.0)
     f, (cx, cy) = camera.focal_px, camera.principal_px
     matrix = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1.0]])
     turn, _ = cv2.Rodrigues(camera.axes)
@@ -236,6 +238,6 @@ def test_the_comparison_finds_faults(sites, fault):
         light = light[:, ::-1]
     wrong = camera_from_json(document)
     off, _ = residuals(site.catalog, photo_of(light, wrong, sun, 1))
-    assert len(off) < 20 or np.abs(off.mean(axis=0)).max() > BIAS_PX
+    assert len(off) < 10 or np.abs(off.mean(axis=0)).max() > BIAS_PX
     if fault == "half a pixel":
         np.testing.assert_allclose(off.mean(axis=0), -0.5, atol=BIAS_PX)

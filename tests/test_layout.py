@@ -141,7 +141,7 @@ FLOORS = [
     {"sphere_scene", "render_area"},
     {"exposure"},
     {"render_file", "simulate"},
-    {"simulate_patches", "simulate_file"},
+    {"simulate_patches", "simulate_file", "ground_comparison"},
     {
         "summary",
         "estimate",
@@ -167,6 +167,8 @@ FLOORS = [
         "pose_section",
         "validation_report",
     },
+    {"validate"},
+    {"validation_files"},
 ]
 
 

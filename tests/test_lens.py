@@ -38,8 +38,8 @@ LENSES = {
     "radial barrel": (UsgsRadial(0.03, 1e-5, 4e-6), 5.0),
     "nac": (LroNac(1.81e-5), 18.0),
     "kaguya": (TC, 18.0),
-    "photometrix": (METRIC, 60.0),
-    "brown": (BROWN, 60.0),
+    "photometrix": (METRIC, 20.0),
+    "brown": (BROWN, 20.0),
     "plane": (SKEWED, 5.0),
     "none": (NoLens(), 5.0),
 }
@@ -135,6 +135,12 @@ def test_where_lenses_fold():
     edge = 0.5 / np.sqrt(1.81e-5)
     assert nac.within(np.zeros(2), np.array([0.999, 1.001]) * edge).tolist() == [True, False]
     assert nac.distort(np.array(0.0), np.array(edge))[1] == pytest.approx(2 * edge, rel=1e-6)
+    # Photometrix: r + k3 r^7 turns where 7 k3 r^6 = -1, at 6/7 of that ideally
+    cubic = Photometrix(0.0, 0.0, 0.0, 0.0, -1e-12, 0.0, 0.0)
+    ideal = 6 / 7 * (1e12 / 7) ** (1 / 6)
+    assert cubic.within(np.array([0.999, 1.001]) * ideal, np.zeros(2)).tolist() == [True, False]
+    brown = BrownConrady(0.0, 0.0, 0.0, 0.0, -1e-12, 0.0, 0.0, 0.0)
+    assert brown.within(np.array([0.999, 1.001]) * ideal, np.zeros(2)).tolist() == [True, False]
     assert not SKEWED.within(np.array([np.nan]), np.zeros(1)).any()
 
 

@@ -48,6 +48,16 @@ def test_pixels_are_drawn_where_they_are() -> None:
     assert frame.holds(inside).tolist() == [True, False, True, False, False, False]
 
 
+def test_a_strip_is_no_taller_than_a_page() -> None:
+    """A tenth as wide as high, with room beside it for a line of text."""
+    frame = Frame(100, 1000)
+    drawn = frame.drawing(frame.picture("data:,"), "strip", 40.0)
+    assert 'viewBox="0 0 480.0 1480.0"' in drawn
+    assert '<image href="data:," width="144.0" height="1440.0"' in drawn
+    assert '<rect class="edge" width="144.0" height="1440.0"/>' in drawn
+    assert frame.at([99.5, 999.5]) == pytest.approx([144.0, 1440.0])
+
+
 def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
     frame = Frame(480, 320)
     start, by = np.array([[10.0, 20.0], [100.0, 50.0]]), np.array([[0.5, -0.25], [0.001, 0.0]])

@@ -22,7 +22,7 @@ from lcp_catalog.errors import ImageError
 from lcp_catalog.image_pixels import read_image
 from lcp_catalog.map_image import MapImage
 from lcp_catalog.photo import Photo
-from lcp_catalog.photo_file import DARK_WEIGHT, PhotoOptions, center_of, open_photo
+from lcp_catalog.photo_file import PhotoOptions, center_of, open_photo
 from lcp_catalog.request import SunChoice
 from lcp_catalog.sphere import EnuFrame, enu_rotation, lonlat_to_mcmf
 from lcp_catalog.sun import sun_direction_at
@@ -200,7 +200,7 @@ def test_too_dark_for_a_cube_is_as_dark_as_its_darkest(
     rest = np.ones(SHAPE, bool)
     rest[HOLE] = False
     np.testing.assert_array_equal(found.signal[HOLE], found.signal[rest].min())
-    np.testing.assert_array_equal(found.weight, np.where(rest, 1.0, DARK_WEIGHT))
+    np.testing.assert_array_equal(found.weight, 1.0)
     assert (found.missing_share, found.saturated_share) == (0.0, 0.0)
 
 
@@ -247,9 +247,7 @@ def test_codes_that_a_pds3_label_states(tmp_path: Path, dtype: str, how: str) ->
     words = [f"16#{b:X}#" if how == "16#" and b > 0 else str(b) for b in bits]
     path = files.write_pds3(tmp_path / "a.img", samples, image=PDS3_CODES[dtype].format(*words))
     found = photo(path)
-    np.testing.assert_array_equal(
-        found.weight[0, :6], [0.0, DARK_WEIGHT, DARK_WEIGHT, 0.0, 0.0, 1.0]
-    )
+    np.testing.assert_array_equal(found.weight[0, :6], [0.0, 1.0, 1.0, 0.0, 0.0, 1.0])
     assert found.missing_share == pytest.approx(1 / 2400)
     assert found.saturated_share == pytest.approx(2 / 2400)
     assert found.signal[0, 1] == found.signal[1:].min()
@@ -290,12 +288,12 @@ def test_saturation_weighs_nothing(tmp_path: Path, dtype: str) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-def test_clipped_shadows_weigh_less(tmp_path: Path, dtype: str) -> None:
+def test_clipped_shadows_count(tmp_path: Path, dtype: str) -> None:
     samples = np.maximum(scene(dtype), np.array(90, dtype=dtype))
     found = photo(files.write_image(tmp_path / "a.tif", samples))
     dark = samples == 90
     assert dark.any()
-    np.testing.assert_array_equal(found.weight, np.where(dark, DARK_WEIGHT, 1.0))
+    np.testing.assert_array_equal(found.weight, 1.0)
     np.testing.assert_array_equal(found.signal, samples)
     assert (found.missing_share, found.saturated_share) == (0.0, 0.0)
 
@@ -328,7 +326,7 @@ def test_black_around_a_map_projected_image_is_missing(
     inside = np.zeros(SHAPE, bool)
     inside[6:-6, 6:-6] = True
     np.testing.assert_array_equal(found.weight == 0.0, ~inside)
-    np.testing.assert_array_equal(found.weight[20:28, 25:40], DARK_WEIGHT)
+    np.testing.assert_array_equal(found.weight[20:28, 25:40], 1.0)
     assert found.missing_share == pytest.approx((~inside).mean())
 
 
@@ -339,7 +337,7 @@ def test_black_at_the_edge_is_shadow_elsewhere(tmp_path: Path, kind: str) -> Non
     path = files.write_image(tmp_path / "a.tif", margin(scene()), **on_map)
     found = photo(path) if kind == "camera" else open_photo(path, None, NOON)
     assert found.missing_share == 0.0
-    assert (found.weight[:6] == DARK_WEIGHT).all()
+    assert found.weight.all()
 
 
 # -- what took it
@@ -639,7 +637,7 @@ def test_the_scanned_crop_has_a_palette_of_greys(shared_data: Path) -> None:
     camera = read_camera(folder / "AS15-M-1134_sub4crop_256ppd_camera.json")
     found = open_photo(folder / "sub4-AS15-M-1134_crop.png", camera)
     assert found.saturated_share == pytest.approx(3201 / 640000)
-    assert (found.weight == DARK_WEIGHT).mean() == pytest.approx(3273 / 640000)
+    assert (found.signal == 1.0).sum() == 3273  # a plateau of shadow, which counts
     assert np.nanmax(found.signal) == 254.0
 
 

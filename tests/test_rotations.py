@@ -40,9 +40,10 @@ def test_a_turn_by_a_vector(turn, power):
 
 def test_small_turns_keep_their_digits():
     turn = np.array([3e-9, -2e-9, 1e-9])
-    off = by_vector(turn) - np.eye(3)
-    assert [off[2, 1], off[0, 2], off[1, 0]] == pytest.approx(turn, rel=1e-12, abs=0.0)
-    assert off[0, 0] == 0.0
+    off = 0.5 * (by_vector(turn) - by_vector(-turn))
+    assert [off[2, 1], off[0, 2], off[1, 0]] == pytest.approx(turn, rel=1e-14, abs=0.0)
+    even = 0.5 * (by_vector(turn) + by_vector(-turn))
+    assert even[0, 1] == pytest.approx(-3e-18, rel=1e-6, abs=0.0)  # x y / 2
 
 
 @given(quaternions, quaternions, vectors)

@@ -43,8 +43,9 @@ def test_positions_alone_are_lagranges_through_eight():
         first = min(max(after - 4, 0), len(TIMES) - 8)
         nodes = slice(first, first + 8)
         expected = BarycentricInterpolator(TIMES[nodes], where[nodes])(t)
-        assert track.at(np.array([t]))[0] == pytest.approx(expected, abs=1e-8)
-    assert np.abs(track.at(QUERIES) - orbit(QUERIES)[0]).max() < 1e-8
+        assert np.abs(track.at(np.array([t]))[0] - expected).max() < 1e-7
+    # what is left is rounding: 2.3e-10 m at 1787 km, times the weights of uneven times
+    assert np.abs(track.at(QUERIES) - orbit(QUERIES)[0]).max() < 1e-7
 
 
 def test_few_positions_are_a_polynomial_through_all():

@@ -249,13 +249,39 @@ def test_without_pictures_there_are_still_figures() -> None:
     assert "<figure class='layer" not in html
 
 
-def test_windows_of_patches_have_no_map() -> None:
+def of_patches_alone(count: int) -> tuple[v.ImageVerdict, Pictures]:
+    """Patches with ever more noise."""
     dice = np.random.default_rng(9)
-    renders = dice.normal(size=(5, 20, 20))
-    compared = of_patches(renders + 0.1 * dice.normal(size=renders.shape), renders, gsd_m=60.0)
-    html = alone(replace(verdicts.image(), windows=verdicts.figures_of(compared)))
+    renders = dice.normal(size=(count, 36, 36))
+    noise = dice.normal(size=renders.shape) * np.linspace(0.01, 2.0, count)[:, None, None]
+    compared = of_patches(renders + noise, renders, gsd_m=60.0)
+    windows = replace(verdicts.figures_of(compared), point_id=7000 + compared.patch)
+    return replace(verdicts.image(), windows=windows), Pictures(None, 1, renders + noise, renders)
+
+
+def test_patches_are_shown_in_pairs_from_worst_to_best() -> None:
+    image, shown = of_patches_alone(40)
+    html = alone(image, shown)
     assert "<figure class='layer" not in html
-    assert ">100.0 % above 0.9<" in html
+    assert "18 of 40 patches" in html
+    pairs = re.findall(r"<figcaption>([-\d.]+) (\d{4})</figcaption>", html)
+    w = image.windows.compared
+    medians = {7000 + k: np.median(w.correlation[w.patch == k]) for k in range(40)}
+    worst_first = sorted(medians, key=medians.get)
+    assert len(pairs) == 18
+    assert [int(pairs[0][1]), int(pairs[-1][1])] == [worst_first[0], worst_first[-1]]
+    for median, point in pairs:
+        assert median == f"{medians[int(point)]:.3f}"
+    first = pictures_of(parsed(html))[0]
+    k = worst_first[0] - 7000
+    np.testing.assert_array_equal(first[..., 0], grey(shown.ground_image[k])[..., 0])
+
+
+def test_patches_without_pictures_have_a_histogram() -> None:
+    image, _ = of_patches_alone(3)
+    html = alone(image, Pictures())
+    assert "histogram of the correlation of 12 windows" in html
+    assert "data:" not in html
 
 
 def test_nothing_at_all_has_a_page() -> None:

@@ -136,13 +136,18 @@ def test_what_was_checked_is_told(whole: v.Verdict) -> None:
     assert located["log10_false_alarms"] == -40.25
     assert located["log10_false_alarms_rival"] == -0.5
     assert elsewhere["light"] is None
+    turned = {
+        "turned_deg": -20.0,
+        "raised_deg": 0.0,
+        "correlation": 0.625,
+        "preferred_share": 0.125,
+    }
+    raised = {"turned_deg": 0.0, "raised_deg": 10.0, "correlation": None, "preferred_share": None}
     assert located["light"] == {
         "fits": True,
-        "tried": [
-            {"turned_deg": 0.0, "raised_deg": 0.0, "correlation": 0.9},
-            {"turned_deg": -20.0, "raised_deg": 0.0, "correlation": 0.625},
-            {"turned_deg": 0.0, "raised_deg": 10.0, "correlation": None},
-        ],
+        "points": 30,
+        "correlation": 0.9,
+        "others": [turned, raised],
     }
 
 

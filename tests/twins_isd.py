@@ -45,10 +45,8 @@ class TwinIsd:
     def position(self, t):
         """Body-fixed metres."""
         if len(self.times) == 1:
-            there = self.where[0]
-        else:
-            there = CubicHermiteSpline(self.times, self.where, self.speed)(t)
-        return self.body(t).apply(there)
+            return self.body(t).apply(self.where[0])
+        return self.body(t).apply(CubicHermiteSpline(self.times, self.where, self.speed)(t))
 
     def from_sensor(self, t):
         """Sensor frame to body-fixed."""

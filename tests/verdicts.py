@@ -50,7 +50,10 @@ def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
     code[code >= len(REASONS)] = 0
     lost = code != 0
     found, correlation = true + noise[..., 0], dice.uniform(0.7, 0.98, n)
-    found[lost], covariance[lost], correlation[lost] = np.nan, np.nan, 0.4
+    nowhere = lost & (
+        code != REASONS.index("inconsistent")
+    )  # what no camera sees there was found all the same
+    found[nowhere], covariance[nowhere], correlation[lost] = np.nan, np.nan, 0.4
     correlation[code == REASONS.index("not lit")] = np.nan
     places = ground(true)
     predicted = camera().moved(MOVED).project(places)
@@ -116,7 +119,15 @@ def image(
         np.linspace(150.0, 250.0, n),
         corrected,
     )
-    light = LightCheck(((0.0, 0.0), (-20.0, 0.0), (0.0, 10.0)), (0.9, 0.625, np.nan))
+    light = LightCheck(
+        points=30,
+        independent=20.0,
+        correlation=0.9,
+        turns_deg=((-20.0, 0.0), (0.0, 10.0)),
+        correlations=(0.625, np.nan),
+        gains=(-0.2, np.nan),
+        shares=(0.125, np.nan),
+    )
     verdict, reason = (
         (v.LOCATED, "")
         if located

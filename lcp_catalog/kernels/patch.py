@@ -15,6 +15,7 @@ from .surface import node_normal
 
 _ALONG = 1e-12
 """A ray that turns by less than this from a row or a column runs along it."""
+_NEAR = 2.5
 _FAR = np.float32(np.inf)
 
 
@@ -49,7 +50,7 @@ def _below(z, i, j, du, dv, dz, summit):
         r = min(max(int(math.floor(v)), 0), rows - 2)
         f = v - r
         gap = z0 + dz * s - (z[r, c] + (z[r + 1, c] - z[r, c]) * f)
-        least = gap if gap < least else least
+        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
         k += 1
     step = 1.0 / abs(dv) if dv != 0.0 else 2e9
     k = 1
@@ -60,7 +61,7 @@ def _below(z, i, j, du, dv, dz, summit):
         c = min(max(int(math.floor(u)), 0), cols - 2)
         f = u - c
         gap = z0 + dz * s - (z[r, c] + (z[r, c + 1] - z[r, c]) * f)
-        least = gap if gap < least else least
+        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
         k += 1
     across = du - dv
     step = 1.0 / abs(across) if across != 0.0 else 2e9
@@ -75,7 +76,7 @@ def _below(z, i, j, du, dv, dz, summit):
         if r < 0 or r > rows - 2:  # a node of the border: a row or a column is crossed there too
             continue
         gap = z0 + dz * s - (z[r, c] + (z[r + 1, c + 1] - z[r, c]) * f)
-        least = gap if gap < least else least
+        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
     return least
 
 

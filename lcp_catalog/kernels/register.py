@@ -7,14 +7,15 @@ from numba import njit, prange
 
 from .spread import see, unveil
 
-NUMBERS = 9
-"""What `refine` says of each drawing: shift right and down, correlation, covariance xx, xy, yy (px^2), gain, noise, pixels."""
+NUMBERS = 10
+"""What `refine` says of each drawing: shift right and down, correlation, covariance xx, xy, yy (px^2), gain, noise, pixels,
+correlation of neighbouring residuals."""
 
 _STEPS = 8
 _SETTLED_PX = 0.01
 _LAST_STEP_PX = 0.05
 _FARTHEST_PX = 1.5
-_LAGS = 4
+_LAGS = 7
 """Residuals farther apart than this, in pixels, are taken as independent."""
 _FEWEST = 12
 
@@ -157,7 +158,7 @@ def _covariance(seen, light, w, out):
             rest[r, c] = (light[r, c] - gain * t[r, c]) * w[r, c]
             count += w[r, c] > 0.0
     bxx = bxy = byy = 0.0
-    white = 0.0
+    white = near = 0.0
     for down in range(_LAGS + 1):
         for right in range(-_LAGS if down else 0, _LAGS + 1):
             pairs, both, xx, xy, yy = _at_lag(w, rest, gx, gy, down, right)
@@ -170,6 +171,8 @@ def _covariance(seen, light, w, out):
                 mxx, mxy, myy = xx, xy, yy
                 bxx, bxy, byy = white * xx, white * xy, white * yy
             else:
+                if down + abs(right) == 1:
+                    near += 0.5 * here
                 bxx += 2.0 * taper * here * xx
                 bxy += 2.0 * taper * here * xy
                 byy += 2.0 * taper * here * yy
@@ -189,6 +192,7 @@ def _covariance(seen, light, w, out):
     else:
         out[3], out[4], out[5] = out[3] * grow**2, out[4] * grow**2, out[5] * grow**2
     out[7], out[8] = math.sqrt(max(white, 0.0)), count
+    out[9] = near / white if white > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
