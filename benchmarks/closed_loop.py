@@ -3,9 +3,10 @@
     .venv/bin/python benchmarks/closed_loop.py [-o build/closed_loop] [--frames 25] [--renderer product|embree] [--sites hadley ...]
 
 needs the shared lunar data (`tests/conftest.py` says where they are sought). Each site's catalogue is built there by ``lcp
-build-catalog``, once. Rows go to `RENDERER-SITE.jsonl` as they come, and a run that was stopped goes on after them; the tables of
-docs/validation.md are printed from them and written to `tables.md`. ``--renderer embree`` takes the frames from a mesh of the DEM's own
-nodes with a camera of its own (`tests/embree_camera.py`).
+build-catalog``, once. Rows go to `RENDERER-SITE.jsonl` as they come, and a run that was stopped goes on after them; the tables
+of docs/validation.md are printed from them and written to `tables.md`. ``--renderer embree`` takes the frames from a mesh of
+the DEM's own nodes with a camera of its own (`tests/embree_camera.py`); ``hapke`` by the product, but after Hapke's law, while the
+search goes on with its own.
 """
 
 from __future__ import annotations
@@ -30,7 +31,6 @@ from closed_loops import (
     SNR,
     Draw,
     Renderer,
-    Row,
     Shot,
     Site,
     by_product,
@@ -41,6 +41,7 @@ from lcp_cli.main import run
 from lcp_catalog.camera import Camera
 from lcp_catalog.catalog import read_catalog
 from lcp_catalog.photo import Photo
+from lcp_catalog.reflectance import DEFAULT_MODEL, reflectance_model
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "closed_loop")
     parser.add_argument("--frames", type=int, default=25, help="for each site")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--renderer", choices=("product", "embree"), default="product")
+    parser.add_argument("--renderer", choices=("product", "hapke", "embree"), default="product")
     parser.add_argument("--sites", nargs="+", choices=list(PLACES), default=list(PLACES))
     parser.add_argument("--data", type=Path, default=shared_data())
     asked = parser.parse_args(argv)
@@ -135,7 +136,9 @@ def built(name: str, place: Place, dem: Path, folder: Path) -> Path:
 
 
 def renderer(kind: str, place: Place, dem: Path) -> Renderer:
-    return by_product(dem) if kind == "product" else by_embree(place, dem)
+    if kind == "embree":
+        return by_embree(place, dem)
+    return by_product(dem, DEFAULT_MODEL if kind == "product" else reflectance_model("hapke"))
 
 
 def by_embree(place: Place, dem: Path) -> Renderer:
@@ -212,7 +215,7 @@ def table(title: str, rows: list[dict], group: Callable[[dict], str]) -> str:
 
 
 def _by_number(name: str) -> tuple[float, str]:
-    first = name.split("..")[0]
+    first = name.split("..", maxsplit=1)[0]
     return (float(first) if first.replace(".", "").isdigit() else 0.0, name)
 
 
@@ -224,8 +227,9 @@ def line(rows: list[dict], solve: bool) -> str:
     points = np.median(of(rows, "points"))
     squared = [r["squared"] / r["unknowns"] for r in good]
     place = [r["squared_position"] / 3.0 for r in good]
+    share = f"{len(good)} ({100 * len(good) / len(rows):.0f} %)"
     return (
-        f"{len(rows)} | {points:.0f} | {'solved' if solve else 'exact'} | {len(good)} ({100 * len(good) / len(rows):.0f} %) | {wrong} | "
+        f"{len(rows)} | {points:.0f} | {'solved' if solve else 'exact'} | {share} | {wrong} | "
         f"{np.median(across):.3f} | {np.percentile(across, 95):.3f} | {_mean(squared):.2f} | {_mean(place):.2f} | {seconds:.2f} | "
         f"{1e3 * seconds / max(points, 1):.1f} |"
     )

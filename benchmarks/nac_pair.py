@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,13 +25,17 @@ import cv2
 import numpy as np
 import rasterio
 
+from lcp_catalog.catalog import read_catalog
 from lcp_catalog.exposure import Scene, expose, prepare
+from lcp_catalog.locate import Options, locate
+from lcp_catalog.match import Criteria
 from lcp_catalog.ortho import orthorectify, terrain_nodes
 from lcp_catalog.photo import Photo
 from lcp_catalog.photo_file import open_photo
 from lcp_catalog.raster_out import geotiff
 from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.request import Request, SunChoice
+from lcp_catalog.sensors import Uncertainty
 from lcp_catalog.sphere import azimuth_elevation
 from lcp_catalog.terraces import bending, smooth_terraces
 from lcp_catalog.windows import WindowComparison, compare
@@ -39,13 +44,23 @@ PAIR = Path("images") / "nac-tranqpit1-pair"
 STEP_M = 119.0 / 255.0
 GSD_M = 2.0
 PIT_MARGIN_M = 20.0
-"""Ground so near the hole is left out of the registration: both files have the same hole, which would be found and not the ground."""
+"""Ground so near the hole is left out of the registration: both files have it, and it would be found, not the ground."""
 
 REACH_M = 12.0
 OVERLAP = 4.0
 """Windows lie half a side apart: so many cover every node, and are not independent."""
 
 BANDS_M = ((4, 8), (8, 16), (16, 32), (32, 64), (64, 128))
+BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,60", "--view", "0:0", "--noise", "0.005",
+         "--search", "0.012", "--spacing", "0.03", "--overwrite")  # fmt: skip
+FAINT = Options(
+    tolerance_px=1.5,
+    criteria=Criteria(
+        min_correlation=0.3, min_contrast=0.005, max_back_px=3.0, max_false_match=1.0
+    ),
+)
+"""For ground that shades by a hundredth of its brightness: what agrees is left to the consensus."""
+STARTS = ((0.0, 0.0), (6.0, -5.0), (-7.0, 4.0))
 MODELS = ("lunar-lambert", "hapke", "lommel-seeliger")
 
 
@@ -112,7 +127,8 @@ def highest(scores: np.ndarray, step_m: float) -> np.ndarray:
     design = np.stack([np.ones(9), col, row, col**2, row**2, col * row], axis=1)
     c = np.linalg.lstsq(design, scores[i - 1 : i + 2, j - 1 : j + 2].ravel(), rcond=None)[0]
     at = np.linalg.solve([[2 * c[3], c[5]], [c[5], 2 * c[4]]], -c[1:3])
-    return (np.clip(at, -1, 1) + [j - cols // 2, i - rows // 2]) * step_m
+    middle = np.array([j - cols // 2, i - rows // 2])
+    return (np.clip(at, -1, 1) + middle) * step_m
 
 
 def window_scores(image: np.ndarray, ground: Ground, keep: np.ndarray, side: int) -> np.ndarray:
@@ -227,6 +243,39 @@ def picture(path: Path, *values: np.ndarray) -> None:
     )
 
 
+def located(photo: Photo, dem: Path, out: Path) -> list[str]:
+    """`lcp build-catalog` of the smoothed DTM, and `locate` of the orthoimage, its map moved on purpose."""
+    path = out / "pit.h5"
+    lcp = [
+        str(Path(sys.executable).with_name("lcp")),
+        "build-catalog",
+        str(dem),
+        "-o",
+        str(path),
+        *BUILD,
+    ]
+    subprocess.run(lcp, check=True, capture_output=True)
+    catalog = read_catalog(path)
+    lines = [
+        f"## `locate`, {len(catalog)} points", "",
+        "| criteria | map moved by, m | verdict | points agreeing | east, m | north, m | log10 of false alarms |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]  # fmt: skip
+    for name, options in (("as they are", Options()), ("for faint ground", FAINT)):
+        for start in STARTS:
+            moved = photo.with_sensor(photo.sensor.moved(start))
+            found = locate(catalog, moved, Uncertainty(5.0), options=options)
+            place = "| | "
+            if found.pose is not None:
+                at, sigma = found.pose.correction + np.array(start), found.pose.sigma
+                place = "| ".join(f"{a:+.2f} +- {b:.2f} " for a, b in zip(at, sigma, strict=True))
+            lines.append(
+                f"| {name} | {start[0]:+g}, {start[1]:+g} | {found.verdict} | {found.matches.found.sum()} | {place}"
+                f"| {found.log10_false_alarms:.1f} |"
+            )
+    return [*lines, ""]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "build" / "nac_pair")
@@ -253,6 +302,7 @@ def main() -> None:
     lines += registration(folder, photo, grounds)
     lines += suns(photo, files["steps smoothed"], grounds["steps smoothed"].scene)
     lines += window_tables(photo, grounds, out)
+    lines += located(photo, files["steps smoothed"], out)
     lines += limits(photo, grounds, out, like)
     (out / "tables.md").write_text("\n".join(lines) + "\n")
     sys.stdout.write("\n".join(lines) + "\n")
@@ -308,7 +358,8 @@ def suns(photo: Photo, dem: Path, scene: Scene) -> list[str]:
 
 def window_tables(photo: Photo, grounds: dict[str, Ground], out: Path) -> list[str]:
     lines = [
-        "## Windows", "", "| surface | cell, m | windows | above 0.9 | above 0.7 | above 0.5 | median | median, textured half | best |",
+        "## Windows", "",
+        "| surface | cell, m | windows | above 0.9 | above 0.7 | above 0.5 | median | median, textured half | best |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]  # fmt: skip
     for name, ground in grounds.items():
@@ -341,18 +392,18 @@ def limits(photo: Photo, grounds: dict[str, Ground], out: Path, like: list[objec
     again = ground_of_requantised(ground, out, like)
     for band in (*BANDS_M, None):
         values = {name: passed(g.radiance, band)[keep] for name, g in grounds.items()}
-        seen = passed(image, band)[keep]
+        seen, rendered = passed(image, band)[keep], passed(true, band)[keep]
         lines.append(
             f"| {band_name(band)} | {seen.std() / image[keep].mean():.3f} "
             f"| {values['steps smoothed'].std() / true[keep].mean():.3f} | {correlation(seen, values['steps as they came']):.2f} "
-            f"| {correlation(seen, values['steps smoothed']):.2f} | {1 - correlation(passed(again, band)[keep], passed(true, band)[keep]):.3f} |"
+            f"| {correlation(seen, values['steps smoothed']):.2f} | {1 - correlation(passed(again, band)[keep], rendered):.3f} |"
         )
     return [*lines, ""]
 
 
 def ground_of_requantised(ground: Ground, out: Path, like: list[object]) -> np.ndarray:
-    """The smoothed surface taken for the truth, rounded to steps that lie a quarter of one elsewhere, smoothed again and rendered: what
-    rounding costs.
+    """The smoothed surface taken for the truth, rounded to steps that lie a quarter of one elsewhere, smoothed again and
+    rendered: what rounding costs.
     """
     with rasterio.open(out / "dtm.tif") as file:
         heights = file.read(1).astype(np.float64)

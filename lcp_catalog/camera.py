@@ -140,8 +140,10 @@ class Camera:
     @cached_property
     def focal_plane(self) -> FocalPlane:
         """Directions in camera axes to pixels, and back."""
-        lens = OpenCV(*self.distortion.tolist()) if self.lens is None else self.lens
-        return FocalPlane(self.focal_length_px, self.principal_point_px, lens)
+        bent = OpenCV(*self.distortion.tolist()) if self.distortion.any() else NoLens()
+        return FocalPlane(
+            self.focal_length_px, self.principal_point_px, bent if self.lens is None else self.lens
+        )
 
     @property
     def corrections(self) -> tuple[str, ...]:

@@ -13,38 +13,41 @@ from numpy.typing import ArrayLike, NDArray
 
 from .contents import Catalog
 from .kernels import search
-from .landmarks.unique import effective_samples
-from .patch_render import render_patches
+from .patch_render import POINT_SPREAD_PX, render_patches
 from .photo import Photo
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .search_image import SearchImage, reduction
 from .sensors import pixel_size_m
 
 Array = NDArray[np.float64]
+Float = NDArray[np.float32]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _GRID_PX = 64
-"""Reach of the grid, in its own pixels: the photograph is reduced to this."""
+"""Reach of the grid, in its own pixels: the photograph is reduced to this, or until templates are `_SMALLEST_PX` a side."""
 _SMALLEST_PX = 8
 _CHUNK = 64
 _MOST_POINTS = 400
 _LEAST_REAL = 0.7
 _LEAST_SHARE = 0.3
-"""Offsets at which fewer than this share of the points' weight can be looked at are left out."""
-_STRONGEST = 0.98
+"""Offsets at which fewer than this share of the points can be looked at are left out."""
+_LEAST_CELLS = 100
+"""With fewer offsets than this outside of a peak nothing can be said of it."""
+_LEVELS = 4096
+_PLATEAU = 0.05
 
 
 @dataclass(frozen=True)
 class CoarseShift:
-    """The offset on which most points agree. ``log10_false_alarms``: how often, in powers of ten, an area as large without the
-    ground in it would show as high a peak. Pixels of the image as it came.
+    """The offset on which most points agree, in pixels of the image as it came. ``log10_false_alarms``: how many offsets, in powers of ten, would
+    show as high an agreement by chance in an area as large; ``rival_log10``: the same of the best offset elsewhere.
     """
 
     offset_px: tuple[float, float]
     log10_false_alarms: float
+    rival_log10: float
     precision_px: float  # the grid's own pixel, and the slack
-    peak: float  # of the mean map, in its standard deviations
-    rival: float  # the highest peak elsewhere, in the same
     points: int
 
 
@@ -58,53 +61,59 @@ def coarse_shift(
     offset_px: ArrayLike | Callable[[Index], Array] | None = None,
     slack_px: float = 0.0,
     grid_px: int = _GRID_PX,
-    psf_sigma_px: float = 0.5,
+    psf_sigma_px: float = POINT_SPREAD_PX,
 ) -> CoarseShift | None:
-    """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where no point can be
+    """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where too little can be
     looked at.
 
     ``offset_px``: what is added to each point's place before ((2,), (n, 2), or a function of the rows). ``slack_px``: how far single
-    points may lie from the common offset, as a turned or scaled image has them. The photograph is reduced until the reach is
-    ``grid_px`` of its pixels, or templates are 8 pixels a side. A map's value is n_eff log(1 / (1 - r^2)) / 2, r its correlation where that is positive:
-    the likelihood gained over chance; the maps' sum is judged by its own scatter, as a Gaussian field of
-    as many cells as there are template-sized places.
+    points may lie from the common offset, as a turned or scaled image has them.
+
+    Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank / offsets). By chance a vote is
+    exponential with mean 1 whatever the map looks like, and the sum of n votes has Gamma(n)'s tail; times the number of offsets it
+    is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent: patches
+    of a catalogue do not overlap.
     """
     rows = _thinned(np.asarray(points, dtype=np.int64))
+    if not len(rows):
+        return None
     factor = _factor(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
     image = SearchImage.of(photo.reduced(factor))
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
     offset = np.broadcast_to(offset, (len(rows), 2)) / image.factor
-    reach = max(1, math.ceil(reach_px / image.factor))
-    slack = round(slack_px / image.factor)
-    total = np.zeros((2 * reach + 1, 2 * reach + 1))
-    weights, cells, used = np.zeros_like(total), [], 0
+    reach, slack = max(1, math.ceil(reach_px / image.factor)), round(slack_px / image.factor)
+    votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)
     for start in range(0, len(rows), _CHUNK):
         part = slice(start, start + _CHUNK)
-        suns = image.photo.sun_directions(catalog.position_mcmf[rows[part]])
-        templates = render_patches(
-            catalog, rows[part], image.photo.sensor, suns, model, psf_sigma_px=psf_sigma_px
-        )
-        maps = np.full((len(templates), *total.shape), np.nan, dtype=np.float32)
-        origin = templates.origin + np.round(offset[part]).astype(np.int64)
-        search.maps(
-            image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
-        )
-        patches = np.where(templates.mask, templates.values, np.float32(np.nan))
-        samples = effective_samples(patches)
-        for score, n_eff in zip(maps, samples, strict=True):
+        for score in _maps(catalog, image, model, rows[part], offset[part], reach, psf_sigma_px):
             known = np.isfinite(score)
-            if not known.any():
-                continue
-            gain = _likelihood(score, n_eff)
-            gain = _highest_near(gain, slack) if slack else gain
-            total += np.where(known, gain, 0.0)
-            weights += known * n_eff
-            used += 1
-        cells += templates.mask.sum(axis=(1, 2)).tolist()
-    if not used:
-        return None
-    return _peak(total, weights, float(np.median(cells)) / 4.0, image.factor, slack, used)
+            voters += known
+            votes += _vote(score, known, slack)
+    return _peak(votes, voters, image.factor, slack)
+
+
+def _maps(
+    catalog: Catalog,
+    image: SearchImage,
+    model: Reflectance,
+    rows: Index,
+    offset: Array,
+    reach: int,
+    psf_sigma_px: float,
+) -> Float:
+    """Correlations of each point at every offset, (n, 2 reach + 1, 2 reach + 1), NaN where there is none; only points that can be
+    looked at somewhere.
+    """
+    suns = image.photo.sun_directions(catalog.position_mcmf[rows])
+    sensor = image.photo.sensor
+    templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
+    maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    origin = templates.origin + np.round(offset).astype(np.int64)
+    search.maps(
+        image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
+    )
+    return maps[np.isfinite(maps).any(axis=(1, 2))]
 
 
 def _factor(catalog: Catalog, photo: Photo, rows: Index, reach: float, grid_px: int) -> int:
@@ -121,12 +130,17 @@ def _thinned(rows: Index) -> Index:
     return rows[np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(np.int64)]
 
 
-def _likelihood(score: NDArray[np.float32], n_eff: float) -> Array:
-    r = np.clip(np.nan_to_num(score, nan=0.0), 0.0, _STRONGEST).astype(np.float64)
-    return np.asarray(-0.5 * n_eff * np.log1p(-r * r))
+def _vote(score: Float, known: Mask, slack: int) -> Array:
+    """-ln of the share of a map's offsets that correlate as highly or better, within ``slack`` of each; 0 where there is none."""
+    level = np.where(known, np.clip(score, -1.0, 1.0), -1.0)
+    level = ((level + 1.0) * (0.5 * (_LEVELS - 1))).astype(np.int64)
+    level = _highest_near(level, slack) if slack else level
+    count = np.bincount(level[known], minlength=_LEVELS)
+    as_high = np.maximum(np.cumsum(count[::-1])[::-1], 1)
+    return np.where(known, np.log(known.sum() / as_high)[level], 0.0)
 
 
-def _highest_near(values: Array, reach: int) -> Array:
+def _highest_near(values: Index, reach: int) -> Index:
     """The highest value within ``reach`` rows and columns."""
     out = values
     for axis in (0, 1):
@@ -136,30 +150,32 @@ def _highest_near(values: Array, reach: int) -> Array:
     return out
 
 
-def _peak(
-    total: Array, weights: Array, cell_px2: float, factor: int, slack: int, used: int
-) -> CoarseShift:
-    known = weights >= _LEAST_SHARE * weights.max()
-    mean = np.where(known, total / np.where(known, weights, 1.0), -np.inf)
-    row, col = np.unravel_index(int(np.argmax(mean)), mean.shape)
-    reach = mean.shape[0] // 2
-    down, right = np.ogrid[-row : mean.shape[0] - row, -col : mean.shape[1] - col]
-    radius = 2.0 * math.sqrt(cell_px2) + slack
-    away = known & (down**2 + right**2 > radius**2)
-    others = mean[away] if away.any() else np.zeros(1)
-    middle = float(np.median(others))
-    scatter = 1.4826 * float(np.median(np.abs(others - middle)))
-    scatter = max(scatter, float(others.std()), 1e-12)
-    height, rival = (float(mean[row, col]) - middle) / scatter, (float(others.max()) - middle) / scatter
-    cells = max(1.0, known.sum() / max(cell_px2, 1.0))
-    offset = (float((col - reach) * factor), float((row - reach) * factor))
-    return CoarseShift(
-        offset, math.log10(cells) + _log10_tail(height), float(factor * (1 + slack)), height, rival, used
-    )
+def _peak(votes: Array, voters: Index, factor: int, slack: int) -> CoarseShift | None:
+    known = (voters > 0) & (voters >= _LEAST_SHARE * voters.max())
+    clear = np.where(known, (votes - voters) / np.sqrt(np.maximum(voters, 1)), -np.inf)
+    row, col = (int(k) for k in np.unravel_index(int(np.argmax(clear)), clear.shape))
+    down, right = np.ogrid[-row : clear.shape[0] - row, -col : clear.shape[1] - col]
+    near = down**2 + right**2 <= (_SMALLEST_PX / 2 + 2 * slack) ** 2
+    others = known & ~near
+    if others.sum() < _LEAST_CELLS:
+        return None
+    away = np.unravel_index(int(np.argmax(np.where(others, clear, -np.inf))), clear.shape)
+    # a slack makes a plateau of the peak: its middle
+    top = near & known & (clear >= clear[row, col] - _PLATEAU * max(float(clear[row, col]), 0.0))
+    middle = np.argwhere(top).mean(axis=0) - (clear.shape[0] // 2)
+    alarms = [
+        math.log10(known.sum()) + _log10_gamma_tail(int(voters[at]), float(votes[at]))
+        for at in ((row, col), away)
+    ]
+    offset = (float(middle[1] * factor), float(middle[0] * factor))
+    return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), int(voters.max()))
 
 
-def _log10_tail(x: float) -> float:
-    """log10 of the chance that a standard normal is above x; asymptotic where it is too small for a float."""
-    if x < 30.0:
-        return math.log10(0.5 * math.erfc(x / math.sqrt(2.0)))
-    return -0.5 * x * x / math.log(10.0) - math.log10(x * math.sqrt(2.0 * math.pi))
+def _log10_gamma_tail(n: int, total: float) -> float:
+    """log10 of the chance that n exponential votes of mean 1 add up to more than ``total``: e^-t times the sum of t^k / k!, k < n."""
+    if total <= 0.0:
+        return 0.0
+    k = np.arange(n)
+    terms = k * math.log(total) - np.array([math.lgamma(v + 1.0) for v in k])
+    top = float(terms.max())
+    return (top + math.log(float(np.exp(terms - top).sum())) - total) / math.log(10.0)

@@ -50,11 +50,13 @@ class FocalPlane:
         u, v = (column - cx) / self.focal_length_px, (row - cy) / self.focal_length_px
         x, y = self.lens.undistort(u, v)
         with np.errstate(all="ignore"):
+            looking = np.stack([x, y, np.ones_like(x)], axis=-1)
+            looking /= np.sqrt(1.0 + x * x + y * y)[..., None]
+            if isinstance(self.lens, NoLens):
+                return looking
             back = self.lens.distort(x, y)
             off_px = np.hypot(back[0] - u, back[1] - v) * self.focal_length_px
             undone = (off_px < UNDONE_PX) & self.lens.within(x, y)
-            looking = np.stack([x, y, np.ones_like(x)], axis=-1)
-            looking /= np.linalg.norm(looking, axis=-1, keepdims=True)
         return np.where(undone[..., None], looking, np.nan)
 
 

@@ -16,7 +16,7 @@ Slopes = tuple[Array, Array, Array, Array]
 """du/dx, du/dy, dv/dx, dv/dy."""
 
 MOST_STEPS = 50
-_CONVERGED = 1e-14
+_CONVERGED = 1e-9  # Newton doubles the digits: after a step so small the next is below the last bit
 _COMPLEX_STEP = 1e-30
 
 

@@ -49,6 +49,11 @@ SEARCHED = tuple(
 LEAST_LIKENESS = 0.3
 """Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
+SHARE_IF_HERE = 0.3
+"""Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make that significant
+refute no place.
+"""
+
 _ROUNDS = 10
 _NOBODY = np.zeros(0, dtype=np.int64)
 
@@ -281,7 +286,7 @@ class _Search:
         """Why the first search gives no place."""
         searched = np.isin(matches.code, SEARCHED)
         figures = (None, score.log10_false_alarms, score.rival_log10)
-        if self.at_best(searched, area) > 2.0 * SIGNIFICANT:
+        if self.if_here(searched, area) > SIGNIFICANT:
             reason = f"too few points can be looked for: {_counted(matches)}"
             return Located(CANNOT_SAY, reason, matches, *figures)
         if score.log10_false_alarms < SIGNIFICANT:
@@ -293,14 +298,15 @@ class _Search:
         )
         return Located(NOT_HERE, reason, matches, *figures)
 
-    def at_best(self, searched: Mask, area: SearchArea) -> float:
-        """log10 of the false alarms if all the points that could be looked for agreed."""
+    def if_here(self, searched: Mask, area: SearchArea) -> float:
+        """log10 of the false alarms if `SHARE_IF_HERE` of the points that could be looked for agreed."""
         gate = math.pi * self.tolerance_px**2
         chance = np.minimum(1.0, gate / (2.0 * area.reach_px[searched] + 1.0) ** 2)
         least = -(-len(self.photo.sensor.corrections) // 2)
-        if len(chance) <= least:
+        agrees = np.arange(len(chance)) < SHARE_IF_HERE * len(chance)
+        if agrees.sum() <= least:
             return 0.0
-        return log10_false_alarms(chance, np.ones(len(chance), dtype=bool), least)
+        return log10_false_alarms(np.sort(chance)[::-1], agrees, least)
 
     def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Located:
         """The verdict on a pose that is no chance."""

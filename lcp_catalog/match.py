@@ -45,10 +45,10 @@ class Criteria:
     """What a match must be. Shares are of the template's pixels, correlations centred and normalised."""
 
     psf_sigma_px: float = POINT_SPREAD_PX
-    min_correlation: float = 0.5
+    min_correlation: float = 0.4
     max_false_match: float = 0.2
     min_lit_share: float = 0.3
-    min_contrast: float = 0.02  # standard deviation over mean of the render
+    min_contrast: float = 0.005  # standard deviation over mean of the render
     min_pixels: int = 36
     min_real_share: float = 0.7
     min_area_share: float = 0.3  # of the search area that lies in the image

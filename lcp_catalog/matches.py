@@ -46,6 +46,22 @@ class Matches:
     back_px: Array  # (n,) how far off the backward search ended
     code: NDArray[np.uint8]  # (n,) index into `REASONS`
 
+    @classmethod
+    def none(cls) -> Matches:
+        """Of no points."""
+        pixels, figures = np.empty((0, 2)), np.empty(0)
+        nothing = np.empty(0, np.uint8)
+        return cls(
+            np.empty(0, np.int64),
+            pixels,
+            pixels,
+            np.empty((0, 2, 2)),
+            figures,
+            figures,
+            figures,
+            nothing,
+        )
+
     def __len__(self) -> int:
         return len(self.point)
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .albedo_pixels import decode_srgb
+from .config import ALBEDO_ENCODINGS
 from .errors import ImageError
 from .image_label import ImageLabel, read_image_label
 from .image_pixels import ImagePixels, read_image
@@ -35,7 +37,7 @@ SUNS_DIFFER_DEG = 1.0
 class PhotoOptions:
     """What a file does not say by itself: the band (None: luminance of colours, else the first), a value for "nothing here", the
     place (longitude, latitude, degrees) that a Sun given by angles is meant for (None: the image's middle), from where a
-    map-projected image was seen.
+    map-projected image was seen, and whether integer samples are ``linear`` in radiance or codes of a display picture (``srgb``).
     """
 
     band: int | None = None
@@ -43,6 +45,7 @@ class PhotoOptions:
     center_deg: tuple[float, float] | None = None
     off_nadir_deg: float = 0.0
     view_azimuth_deg: float = 0.0
+    encoding: str = ALBEDO_ENCODINGS[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def open_photo(
     image = read_image(path, options.band, options.nodata)
     label = read_image_label(image)
     taken_by = _sensor(image, sensor, options)
-    pixels = _pixels(image, label.codes, sensor is None)
+    pixels = _pixels(image, label.codes, sensor is None, options.encoding)
     position, direction = _sun(image.path, taken_by, sun or SunChoice(), label, options)
     return Photo(
         name=image.path.name,
@@ -111,7 +114,7 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: PhotoOptions) ->
 # -- pixels
 
 
-def _pixels(image: ImagePixels, codes: Codes, on_map: bool) -> _Pixels:
+def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _Pixels:
     """Signal and weights; ImageError for an image without anything in it.
 
     What is too dark for the file gets the darkest value that it could say, and counts like any other: it is known to be dark, as a
@@ -129,11 +132,23 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool) -> _Pixels:
         valid &= ~touching_edge(plain & (samples == low))  # where the image ends before its map
     _require_something(image, samples[plain & valid])
     with np.errstate(over="ignore", invalid="ignore"):  # special floats are the largest there are
-        signal = (samples * image.scale + image.offset).astype(np.float32)
+        signal = _signal(image, encoding)
     signal[kinds.low & valid] = signal[plain & valid].min()
     signal[~valid | bright] = np.nan
     weight = (valid & ~bright).astype(np.float32)
     return _Pixels(signal, weight, float((bright & valid).mean()), float((~valid).mean()))
+
+
+def _signal(image: ImagePixels, encoding: str) -> Float:
+    """Samples as radiance up to a factor; ImageError for floats that are said to be codes of a display."""
+    samples = image.samples
+    if encoding == "linear":
+        return np.asarray(samples * image.scale + image.offset, dtype=np.float32)
+    if samples.dtype.kind not in "ui":
+        raise ImageError(
+            f"{image.path}: holds {samples.dtype}, no codes of a display: --encoding linear"
+        )
+    return decode_srgb(samples / float(np.iinfo(samples.dtype).max)).astype(np.float32)
 
 
 def _kinds(image: ImagePixels, codes: Codes) -> Kinds:

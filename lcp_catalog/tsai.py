@@ -126,7 +126,7 @@ class _Tsai:
         directions = _nearest(np.stack([u, v, w]))
         rotation = _nearest(self.numbers("R", 9).reshape(3, 3))
         if directions is None:
-            self.refuse("u_direction", "v_direction and w_direction are not orthonormal")
+            self.refuse("u_direction,", "v_direction and w_direction are not orthonormal")
         if rotation is None or np.linalg.det(rotation) < 0:
             self.refuse("R", "is not a rotation")
         axes = directions @ rotation.T

@@ -17,10 +17,11 @@ from .camera import Camera
 from .camera_file import read_sensor
 from .catalog import read_catalog
 from .contents import Catalog
-from .errors import LcpError
+from .errors import CameraError, ImageError, LcpError, SunError
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
-from .locate import LOCATED, Located, locate
+from .locate import CANNOT_SAY, LOCATED, Located, locate
 from .match import points_in_view
+from .matches import Matches
 from .photo import Photo
 from .photo_file import PhotoOptions, center_of, open_photo
 from .plates import PIXELS_MAX, Pictures
@@ -47,6 +48,17 @@ class ImageFiles:
 
     image: Path
     camera: Path | None = None
+
+    @property
+    def paths(self) -> list[Path]:
+        return [self.image, *([self.camera] if self.camera else [])]
+
+    def require(self) -> None:
+        """ImageError or CameraError for a file that is not there."""
+        if not self.image.is_file():
+            raise ImageError(f"{self.image}: there is no such file")
+        if self.camera is not None and not self.camera.is_file():
+            raise CameraError(f"{self.camera}: there is no such file")
 
 
 @dataclass(frozen=True)
@@ -107,9 +119,11 @@ class Result:
 
 
 def validate(request: Validation, progress: Progress | None = None) -> Result:
-    """Every image in turn. Raises the library's errors for a catalogue, a DEM or an image that cannot be read; an image that can,
-    but shows something else, is a verdict.
+    """Every image in turn. Raises the library's errors for a catalogue that cannot be read and for files that are not there; what
+    is wrong with an image, its camera file or its Sun is a verdict.
     """
+    for files in request.files:
+        files.require()
     catalog = read_catalog(request.catalog_path)
     images, pictures = [], []
     sources = [request.catalog_path]
@@ -130,8 +144,10 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
 def _one(
     request: Validation, catalog: Catalog, files: ImageFiles
 ) -> tuple[ImageVerdict, Pictures, list[Path]]:
-    sensor = read_sensor(files.camera) if files.camera else None
-    photo = open_photo(files.image, sensor, request.sun, PhotoOptions(**({"encoding": request.encoding} if request.encoding != "linear" else {})))
+    try:
+        photo = _opened(request, files)
+    except (ImageError, CameraError, SunError) as error:
+        return _untried(files, str(error)), Pictures(), files.paths
     located = locate(catalog, photo, request.uncertainty, request.law)
     best = photo.with_sensor(located.pose.sensor) if located.pose else photo
     ground, why = _ground(request, catalog, best)
@@ -143,8 +159,21 @@ def _one(
         windows_reason=why,
         error=_error(request, located, photo.sensor),
     )
-    read = [files.image, *([files.camera] if files.camera else [])]
-    return image, _pictures(photo, ground), read + list(ground.sources if ground else ())
+    return image, _pictures(photo, ground), [*files.paths, *(ground.sources if ground else ())]
+
+
+def _opened(request: Validation, files: ImageFiles) -> Photo:
+    sensor = read_sensor(files.camera) if files.camera else None
+    return open_photo(files.image, sensor, request.sun, PhotoOptions(encoding=request.encoding))
+
+
+def _untried(files: ImageFiles, reason: str) -> ImageVerdict:
+    """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun. No folder is named."""
+    reason = reason.removeprefix(f"{files.image}: ").replace(str(files.image), files.image.name)
+    if files.camera:
+        reason = reason.replace(str(files.camera), files.camera.name)
+    nothing = Located(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
+    return ImageVerdict(ImageFacts(files.image.name), nothing, PointFigures.none())
 
 
 def _ground(

@@ -82,10 +82,16 @@ class Ground:
     def shot(self) -> Photograph:
         return expose(self.scene)
 
-    @functools.lru_cache(maxsize=2)  # noqa: B019
     def ortho(self, encoding: str) -> Ortho:
-        photo = photograph(self.image, self.camera, encoding)
-        return orthorectify(photo, terrain_nodes(self.scene.terrain), self.shot.visible)
+        if encoding not in self._seen:
+            photo = photograph(self.image, self.camera, encoding)
+            nodes = terrain_nodes(self.scene.terrain)
+            self._seen[encoding] = orthorectify(photo, nodes, self.shot.visible)
+        return self._seen[encoding]
+
+    @functools.cached_property
+    def _seen(self) -> dict[str, Ortho]:
+        return {}
 
     def radiance(self, law: str = LAW, albedo: bool = True, shadows: bool = True) -> np.ndarray:
         """At the core's nodes under a law, or one of `YARDSTICKS`."""
@@ -107,9 +113,7 @@ class Ground:
         factor = YARDSTICKS[law](mu0, mu, np.where(lit, shot.phase_deg, 0.0))
         return np.where(lit, factor * shot.sunlit, np.where(shot.visible, 0.0, np.nan))
 
-    def pair(
-        self, target_m: float, render: np.ndarray, encoding: str = SRGB, **how: float
-    ) -> Pair:
+    def pair(self, target_m: float, render: np.ndarray, encoding: str = SRGB, **how: float) -> Pair:
         """Image and render on cells, the image with the DEM's own point spread."""
         seen = self.ortho(encoding)
         spread = {"dem_fwhm_m": self.resolution.point_spread_m} | how

@@ -25,6 +25,7 @@ from lcp_catalog.detector import Detector
 from lcp_catalog.locate import LOCATED, Located, locate
 from lcp_catalog.match import match
 from lcp_catalog.photo import Photo
+from lcp_catalog.reflectance import DEFAULT_MODEL, Reflectance
 from lcp_catalog.request import Request, ViewChoice
 from lcp_catalog.sensors import Uncertainty
 from lcp_catalog.simulate import DemGround, frame
@@ -54,11 +55,8 @@ class Draw:
     fov_deg: tuple[float, float] = (10.0, 60.0)
     off_nadir_deg: tuple[float, float] = (0.0, 40.0)
     sun_elevation_deg: tuple[float, float] = (5.0, 60.0)
-    pixel_cells: tuple[float, float] = (
-        0.25,
-        2.0,
-    )  # a pixel in the middle, in the catalogue's cells
-    size_px: int = 512
+    pixel_cells: tuple[float, float] = (0.75, 2.0)  # in the middle, in the catalogue's cells
+    size_px: int = 384
 
 
 @dataclass(frozen=True)
@@ -207,7 +205,7 @@ def cut(dem: Path, places_deg: Iterable[tuple[float, float]], nodes: int, gsd_m:
     return Catalog(**made)
 
 
-def by_product(dem: Path) -> Renderer:
+def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
     """Frames by `lcp simulate`'s library."""
 
     def take(camera: Camera, shot: Shot) -> Photo:

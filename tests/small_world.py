@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from catalogs import arrays
 from posed import DOWN, HADLEY, turned
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, spline_filter
 from synthetic import cratered
 
 from lcp_catalog.camera import Camera
@@ -42,14 +42,15 @@ class World:
 
     @cached_property
     def heights(self) -> np.ndarray:
-        return cratered(NODES, GSD_M, self.seed, 0.5).astype(np.float64)
+        """Coefficients of a cubic spline through the nodes."""
+        return spline_filter(cratered(NODES, GSD_M, self.seed, 0.5).astype(np.float64))
 
     def level(self, lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
         """Metres above the sphere."""
         enu = self.frame.from_mcmf(lonlat_to_mcmf(lon_deg, lat_deg))
         middle = (NODES - 1) / 2.0
         places = np.stack([middle - enu[..., 1] / GSD_M, middle + enu[..., 0] / GSD_M])
-        return map_coordinates(self.heights, places, order=3, mode="nearest")
+        return map_coordinates(self.heights, places, order=3, mode="mirror", prefilter=False)
 
     def patch(self, frame: EnuFrame, nodes: int) -> np.ndarray:
         """ENU z of the ground's nodes in a frame, (nodes, nodes)."""
@@ -59,12 +60,14 @@ class World:
         for _ in range(6):
             lon, lat, _ = mcmf_to_lonlat(frame.to_mcmf(np.stack([east, north, z], axis=-1)))
             ground = frame.from_mcmf(lonlat_to_mcmf(lon, lat, self.level(lon, lat)))
-            z = z + ground[..., 2] - frame.from_mcmf(
-                frame.to_mcmf(np.stack([east, north, z], axis=-1))
-            )[..., 2]
+            z = (
+                z
+                + ground[..., 2]
+                - frame.from_mcmf(frame.to_mcmf(np.stack([east, north, z], axis=-1)))[..., 2]
+            )
         return z
 
-    def catalog(self, step_m: float = 9000.0, half_m: float = 56e3, nodes: int = PATCH) -> Catalog:
+    def catalog(self, step_m: float = 10e3, half_m: float = 40e3, nodes: int = PATCH) -> Catalog:
         """Points on a square lattice."""
         axis = np.arange(-half_m, half_m + 1.0, step_m)
         east, north = (a.ravel() for a in np.meshgrid(axis, axis))
@@ -128,7 +131,7 @@ class World:
 def overhead(
     frame: EnuFrame = HADLEY,
     turns: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    size_px: int = 240,
+    size_px: int = 200,
     pixel_m: float = GSD_M,
     altitude_m: float = 120e3,
 ) -> Camera:

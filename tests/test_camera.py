@@ -5,12 +5,16 @@ import json
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from lcp_catalog.camera import camera_from_json
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
-from lcp_catalog.lens import OpenCV
+from lcp_catalog.lens import OpenCV, UsgsRadial
+from lcp_catalog.sensors import POSE
 from lcp_catalog.sphere import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
 from lcp_catalog.view import (
     camera_view,
@@ -151,7 +155,7 @@ def test_files_that_are_no_cameras(tmp_path):
     for text, says in (
         ("{", "is not JSON"),
         ("[1]", "one JSON object"),
-        ('{"name_model": "X"}', "USGS ISD"),
+        ('{"name_model": "X"}', "name_model is X"),
         ("\xff", "is not JSON"),
     ):
         (tmp_path / "c.json").write_bytes(text.encode("latin-1"))
@@ -163,6 +167,82 @@ def test_a_camera_survives_its_own_json():
     camera = camera_from_json(document(distortion=LENS, time_utc="1971-07-31T00:00:00"))
     again = camera_from_json(camera.to_json())
     assert again.to_json() == camera.to_json()
+
+
+def test_a_camera_with_a_lens_of_its_own_survives_its_json():
+    """What CAMERA.json's five numbers cannot say stands in ``lens``; ``distortion`` is then not there to be believed."""
+    lens = UsgsRadial(0.01, -0.02, 0.003)
+    camera = camera_from_json(document(lens=lens.to_json()))
+    assert camera.lens == lens
+    stated = camera.to_json()
+    assert "distortion" not in stated
+    again = camera_from_json(json.loads(json.dumps(stated)))
+    assert again.to_json() == stated
+    pixels = np.array([[0.0, 0.0], [299.0, 10.0]])
+    assert again.rays(pixels) == pytest.approx(camera.rays(pixels), abs=1e-15)
+    plain = camera_from_json(document())
+    assert np.abs(camera.rays(pixels) - plain.rays(pixels)).max() > 1e-3
+
+
+def test_one_lens_at_most():
+    with pytest.raises(CameraError, match="distortion and a lens besides"):
+        camera_from_json(document(distortion=LENS, lens={"model": "none"}))
+    with pytest.raises(CameraError, match="camera: lens lacks k"):
+        camera_from_json(document(lens={"model": "lro-nac"}))
+
+
+sixes = arrays(float, 6, elements=st.floats(-1.0, 1.0))
+
+
+@given(sixes, st.sampled_from([1.0, 1e-3, 1e-6]))
+@settings(deadline=None)
+def test_a_moved_camera(six, small):
+    """Shifted in MCMF, then turned about its own axes: by cv2's Rodrigues and written out."""
+    camera = camera_from_json(document(distortion=LENS))
+    correction = six * [5e3, 5e3, 5e3, 0.2 * small, 0.2 * small, 0.2 * small]
+    moved = camera.moved(correction)
+    turn, _ = cv2.Rodrigues(correction[3:])
+    rotation = turn @ camera.rotation_mcmf_to_camera
+    assert np.abs(moved.rotation_mcmf_to_camera - rotation).max() < 1e-13
+    points = points_in_view(40)
+    by_hand = camera_from_json(
+        document(distortion=LENS)
+        | {
+            "position_mcmf_m": (camera.position_mcmf_m + correction[:3]).tolist(),
+            "rotation_mcmf_to_camera": rotation.tolist(),
+        }
+    )
+    assert moved.project(points) == pytest.approx(by_hand.project(points), abs=1e-7, nan_ok=True)
+    assert moved.corrections == POSE
+    assert moved.name == camera.name
+
+
+def test_a_turn_about_each_axis_goes_the_right_way():
+    """R' = exp([turn]x) R turns the scene in the camera's axes: about x (right) what is ahead (z) goes up (-y), about y (down) it
+    goes right (x), about z (ahead) what is right goes down (y).
+    """
+    camera = camera_from_json(document())
+    ahead = camera.position_mcmf_m + 5e4 * camera.rotation_mcmf_to_camera[2]
+    beside = ahead + 1e4 * camera.rotation_mcmf_to_camera[0]
+    middle = np.array(camera.principal_point_px)
+    up = camera.moved([0, 0, 0, 0.01, 0, 0]).project(ahead) - middle
+    assert up == pytest.approx([0.0, -400 * np.tan(0.01)], abs=1e-6)
+    right = camera.moved([0, 0, 0, 0, 0.01, 0]).project(ahead) - middle
+    assert right == pytest.approx([400 * np.tan(0.01), 0.0], abs=1e-6)
+    rolled = camera.moved([0, 0, 0, 0, 0, 0.01]).project(beside) - middle
+    assert rolled == pytest.approx([80 * np.cos(0.01), 80 * np.sin(0.01)], abs=1e-6)
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None)
+def test_a_camera_looks_where_it_projects(seed):
+    camera = camera_from_json(document(distortion=LENS))
+    pixels = np.random.default_rng(seed).uniform([-0.5, -0.5], [299.5, 199.5], (3, 5, 2))
+    origins, rays = camera.looks(pixels)
+    assert origins.shape == rays.shape == (3, 5, 3)
+    points = origins + 8e4 * rays
+    assert np.abs(camera.project(points) - pixels).max() < 1e-8
+    assert np.abs(camera.towards(points) + rays).max() < 1e-14
 
 
 def test_footprint_of_a_small_image():

@@ -156,8 +156,7 @@ def test_what_is_there_is_not_replaced(place, report, capsys) -> None:
         (["--camera", "a.json", "--camera", "b.json"], 2, "2 --camera for 1 images"),
         (["--require", "share_above=0.9"], 2, "--require"),
         (["--require", "beauty>1"], 2, "beauty"),
-        (["--camera", "none.json"], 1, "none.json: cannot be read"),
-        ([], 1, "missing geometry"),
+        (["--camera", "none.json"], 1, "none.json: there is no such file"),
         (["--window", "2"], 2, "--window"),
         (["--sun-azimuth", "90"], 2, "go together"),
     ],
@@ -176,11 +175,27 @@ def test_wrong_flags_say_which(place, tmp_path, capsys, flags, code, says) -> No
     assert not out.exists()
 
 
-def test_the_camera_of_another_image_is_refused(place, tmp_path, capsys) -> None:
+def test_what_cannot_be_tried_says_what_is_missing(place, tmp_path, capsys) -> None:
+    """In the report, beside an image that can: without geometry, of another size than its camera, blank."""
     other = json.loads((place / "true.json").read_text()) | {"image_size_px": [640, 480]}
     (tmp_path / "other.json").write_text(json.dumps(other))
-    files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
-    assert run(["validate", *files, "--camera", str(tmp_path / "other.json")]) == 1
-    error = capsys.readouterr().err
-    assert "640 x 480" in error
-    assert len(error.strip().splitlines()) == 1
+    said = []
+    for name, flags in (
+        ("none", []),
+        ("size", ["--camera", str(tmp_path / "other.json")]),
+        ("broken", ["--camera", str(DEM)]),
+    ):
+        files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / name)]
+        assert run(["validate", *files, *flags]) == 4
+        text = (tmp_path / name / "report.json").read_text()
+        image = json.loads(text)["images"][0]
+        assert image["verdict"] == "cannot say"
+        assert image["pose"] is None
+        assert image["points_found"] == 0
+        assert str(tmp_path) not in text  # no folder in a result
+        assert str(place) not in text
+        said.append(image["reason"])
+    assert "missing geometry" in said[0]
+    assert "640 x 480" in said[1]
+    assert "not JSON" in said[2]
+    assert "Traceback" not in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -21,6 +21,7 @@ def directions(n=40, seed=0):
 
 
 @given(matrices, st.booleans(), st.sampled_from([NoLens(), LENS, LroNac(1.8e-5)]))
+@settings(deadline=None)
 def test_any_detector(matrix, flipped, lens):
     """pixel = origin + matrix landed(f x / z, f y / z), whatever the axes are turned to."""
     focal, origin = 76.0, (11.5, -3.0)
@@ -37,6 +38,7 @@ def test_any_detector(matrix, flipped, lens):
 
 
 @given(st.floats(0.0, 6.28), st.booleans(), st.booleans())
+@settings(deadline=None)
 def test_columns_run_along_x(angle, mirrored, flipped):
     """A square detector turned by any angle: its columns run along camera X, its rows along Y, or against it in a mirror image."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -6,7 +6,7 @@ import cv2
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.lens import (
@@ -47,6 +47,7 @@ LENSES = {
 
 @pytest.mark.parametrize("name", LENSES)
 @given(st.floats(-1, 1), st.floats(-1, 1))
+@settings(deadline=None)
 def test_a_lens_undoes_itself(name, a, b):
     lens, reach = LENSES[name]
     u, v = np.array([reach * a]), np.array([reach * b])

@@ -678,3 +678,25 @@ def test_the_pit(shared_data: Path) -> None:
     col, row = np.round(pixels).astype(int)
     assert found.sensor.in_image(pixels)
     assert not found.weight[row, col]
+
+
+def test_a_cube_is_the_right_way_up(shared_data: Path) -> None:
+    """The cube of AS15-M-0299 is a window of the scan (its AlphaCube group: from sample 14396.5, line 4396.5 of 22900 x 22900), where
+    the whole frame's picture has the same ground.
+    """
+    folder = shared_data / "images" / "apollo15-metric-farside"
+    cube = open_photo(folder / "AS15-M-0299_crop.cub", files.camera_over((500, 500), sun=False))
+    whole = open_photo(folder / "AS15-M-0299_SML.png", files.camera_over((1012, 1012)))
+    # one of the picture's pixels is 22.6 of the scan's, one of the cube's 16
+    row, col = (np.arange(353) + 0.5) * 22900 / 1012 / 15.976 - 0.5, 636.0
+    there = np.round(row).astype(int).clip(0, 499)
+    small = cube.signal[np.ix_(there, there)]
+    same = whole.signal[194 : 194 + 353, int(col) : int(col) + 353]
+    both = np.isfinite(same)
+
+    def likeness(values: np.ndarray) -> float:
+        return float(np.corrcoef(values[both], same[both])[0, 1])
+
+    assert likeness(small) > 0.9
+    for other in (small[::-1], small[:, ::-1], small.T):
+        assert likeness(other) < 0.3

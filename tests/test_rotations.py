@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation, Slerp
@@ -33,6 +33,7 @@ def unit(q):
 
 
 @given(vectors, st.integers(-12, 0))
+@settings(deadline=None)
 def test_a_turn_by_a_vector(turn, power):
     turn = turn * 10.0**power
     assert np.abs(by_vector(turn) - Rotation.from_rotvec(turn).as_matrix()).max() < 1e-14
@@ -47,6 +48,7 @@ def test_small_turns_keep_their_digits():
 
 
 @given(quaternions, quaternions, vectors)
+@settings(deadline=None)
 def test_products_and_turned_vectors(q, p, v):
     q, p = unit(q), unit(p)
     both = theirs(q) * theirs(p)
@@ -55,6 +57,7 @@ def test_products_and_turned_vectors(q, p, v):
 
 
 @given(quaternions)
+@settings(deadline=None)
 def test_a_matrix_and_its_quaternion(q):
     matrix = theirs(unit(q)).as_matrix()
     found = quaternion_of(matrix)
@@ -68,6 +71,7 @@ def test_half_turns_have_quaternions_too():
 
 
 @given(quaternions, quaternions, st.floats(0.0, 1.0))
+@settings(deadline=None)
 def test_between_two_at_a_constant_rate(q, p, share):
     first, second = same_sides(np.stack([q, p]))
     angle = apart_rad(first[None], second[None])

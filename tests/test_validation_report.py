@@ -107,6 +107,24 @@ def test_arrows_are_the_residuals() -> None:
     assert sum(counts) == found.sum()
 
 
+def test_windows_that_correlate_say_where_they_lie() -> None:
+    image = verdicts.image()
+    w, html = image.windows.compared, alone(image)
+    times = float(re.search(r"cells; arrows ([\d.]+) times their length", html)[1])
+    start = (
+        (np.stack([w.col, w.row], axis=-1) + 8.0) * 960 / 128
+    )  # 128 columns; the middle of 16 cells
+    ends = start + w.offset_px * 960 / 128 * times
+    sure = (w.correlation > 0.7) & np.isfinite(w.offset_px).all(axis=1)
+    assert 5 < np.count_nonzero(sure) < w.count
+    for (x, y), (to_x, to_y), drawn in zip(start, ends, sure, strict=True):
+        assert (f'd="M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}' in html) == drawn
+    assert (
+        f"{np.count_nonzero(sure)} of {np.count_nonzero(sure)} windows that correlate above 0.7"
+        in html
+    )
+
+
 def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
     image = verdicts.image(located=False)
     html = alone(image)

@@ -17,6 +17,10 @@ _LAST_STEP_PX = 0.05
 _FARTHEST_PX = 1.5
 _LAGS = 7
 """Residuals farther apart than this, in pixels, are taken as independent."""
+_MISMATCH = 3.0
+"""By how much the variance grows, times the correlation of neighbouring residuals. What a render has wrong is smooth over more than
+the lags, and part of it looks like a shift and leaves no residual: measured (docs/matching.md).
+"""
 _FEWEST = 12
 
 
@@ -185,14 +189,12 @@ def _covariance(seen, light, w, out):
     pyx, pyy = ixy * bxx + iyy * bxy, ixy * bxy + iyy * byy
     out[3], out[4] = pxx * ixx + pxy * ixy, pxx * ixy + pxy * iyy
     out[5] = pyx * ixy + pyy * iyy
-    floor_x, floor_y = white * ixx, white * iyy
-    grow = max(1.0, math.sqrt(max(floor_x / out[3], floor_y / out[5], 1.0))) if min(out[3], out[5]) > 0.0 else 0.0
-    if grow == 0.0 or out[3] * out[5] - out[4] * out[4] <= 0.0:
-        out[3], out[4], out[5] = floor_x, white * ixy, floor_y
-    else:
-        out[3], out[4], out[5] = out[3] * grow**2, out[4] * grow**2, out[5] * grow**2
-    out[7], out[8] = math.sqrt(max(white, 0.0)), count
-    out[9] = near / white if white > 0.0 else 0.0
+    if not (out[3] > white * ixx and out[5] > white * iyy and out[3] * out[5] > out[4] * out[4]):
+        out[3], out[4], out[5] = white * ixx, white * ixy, white * iyy
+    likeness = near / white if white > 0.0 else 0.0
+    grow = 1.0 + _MISMATCH * min(max(likeness, 0.0), 1.0)
+    out[3], out[4], out[5] = out[3] * grow, out[4] * grow, out[5] * grow
+    out[7], out[8], out[9] = math.sqrt(max(white, 0.0)), count, likeness
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

@@ -1,0 +1,67 @@
+"""What clipped pixels are worth to the matcher: AS15-M-0414 clipped below or above on purpose, its clipped pixels weighed 0 to 1.
+
+    make catalog
+    .venv/bin/python benchmarks/clipped_pixels.py [build/hadley.h5]
+
+writes the table of docs/images-in.md. A match is right when it lies within 1.25 pixels of where the frame's camera puts the point.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
+import numpy as np
+
+from lcp_catalog.camera_file import read_camera
+from lcp_catalog.catalog import read_catalog
+from lcp_catalog.match import match, points_in_view
+from lcp_catalog.photo import Photo
+from lcp_catalog.photo_file import open_photo
+
+FRAME = ROOT / "sample_data" / "AS15-M-0414.png"
+RIGHT_PX = 1.25
+REACH_PX = 16.0
+DARK, BRIGHT = (15.0, 40.0), (170.0, 140.0)
+WEIGHTS = (1.0, 0.5, 0.25, 0.0)
+
+
+def clipped(photo: Photo, below: float, above: float, weight: float) -> tuple[Photo, float]:
+    """The photo with values clipped, those weighed; and their share."""
+    hit = (photo.signal <= below) | (photo.signal >= above)
+    signal = np.clip(photo.signal, below, above).astype(np.float32)
+    weights = (photo.weight * np.where(hit, weight, 1.0)).astype(np.float32)
+    return replace(photo, signal=signal, weight=weights), float(hit.mean())
+
+
+def main() -> None:
+    catalog = read_catalog(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "hadley.h5")
+    photo = open_photo(FRAME, read_camera(FRAME.with_name("AS15-M-0414_camera.json")))
+    points = points_in_view(catalog, photo)
+    lines = [
+        "| clipped | pixels | weight | found | right | median offset, px |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    cases = [(-np.inf, np.inf)] + [(d, np.inf) for d in DARK] + [(-np.inf, b) for b in BRIGHT]
+    for below, above in cases:
+        for weight in WEIGHTS:
+            changed, share = clipped(photo, below, above, weight)
+            found = match(catalog, changed, reach_px=REACH_PX, points=points)
+            off = np.linalg.norm(found.offset_px[found.found], axis=1)
+            what = f"below {below:g}" if np.isfinite(below) else f"above {above:g}"
+            what = what if share else "nothing"
+            lines.append(
+                f"| {what} | {100 * share:.0f} % | {weight:g} | {len(off)} | {(off < RIGHT_PX).sum()} | {np.median(off):.2f} |"
+            )
+            if not share:
+                break
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
