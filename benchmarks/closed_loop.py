@@ -33,6 +33,7 @@ from closed_loops import (
     Renderer,
     Shot,
     Site,
+    by_embree,
     by_product,
     fly,
 )
@@ -111,7 +112,7 @@ def loop(name: str, asked: argparse.Namespace) -> None:
     for shot, camera in site.shots(asked.frames, asked.seed, Draw()):
         if shot.number in done:
             continue
-        photo = take(camera, shot)
+        photo = kept(asked.output / "frames" / f"{path.stem}-{shot.number}.npz", camera, shot, take)
         rows = [fly(site, shot, camera, photo, solve, not solve) for solve in (False, True)]
         with path.open("a", encoding="utf-8") as file:
             file.writelines(
@@ -120,6 +121,18 @@ def loop(name: str, asked: argparse.Namespace) -> None:
         print(
             f"{name} {shot.number}: {rows[1].verdict}, {rows[1].across_px:.3f} px", file=sys.stderr
         )
+
+
+def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Photo:
+    """A frame, taken once: to look again costs no rendering."""
+    if not path.exists():
+        photo = take(camera, shot)
+        path.parent.mkdir(exist_ok=True)
+        np.savez_compressed(path, signal=photo.signal, weight=photo.weight)
+        return photo
+    with np.load(path) as saved:
+        pixels = saved["signal"], saved["weight"]
+    return Photo(camera.name, *pixels, camera, sun_position_mcmf_m=camera.sun_position_mcmf_m)
 
 
 def built(name: str, place: Place, dem: Path, folder: Path) -> Path:
@@ -137,34 +150,8 @@ def built(name: str, place: Place, dem: Path, folder: Path) -> Path:
 
 def renderer(kind: str, place: Place, dem: Path) -> Renderer:
     if kind == "embree":
-        return by_embree(place, dem)
+        return by_embree(dem, place.center_deg, MESH_REACH_M)
     return by_product(dem, DEFAULT_MODEL if kind == "product" else reflectance_model("hapke"))
-
-
-def by_embree(place: Place, dem: Path) -> Renderer:
-    """Frames of the DEM's mesh; the judge's camera is made from the numbers of a CAMERA.json alone."""
-    from embree_camera import Ground, Pinhole, photograph, read_out
-
-    ground = Ground.of(dem, *place.center_deg, MESH_REACH_M)
-
-    def take(camera: Camera, shot: Shot) -> Photo:
-        said = camera.to_json()
-        judge = Pinhole(
-            np.array(said["position_mcmf_m"]),
-            np.array(said["rotation_mcmf_to_camera"]),
-            said["focal_length_px"],
-            tuple(said["principal_point_px"]),
-            tuple(said["image_size_px"]),
-        )
-        sun = np.array(said["sun_position_mcmf_m"])
-        light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=3, seed=shot.number)
-        known = np.isfinite(light)
-        numbers = read_out(np.nan_to_num(light), SNR, BITS, shot.number)
-        signal = np.where(known, numbers, np.nan).astype(np.float32)
-        weight = (known & (numbers < 2**BITS - 1)).astype(np.float32)
-        return Photo(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
-
-    return take
 
 
 def read_rows(path: Path) -> list[dict]:
@@ -183,6 +170,7 @@ def report(rows: list[dict]) -> str:
         table("renderer, site", rows, lambda r: f"{r['renderer']}, {r['site']}"),
         table("renderer", rows, lambda r: r["renderer"]),
         table("Sun's elevation", rows, binned("sun_elevation_deg", (5, 15, 25, 35, 45, 60))),
+        table("phase", rows, binned("phase_deg", (0, 10, 20, 30, 50, 100, 180))),
         table("field of view", rows, binned("fov_deg", (10, 20, 30, 40, 50, 60))),
         table("off nadir", rows, binned("off_nadir_deg", (0, 10, 20, 30, 40))),
         biases(rows),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .contents import Catalog
-from .kernels import search
+from .kernels import correlate
 from .patch_render import POINT_SPREAD_PX, render_patches
 from .photo import Photo
 from .reflectance import DEFAULT_MODEL, Reflectance
@@ -40,8 +40,9 @@ _PLATEAU = 0.05
 
 @dataclass(frozen=True)
 class CoarseShift:
-    """The offset on which most points agree, in pixels of the image as it came. ``log10_false_alarms``: how many offsets, in powers of ten, would
-    show as high an agreement by chance in an area as large; ``rival_log10``: the same of the best offset elsewhere.
+    """The offset on which most points agree, in pixels of the image as it came. ``log10_false_alarms``: how many offsets, in
+    powers of ten, would show as high an agreement by chance in an area as large; ``rival_log10``: the same of the
+    best offset elsewhere.
     """
 
     offset_px: tuple[float, float]
@@ -66,8 +67,8 @@ def coarse_shift(
     """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where too little can be
     looked at.
 
-    ``offset_px``: what is added to each point's place before ((2,), (n, 2), or a function of the rows). ``slack_px``: how far single
-    points may lie from the common offset, as a turned or scaled image has them.
+    ``offset_px``: what is added to each point's place before ((2,), (n, 2), or a function of the rows). ``slack_px``: how far
+    single points may lie from the common offset, as a turned or scaled image has them.
 
     Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank / offsets). By chance a vote is
     exponential with mean 1 whatever the map looks like, and the sum of n votes has Gamma(n)'s tail; times the number of offsets it
@@ -77,7 +78,7 @@ def coarse_shift(
     rows = _thinned(np.asarray(points, dtype=np.int64))
     if not len(rows):
         return None
-    factor = _factor(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
+    factor, size = _scale(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
     image = SearchImage.of(photo.reduced(factor))
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
@@ -90,7 +91,7 @@ def coarse_shift(
             known = np.isfinite(score)
             voters += known
             votes += _vote(score, known, slack)
-    return _peak(votes, voters, image.factor, slack)
+    return _peak(votes, voters, image.factor, slack, 0.5 * size + 2 * slack)
 
 
 def _maps(
@@ -110,17 +111,20 @@ def _maps(
     templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
     maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
     origin = templates.origin + np.round(offset).astype(np.int64)
-    search.maps(
+    correlate.maps(
         image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
     )
     return maps[np.isfinite(maps).any(axis=(1, 2))]
 
 
-def _factor(catalog: Catalog, photo: Photo, rows: Index, reach: float, grid_px: int) -> int:
-    """By what the photo is reduced: the reach to the grid's, but templates no smaller than `_SMALLEST_PX`."""
-    pixel = np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows]))
-    size = float(np.median(catalog.gsd[rows]) * catalog.patch_nodes / pixel)
-    return max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
+def _scale(
+    catalog: Catalog, photo: Photo, rows: Index, reach: float, grid_px: int
+) -> tuple[int, float]:
+    """By what the photo is reduced, and the side of the templates then, in pixels."""
+    pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
+    size = float(np.median(catalog.gsd[rows])) * catalog.patch_nodes / pixel
+    factor = max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
+    return factor, size / factor
 
 
 def _thinned(rows: Index) -> Index:
@@ -150,12 +154,13 @@ def _highest_near(values: Index, reach: int) -> Index:
     return out
 
 
-def _peak(votes: Array, voters: Index, factor: int, slack: int) -> CoarseShift | None:
+def _peak(votes: Array, voters: Index, factor: int, slack: int, zone: float) -> CoarseShift | None:
+    """The best offset, and the best one farther from it than ``zone``; None where too few are left outside."""
     known = (voters > 0) & (voters >= _LEAST_SHARE * voters.max())
     clear = np.where(known, (votes - voters) / np.sqrt(np.maximum(voters, 1)), -np.inf)
     row, col = (int(k) for k in np.unravel_index(int(np.argmax(clear)), clear.shape))
     down, right = np.ogrid[-row : clear.shape[0] - row, -col : clear.shape[1] - col]
-    near = down**2 + right**2 <= (_SMALLEST_PX / 2 + 2 * slack) ** 2
+    near = down**2 + right**2 <= zone**2
     others = known & ~near
     if others.sum() < _LEAST_CELLS:
         return None
@@ -172,7 +177,7 @@ def _peak(votes: Array, voters: Index, factor: int, slack: int) -> CoarseShift |
 
 
 def _log10_gamma_tail(n: int, total: float) -> float:
-    """log10 of the chance that n exponential votes of mean 1 add up to more than ``total``: e^-t times the sum of t^k / k!, k < n."""
+    """log10 of the chance that n exponential votes of mean 1 add up to more than t: e^-t times the sum of t^k / k!, k < n."""
     if total <= 0.0:
         return 0.0
     k = np.arange(n)

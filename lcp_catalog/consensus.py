@@ -1,18 +1,19 @@
 """Which matches agree on one place of the sensor, and whether that could be chance.
 
-Sets of one to m matches (2 m >= the number of unknowns) each give a correction, with the prior as weak weights; the one that most matches
-agree with is refined on all of them. A match agrees when it lies within its gate: 3 sigma of its own covariance, which is widened by a
-tolerance for what covariances do not know.
+Sets of one to m matches (2 m >= the number of unknowns) each give a correction, with the prior as weak weights; the
+one that most matches agree with is refined on all of them. A match agrees when it lies within its gate: 3 sigma of
+its own covariance, which is widened by a tolerance for what covariances do not know.
 
-That k of n agree is held against a background of false matches, each anywhere in its own search area alike (a contrario: Desolneux, Moisan
-and Morel 2000; for geometry Moisan and Stival 2004). Match i agrees by chance with p_i = area of its gate / its search area. The
-expected number of solutions as good as the one found is at most the number of minimal sets times the chance of such agreement,
+That k of n agree is held against a background of false matches, each anywhere in its own search area alike (a
+contrario: Desolneux, Moisan and Morel 2000; for geometry Moisan and Stival 2004). Match i agrees by chance with p_i =
+area of its gate / its search area. The expected number of solutions as good as the one found is at most the number of
+minimal sets times the chance of such agreement,
 
     NFA <= C(n, m) exp( min_t  sum_all log(1 - p_i + p_i^(1-t))  +  t sum_agreeing log p_i ),   0 < t < 1
 
-Chernoff's bound for the sum of the agreeing matches' -log p_i, of which the m largest are left out: they chose the solution. Matches whose
-patches overlap see the same ground and err together: the exponent is multiplied by k_eff / k, k_eff = k^2 / sum_ij (shared area of patches i
-and j, 0..1). docs/pose.md says what was measured.
+Chernoff's bound for the sum of the agreeing matches' -log p_i, of which the m largest are left out: they chose the
+solution. Matches whose patches overlap see the same ground and err together: the exponent is multiplied by k_eff / k,
+k_eff = k^2 / sum_ij (shared area of patches i and j, 0..1). docs/pose.md says what was measured.
 """
 
 from __future__ import annotations
@@ -79,8 +80,8 @@ def agree(
 ) -> Consensus:
     """What matches of points (n, 3) found at pixels (n, 2) with covariances (n, 2, 2) agree on; NaN is no match.
 
-    Each was sought within +-``reach_px`` (a number or (n,)) of where the sensor has it. ``width_px``: side of a patch in the image, for
-    how much neighbours share; 0: nothing.
+    Each was sought within +-``reach_px`` (a number or (n,)) of where the sensor has it. ``width_px``: side of a patch
+    in the image, for how much neighbours share; 0: nothing.
     """
     points, found, covariance = (
         np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, found_px, covariance_px2)
@@ -201,8 +202,8 @@ class _Table:
         return pose, log10
 
     def refined(self, agrees: Mask) -> Pose | None:
-        """Solved from those who agree, and asked again who agrees, until that stands; None where fewer than a minimal set are
-        left.
+        """Solved from those who agree, and asked again who agrees, until that stands; None where fewer than a minimal
+        set are left.
         """
         pose = None
         for _ in range(_ROUNDS):
@@ -220,7 +221,9 @@ class _Table:
         return pose
 
     def starts(self) -> list[Mask]:
-        """The agreements, under the linearised sensor, that are worth refining: the best of all sets tried, none twice."""
+        """The agreements, under the linearised sensor, that are worth refining: the best of all sets tried, none
+        twice.
+        """
         linear = _Linear.of(self)
         subsets = list(_subsets(len(self), self.minimal, self.seed))
         corrections = np.concatenate([linear.corrections(rows) for rows in subsets])

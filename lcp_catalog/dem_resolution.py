@@ -36,6 +36,11 @@ LAW_LONGEST_M = 30e3
 EXPONENT, EXPONENT_SIGMA = 4.0, 0.3
 """What is known of b before: without it a small area cannot tell a steep law from a smooth DEM."""
 
+BETWEEN_AREAS = 0.25
+"""Standard deviation, in the logarithm, between answers for areas of 100 to 700 km of one product (GLD100, seven of them:
+docs/validation.md): no ground follows a power law exactly.
+"""
+
 _BINS_PER_OCTAVE = 6
 _LONGEST = 3.0  # waves in a tile: longer ones are bent by its taper and its plane
 _SHORTEST = 0.95  # of Nyquist's wavenumber
@@ -50,8 +55,8 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class Resolution:
-    """What a DEM resolves. ``resolution_m``: half its shortest wave, at least ``posting_m``; 68 % of fits lie between
-    ``low_m`` and ``high_m``. ``point_spread_m``: full width at half maximum of the Gaussian that halves the same wave; 0
+    """What a DEM resolves. ``resolution_m``: half its shortest wave, at least ``posting_m``; ``low_m`` to ``high_m``: one
+    sigma, of the fit and of what areas of one product differ by (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that halves the same wave; 0
     for a DEM that has its posting. ``exponent``: b; ``noise_m``: standard deviation of what is flat in the spectrum;
     ``how``: in words, for reports.
     """
@@ -126,7 +131,7 @@ def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
         return None
     octaves = math.log2(shortest / longest)
     edges = np.geomspace(longest, shortest, max(8, round(octaves * _BINS_PER_OCTAVE)) + 1)
-    return _binned(k[half], power[half], edges, len(tiles) / 2.0)
+    return _binned(k[half], power[half], edges, 0.5 * (len(tiles) + 1))
 
 
 def _tiles(z: Array, side: int) -> list[Array]:
@@ -154,13 +159,18 @@ def _power(tile: Array) -> Array:
 
 
 def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
+    """Geometric means over bins of wavenumber: what interpolation or stripes put on a few waves hardly moves them. That of one
+    noisy spectrum would lie below its mean by exp(-gamma), of n by about exp(-1 / 2n): undone.
+    """
     which = np.digitize(k, edges) - 1
+    below = 0.5 / tiles + 1.0 / (12.0 * tiles**2)  # ln n - digamma(n)
     rows = []
     for number in range(len(edges) - 1):
         here = which == number
         if here.sum() >= 4:
-            mean = float(np.exp(np.log(np.maximum(power[here], 1e-300)).mean()))
-            rows.append((float(np.exp(np.log(k[here]).mean())), mean, here.sum() * tiles))
+            level = float(np.log(np.maximum(power[here], 1e-300)).mean())
+            middle = float(np.exp(np.log(k[here]).mean()))
+            rows.append((middle, math.exp(level + below), here.sum() * tiles))
     return Spectrum(*np.array(rows).T)
 
 
@@ -208,11 +218,15 @@ def _fitted(spectrum: Spectrum, posting_m: float) -> Resolution:
     low, high = _interval(fit, len(used.power))
     noise_m = math.sqrt(fit.noise) / posting_m
     resolution = max(posting_m, 0.5 / cut)
+    finer, coarser = (
+        math.hypot(math.log(side), BETWEEN_AREAS) if side > 1.0 else BETWEEN_AREAS
+        for side in (high / fit.cut, fit.cut / low)
+    )
     spread = 0.0 if fit.cut >= nyquist else _fwhm_m(fit.cut)
     return Resolution(
         resolution,
-        max(posting_m, 0.5 / max(high, 1e-300)),
-        max(posting_m, 0.5 / min(low, noisy)),
+        max(posting_m, 0.5 / cut * math.exp(-finer)),
+        max(posting_m, 0.5 / cut * math.exp(coarser)),
         posting_m,
         spread,
         fit.exponent,

@@ -44,6 +44,11 @@ _CODE_KEYS = {
     "low": ("LOWINSTRSATURATION", "LOWREPRSATURATION"),
     "high": ("HIGHINSTRSATURATION", "HIGHREPRSATURATION"),
 }
+_PDS4 = {
+    "{*}Time_Coordinates/{*}start_date_time": "STARTTIME",
+    "{*}Time_Coordinates/{*}stop_date_time": "STOPTIME",
+    "{*}Target_Identification/{*}name": "TARGETNAME",
+}
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=T|$)")
 
 
@@ -104,8 +109,8 @@ def _statements(image: ImagePixels) -> Iterator[Item]:
         text = read_label_text(image.path) or _text_beside(image.path)
         if text is not None:
             yield from _flat(pvl.parse_pvl(text))
-        elif image.path.suffix.lower() == ".xml" and is_pds4(image.path):
-            yield from _xml(image.path)
+        elif image.opened.suffix.lower() == ".xml" and is_pds4(image.opened):
+            yield from _xml(image.opened)
     except (OSError, LabelError, ElementTree.ParseError) as error:
         log.warning("%s: its label is left aside: %s", image.path, error)
 
@@ -127,11 +132,12 @@ def _flat(document: Mapping[str, Any]) -> Iterator[Item]:
 
 
 def _xml(path: Path) -> Iterator[Item]:
-    for element in ElementTree.parse(path).iter():
-        tag = element.tag.rpartition("}")[2]
-        kind = {"start_date_time": "STARTTIME", "stop_date_time": "STOPTIME"}.get(tag)
-        if kind is not None and element.text:
-            yield kind, element.text
+    """The times and the target of a PDS4 label; what a template left open (${...}) says nothing."""
+    root = ElementTree.parse(path).getroot()
+    for tag, key in _PDS4.items():
+        element = root.find(f".//{tag}")
+        if element is not None and element.text and not element.text.startswith("${"):
+            yield key, element.text
 
 
 def _first(items: list[Item], key: str) -> Any:

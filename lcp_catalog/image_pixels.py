@@ -16,21 +16,24 @@ from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
+from .albedo_pixels import decode_srgb
+from .config import ALBEDO_ENCODINGS
 from .errors import ImageError, LabelError
 from .label import find_label
+from .pds4 import is_pds4
 
 log = logging.getLogger(__name__)
 
 Mask = NDArray[np.bool_]
 
 REC_709 = (0.2126, 0.7152, 0.0722)
-"""Luminance of red, green and blue (ITU-R BT.709), taken of the samples as they are."""
+"""Luminance of red, green and blue (ITU-R BT.709)."""
 
 OWN_CODES = ("ISIS3", "PDS")
 """Drivers of formats whose labels, or whose types, say which samples are no brightness."""
 
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
-_MOST_PIXELS = 400_000_000
+_MOST_PIXELS = 300_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +42,11 @@ class ImagePixels:
 
     ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the image's upper left
     corner, to the map: x = a col + b row + c, y = d col + e row + f. ``crs_wkt`` is None for an image
-    that is not map-projected.
+    that is not map-projected. ``opened`` is the file that was read: the label, for the bare numbers of an .IMG.
     """
 
     path: Path
+    opened: Path
     samples: NDArray[Any]
     valid: Mask
     driver: str
@@ -53,16 +57,22 @@ class ImagePixels:
     tags: Mapping[str, str] | None = None
     isis: Mapping[str, Any] | None = None
     """The label of an ISIS cube, as GDAL turns it into JSON."""
+    is_decoded: bool = False
+    """Whether the samples are luminance already, whatever the encoding was."""
     states_nodata: bool = False
     """Whether a value for what is missing was stated, by the file or the caller."""
 
 
 def read_image(
-    path: Path | str, band: int | None = None, nodata: float | None = None
+    path: Path | str,
+    band: int | None = None,
+    nodata: float | None = None,
+    encoding: str = ALBEDO_ENCODINGS[0],
 ) -> ImagePixels:
     """An image file's band (counted from 1; None: the luminance of a colour image, else the first).
 
-    ``nodata`` is a value that means "nothing here", beside what the file says. ImageError for what is no image, has no such
+    ``nodata`` is a value that means "nothing here", beside what the file says. ``encoding`` matters to colours alone, which become
+    luminance here: codes of a display (``srgb``) are decoded before. ImageError for what is no image, has no such
     band, or cannot be read.
     """
     path = Path(path)
@@ -71,14 +81,14 @@ def read_image(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(opened) as file:
-                return _read(path, file, band, nodata)
+                return _read((path, opened), file, (band, nodata, encoding))
     except (RasterioError, OSError) as error:
         cause = " ".join(str(error.__cause__ or error).split())
         raise ImageError(f"{path}: not an image that can be read here ({cause})") from error
 
 
 def _pixels_of(path: Path) -> Path:
-    """What GDAL is to open: the label for the bare numbers of a PDS3 .IMG."""
+    """What GDAL is to open: the label for the bare numbers of an .IMG of PDS3 or PDS4."""
     if not path.is_file():
         raise ImageError(f"{path}: no such image file")
     if path.suffix.lower() != ".img":
@@ -86,10 +96,15 @@ def _pixels_of(path: Path) -> Path:
     try:
         return find_label(path)
     except LabelError:
-        return path  # .img is also what others call their files: GDAL says whether it knows it
+        names = (path.with_suffix(".xml"), path.with_suffix(".XML"))
+        of_pds4 = [name for name in names if name.is_file() and is_pds4(name)]
+        return of_pds4[0] if of_pds4 else path  # .img is also what others call their files
 
 
-def _read(path: Path, file: Any, band: int | None, nodata: float | None) -> ImagePixels:
+def _read(
+    paths: tuple[Path, Path], file: Any, how: tuple[int | None, float | None, str]
+) -> ImagePixels:
+    (path, opened), (band, nodata, encoding) = paths, how
     if band is not None and not 1 <= band <= file.count:
         raise ImageError(f"{path}: has no band {band}; bands are 1 to {file.count}")
     if file.count == 0 or file.width * file.height > _MOST_PIXELS:
@@ -100,7 +115,7 @@ def _read(path: Path, file: Any, band: int | None, nodata: float | None) -> Imag
     if np.dtype(file.dtypes[0]).kind not in "uif":
         raise ImageError(f"{path}: samples are {file.dtypes[0]}; give integers or floats")
     first = band or 1
-    samples, colour = _samples(file, band)
+    samples, colour = _samples(file, band, encoding)
     mask = _mask_band(file, first)
     valid = _valid(file, first, mask)
     if nodata is not None:
@@ -108,6 +123,7 @@ def _read(path: Path, file: Any, band: int | None, nodata: float | None) -> Imag
     scale, offset = (1.0, 0.0) if colour else (file.scales[first - 1], file.offsets[first - 1])
     return ImagePixels(
         path=path,
+        opened=opened,
         samples=samples,
         valid=valid,
         driver=file.driver,
@@ -117,6 +133,7 @@ def _read(path: Path, file: Any, band: int | None, nodata: float | None) -> Imag
         transform=tuple(file.transform)[:6],
         tags=file.tags(),
         isis=_isis_label(file),
+        is_decoded=colour and np.dtype(file.dtypes[0]).kind in "ui",
         states_nodata=nodata is not None or file.nodatavals[first - 1] is not None,
     )
 
@@ -130,23 +147,30 @@ def _valid(file: Any, first: int, mask: int | None) -> Mask:
     return np.asarray((file.read_masks(first) if mask is None else file.read(mask)) != 0)
 
 
-def _samples(file: Any, band: int | None) -> tuple[NDArray[Any], bool]:
-    """The band's samples, and whether they were put together from colours."""
+def _samples(file: Any, band: int | None, encoding: str) -> tuple[NDArray[Any], bool]:
+    """The band's samples, and whether they are no longer those that were stored: luminance of colours that differ."""
     kinds = file.colorinterp
     if band is None and all(colour in kinds for colour in _COLOURS):
-        planes = [file.read(kinds.index(colour) + 1).astype(np.float32) for colour in _COLOURS]
-        total = planes[0] * REC_709[0]
-        for plane, weight in zip(planes[1:], REC_709[1:], strict=True):
-            total += plane * weight
-        return total, True
+        return _luminance([file.read(kinds.index(colour) + 1) for colour in _COLOURS], encoding)
     samples = file.read(band or 1)
     if kinds[(band or 1) - 1] != ColorInterp.palette:
         return samples, False
-    table = np.zeros(int(np.iinfo(samples.dtype).max) + 1, dtype=np.float32)
+    table = np.zeros((int(np.iinfo(samples.dtype).max) + 1, 3), dtype=samples.dtype)
     for code, entry in file.colormap(band or 1).items():
-        table[code] = np.dot(entry[:3], REC_709)
-    grey = np.round(table).astype(samples.dtype)
-    return (grey if np.allclose(grey, table, atol=1e-3) else table)[samples], True
+        table[code] = entry[:3]
+    values, changed = _luminance(list(table.T), encoding)
+    return values[samples], changed
+
+
+def _luminance(planes: list[NDArray[Any]], encoding: str) -> tuple[NDArray[Any], bool]:
+    """Of red, green and blue; of greys that are written as colours the grey, as it is stored."""
+    if all(np.array_equal(planes[0], plane) for plane in planes[1:]):
+        return planes[0], False
+    total = np.zeros(planes[0].shape, dtype=np.float32)
+    for plane, weight in zip(planes, REC_709, strict=True):
+        decoded = encoding == "srgb" and plane.dtype.kind in "ui"
+        total += weight * (decode_srgb(plane / np.iinfo(plane.dtype).max) if decoded else plane)
+    return total, True
 
 
 def _mask_band(file: Any, first: int) -> int | None:

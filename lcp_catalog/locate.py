@@ -1,8 +1,10 @@
-"""Where an image was taken, from a catalogue's points in it: sought, agreed on, solved, sought again; and whether to believe it.
+"""Where an image was taken, from a catalogue's points in it: sought, agreed on, solved, sought again; and whether to
+believe it.
 
-A pose is given only with the verdict `LOCATED`. What has to hold for it, in this order: an image with something in it; enough points
-that can be looked for; an agreement among those found that is no chance and has no rival (`consensus`); a correction that the stated
-uncertainty allows; a Sun that fits (`light_check`). docs/pose.md has the figures.
+A pose is given only with the verdict `LOCATED`. What has to hold for it, in this order: an image with something in
+it; enough points that can be looked for; an agreement among those found that is no chance and has no rival
+(`consensus`); a correction that the stated uncertainty allows; a Sun that fits (`light_check`). docs/pose.md has the
+figures.
 """
 
 from __future__ import annotations
@@ -50,8 +52,8 @@ LEAST_LIKENESS = 0.3
 """Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
 SHARE_IF_HERE = 0.3
-"""Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make that significant
-refute no place.
+"""Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make
+that significant refute no place.
 """
 
 _ROUNDS = 10
@@ -60,7 +62,9 @@ _NOBODY = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Options:
-    """How to look. Pixels are those of the photograph that is searched, which may be a reduced one (`usable.working_photo`)."""
+    """How to look. Pixels are those of the photograph that is searched, which may be a reduced one
+    (`usable.working_photo`).
+    """
 
     criteria: Criteria = field(default_factory=Criteria)
     tolerance_px: float = 1.0  # how far a match may lie off beside 3 sigma of its own
@@ -69,6 +73,7 @@ class Options:
         16.0  # also where the uncertainty is less: agreement must be able to fail
     )
     most_reach_px: float = 64.0  # further than this the whole image is shifted first
+    common_px: float = 0.03  # 1 sigma of what all matches may be off alike
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
     most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given
@@ -78,8 +83,8 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are the inliers.
-    ``log10_false_alarms``: of solutions as good by chance; ``rival``: the same of the best other one.
+    """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are
+    the inliers. ``log10_false_alarms``: of solutions as good by chance; ``rival``: the same of the best other one.
     """
 
     verdict: str
@@ -98,7 +103,8 @@ def locate(
     model: Reflectance = DEFAULT_MODEL,
     options: Options = Options(),
 ) -> Located:
-    """Seek a catalogue's points in a photograph whose sensor is known within an uncertainty, and solve for the sensor.
+    """Seek a catalogue's points in a photograph whose sensor is known within an uncertainty, and solve for the
+    sensor.
 
     Frames: the pose corrects ``photo.sensor``; matches are in the pixels of the image as it came.
     """
@@ -210,7 +216,9 @@ class _Search:
         return self.judged(matches, pose, score)
 
     def match(self, photo: Photo, area: SearchArea) -> Matches:
-        """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was given."""
+        """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was
+        given.
+        """
         found = match(
             self.catalog,
             photo,
@@ -263,7 +271,9 @@ class _Search:
         return self.working.with_sensor(self.working.sensor.moved(pose.correction))
 
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
-        """Solved from those that agree with a pose, and again, until nobody changes sides; the others are inconsistent."""
+        """Solved from those that agree with a pose, and again, until nobody changes sides; the others are
+        inconsistent.
+        """
         ground, found, covariance = self.places(matches)
         width = self.width_px(matches.point)
 
@@ -272,9 +282,15 @@ class _Search:
 
         agrees = who(pose.sensor)
         for _ in range(_ROUNDS):
-            overlap = 1.0 / independent_share(found[agrees], width)
             pose = solve(
-                self.photo.sensor, ground, found, covariance, self.uncertainty, agrees, overlap
+                self.photo.sensor,
+                ground,
+                found,
+                covariance,
+                self.uncertainty,
+                agrees,
+                overlap=1.0 / independent_share(found[agrees], width),
+                common_px=self.options.common_px * self.factor,
             )
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():

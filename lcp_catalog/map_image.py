@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .constants import MOON_RADIUS_M
 from .errors import ImageError, LabelError
-from .map_projection import MapProjection
+from .map_projection import MapProjection, map_projection
 from .sensors import ON_MAP
 from .sphere import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
@@ -72,11 +72,11 @@ class MapImage:
     def corrections(self) -> tuple[str, ...]:
         return ON_MAP
 
-    @cached_property
+    @property
     def projection(self) -> MapProjection:
         """The map; ImageError for one that is not of the Moon."""
         try:
-            return MapProjection(self.crs_wkt)
+            return map_projection(self.crs_wkt)
         except LabelError as error:
             raise ImageError(f"{self.name}: {error}") from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import pyproj
@@ -96,6 +96,12 @@ class MapProjection:
         lon = middle + np.array([-60.0, 60.0])
         x, _ = self.forward(lon, np.zeros(2))
         return float(abs(x[1] - x[0]) * 3.0)
+
+
+@lru_cache(maxsize=64)
+def map_projection(wkt: str) -> MapProjection:
+    """The projection of a CRS, made once: an image that is moved keeps its map."""
+    return MapProjection(wkt)
 
 
 def _finite(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:

@@ -136,7 +136,8 @@ def scale_arrow(frame: Frame, times: float, arrows: Arrows, unit: str) -> str:
     length = length / 2.0 if length * frame.scale * times > 140.0 else length
     y = frame.height * frame.scale + 26.0
     start, tip = np.array([12.0, y]), np.array([12.0 + length * frame.scale * times, y])
-    text = f"{number(length)} {unit}; arrows {number(times)} times their length"
+    long = "as long as they are" if times == 1.0 else f"{number(times)} times their length"
+    text = f"{number(length)} {unit}; arrows {long}"
     return (
         f'<g class="arrow key"><path d="{_arrow(start, tip)}"/></g>'
         f'<text class="note" x="{tip[0] + 14:.1f}" y="{y + 6:.1f}">{escape(text)}</text>'

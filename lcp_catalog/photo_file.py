@@ -47,6 +47,12 @@ class PhotoOptions:
     view_azimuth_deg: float = 0.0
     encoding: str = ALBEDO_ENCODINGS[0]
 
+    def __post_init__(self) -> None:
+        if self.encoding not in ALBEDO_ENCODINGS:
+            raise ImageError(
+                f"no encoding {self.encoding!r}; there are {', '.join(ALBEDO_ENCODINGS)}"
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
@@ -68,7 +74,7 @@ def open_photo(
     ImageError, one line, for what is no image, has no geometry, no Sun, another size than its camera's, or nothing in it.
     """
     options = options or PhotoOptions()
-    image = read_image(path, options.band, options.nodata)
+    image = read_image(path, options.band, options.nodata, options.encoding)
     label = read_image_label(image)
     taken_by = _sensor(image, sensor, options)
     pixels = _pixels(image, label.codes, sensor is None, options.encoding)
@@ -142,8 +148,9 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
 def _signal(image: ImagePixels, encoding: str) -> Float:
     """Samples as radiance up to a factor; ImageError for floats that are said to be codes of a display."""
     samples = image.samples
-    if encoding == "linear":
-        return np.asarray(samples * image.scale + image.offset, dtype=np.float32)
+    if encoding == "linear" or image.is_decoded:
+        signal = np.multiply(samples, image.scale, dtype=np.float32, casting="same_kind")
+        return np.asarray(signal + np.float32(image.offset))
     if samples.dtype.kind not in "ui":
         raise ImageError(
             f"{image.path}: holds {samples.dtype}, no codes of a display: --encoding linear"

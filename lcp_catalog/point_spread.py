@@ -19,8 +19,8 @@ SIGMA_PER_FWHM = 1.0 / math.sqrt(8.0 * math.log(2.0))
 CELL_FWHM = 2.0
 """Width of the point spread that cells get, in cells: the shortest wave that they hold."""
 
-_REACH_SIGMAS = 4.0
-"""Beyond it lies 6e-5 of a Gaussian in one dimension."""
+_REACH_SIGMAS = 5.0
+"""Beyond it lies 6e-7 of a Gaussian in one dimension."""
 _BLOCK = 256
 
 
@@ -92,8 +92,8 @@ def spread(
     """Gaussian means (rows, cols) of values by their weights, and the weights' own means; NaN and 0 where nothing is near.
 
     ``fwhm_px``: in cells of the values; 0 takes each nearest node as it is. ``grid``: where to take the means, none:
-    at the nodes themselves. A Gaussian narrower than about 1.2 cells is undersampled: its sum is made 1, its width
-    is not kept (at 1 cell the standard deviation is 1 % too small).
+    at the nodes themselves. A Gaussian narrower than 1.5 cells is undersampled: its sum is made 1, its width
+    is not kept (at 1.5 cells it is 1 % too small, at 1 cell a fifth).
     """
     v, w = np.asarray(values, dtype=np.float64), np.asarray(weight, dtype=np.float64)
     if v.ndim != 2 or v.shape != w.shape:

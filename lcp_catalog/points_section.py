@@ -81,10 +81,9 @@ def _reasons(image: ImageVerdict) -> list[str]:
 
 
 def _places(image: ImageVerdict) -> Array:
-    """Where a point is, as far as is known: by the corrected sensor, else found, else by the given one; (n, 2)."""
-    corrected, matches = image.points.corrected_px, image.matches
-    found = np.where(matches.found[:, None], matches.found_px, matches.predicted_px)
-    return np.where(np.isfinite(corrected), corrected, found)
+    """Where the corrected sensor has each point, else the given one; (n, 2)."""
+    corrected = image.points.corrected_px
+    return np.where(np.isfinite(corrected), corrected, image.matches.predicted_px)
 
 
 def _titles(image: ImageVerdict) -> list[str]:

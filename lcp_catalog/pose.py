@@ -1,13 +1,13 @@
 """A sensor's place from points found in its image: weighted least squares with a prior, and how far to believe it.
 
-The unknowns c are the sensor's own corrections (`Sensor.moved`), so that a framing camera, a scanner and a map are all solved alike.
-What is minimised, over c and counted from the sensor as it was given,
+The unknowns c are the sensor's own corrections (`Sensor.moved`), so that a framing camera, a scanner and a map are
+all solved alike. What is minimised, over c and counted from the sensor as it was given,
 
     sum_i  rho( (found_i - project_c(X_i))^T  C_i^-1  (found_i - project_c(X_i)) )  +  sum_j (c_j / sigma_j)^2
 
-with C_i the covariance of a place in the image and sigma_j the prior's: Gauss-Newton with Levenberg's damping. The Jacobian is taken by
-central differences over a tenth of a pixel, which for a pinhole leaves a relative error of (0.1 px / f)^2, below 1e-6 from f = 100 px on.
-docs/pose.md has the figures.
+with C_i the covariance of a place in the image and sigma_j the prior's: Gauss-Newton with Levenberg's damping. The
+Jacobian is taken by central differences over a tenth of a pixel, which for a pinhole leaves a relative error of (0.1
+px / f)^2, below 1e-6 from f = 100 px on. docs/pose.md has the figures.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ STEP_PX = 0.1
 """Corrections are varied by what moves the image by about this much."""
 
 HUBER = 2.5
-"""Places further off than this many of their own sigmas count linearly, not squared, where nobody has said which agree."""
+"""Places further off than this many of their own sigmas count linearly, not squared, where nobody has said which
+agree.
+"""
 
 _STEPS = 40
 _CONVERGED = 1e-4
@@ -41,9 +43,10 @@ _CONDITION = 1e13
 class Pose:
     """A sensor corrected by k numbers, from n points.
 
-    ``covariance`` is that of the correction, in metres and radians squared, with zero rows for what was held. It is the formal one times
-    ``scale`` as far as it comes from the points: where residuals are larger than the points' own covariances say
-    (``normalised_error`` > 1) the points are believed that much less; where they are smaller nothing is made better.
+    ``covariance`` is that of the correction, in metres and radians squared, with zero rows for what was held. It is
+    the formal one times ``scale`` as far as it comes from the points: where residuals are larger than the points' own
+    covariances say (``normalised_error`` > 1) the points are believed that much less; where they are smaller nothing
+    is made better.
     """
 
     sensor: Sensor
@@ -82,7 +85,9 @@ class Pose:
 
 @dataclass(frozen=True)
 class Split:
-    """An error of position, or its sigma, in metres: whole, across the line of sight (both directions together), along it."""
+    """An error of position, or its sigma, in metres: whole, across the line of sight (both directions together),
+    along it.
+    """
 
     whole_m: float
     across_m: float
@@ -91,8 +96,8 @@ class Split:
 
 @dataclass(frozen=True)
 class PositionError:
-    """A solved position against a known one. ``squared`` is the error squared in units of the stated covariance, of which 3 is
-    expected.
+    """A solved position against a known one. ``squared`` is the error squared in units of the stated covariance, of
+    which 3 is expected.
     """
 
     error: Split
@@ -101,8 +106,8 @@ class PositionError:
 
 
 def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
-    """How the pixels (n, 2) of ground points (n, 3) follow the sensor's k corrections: (n, 2, k), pixels per metre and per radian;
-    NaN for points that it cannot have seen.
+    """How the pixels (n, 2) of ground points (n, 3) follow the sensor's k corrections: (n, 2, k), pixels per metre
+    and per radian; NaN for points that it cannot have seen.
     """
     points = np.asarray(points_mcmf_m, dtype=np.float64)
     steps = _steps(sensor, points)
@@ -114,8 +119,8 @@ def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
 
 
 def spread_px2(sensor: Sensor, points_mcmf_m: ArrayLike, covariance: ArrayLike) -> Array:
-    """Covariance (n, 2, 2) of where points (n, 3) lie in the image, for a covariance (k, k) of the sensor's corrections; to first
-    order.
+    """Covariance (n, 2, 2) of where points (n, 3) lie in the image, for a covariance (k, k) of the sensor's
+    corrections; to first order.
     """
     slope = jacobian(sensor, points_mcmf_m)
     return np.asarray(slope @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(slope, -1, -2))
@@ -129,11 +134,16 @@ def solve(
     uncertainty: Uncertainty,
     inliers: ArrayLike | None = None,
     overlap: float = 1.0,
+    common_px: float = 0.0,
 ) -> Pose:
     """The sensor corrected by points (n, 3) found at pixels (n, 2), each with its covariance (n, 2, 2).
 
-    ``inliers`` (n,): which points count; all of those alike. None: all, with Huber's weights. An infinite sigma in the uncertainty is no
-    prior at all; one of 0 holds. Raises PoseError where nothing is left to solve with, or the points do not decide what has no prior.
+    ``inliers`` (n,): which points count; all of those alike. None: all, with Huber's weights. An infinite sigma in
+    the uncertainty is no prior at all; one of 0 holds. Raises PoseError where nothing is left to solve with, or the
+    points do not decide what has no prior.
+
+    ``overlap``: so many places share their pixels that they count as one. ``common_px``: 1 sigma of an error of place that
+    is the same for all, in either coordinate; it adds to the covariance and changes nothing else.
     """
     problem = _problem(
         sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers
@@ -147,7 +157,7 @@ def solve(
     return Pose(
         sensor=corrected,
         correction=problem.correction(last.unknown),
-        covariance=problem.covariance(last.matrix),
+        covariance=problem.covariance(last.matrix) + problem.shared(last, common_px),
         solved=problem.sigmas > 0.0,
         used=problem.used,
         residual_px=np.asarray(found_px) - corrected.project(points_mcmf_m),
@@ -280,8 +290,8 @@ class _Problem:
         return matrix, gradient
 
     def solved(self, start: Array | None = None) -> _Solved:
-        """The unknowns at the least cost: Levenberg's damping grows where a step made it worse. The last step is too small to be worth
-        another Jacobian.
+        """The unknowns at the least cost: Levenberg's damping grows where a step made it worse. The last step is too
+        small to be worth another Jacobian.
         """
         unknown = np.zeros(len(self.free)) if start is None else start
         residual, damping = self.residual(unknown), 0.0
@@ -308,8 +318,8 @@ class _Problem:
     def _judged(self, unknown: Array, residual: Array, matrix: Array) -> _Solved:
         """With the points' chi2 and its expectation, 2 m - trace(covariance times the points' normal matrix).
 
-        Of the residuals of a maximum a posteriori, whose covariance is C (C + J P J^T)^-1 C, that is exact for a linear problem and a right
-        prior; without a prior it is the usual 2 m - f.
+        Of the residuals of a maximum a posteriori, whose covariance is C (C + J P J^T)^-1 C, that is exact for a
+        linear problem and a right prior; without a prior it is the usual 2 m - f.
         """
         weight = self.weights(residual)
         chi2 = float((weight * (residual**2).sum(-1)).sum())
@@ -326,6 +336,16 @@ class _Problem:
             )
         return np.asarray(np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size))
 
+    def shared(self, last: _Solved, common_px: float) -> Array:
+        """What an error that all places have in common, 1 sigma of either coordinate, adds to the covariance (k, k)."""
+        full = np.zeros((len(self.sigmas),) * 2)
+        if common_px > 0.0 and len(self.free):
+            weight = self.weights(self.residual(last.unknown))
+            pull = np.einsum("n,nia,nij->aj", weight, self.slope(last.unknown), self.whitening)
+            gain = common_px * self.steps[:, None] * (self.inverse(last.matrix) @ pull)
+            full[np.ix_(self.free, self.free)] = gain @ gain.T
+        return full
+
     def covariance(self, matrix: Array) -> Array:
         """Covariance (k, k) of the corrections in metres and radians; zero for what is held."""
         full = np.zeros((len(self.sigmas),) * 2)
@@ -336,8 +356,8 @@ class _Problem:
 
 
 def position_error(pose: Pose, known: Sensor) -> PositionError:
-    """Where a solved camera stands against where it is known to stand; of a scanner its middle line. ValueError for a map, which
-    stands nowhere.
+    """Where a solved camera stands against where it is known to stand; of a scanner its middle line. ValueError for a
+    map, which stands nowhere.
     """
     if pose.sensor.corrections != POSE:
         raise ValueError(f"{known.name}: a map-projected image has no position")

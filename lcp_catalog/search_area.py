@@ -1,8 +1,9 @@
-"""Which of a catalogue's points can be in an image whose sensor is only roughly known, and how far from where it puts them.
+"""Which of a catalogue's points can be in an image whose sensor is only roughly known, and how far from where it puts
+them.
 
-A point's reach is so many sigmas of its place in the image, by the sensor's Jacobian: to first order in the uncertainty. Where that is too
-far to be searched point by point, the whole image's offset is sought first (`coarse_match.coarse_shift`); what it leaves open is the
-uncertainty given that offset, a Kalman step.
+A point's reach is so many sigmas of its place in the image, by the sensor's Jacobian: to first order in the
+uncertainty. Where that is too far to be searched point by point, the whole image's offset is sought first
+(`coarse_match.coarse_shift`); what it leaves open is the uncertainty given that offset, a Kalman step.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _FARTHEST = 2.0
-"""Points that a sensor puts further than this many images from the middle are out of any doubt: that far a pinhole's linear
-reach means nothing.
+"""Points that a sensor puts further than this many images from the middle are out of any doubt: that far a pinhole's
+linear reach means nothing.
 """
 _ROUGH = 2
 """Pixels of the coarse grid by which its offset may be wrong beyond its own precision."""
@@ -33,8 +34,9 @@ _ROUGH = 2
 
 @dataclass(frozen=True, eq=False)
 class SearchArea:
-    """Points (rows of the catalogue, (n,)), each sought within ``reach_px`` (n,) of where the sensor has it plus ``offset_px`` (n, 2).
-    Pixels of the image as it came. ``log10_places``: among how many areas as large these were chosen, a power of ten.
+    """Points (rows of the catalogue, (n,)), each sought within ``reach_px`` (n,) of where the sensor has it plus
+    ``offset_px`` (n, 2). Pixels of the image as it came. ``log10_places``: among how many areas as large these were
+    chosen, a power of ten.
     """
 
     points: Index
@@ -87,8 +89,9 @@ def narrowed(
     sigmas: float,
     least_px: float,
 ) -> tuple[SearchArea, float, float]:
-    """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how far, in pixels,
-    single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and 0, where no point can be looked at. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
+    """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how
+    far, in pixels, single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and no
+    doubt, where nothing can be said of the whole image. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     slope = jacobian(sensor, catalog.position_mcmf[area.points])
@@ -103,7 +106,7 @@ def narrowed(
         slack_px=slack,
     )
     if shift is None:
-        return area, 0.0, slack
+        return area, -math.inf, slack
     noise = (_ROUGH * shift.precision_px) ** 2 * np.eye(2)
     gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)
     correction = gain @ np.array(shift.offset_px)

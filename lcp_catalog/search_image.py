@@ -22,8 +22,8 @@ _FILL_PX = 33
 
 @dataclass(frozen=True, eq=False)
 class SearchImage:
-    """``fine`` (rows, cols) is the signal less its mean, filled; ``weight`` (rows, cols) 0..1; ``factor``: pixels of the image as it
-    came to one of these.
+    """``fine`` (rows, cols) is the signal less its mean, filled; ``weight`` (rows, cols) 0..1; ``factor``: pixels of the image as
+    it came along the side of one of these.
     """
 
     photo: Photo

@@ -49,16 +49,16 @@ def _directions(azimuth_deg: Array, elevation_deg: Array) -> Array:
 def working_photo(
     catalog: Catalog, photo: Photo, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
 ) -> Photo:
-    """The photo, reduced by the whole number that brings its pixel at the points nearest below ``resolution_share`` of the true resolution of
-    their DEM (its cell, where that is coarser or nothing else is known), and templates to at most 48 pixels a
-    side.
+    """The photo, reduced by the whole number that brings its pixel at the points nearest below ``resolution_share`` of the true
+    resolution of their DEM (its cell, where that is coarser or nothing else is known), and templates to at most
+    48 pixels a side.
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):
         return photo
     pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
     gsd = float(np.median(catalog.gsd[rows]))
-    resolution = catalog.dem_resolution[rows] if catalog.dem_resolution is not None else np.nan
+    resolution = np.asarray(catalog.dem_resolution, dtype=np.float64)[rows]
     known = np.isfinite(resolution)
     true = float(np.median(resolution[known])) if known.any() else gsd
     target = max(gsd, resolution_share * true)

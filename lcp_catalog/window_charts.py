@@ -35,6 +35,8 @@ COLOURS = (
 BINS_BELOW, BINS_ABOVE, BIN = 10, 50, 0.02
 """Bins of the histogram: so many below and above 0, and their width: -0.2 to 1, as in the paper's figure 4."""
 
+LOWEST = -BINS_BELOW * BIN
+
 _PLOT = (420.0, 220.0)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56.0, 12.0, 30.0, 48.0
 _WHOLE = (_LEFT + _PLOT[0] + _RIGHT, _TOP + _PLOT[1] + _BOTTOM)
@@ -128,8 +130,7 @@ def _percent(windows: WindowComparison, limit: float) -> str:
 
 
 def _plot_x(correlation: float) -> float:
-    low = -BINS_BELOW * BIN
-    return (correlation - low) / (BINS_ABOVE * BIN - low) * _PLOT[0]
+    return (correlation - LOWEST) / (BINS_ABOVE * BIN - LOWEST) * _PLOT[0]
 
 
 def _bars(shares: Array, top: float) -> str:

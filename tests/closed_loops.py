@@ -22,8 +22,8 @@ from lcp_catalog.camera import Camera
 from lcp_catalog.contents import Catalog
 from lcp_catalog.demset import DemSet
 from lcp_catalog.detector import Detector
-from lcp_catalog.locate import LOCATED, Located, locate
-from lcp_catalog.match import match
+from lcp_catalog.locate import LOCATED, Located, Options, locate
+from lcp_catalog.match import Criteria, match
 from lcp_catalog.photo import Photo
 from lcp_catalog.reflectance import DEFAULT_MODEL, Reflectance
 from lcp_catalog.request import Request, ViewChoice
@@ -41,6 +41,8 @@ SUN_M = 1.496e11
 SNR = 50.0
 BITS = 10
 BLUR_PX = 0.6
+OPTIONS = Options(criteria=Criteria(min_contrast=0.005, min_correlation=0.3))
+"""Frames without albedo, film and haze have less contrast than the Moon near full phase, and can be found with less."""
 POSITION_SIGMA_M = 2000.0  # each axis
 ATTITUDE_SIGMA_RAD = np.radians(20.0 / 3600.0)
 FALSE_PX = 3.0
@@ -69,6 +71,7 @@ class Shot:
     roll_deg: float
     sun_elevation_deg: float
     sun_azimuth_deg: float
+    phase_deg: float
     pixel_m: float
     lon_deg: float
     lat_deg: float
@@ -136,6 +139,7 @@ class Site:
             looks.roll_deg,
             elevation,
             azimuth,
+            float(np.degrees(np.arccos(np.clip(place.direction_from_mcmf(sun) @ towards, -1, 1)))),
             pixel_m,
             place.lon_deg,
             lat,
@@ -217,6 +221,32 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
     return take
 
 
+def by_embree(dem: Path, middle_deg: tuple[float, float], reach_m: float) -> Renderer:
+    """Frames of the DEM's mesh within reach of a place; the judge's camera is made from CAMERA.json's numbers alone."""
+    from embree_camera import Ground, Pinhole, photograph, read_out
+
+    ground = Ground.of(dem, *middle_deg, reach_m)
+
+    def take(camera: Camera, shot: Shot) -> Photo:
+        said = camera.to_json()
+        judge = Pinhole(
+            np.array(said["position_mcmf_m"]),
+            np.array(said["rotation_mcmf_to_camera"]),
+            said["focal_length_px"],
+            tuple(said["principal_point_px"]),
+            tuple(said["image_size_px"]),
+        )
+        sun = np.array(said["sun_position_mcmf_m"])
+        light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=3, seed=shot.number)
+        known = np.isfinite(light)
+        numbers = read_out(np.nan_to_num(light), SNR, BITS, shot.number)
+        signal = np.where(known, numbers, np.nan).astype(np.float32)
+        weight = (known & (numbers < 2**BITS - 1)).astype(np.float32)
+        return Photo(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
+
+    return take
+
+
 @dataclass(frozen=True)
 class Row:
     """One frame of a loop. Lengths in metres, image distances in pixels; NaN where there is no pose."""
@@ -259,7 +289,7 @@ def fly(
     wrong = dice.normal(0.0, 1.0, 6) * uncertainty.sigmas(camera)
     believed = camera.moved(wrong)
     start = time.perf_counter()
-    found = locate(site.catalog, photo.with_sensor(believed), uncertainty)
+    found = locate(site.catalog, photo.with_sensor(believed), uncertainty, options=OPTIONS)
     seconds = time.perf_counter() - start
     row = _compared(site, shot, camera, believed, found, attitude, seconds)
     if not with_bias:
@@ -272,7 +302,7 @@ def bias_px(catalog: Catalog, photo: Photo) -> tuple[tuple[float, float], tuple[
     """Mean over a photo's matches of found minus where its camera has them, column and row, and the mean's own sigma by their
     scatter; matches further off than 2 pixels are no matches.
     """
-    matches = match(catalog, photo, reach_px=8.0)
+    matches = match(catalog, photo, reach_px=8.0, criteria=OPTIONS.criteria)
     off = matches.offset_px[matches.found]
     off = off[np.abs(off).max(axis=1, initial=0.0) < 2.0]
     if len(off) < 3:

@@ -1,8 +1,8 @@
-"""Apollo 15 Metric frames for the search: their cameras, catalogues of their ground built by the command from the DEM alone, and
-images that are not what they are given for.
+"""Apollo 15 Metric frames for the search: their cameras, catalogues of their ground built by the command from the DEM
+alone, and images that are not what they are given for.
 
-The cameras' positions and Suns are NASA's tables'; attitude, focal length and principal point were fitted to renders of GLD100
-with the position held (PROVENANCE.txt beside the files): what is called truth here is no better than that.
+The cameras' positions and Suns are NASA's tables'; attitude, focal length and principal point were fitted to renders
+of GLD100 with the position held (PROVENANCE.txt beside the files): what is called truth here is no better than that.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Ground:
 
 
 HADLEY = Ground(
-    "apollo15-metric-hadley", "gld100_256ppd_lat20-30_lon000-010.tif", "", (0.5, 22.8, 7.5, 29.2)
+    "apollo15-metric-hadley", "gld100_256ppd_lat20-30_lon000-010.tif", "", (0.1, 20.1, 9.9, 29.9)
 )
 FAR_SIDE = Ground(
     "apollo15-metric-farside",
@@ -172,7 +172,9 @@ def spoilt(photo: Photo, catalog: Catalog) -> Iterator[tuple[str, Photo]]:
 
 
 def worst_off_m(answer: Located, catalog: Catalog, known: Camera) -> float:
-    """How far, on the ground across the line of sight, the worst accepted match lies from where the known camera has it."""
+    """How far, on the ground across the line of sight, the worst accepted match lies from where the known camera has
+    it.
+    """
     rows = answer.matches.point[answer.matches.found]
     ground = catalog.position_mcmf[rows]
     off = answer.matches.found_px[answer.matches.found] - known.project(ground)
@@ -180,8 +182,8 @@ def worst_off_m(answer: Located, catalog: Catalog, known: Camera) -> float:
 
 
 def is_wrong(answer: Located, catalog: Catalog, known: Camera) -> bool:
-    """Whether a pose is given, and it is outside its own 3 sigma (0.27 % of three dimensions: 14.2), or puts the frame's middle more
-    than 3 pixels off.
+    """Whether a pose is given, and it is outside its own 3 sigma (0.27 % of three dimensions: 14.2), or puts the
+    frame's middle more than 3 pixels off.
     """
     if answer.pose is None:
         return False

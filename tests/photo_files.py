@@ -174,3 +174,16 @@ END
     assert len(head) == record
     path.write_bytes(head + samples.tobytes())
     return path
+
+
+def write_pds4(path: Path, samples: np.ndarray, start: str, stop: str, target: str) -> Path:
+    """A PDS4 product, label (.xml) and numbers (.img): GDAL's, with its times and its target filled in."""
+    write_image(path.with_suffix(".xml"), samples, driver="PDS4")
+    text = path.with_suffix(".xml").read_text()
+    for key, value in (("start_date_time", start), ("stop_date_time", stop)):
+        open_ = f'<{key} xsi:nil="true" nilReason="inapplicable" />'
+        assert open_ in text
+        text = text.replace(open_, f"<{key}>{value}</{key}>")
+    assert "${TARGET}" in text
+    path.with_suffix(".xml").write_text(text.replace("${TARGET}", target))
+    return path

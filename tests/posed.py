@@ -47,7 +47,9 @@ def camera(
 def ground(
     sensor: Sensor, count: int, dice: np.random.Generator, relief_m: float = 4e3
 ) -> np.ndarray:
-    """Points (n, 3) that lie in the image, spread over it, at random heights about the level of HADLEY's tangent plane."""
+    """Points (n, 3) that lie in the image, spread over it, at random heights about the level of HADLEY's tangent
+    plane.
+    """
     rows, cols = sensor.shape
     pixels = np.stack([dice.uniform(0, cols - 1, count), dice.uniform(0, rows - 1, count)], axis=-1)
     origin, looks = sensor.looks(pixels)

@@ -1,6 +1,6 @@
-"""A small made world for tests of the search: cratered ground near Hadley, a catalogue of it, and photographs by the patches' own
-renderer, which takes the whole ground as one large patch. What judges the renderer is elsewhere (test_patch_render,
-test_independent_frames): here the question is only what the search makes of an image.
+"""A small made world for tests of the search: cratered ground near Hadley, a catalogue of it, and photographs by the
+patches' own renderer, which takes the whole ground as one large patch. What judges the renderer is elsewhere
+(test_patch_render, test_independent_frames): here the question is only what the search makes of an image.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ class World:
         noise: float = 0.02,
         seed: int = 0,
     ) -> Photo:
-        """What a camera sees under a Sun (azimuth, elevation at the middle); noise is 1 sigma over the mean signal. Ground beyond the
-        edge is missing.
+        """What a camera sees under a Sun (azimuth, elevation at the middle); noise is 1 sigma over the mean signal.
+        Ground beyond the edge is missing.
         """
         sun = self.frame.direction_to_mcmf(direction_enu(*sun_deg))
         drawn = render_patches(self.whole, [0], camera, sun[None], LAW, least_cover=0.999)

@@ -25,7 +25,9 @@ REACH = 40.0
 
 
 class Matches:
-    """Of ``count`` points ``wrong`` of them found anywhere in their search areas, the rest where they are, with noise."""
+    """Of ``count`` points ``wrong`` of them found anywhere in their search areas, the rest where they are, with
+    noise.
+    """
 
     def __init__(self, count: int, wrong: int, seed: int, known: Sensor | None = None) -> None:
         dice = np.random.default_rng(seed)
@@ -51,8 +53,8 @@ class Matches:
 @pytest.mark.parametrize(("count", "agreeing"), [(10, 5), (40, 8), (100, 20), (300, 60)])
 @pytest.mark.parametrize("chance", [0.001, 0.01, 0.05])
 def test_it_bounds_the_binomial_and_not_by_far(count: int, agreeing: int, chance: float) -> None:
-    """All p alike: the exact number is C(n, m) times the binomial's tail at k - m. Chernoff's bound lies above it, by a factor that
-    grows with the root of k only (Bahadur and Ranga Rao 1960); a factor of 30 is room for k <= 60.
+    """All p alike: the exact number is C(n, m) times the binomial's tail at k - m. Chernoff's bound lies above it, by
+    a factor that grows with the root of k only (Bahadur and Ranga Rao 1960); a factor of 30 is room for k <= 60.
     """
     minimal = 3
     tests = gammaln(count + 1) - gammaln(minimal + 1) - gammaln(count - minimal + 1)
@@ -213,7 +215,9 @@ def test_false_matches_never_agree() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [8, 30, 120])
 def test_hundreds_of_false_sets_never_agree(count: int) -> None:
-    """The number of false alarms is an upper bound of their expectation: of N sets fewer than N x 10^-s + 4 roots lie below -s."""
+    """The number of false alarms is an upper bound of their expectation: of N sets fewer than N x 10^-s + 4 roots lie
+    below -s.
+    """
     scores = lowest_false_alarms(120, count, 50_000)
     assert scores.min() > SIGNIFICANT
     for level in (-0.5, -1.0, -2.0):

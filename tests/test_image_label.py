@@ -167,6 +167,22 @@ def test_an_impossible_subsolar_point_is_left_aside(
     assert "subsolar point is left aside" in caplog.text
 
 
+@pytest.mark.parametrize("ending", [".xml", ".img"])
+@pytest.mark.parametrize("target", ["Moon", "${TARGET}"])
+def test_times_of_pds4_labels(tmp_path: Path, ending: str, target: str) -> None:
+    times = "2009-07-19T00:00:26.423000Z", "2009-07-19T00:01:17.707000Z"  # of M102600893LE
+    image = read_image(files.write_pds4(tmp_path / f"a{ending}", SAMPLES, *times, target))
+    np.testing.assert_array_equal(image.samples, SAMPLES)
+    assert read_image_label(image).time_utc == "2009-07-19T00:00:52.065000Z"
+
+
+def test_a_damaged_pds4_label_is_no_image(tmp_path: Path) -> None:
+    path = files.write_pds4(tmp_path / "a.xml", SAMPLES, "N/A", "N/A", "Moon")
+    path.write_text(path.read_text()[:900])
+    with pytest.raises(ImageError, match="not an image that can be read here"):
+        read_image(path)
+
+
 def test_a_label_beside_the_image(tmp_path: Path) -> None:
     image = files.write_image(tmp_path / "ORTHO.TIF", SAMPLES)
     (tmp_path / "ORTHO.LBL").write_text(
@@ -195,7 +211,7 @@ def test_an_image_without_a_label_says_nothing(tmp_path: Path) -> None:
     assert (found.told_by, found.time_utc, found.direction()) == ("", None, None)
 
 
-@pytest.mark.parametrize("kind", ["cube", "pds3"])
+@pytest.mark.parametrize("kind", ["cube", "pds3", "pds4"])
 def test_an_image_of_another_body_is_refused(tmp_path: Path, kind: str) -> None:
     if kind == "cube":
         groups = INSTRUMENT.format(target="Mars", start="Null", stop="Null")

@@ -6,7 +6,8 @@ import logging
 
 import numpy as np
 import pytest
-from twins_isd import MOON_M, TwinIsd, on_sphere
+import rasterio
+from twins_isd import MOON_M, TwinIsd, isd_of_cube, on_sphere
 
 from lcp_catalog import sphere_rays
 from lcp_catalog.camera import Camera
@@ -287,6 +288,28 @@ def test_corners_of_a_terrain_camera_image(real, shared_data):
     assert along @ ahead > 0.999
 
 
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_a_real_image_s_own_tables(shared_data):
+    """M143947267L with the tables that ISIS attached to it: geometry_computed.json beside it was worked out from the same tables
+    by other hands. Positions agree to 0.1 mm, lines to 1e-4; columns differ by one: there y = (s - 1 - 2548) pitch for the
+    sample s counted from 1, where ISIS (LroNarrowAngleCamera, detector origin 2548) and ALE have y = (s - 2548) pitch. What is
+    left, 0.0009, is a pitch of 0.007 mm against 1 / 142.857.
+    """
+    folder = shared_data / "images" / "nac-m143947267l-spice"
+    cube = folder / "M143947267L.cal.echo.crop.cub"
+    with rasterio.open(cube) as file:
+        ((key, value),) = file.tags(ns="json:ISIS3").items()
+    sensor = read(isd_of_cube(cube, json.loads(f"{key}:{value}"), 400, 400))
+    known = json.loads((folder / "geometry_computed.json").read_text())
+    pixels = {"UL": (0, 0), "UR": (399, 0), "LL": (0, 399), "LR": (399, 399), "C": (199.5, 199.5)}
+    for name, pixel in pixels.items():
+        origin, _ = sensor.looks(pixel)
+        assert np.linalg.norm(origin - 1e3 * np.array(known[name]["P"])) < 1e-4
+        column, row = sensor.project(1e3 * np.array(known[name]["g"])) - pixel
+        assert column == pytest.approx(-1.0, abs=1e-3)
+        assert row == pytest.approx(0.0, abs=1e-4)
+
+
 def test_instants(real):
     """M103595705LE's label: START_TIME 2009-07-30T12:20:38.185; AS15-M-1450's: 1971-08-01T14:58:03.78 (before 1972 SPICE leaves
     0.5 s of UTC aside).
@@ -294,6 +317,21 @@ def test_instants(real):
     one_line = read_sensor(real["lro_isis_isd"])
     assert one_line.time_utc == "2009-07-30T12:20:38.185Z"
     assert read_sensor(real["apollometric_isd"]).time_utc.startswith("1971-08-01T14:58:03")
+
+
+@pytest.mark.parametrize("name", ["lrolrocwac_isd", "usgscsm_lroWacPushFrame"])
+def test_framelets_follow_on_one_another(real, name):
+    """The ground under one framelet goes on in the next, along its rows and with some overlap, as the instrument is run: rows, order
+    and times fit together (one of the two images holds its framelets in reverse).
+    """
+    sensor = read_sensor(real[name])
+    column, first = sensor.shape[1] / 2, sensor.lines * (sensor.framelets // 2)
+    rows = [first, first + sensor.lines - 1, first + sensor.lines]
+    start, end, after = sphere_rays.hits(*sensor.looks([[column, row] for row in rows]))[1]
+    row = (end - start) / (sensor.lines - 1)
+    advance = (after - start) @ row / (row @ row)
+    assert 0.7 * sensor.lines < advance < sensor.lines
+    assert np.linalg.norm(after - start - advance * row) < 0.05 * np.linalg.norm(row)
 
 
 def test_two_isds_of_one_image_agree(real):

@@ -14,7 +14,7 @@ COMMANDS = sorted((ROOT / "cli").glob("*.py"))
 FENCES = {
     # package: modules of the library that may import it
     "rasterio": {"raster", "raster_out", "image_pixels"},
-    "cv2": {"landmarks", "match", "threads", "image_file"},
+    "cv2": {"landmarks", "match", "threads", "image_file", "pnp"},
     "h5py": {"catalog"},
     "distributed": {"engine"},
     "click": set(),
@@ -64,7 +64,6 @@ FLOORS = [
         "facet_file",
         "goniometer",
         "image_file",
-        "image_pixels",
         "special_pixels",
         "isis_tables",
         "terraces",
@@ -92,9 +91,11 @@ FLOORS = [
         "panorama",
         "sensors",
         "pose",
+        "pnp",
         "consensus",
         "photo",
         "map_image",
+        "image_pixels",
         "image_label",
         "matches",
         "raster_out",

@@ -54,8 +54,8 @@ def off_px(answer: Located, points: Catalog, known: Camera) -> np.ndarray:
 
 
 def is_right(answer: Located, points: Catalog, known: Camera) -> bool:
-    """A pose within its own sigmas (of three dimensions, 0.1 % of right ones have more than 16.3), and all it accepts within 1.5 cells
-    of the ground.
+    """A pose within its own sigmas (of three dimensions, 0.1 % of right ones have more than 16.3), and all it accepts
+    within 1.5 cells of the ground.
     """
     assert answer.pose is not None
     error = position_error(answer.pose, known)
@@ -270,19 +270,33 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
     assert check.points == len(rows)
 
 
-def light(gain: float, share: float, points: int = 50, independent: float = 25.0) -> LightCheck:
-    gains = (-0.2, gain, -0.2, -0.2)
-    shares = (0.1, share, 0.1, 0.1)
-    return LightCheck(points, independent, 0.8, TURNS_DEG, (0.8,) * 4, gains, shares)
+def light(
+    share: float,
+    gain: float = 0.04,
+    gain_z: float = 0.1,
+    points: int = 50,
+    independent: float = 25.0,
+) -> LightCheck:
+    return LightCheck(
+        points,
+        independent,
+        0.8,
+        TURNS_DEG,
+        (0.7, 0.8 + gain, 0.7, 0.7),
+        (-0.2, gain_z, -0.2, -0.2),
+        (0.1, share, 0.1, 0.1),
+    )
 
 
 def test_when_a_sun_is_clearly_better() -> None:
     """Of 25 independent points: half and two sigmas of 0.1 is 0.7."""
-    assert light(0.1, 0.71).better == (1,)
-    assert light(0.1, 0.69).fits
-    assert light(0.02, 0.95).fits
-    assert light(0.1, 0.95, points=4).fits
-    assert light(0.1, 0.71, independent=10.0).fits
-    assert light(0.1, 0.95).complaint == (
+    assert light(0.71).better == (1,)
+    assert light(0.69).fits
+    assert light(0.95, gain=0.02).fits
+    assert not light(0.95, gain=0.02, gain_z=0.26).fits
+    assert light(0.69, gain=0.02, gain_z=0.26).fits
+    assert light(0.95, points=4).fits
+    assert light(0.71, independent=10.0).fits
+    assert light(0.95).complaint == (
         "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
     )

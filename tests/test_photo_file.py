@@ -87,8 +87,8 @@ def test_luminance_of_colours_is_that_of_rec_709(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.signal, wanted, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("grey", "dtype"), [(True, np.uint8), (False, np.float32)])
-def test_a_palette_is_looked_up(tmp_path: Path, grey: bool, dtype: type) -> None:
+@pytest.mark.parametrize(("grey", "dtype"), [(True, "uint8"), (False, "float32")])
+def test_a_palette_is_looked_up(tmp_path: Path, grey: bool, dtype: str) -> None:
     codes = scene()
     path = files.write_image(tmp_path / "a.tif", codes, photometric="palette")
     table = {i: (255 - i, 255 - i, 255 - i if grey else 0, 255) for i in range(256)}
@@ -99,6 +99,63 @@ def test_a_palette_is_looked_up(tmp_path: Path, grey: bool, dtype: type) -> None
     assert read_image(path).samples.dtype == dtype
     wanted = (255.0 - codes) * (1.0 if grey else 0.2126 + 0.7152)
     np.testing.assert_allclose(photo(path).signal, wanted, rtol=1e-5)
+
+
+def srgb(code: float) -> float:
+    """Light of a code of full scale 1, by IEC 61966-2-1."""
+    return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+@pytest.mark.parametrize("colours", [1, 3])
+def test_codes_of_a_display_are_decoded(tmp_path: Path, dtype: str, colours: int) -> None:
+    """Greys, also those that are written as colours; weights are those of the codes."""
+    full = np.iinfo(dtype).max
+    samples = np.minimum(scene(dtype, 0.01 * full, 0.9 * full), np.array(0.6 * full, dtype=dtype))
+    path = files.write_image(tmp_path / "a.png", [samples] * colours, driver="PNG")
+    found = photo(path, PhotoOptions(encoding="srgb"))
+    bright = samples == samples.max()
+    np.testing.assert_array_equal(found.weight, np.where(bright, 0.0, 1.0))
+    wanted = np.vectorize(srgb)(samples / full)
+    np.testing.assert_allclose(found.signal[~bright], wanted[~bright], rtol=1e-5)
+    np.testing.assert_array_equal(photo(path).signal[~bright], samples[~bright])
+
+
+@pytest.mark.parametrize("how", ["bands", "palette"])
+def test_colours_of_a_display_are_decoded_before_they_are_weighed(tmp_path: Path, how: str) -> None:
+    codes = scene()
+    planes = [codes, 255 - codes, codes // 2]
+    if how == "bands":
+        path = files.write_image(tmp_path / "a.png", planes, driver="PNG")
+    else:
+        path = files.write_image(tmp_path / "a.tif", codes, photometric="palette")
+        import rasterio
+
+        with rasterio.open(path, "r+") as file:
+            file.write_colormap(1, {i: (i, 255 - i, i // 2, 255) for i in range(256)})
+    found = photo(path, PhotoOptions(encoding="srgb"))
+    light = [np.vectorize(srgb)(plane / 255) for plane in planes]
+    wanted = 0.2126 * light[0] + 0.7152 * light[1] + 0.0722 * light[2]
+    np.testing.assert_allclose(found.signal, wanted, rtol=1e-5)
+
+
+def test_floats_are_no_codes_of_a_display(tmp_path: Path) -> None:
+    options = PhotoOptions(encoding="srgb")
+    for name, bands in (
+        ("a.tif", scene("float32")),
+        ("b.tif", [scene("float32") * i for i in (1, 2, 3)]),
+    ):
+        kinds = [ColorInterp.red, ColorInterp.green, ColorInterp.blue] if name == "b.tif" else None
+        path = files.write_image(tmp_path / name, bands, kinds=kinds)
+        refused(
+            "holds float32, no codes of a display: --encoding linear",
+            path,
+            files.camera_over(SHAPE),
+            None,
+            options,
+        )
+    with pytest.raises(ImageError, match="no encoding 'gamma'; there are linear, srgb"):
+        PhotoOptions(encoding="gamma")
 
 
 def test_of_many_bands_the_first_or_the_one_that_is_asked_for(tmp_path: Path) -> None:
@@ -681,8 +738,8 @@ def test_the_pit(shared_data: Path) -> None:
 
 
 def test_a_cube_is_the_right_way_up(shared_data: Path) -> None:
-    """The cube of AS15-M-0299 is a window of the scan (its AlphaCube group: from sample 14396.5, line 4396.5 of 22900 x 22900), where
-    the whole frame's picture has the same ground.
+    """The cube of AS15-M-0299 is a window of the scan (its AlphaCube group: from sample 14396.5, line 4396.5 of
+    22900 x 22900), where the whole frame's picture has the same ground.
     """
     folder = shared_data / "images" / "apollo15-metric-farside"
     cube = open_photo(folder / "AS15-M-0299_crop.cub", files.camera_over((500, 500), sun=False))

@@ -25,8 +25,8 @@ def test_the_width_of_a_gaussian_is_where_it_has_half_its_height():
     assert np.exp(-0.5 * (0.5 / SIGMA_PER_FWHM) ** 2) == pytest.approx(0.5)
 
 
-@settings(deadline=None)
-@given(st.floats(1.5, 9.0), st.floats(8.0, 40.0), st.floats(0.0, 6.28), st.floats(1.0, 4.7))
+@settings(deadline=None, max_examples=40)
+@given(st.floats(1.6, 9.0), st.floats(8.0, 40.0), st.floats(0.0, 6.28), st.floats(1.0, 4.7))
 def test_a_wave_keeps_what_a_gaussian_lets_through(fwhm, wave, phase, ratio):
     """exp(-2 (pi sigma / wave)^2) of its height, at its own place, whatever the ratio of the grids."""
     x, y = grid()
@@ -39,10 +39,10 @@ def test_a_wave_keeps_what_a_gaussian_lets_through(fwhm, wave, phase, ratio):
     wanted = left * np.cos(k * (0.8 * column + 0.6 * row) + phase)
     inner = mass > 1.0 - 1e-9
     assert inner.any()
-    np.testing.assert_allclose(found[inner], wanted[inner], atol=2e-3)
+    np.testing.assert_allclose(found[inner], wanted[inner], atol=1e-3)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(st.floats(2.0, 8.0), st.floats(1.0, 5.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_a_slope_is_left_as_it_is(fwhm, ratio, gx, gy):
     x, y = grid(60, 70)
@@ -50,16 +50,17 @@ def test_a_slope_is_left_as_it_is(fwhm, ratio, gx, gy):
     found, mass = spread(gx * x + gy * y, np.ones(x.shape), fwhm, coarse)
     column, row = middles(coarse)
     inner = mass > 1.0 - 1e-9
-    np.testing.assert_allclose(found[inner], (gx * column + gy * row)[inner], atol=2e-3)
+    np.testing.assert_allclose(found[inner], (gx * column + gy * row)[inner], atol=1e-3)
 
 
-def test_a_narrow_gaussian_loses_what_the_docstring_says():
-    """One cell: the sampled kernel's own second moment."""
+@pytest.mark.parametrize(("fwhm", "kept"), [(1.0, 0.785), (1.5, 0.994), (3.0, 1.0)])
+def test_a_narrow_gaussian_loses_what_the_docstring_says(fwhm, kept):
+    """The sampled kernel's own second moment."""
     x, _ = grid(20, 41)
     spot = (x == 20.0).astype(float)
-    found, _ = spread(spot, np.ones(x.shape), 1.0)
+    found, _ = spread(spot, np.ones(x.shape), fwhm)
     moment = np.sqrt(np.sum(found[10] * (x[10] - 20.0) ** 2))
-    assert moment / SIGMA_PER_FWHM == pytest.approx(0.99, abs=0.005)
+    assert moment / (fwhm * SIGMA_PER_FWHM) == pytest.approx(kept, abs=0.002)
     assert found[10].sum() == pytest.approx(1.0)
 
 
@@ -74,7 +75,7 @@ def test_missing_cells_weigh_nothing():
     rng = np.random.default_rng(0)
     x, _ = grid()
     weight = rng.random(x.shape)
-    weight[30:40, 30:60] = 0.0
+    weight[25:45, 30:60] = 0.0
     values = np.where(weight > 0.0, 4.0, 1e9)
     values[10, 10] = np.nan
     found, mass = spread(values, weight, 3.0)

@@ -100,8 +100,8 @@ def test_without_a_prior_it_is_what_opencv_finds() -> None:
     "uncertainty", [UNCERTAIN, Uncertainty(5000.0), Uncertainty(300.0, 1e-3)], ids=str
 )
 def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
-    """Of 150 draws of noise and prior: the mean squared error in units of the covariance is the number of unknowns, chi2 is its
-    expectation, each within 4 of its own standard errors.
+    """Of 150 draws of noise and prior: the mean squared error in units of the covariance is the number of unknowns,
+    chi2 is its expectation, each within 4 of its own standard errors.
     """
     dice = np.random.default_rng(11)
     known = camera(tilt=(0.2, 0.1, 0.7))
@@ -256,6 +256,38 @@ def test_the_jacobian_of_a_pinhole() -> None:
         cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
         exact = to_pixel @ np.hstack([-rotation, -cross])
         assert np.allclose(slope, exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
+
+
+def test_an_error_that_all_share_adds_to_the_covariance() -> None:
+    """By the closed form: moving all places by the same pixels moves the solution by C J^T W; and by doing it."""
+    dice = np.random.default_rng(21)
+    known = camera(tilt=(0.2, 0.0, 0.5))
+    points = ground(known, 60, dice)
+    covariance = covariances(60, dice)
+    found, agrees = known.project(points), np.full(60, True)
+    plain = solve(known, points, found, covariance, UNCERTAIN, agrees)
+    shared = solve(known, points, found, covariance, UNCERTAIN, agrees, common_px=0.05)
+    assert np.array_equal(shared.correction, plain.correction)
+    moves = [
+        solve(known, points, found + step, covariance, UNCERTAIN, agrees).correction
+        for step in ([0.05, 0.0], [0.0, 0.05])
+    ]
+    added = sum(np.outer(move, move) for move in moves)
+    unit = np.outer(shared.sigma, shared.sigma)
+    assert np.abs((shared.covariance - plain.covariance - added) / unit).max() < 2e-3
+
+
+def test_places_that_share_pixels_count_less() -> None:
+    dice = np.random.default_rng(22)
+    known = camera()
+    points = ground(known, 60, dice)
+    covariance = covariances(60, dice)
+    found, agrees = known.project(points), np.full(60, True)
+    doubled = solve(known, points, found, covariance, UNCERTAIN, agrees, overlap=2.0)
+    wider = solve(known, points, found, 2.0 * covariance, UNCERTAIN, agrees)
+    assert np.allclose(doubled.covariance, wider.covariance, rtol=1e-3)
+    assert doubled.scale == 2.0
+    assert doubled.dof == pytest.approx(114.0, abs=0.5)
 
 
 def test_how_far_places_may_be_off() -> None:

@@ -194,3 +194,56 @@ def on_sphere(origin, ray, radius_m=MOON_M):
     b = origin @ ray
     inside = b * b - origin @ origin + radius_m**2
     return origin + (-b - np.sqrt(inside)) * ray if inside > 0 else np.full(3, np.nan)
+
+
+def isd_of_cube(path, tables, lines, samples):
+    """An ISD document of an LRO NAC cube (cropped) with the tables that ISIS's spiceinit attached: from its label, by the
+    instrument kernels' figures (lro_lroc_v18.ti, lro_instrumentAddendum_v04.ti).
+    """
+
+    def table(name, columns):
+        head = tables[f"Table_{name}"]
+        fields = [v["Name"] for k, v in head.items() if k.startswith("Field_")]
+        count, start = int(head["Records"]), int(head["StartByte"]) - 1
+        values = np.fromfile(path, "<f8", count * len(fields), offset=start).reshape(count, -1)
+        kept = values[:, [fields.index(column) for column in columns]].tolist()
+        return kept, values[:, fields.index("ET")].tolist(), head
+
+    quaternion = [f"J2000Q{i}" for i in range(4)]
+    pointing, pointing_times, _ = table("InstrumentPointing", quaternion)
+    body, body_times, head = table("BodyRotation", quaternion)
+    places, times, where = table("InstrumentPosition", ["J2000X", "J2000Y", "J2000Z"])
+    speeds, _, _ = table("InstrumentPosition", ["J2000XV", "J2000YV", "J2000ZV"])
+    cube = tables["IsisCube"]
+    line_s = cube["Instrument"]["LineExposureDuration"]["value"] * 1e-3 * (1 + 0.0045)
+    start = where["SpkTableStartTime"]
+    centre = start + lines / 2 * line_s
+    return {
+        "name_model": "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL",
+        "center_ephemeris_time": centre,
+        "radii": {"semimajor": 1737.4, "semiminor": 1737.4, "unit": "km"},
+        "image_lines": lines,
+        "image_samples": samples,
+        "line_scan_rate": [[0.5, start - centre, line_s]],
+        "detector_center": {"line": 0.0, "sample": 2548.0 - 0.5},
+        "detector_line_summing": 1,
+        "detector_sample_summing": 1,
+        "starting_detector_line": 0,
+        "starting_detector_sample": cube["AlphaCube"]["AlphaStartingSample"] - 0.5,
+        "focal2pixel_lines": [0.0, 142.857, 0.0],
+        "focal2pixel_samples": [0.0, 0.0, 142.857],
+        "focal_length_model": {"focal_length": 699.62},
+        "optical_distortion": {"lrolrocnac": {"coefficients": [1.81e-5]}},
+        "instrument_pointing": {"quaternions": pointing, "ephemeris_times": pointing_times},
+        "instrument_position": {
+            "positions": places,
+            "velocities": speeds,
+            "ephemeris_times": times,
+        },
+        "body_rotation": {
+            "quaternions": body,
+            "ephemeris_times": body_times,
+            "constant_rotation": head["ConstantRotation"],
+            "constant_frames": head["ConstantFrames"],
+        },
+    }

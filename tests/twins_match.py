@@ -43,7 +43,9 @@ def catalog_of_dem(
 ) -> Catalog:
     """Patches of real terrain around given places, good or bad as control points."""
     dems = DemSet.open([dem], ())
-    cut = [sample_patch(dems, float(o), float(a), size, gsd_m) for o, a in zip(lon, lat, strict=True)]
+    cut = [
+        sample_patch(dems, float(o), float(a), size, gsd_m) for o, a in zip(lon, lat, strict=True)
+    ]
     return catalog_of_patches(np.array([p.z_m for p in cut]), [p.frame for p in cut], gsd_m)
 
 

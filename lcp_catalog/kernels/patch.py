@@ -15,68 +15,94 @@ from .surface import node_normal
 
 _ALONG = 1e-12
 """A ray that turns by less than this from a row or a column runs along it."""
+_ENDLESS = 1e9
 _NEAR = 2.5
+"""Steps from a node within which the ray's clearance says little of the shadows of others: it starts from 0."""
 _FAR = np.float32(np.inf)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _below(z, i, j, du, dv, dz, summit):
-    """How far the ray from node (i, j) stays above the surface, metres, at the crossing where it is least; negative
-    where the surface rises above it. du, dv, dz: columns, rows (max of the two 1) and metres a step.
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _lower(least, gap, s):
+    """The lesser of two clearances; one that is met right at the start counts only where the surface rises above the ray."""
+    return gap if gap < least and (s >= _NEAR or gap < 0.0) else least
 
-    At every crossing with a row, a column or a diagonal the ray's height is compared with the edge crossed. Missing nodes
-    hide nothing.
-    """
-    rows, cols = z.shape
-    z0 = np.float64(z[i, j])
-    reach = 1e9
-    if du > 0.0:
-        reach = min(reach, (cols - 1 - j) / du)
-    elif du < 0.0:
-        reach = min(reach, -j / du)
-    if dv > 0.0:
-        reach = min(reach, (rows - 1 - i) / dv)
-    elif dv < 0.0:
-        reach = min(reach, -i / dv)
-    if dz > 0.0:
-        reach = min(reach, (summit - z0) / dz + 1.0)
-    least = 1e9
-    step = 1.0 / abs(du) if du != 0.0 else 2e9
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _over_columns(z, i, j, du, dv, dz, reach, least):
+    """Least clearance where the ray from node (i, j) crosses columns, up to ``reach`` steps away."""
+    step = 1.0 / abs(du)
     k = 1
     while k * step <= reach:
         s = k * step
         c = j + (k if du > 0.0 else -k)
         v = i + dv * s
-        r = min(max(int(math.floor(v)), 0), rows - 2)
-        f = v - r
-        gap = z0 + dz * s - (z[r, c] + (z[r + 1, c] - z[r, c]) * f)
-        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
+        r = min(max(math.floor(v), 0), z.shape[0] - 2)
+        gap = z[i, j] + dz * s - (z[r, c] + (z[r + 1, c] - z[r, c]) * (v - r))
+        least = _lower(least, gap, s)
         k += 1
-    step = 1.0 / abs(dv) if dv != 0.0 else 2e9
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _over_rows(z, i, j, du, dv, dz, reach, least):
+    """The same where it crosses rows."""
+    step = 1.0 / abs(dv)
     k = 1
     while k * step <= reach:
         s = k * step
         r = i + (k if dv > 0.0 else -k)
         u = j + du * s
-        c = min(max(int(math.floor(u)), 0), cols - 2)
-        f = u - c
-        gap = z0 + dz * s - (z[r, c] + (z[r, c + 1] - z[r, c]) * f)
-        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
+        c = min(max(math.floor(u), 0), z.shape[1] - 2)
+        gap = z[i, j] + dz * s - (z[r, c] + (z[r, c + 1] - z[r, c]) * (u - c))
+        least = _lower(least, gap, s)
         k += 1
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _over_diagonals(z, i, j, du, dv, dz, reach, least):
+    """The same where it crosses the cells' diagonals; a node of the border is left to its row or column."""
     across = du - dv
-    step = 1.0 / abs(across) if across != 0.0 else 2e9
+    step = 1.0 / abs(across)
     k = 1
     while k * step <= reach:
         s = k * step
         u = j + du * s
-        c = min(max(int(math.floor(u)), 0), cols - 2)
-        f = u - c
+        c = min(max(math.floor(u), 0), z.shape[1] - 2)
         r = c + i - j + (-k if across > 0.0 else k)
+        if 0 <= r <= z.shape[0] - 2:
+            gap = z[i, j] + dz * s - (z[r, c] + (z[r + 1, c + 1] - z[r, c]) * (u - c))
+            least = _lower(least, gap, s)
         k += 1
-        if r < 0 or r > rows - 2:  # a node of the border: a row or a column is crossed there too
-            continue
-        gap = z0 + dz * s - (z[r, c] + (z[r + 1, c + 1] - z[r, c]) * f)
-        least = gap if gap < least and (s >= _NEAR or gap < 0.0) else least
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _to_border(place, rate, last):
+    """Steps until a ray from ``place`` leaves 0..last."""
+    if rate == 0.0:
+        return _ENDLESS
+    return (last - place) / rate if rate > 0.0 else -place / rate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clearance(z, i, j, du, dv, dz, summit):
+    """How far the ray from node (i, j) stays above the surface, metres, at the crossing where it is least; negative if and only
+    if the surface rises above it. du, dv, dz: columns, rows (the larger of the two 1) and metres a step.
+
+    At every crossing with a row, a column or a diagonal the ray's height is compared with the edge crossed. Missing nodes
+    hide nothing.
+    """
+    reach = min(_to_border(j, du, z.shape[1] - 1), _to_border(i, dv, z.shape[0] - 1))
+    if dz > 0.0:
+        reach = min(reach, (summit - z[i, j]) / dz + _NEAR)
+    least = _ENDLESS
+    if du != 0.0:
+        least = _over_columns(z, i, j, du, dv, dz, reach, least)
+    if dv != 0.0:
+        least = _over_rows(z, i, j, du, dv, dz, reach, least)
+    if du != dv:
+        least = _over_diagonals(z, i, j, du, dv, dz, reach, least)
     return least
 
 
@@ -93,8 +119,7 @@ def _relief(z):
                 z00, z11 = np.float64(z[i, j]), np.float64(z[i + 1, j + 1])
                 for corner in (np.float64(z[i, j + 1]), np.float64(z[i + 1, j])):
                     g = (corner - z00) ** 2 + (z11 - corner) ** 2
-                    if g > steepest:
-                        steepest = g
+                    steepest = max(steepest, g)
     return summit, math.sqrt(steepest)
 
 
@@ -112,9 +137,10 @@ def clearances(z, gsd, sun, out):
     largest = max(abs(sun[0]), abs(sun[1]))
     du, dv, dz = sun[0] / largest, -sun[1] / largest, sun[2] * gsd / largest
     du, dv = (du if abs(du) > _ALONG else 0.0), (dv if abs(dv) > _ALONG else 0.0)
+    heights = z.astype(np.float64)
     for i in range(rows):
         for j in range(cols):
-            out[i, j] = np.float32(_below(z, i, j, du, dv, dz, summit))
+            out[i, j] = np.float32(_clearance(heights, i, j, du, dv, dz, summit))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -164,8 +190,8 @@ def shade(z, gsd, sun, towards, code, law, out):
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _span(a, b, c, size):
     """First and last whole number that three values enclose, within 0..size - 1."""
-    low, high = min(a, min(b, c)), max(a, max(b, c))
-    return max(int(math.ceil(low)), 0), min(int(math.floor(high)), size - 1)
+    low, high = min(a, b, c), max(a, b, c)
+    return max(math.ceil(low), 0), min(math.floor(high), size - 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -76,54 +76,65 @@ def _dot(a, b, w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _step(seen, light, w):
+    """One step of Gauss-Newton from a centred template, its slopes and the centred photograph: right, down, the gain, and the
+    correlation before it; NaN where there is none.
+    """
+    t, gx, gy = seen[0], seen[1], seen[2]
+    tt, ti, ii = _dot(t, t, w), _dot(t, light, w), _dot(light, light, w)
+    if not (tt > 0.0 and ii > 0.0):
+        return math.nan, math.nan, math.nan, math.nan
+    right, down, gain = _solve3(
+        _dot(gx, gx, w), _dot(gx, gy, w), _dot(gx, t, w), _dot(gy, gy, w), _dot(gy, t, w), tt,
+        _dot(gx, light, w), _dot(gy, light, w), ti,
+    )  # fmt: skip
+    if not gain > 0.0:
+        return math.nan, math.nan, math.nan, math.nan
+    return right / gain, down / gain, gain, ti / math.sqrt(tt * ii)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(image, row0, col0, seen, w, light, total):
+    """The photograph's pixels that count, into light; its mean, and those of the template and its slopes, taken out."""
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            light[r, c] = image[row0 + r, col0 + c] if w[r, c] > 0.0 else 0.0
+    for k in range(3):
+        _centre(seen[k], w, total)
+    _centre(light, w, total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out):
     """Gauss-Newton on shift, gain and offset from the template at (row0, col0); False where it does not settle nearby.
 
     Leaves the centred template and its slopes in ``seen``, the centred photograph in ``light``, the weights in w, and in out
-    the shift, correlation and gain.
+    the shift, correlation and gain. The last step, too small to matter, is taken without looking again.
     """
-    rows, cols = w.shape
-    dx, dy = start[0], start[1]
+    dx, dy, size = start[0], start[1], math.inf
     for _ in range(_STEPS):
         see(drawn, known, sub, sigma, dx, dy, True, seen)
         total = _weights(seen, weight, least, row0, col0, w)
         if total < _FEWEST:
             return False
-        for r in range(rows):
-            for c in range(cols):
-                light[r, c] = image[row0 + r, col0 + c] if w[r, c] > 0.0 else 0.0
-        for k in range(3):
-            _centre(seen[k], w, total)
-        _centre(light, w, total)
-        t, gx, gy = seen[0], seen[1], seen[2]
-        tt, ti = _dot(t, t, w), _dot(t, light, w)
-        ii = _dot(light, light, w)
-        if not (tt > 0.0 and ii > 0.0):
-            return False
-        out[2] = ti / math.sqrt(tt * ii)
-        step_x, step_y, gain = _solve3(
-            _dot(gx, gx, w), _dot(gx, gy, w), _dot(gx, t, w), _dot(gy, gy, w), _dot(gy, t, w), tt,
-            _dot(gx, light, w), _dot(gy, light, w), ti,
-        )  # fmt: skip
-        if not gain > 0.0:
-            return False
-        step_x, step_y = step_x / gain, step_y / gain
-        out[6] = gain
-        size = math.hypot(step_x, step_y)
-        if size > 1.0:
-            step_x, step_y = step_x / size, step_y / size
-        dx, dy = dx + step_x, dy + step_y
+        _gather(image, row0, col0, seen, w, light, total)
+        right, down, out[6], out[2] = _step(seen, light, w)
+        size = math.hypot(right, down)
+        short = 1.0 / max(size, 1.0)
+        dx, dy = dx + right * short, dy + down * short
         out[0], out[1] = dx, dy
+        if (
+            not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX
+        ):  # also where there was no step
+            return False
         if size < _SETTLED_PX:
             return True
-        if not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX:
-            return False
     return size < _LAST_STEP_PX
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _at_lag(w, rest, gx, gy, down, right):
-    """Sums over pairs of pixels at a lag: of the weights, the residuals, and the slopes' products xx, xy (both ways, halved), yy."""
+    """Sums over pairs of pixels at a lag: of weights, of residuals, and of the slopes' products xx, xy (both ways, halved), yy."""
     rows, cols = w.shape
     c0, c1 = max(0, -right), cols - max(0, right)
     pairs = both = xx = xy = yy = 0.0

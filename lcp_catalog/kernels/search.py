@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from .correlate import bounds, centred, correlations, window
+
 NUMBERS = 6
 """What is said of each template: offset right and down, correlation, highest other peak (NaN: none), share of the search area
 that lies in the image, highest share of real pixels under the mask."""
@@ -18,45 +20,6 @@ PEAKS = 6
 """Peaks at half resolution, at most, that are climbed at full resolution."""
 _SLACK = 0.15
 """Peaks lower than the highest by more than this, at half resolution, are left."""
-_FLAT = 1e-6
-"""A window whose variance is below this share of its region's correlates with nothing."""
-_NOWHERE = np.float32(-2.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def bounds(mask):
-    """First row, row behind the last, first column, column behind the last of what a mask covers."""
-    rows, cols = mask.shape
-    r0, r1, c0, c1 = rows, 0, cols, 0
-    for r in range(rows):
-        for c in range(cols):
-            if mask[r, c]:
-                r0, r1 = min(r0, r), max(r1, r + 1)
-                c0, c1 = min(c0, c), max(c1, c + 1)
-    return r0, r1, c0, c1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def centred(values, mask, out):
-    """The template without its mean, of unit length, 0 outside its mask, into out; pixels of the mask, 0 when it is flat."""
-    total, count = 0.0, 0
-    for r in range(values.shape[0]):
-        for c in range(values.shape[1]):
-            if mask[r, c]:
-                total += values[r, c]
-                count += 1
-    mean = total / max(count, 1)
-    power = 0.0
-    for r in range(values.shape[0]):
-        for c in range(values.shape[1]):
-            power += (values[r, c] - mean) ** 2 if mask[r, c] else 0.0
-    if not power > 1e-14 * mean * mean * count:
-        return 0
-    scale = 1.0 / math.sqrt(power)
-    for r in range(values.shape[0]):
-        for c in range(values.shape[1]):
-            out[r, c] = np.float32((values[r, c] - mean) * scale) if mask[r, c] else np.float32(0.0)
-    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,105 +42,6 @@ def _halved(values, mask, row_odd, col_odd):
         for j in range(wide):
             small[i, j] = small[i, j] / cover[i, j] if inside[i, j] else np.float32(0.0)
     return small, inside
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _prefixes(region, share):
-    """Sums along the rows of a region's values, squares and weights, each with a 0 in front; and whether any weight is not 1."""
-    rows, cols = region.shape
-    one, two = np.zeros((rows, cols + 1)), np.zeros((rows, cols + 1))
-    real, gaps = np.zeros((rows, cols + 1)), False
-    for r in range(rows):
-        for c in range(cols):
-            x = np.float64(region[r, c])
-            one[r, c + 1] = one[r, c] + x
-            two[r, c + 1] = two[r, c] + x * x
-            real[r, c + 1] = real[r, c] + share[r, c]
-            gaps = gaps or share[r, c] != np.float32(1.0)
-    return one, two, real, gaps
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _add_products(template, row, sums):
-    """Add to sums (nx,) what a template's row gives with an image's row from every one of nx places on; four pixels at a time."""
-    nx = sums.size
-    j = 0
-    while j + 3 < template.size:
-        a, b, d, e = template[j], template[j + 1], template[j + 2], template[j + 3]
-        x0, x1, x2, x3 = row[j : j + nx], row[j + 1 : j + 1 + nx], row[j + 2 : j + 2 + nx], row[j + 3 : j + 3 + nx]
-        for x in range(nx):
-            sums[x] += (a * x0[x] + b * x1[x]) + (d * x2[x] + e * x3[x])
-        j += 4
-    while j < template.size:
-        a, x0 = template[j], row[j : j + nx]
-        for x in range(nx):
-            sums[x] += a * x0[x]
-        j += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_run(prefix, j0, j1, sums):
-    """Add to sums (nx,) the sums over pixels j0 to j1, seen from every one of nx places, of a row whose sums from its start are
-    ``prefix``.
-    """
-    low, high = prefix[j0 : j0 + sums.size], prefix[j1 : j1 + sums.size]
-    for x in range(sums.size):
-        sums[x] += high[x] - low[x]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def correlations(image, weight, template, mask, count, row, col, ny, nx, least_real):
-    """Correlation (ny, nx) of a template (rows, cols) with the windows from (row, col) on; `_NOWHERE` where fewer than
-    ``least_real`` of the pixels are real. And the highest share of real ones.
-    """
-    rows, cols = template.shape
-    region = np.empty((ny + rows - 1, nx + cols - 1), np.float32)
-    share = weight[row : row + ny + rows - 1, col : col + nx + cols - 1]
-    mean = 0.0
-    for r in range(region.shape[0]):
-        for c in range(region.shape[1]):
-            mean += image[row + r, col + c]
-    mean /= region.size
-    power = 0.0
-    for r in range(region.shape[0]):
-        for c in range(region.shape[1]):
-            region[r, c] = np.float32(image[row + r, col + c] - mean)
-            power += np.float64(region[r, c]) ** 2
-    flat = _FLAT * power / region.size * count
-    one, two, real, gaps = _prefixes(region, share)
-    out = np.empty((ny, nx), np.float32)
-    best_real = 0.0
-    sums, first, second, known = np.empty(nx, np.float32), np.empty(nx), np.empty(nx), np.empty(nx)
-    for y in range(ny):
-        sums[:] = 0.0
-        first[:] = 0.0
-        second[:] = 0.0
-        known[:] = 0.0
-        for i in range(rows):
-            _add_products(template[i], region[y + i], sums)
-            j = 0
-            while j < cols:
-                if not mask[i, j]:
-                    j += 1
-                    continue
-                j0 = j
-                while j < cols and mask[i, j]:
-                    j += 1
-                _add_run(one[y + i], j0, j, first)
-                _add_run(two[y + i], j0, j, second)
-                if gaps:
-                    _add_run(real[y + i], j0, j, known)
-        for x in range(nx):
-            variance = second[x] - first[x] * first[x] / count
-            good = known[x] / count if gaps else 1.0
-            best_real = max(best_real, good)
-            if good < least_real:
-                out[y, x] = _NOWHERE
-            elif variance > flat:
-                out[y, x] = np.float32(sums[x] / math.sqrt(variance))
-            else:
-                out[y, x] = np.float32(0.0)
-    return out, best_real
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -221,7 +85,11 @@ def _peaks(score, places, heights):
                 continue
             k = min(found, size - 1)
             while k > 0 and heights[k - 1] < here:
-                heights[k], places[k, 0], places[k, 1] = heights[k - 1], places[k - 1, 0], places[k - 1, 1]
+                heights[k], places[k, 0], places[k, 1] = (
+                    heights[k - 1],
+                    places[k - 1, 0],
+                    places[k - 1, 1],
+                )
                 k -= 1
             heights[k], places[k, 0], places[k, 1] = here, y, x
             found = min(found + 1, size)
@@ -237,7 +105,13 @@ def _climb(image, weight, template, mask, count, row, col, limits, least_real):
         for i in range(-1, 2):
             for j in range(-1, 2):
                 r, c = row + i, col + j
-                if (i == 0 and j == 0) or r < limits[0] or r > limits[1] or c < limits[2] or c > limits[3]:
+                if (
+                    (i == 0 and j == 0)
+                    or r < limits[0]
+                    or r > limits[1]
+                    or c < limits[2]
+                    or c > limits[3]
+                ):
                     continue
                 here = _at(image, weight, template, mask, count, r, c, least_real)
                 if here > best:
@@ -246,15 +120,6 @@ def _climb(image, weight, template, mask, count, row, col, limits, least_real):
             break
         row, col = up, left
     return row, col, best
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _limits(shape, high, wide, row, col, reach):
-    """First and last row, first and last column at which a window of high x wide within ``reach`` of (row, col) lies in an image."""
-    return (
-        max(0, row - reach), min(shape[0] - high, row + reach),
-        max(0, col - reach), min(shape[1] - wide, col + reach),
-    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -271,7 +136,21 @@ def _choose(rows, cols, heights, exclusion, row, col, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _seek(fine, fine_weight, half, half_weight, values, mask, row, col, reach, exclusion, least_real, coarse, out):
+def _seek(
+    fine,
+    fine_weight,
+    half,
+    half_weight,
+    values,
+    mask,
+    row,
+    col,
+    reach,
+    exclusion,
+    least_real,
+    coarse,
+    out,
+):
     """One template whose first pixel is expected at (row, col); what is found into out."""
     r0, r1, c0, c1 = bounds(mask)
     out[:] = math.nan
@@ -281,14 +160,16 @@ def _seek(fine, fine_weight, half, half_weight, values, mask, row, col, reach, e
     values, mask, row, col = values[r0:r1, c0:c1], mask[r0:r1, c0:c1], row + r0, col + c0
     template = np.empty(values.shape, np.float32)
     count = centred(values, mask, template)
-    limits = _limits(fine.shape, r1 - r0, c1 - c0, row, col, reach)
+    limits = window(fine.shape, r1 - r0, c1 - c0, row, col, reach)
     ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
     if count == 0 or ny <= 0 or nx <= 0:
         return
     out[4] = ny * nx / (2.0 * reach + 1.0) ** 2
     places, heights = np.empty((PEAKS, 2), np.int64), np.zeros(PEAKS)
     if not coarse:
-        score, out[5] = correlations(fine, fine_weight, template, mask, count, limits[0], limits[2], ny, nx, least_real)
+        score, out[5] = correlations(
+            fine, fine_weight, template, mask, count, limits[0], limits[2], ny, nx, least_real
+        )
         found = _peaks(score, places, heights)
         for k in range(found):
             places[k, 0], places[k, 1] = places[k, 0] + limits[0], places[k, 1] + limits[2]
@@ -298,7 +179,7 @@ def _seek(fine, fine_weight, half, half_weight, values, mask, row, col, reach, e
         narrow = np.empty(small.shape, np.float32)
         few = centred(small, inside, narrow)
         top, left = (row - row_odd) // 2, (col - col_odd) // 2
-        box = _limits(half.shape, small.shape[0], small.shape[1], top, left, (reach + 1) // 2)
+        box = window(half.shape, small.shape[0], small.shape[1], top, left, (reach + 1) // 2)
         if few == 0 or box[1] < box[0] or box[3] < box[2]:
             return
         score, out[5] = correlations(
@@ -322,7 +203,20 @@ def _seek(fine, fine_weight, half, half_weight, values, mask, row, col, reach, e
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def seek(fine, fine_weight, half, half_weight, values, masks, origins, reaches, exclusion, least_real, coarse, out):
+def seek(
+    fine,
+    fine_weight,
+    half,
+    half_weight,
+    values,
+    masks,
+    origins,
+    reaches,
+    exclusion,
+    least_real,
+    coarse,
+    out,
+):
     """Seek n templates; out (n, `NUMBERS`), NaN where nothing correlates.
 
     fine (rows, cols) float32 without NaN and fine_weight 0..1, half and half_weight their 2 x 2 means; values (n, h, w) float32,
@@ -334,29 +228,3 @@ def seek(fine, fine_weight, half, half_weight, values, masks, origins, reaches, 
             fine, fine_weight, half, half_weight, values[k], masks[k], origins[k, 1], origins[k, 0],
             reaches[k], exclusion[k], least_real, coarse[k], out[k],
         )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def maps(image, weight, values, masks, origins, reach, least_real, out):
-    """Correlations of n templates at every offset within ``reach``, into out (n, 2 reach + 1, 2 reach + 1) rows and columns; NaN where a
-    template does not lie in the image or too little under it is real.
-    """
-    for k in prange(values.shape[0]):
-        out[k] = np.nan
-        r0, r1, c0, c1 = bounds(masks[k])
-        if r0 >= r1:
-            continue
-        mask = masks[k, r0:r1, c0:c1]
-        template = np.empty(mask.shape, np.float32)
-        count = centred(values[k, r0:r1, c0:c1], mask, template)
-        row, col = origins[k, 1] + r0, origins[k, 0] + c0
-        limits = _limits(image.shape, r1 - r0, c1 - c0, row, col, reach)
-        ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
-        if count == 0 or ny <= 0 or nx <= 0:
-            continue
-        score, _ = correlations(image, weight, template, mask, count, limits[0], limits[2], ny, nx, least_real)
-        top, left = limits[0] - row + reach, limits[2] - col + reach
-        for y in range(ny):
-            for x in range(nx):
-                if score[y, x] > _NOWHERE:
-                    out[k, top + y, left + x] = score[y, x]

@@ -32,8 +32,8 @@ def taps(sub, sigma, shift):
     """
     narrow = math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
     half = 0.5 + 4.0 * narrow + 1.0 / sub
-    first = int(math.floor((0.5 - half - shift) * sub))
-    last = int(math.ceil((0.5 + half - shift) * sub))
+    first = math.floor((0.5 - half - shift) * sub)
+    last = math.ceil((0.5 + half - shift) * sub)
     weights = np.empty(last - first, np.float32)
     slopes = np.empty(last - first, np.float32)
     for k in range(last - first):
@@ -72,7 +72,12 @@ def _down(rows, first, weights, out):
     k = k0
     while k + 3 < k1:
         w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
-        x0, x1, x2, x3 = rows[first + k], rows[first + k + 1], rows[first + k + 2], rows[first + k + 3]
+        x0, x1, x2, x3 = (
+            rows[first + k],
+            rows[first + k + 1],
+            rows[first + k + 2],
+            rows[first + k + 3],
+        )
         for c in range(out.size):
             out[c] += (w0 * x0[c] + w1 * x1[c]) + (w2 * x2[c] + w3 * x3[c])
         k += 4
