@@ -1,6 +1,6 @@
 """What keeps 16 x 16 windows of photographs and renders below 0.9: one thing changed at a time, on Apollo 15 frames.
 
-    .venv/bin/python benchmarks/windows_budget.py [-o build/windows]        # 6 minutes of one core, 1.5 GB
+    .venv/bin/python benchmarks/windows_budget.py [-o build/windows]        # 3 minutes of one core, 1.5 GB
 
 needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
 docs/validation.md), and for each frame a picture: image, render, map of correlations, and the histogram. All settings
@@ -59,7 +59,7 @@ def variants(ground: Ground, target_m: float) -> Iterator[tuple[str, WindowCompa
     as_it_is = ground.pair(target_m, whole)
     yield "as it is", _compared(as_it_is)
     plain = ground.radiance(PLAIN, albedo=False)
-    yield "all six left out", ground.windows(target_m, plain, LINEAR, dem_fwhm_m=0.0)
+    yield "plain: no film, albedo, phase, DEM", ground.windows(target_m, plain, LINEAR, dem_fwhm_m=0.0)
     yield "film: codes taken as brightness", ground.windows(target_m, whole, LINEAR)
     bare = ground.radiance(albedo=False)
     yield "albedo: no map", ground.windows(target_m, bare)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from .constants import MOON_RADIUS_M
 from .errors import CameraError
 from .focal_plane import FocalPlane
+from .json_fields import LARGEST
 from .lens import Lens, NoLens, OpenCV, lens_from_json
 from .rotations import by_vector
 from .sensors import POSE
@@ -86,7 +87,7 @@ class Camera:
             values = np.array(getattr(self, key), dtype=np.float64)
         except (TypeError, ValueError):
             self._refuse(key, "is not made of numbers")
-        if values.shape != shape or not np.isfinite(values).all():
+        if values.shape != shape or not (np.abs(values) <= LARGEST).all():
             wanted = "x".join(map(str, shape)) if shape else "one"
             self._refuse(key, f"must hold {wanted} finite number{'s' if shape else ''}")
         values.flags.writeable = False

@@ -28,6 +28,8 @@ _GRID_PX = 64
 """Reach of the grid, in its own pixels: the photograph is reduced to this, or until templates are `_SMALLEST_PX` a side."""
 _SMALLEST_PX = 8
 _CHUNK = 64
+_CHUNK_OFFSETS = 4_000_000
+"""Points whose maps are kept at once, at most, and the offsets of all of them."""
 _MOST_POINTS = 400
 _LEAST_REAL = 0.7
 _LEAST_SHARE = 0.3
@@ -85,8 +87,9 @@ def coarse_shift(
     offset = np.broadcast_to(offset, (len(rows), 2)) / image.factor
     reach, slack = max(1, math.ceil(reach_px / image.factor)), round(slack_px / image.factor)
     votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)
-    for start in range(0, len(rows), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    count = max(1, min(_CHUNK, _CHUNK_OFFSETS // votes.size))
+    for start in range(0, len(rows), count):
+        part = slice(start, start + count)
         for score in _maps(catalog, image, model, rows[part], offset[part], reach, psf_sigma_px):
             known = np.isfinite(score)
             voters += known

@@ -192,7 +192,7 @@ class _Table:
 
     def best(self) -> tuple[Pose | None, float]:
         """The most meaningful agreement; (None, 0.0) where there is none."""
-        if len(self) <= self.minimal or not self.minimal:
+        if len(self) <= self.minimal:
             return None, 0.0
         solutions = [self.refined(start) for start in self.starts()]
         scored = [(self.score(pose.used), pose) for pose in solutions if pose is not None]
@@ -222,8 +222,10 @@ class _Table:
 
     def starts(self) -> list[Mask]:
         """The agreements, under the linearised sensor, that are worth refining: the best of all sets tried, none
-        twice.
+        twice. Of a sensor that is held as it is, those who agree with it.
         """
+        if not self.minimal:
+            return [self.agreeing(self.sensor)]
         linear = _Linear.of(self)
         subsets = list(_subsets(len(self), self.minimal, self.seed))
         corrections = np.concatenate([linear.corrections(rows) for rows in subsets])

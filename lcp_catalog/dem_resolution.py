@@ -55,10 +55,12 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class Resolution:
-    """What a DEM resolves. ``resolution_m``: half its shortest wave, at least ``posting_m``; ``low_m`` to ``high_m``: one
-    sigma, of the fit and of what areas of one product differ by (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that halves the same wave; 0
-    for a DEM that has its posting. ``exponent``: b; ``noise_m``: standard deviation of what is flat in the spectrum;
-    ``how``: in words, for reports.
+    """What a DEM resolves.
+
+    ``resolution_m``: half its shortest wave, at least ``posting_m``; ``low_m`` to ``high_m``: one sigma, of the fit and of what
+    areas of one product differ by (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that
+    halves the same wave; 0 for a DEM that has its posting. ``exponent``: b; ``noise_m``: standard deviation of what is
+    flat in the spectrum; ``how``: in words, for reports.
     """
 
     resolution_m: float
@@ -102,7 +104,7 @@ def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) ->
     spectrum = spectrum_of(z, (steps[0], steps[1]))
     if spectrum is None:
         return _untold(posting, "too few heights without gaps to tell: its posting")
-    return _fitted(spectrum, posting)
+    return _fitted(spectrum, posting, steps[0] * steps[1])
 
 
 def _untold(posting_m: float, how: str) -> Resolution:
@@ -206,7 +208,7 @@ class _Fit:
         )
 
 
-def _fitted(spectrum: Spectrum, posting_m: float) -> Resolution:
+def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
     used, fit = spectrum, _best(spectrum)
     for _ in range(_ROUNDS):
         near = spectrum.wavenumber <= max(_FITTED * fit.cut, spectrum.wavenumber[7])
@@ -216,12 +218,10 @@ def _fitted(spectrum: Spectrum, posting_m: float) -> Resolution:
     noisy = _outweighed(fit, nyquist)
     cut = min(fit.cut, noisy)
     low, high = _interval(fit, len(used.power))
-    noise_m = math.sqrt(fit.noise) / posting_m
+    noise_m = math.sqrt(fit.noise / cell_m2)
     resolution = max(posting_m, 0.5 / cut)
-    finer, coarser = (
-        math.hypot(math.log(side), BETWEEN_AREAS) if side > 1.0 else BETWEEN_AREAS
-        for side in (high / fit.cut, fit.cut / low)
-    )
+    sides = (1.0, 1.0) if noisy < fit.cut else (high / fit.cut, fit.cut / low)
+    finer, coarser = (math.hypot(math.log(side), BETWEEN_AREAS) for side in sides)
     spread = 0.0 if fit.cut >= nyquist else _fwhm_m(fit.cut)
     return Resolution(
         resolution,

@@ -60,8 +60,8 @@ class WindowChoice:
 
 @dataclass(frozen=True, eq=False)
 class GroundComparison:
-    """The windows, where each lies, how the cells were chosen and against what; ``image`` and ``render`` on those cells (None:
-    patches), and the files that were read.
+    """The windows, where each lies, how the cells were chosen and against what; ``image`` and ``render`` on those cells, (rows,
+    cols) or of each patch (n, rows, cols), and the files that were read.
     """
 
     windows: WindowComparison
@@ -69,8 +69,8 @@ class GroundComparison:
     latitude_deg: Array
     resolution: str
     against: str
-    image: Array | None = None
-    render: Array | None = None
+    image: Array
+    render: Array
     point: Index | None = (
         None  # (n,) which point of the catalogue a window belongs to, where patches are compared
     )
@@ -215,6 +215,8 @@ def against_patches(
         catalog.latitude[point],
         told,
         f"{len(whole)} patches of the catalogue",
+        images,
+        renders,
         point=point,
     )
 

@@ -32,7 +32,7 @@ def sensor_from_isd(fields: JsonFields) -> AnySensor:
         "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL": _line_scanner,
         "USGS_ASTRO_PUSH_FRAME_SENSOR_MODEL": _push_frame,
     }
-    model = fields.need("name_model")
+    model = fields.text("name_model")
     if model not in kinds:
         fields.refuse("name_model", f"is {model}; read are {', '.join(kinds)}")
     tables = Tables(fields)
@@ -100,9 +100,9 @@ def _push_frame(fields: JsonFields, tables: Tables) -> PushFrame:
     first += 0.5 * fields.number("exposure_duration")
     last = first + step * (lines / height - 1.0)
     tables.cover(first, last)
-    if fields.find("framelet_order_reversed"):
+    if fields.flag("framelet_order_reversed"):
         first, step = last, -step
-    upside_down = int(height) if fields.find("framelets_flipped") else None
+    upside_down = int(height) if fields.flag("framelets_flipped") else None
     plane, axes = plane_of_isd(fields, looks_back=tables.looks_back, upside_down=upside_down)
     return PushFrame(
         shape=(lines, samples),

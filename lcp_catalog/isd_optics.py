@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 CORNER_PX = 0.5
 """From an ISD's lines and samples to pixels."""
 
+_SKEWEST = 1e3
 _BACK = np.diag([-1.0, 1.0, -1.0])
 
 
@@ -37,7 +38,7 @@ def plane_of_isd(
         centre = fields.number(f"detector_center.{axis}")
         start = fields.number(f"starting_detector_{axis}")
         origin[i] = offset + (centre - start) / summing - CORNER_PX
-    if abs(np.linalg.det(matrix)) < 1e-12:
+    if not np.linalg.cond(matrix) < _SKEWEST:
         fields.refuse("focal2pixel_lines", "and focal2pixel_samples run the same way")
     if upside_down is not None:
         matrix[1], origin[1] = -matrix[1], upside_down - 1.0 - origin[1]

@@ -28,6 +28,7 @@ _INERTIAL = 1
 _MEAN_EARTH = {31001, 31003, 31005, 31007, 31009}
 _RADIUS_TOLERANCE = 0.01
 _UNIT_TOLERANCE = 1e-3
+_CENTURY_S = 99.9 * 365.25 * 86400.0
 _UNITS_M = {"m": 1.0, "km": 1000.0}
 _VELOCITY_SHARE, _VELOCITY_M = 0.1, 1.0
 _SPARE = 0.02
@@ -58,7 +59,10 @@ class Tables:
     @property
     def instant(self) -> str:
         """The middle of the image, UTC."""
-        return of_ephemeris_time(self.fields.number("center_ephemeris_time"))
+        seconds = self.fields.number("center_ephemeris_time")
+        if abs(seconds) > _CENTURY_S:
+            self.fields.refuse("center_ephemeris_time", f"is {seconds:g} s: not within 1900-2099")
+        return of_ephemeris_time(seconds)
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -108,7 +112,7 @@ class Tables:
 
     def _unit(self, path: str) -> float:
         """Metres of a unit; kilometres where none is stated, as ALE writes."""
-        stated = self.fields.find(path) or "km"
+        stated = "km" if self.fields.find(path) is None else self.fields.text(path)
         if stated not in _UNITS_M:
             self.fields.refuse(path, f"is {stated!r}; known are {', '.join(_UNITS_M)}")
         return _UNITS_M[stated]
@@ -148,17 +152,16 @@ class Tables:
                 self.fields.refuse(f"{table}.constant_rotation", "is not a rotation")
         return Turning.of_table(times, quaternions, after)
 
-    def _frame(self, table: str) -> object:
-        return self.fields.find(f"{table}.reference_frame") or _INERTIAL
+    def _frame(self, table: str) -> int:
+        path = f"{table}.reference_frame"
+        return _INERTIAL if self.fields.find(path) is None else round(self.fields.number(path))
 
     @property
-    def _body_frame(self) -> object:
-        """NAIF's number of the frame that ``body_rotation`` ends in."""
-        constant, moving = (
-            self.fields.find(f"body_rotation.{kind}_frames") or []
-            for kind in ("constant", "time_dependent")
-        )
-        return [*constant, *moving, None][0]
+    def _body_frame(self) -> int | None:
+        """NAIF's number of the frame that ``body_rotation`` ends in, if it is stated."""
+        kinds = ("constant", "time_dependent")
+        codes = [self.fields.codes(f"body_rotation.{kind}_frames") for kind in kinds]
+        return next((code for some in codes for code in some), None)
 
     def _is_fixed(self, table: str) -> bool:
         """Whether a table's positions are body-fixed already."""

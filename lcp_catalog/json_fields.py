@@ -14,6 +14,9 @@ from .errors import CameraError
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e12
+"""No number of a camera file is larger: the Sun stands 1.5e11 m away, an ephemeris time reaches 3e9 s."""
+
 
 @dataclass(frozen=True)
 class JsonFields:
@@ -48,6 +51,8 @@ class JsonFields:
         stated = self.need(path)
         try:
             values = np.array(stated, dtype=np.float64)
+            if isinstance(stated, bool):
+                raise TypeError
         except (TypeError, ValueError):
             self.refuse(path, "is not made of numbers")
         fits = len(values.shape) == len(shape) and all(
@@ -60,7 +65,30 @@ class JsonFields:
             self.refuse(path, f"must be {wanted}, is {got}")
         if not np.isfinite(values).all():
             self.refuse(path, "holds what is not a finite number")
+        if (np.abs(values) > LARGEST).any():
+            self.refuse(path, f"holds a number beyond {LARGEST:g}")
         return values
+
+    def text(self, path: str) -> str:
+        """Some text."""
+        value = self.need(path)
+        if not isinstance(value, str):
+            self.refuse(path, "is not a text")
+        return value
+
+    def flag(self, path: str) -> bool:
+        """True or false; false where nothing is stated."""
+        value = self.find(path)
+        if value is not None and not isinstance(value, bool):
+            self.refuse(path, "is neither true nor false")
+        return bool(value)
+
+    def codes(self, path: str) -> list[int]:
+        """Whole numbers, as many as there are; none where nothing is stated."""
+        value = self.find(path) or []
+        if not isinstance(value, list) or not all(type(code) is int for code in value):
+            self.refuse(path, "is not a list of whole numbers")
+        return value
 
     def number(self, path: str) -> float:
         """One finite number."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .inversion import MOST_STEPS, Slopes, first_root, settled, undone
+from .json_fields import LARGEST
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
@@ -313,9 +314,10 @@ _NAME = {kind: name for name, kind in _KINDS.items()}
 
 def lens_from_json(document: Any) -> Lens:
     """The lens that said this of itself; ValueError for what is none."""
-    if not isinstance(document, Mapping) or document.get("model") not in _KINDS:
+    model = document.get("model") if isinstance(document, Mapping) else None
+    if not isinstance(model, str) or model not in _KINDS:
         raise ValueError(f"has no model of {', '.join(_KINDS)}")
-    kind = _KINDS[document["model"]]
+    kind = _KINDS[model]
     names = [field.name for field in fields(kind)]
     missing = [name for name in names if name not in document]
     if missing:
@@ -333,7 +335,7 @@ def _parsed(kind: type, name: str, value: Any) -> Any:
         numbers = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is not made of numbers") from error
-    if numbers.shape != shape or not np.isfinite(numbers).all():
+    if numbers.shape != shape or not (np.abs(numbers) <= LARGEST).all():
         raise ValueError(f"{name} must hold finite numbers of shape {shape}")
     if kind is OnPlane and abs(np.linalg.det(numbers)) < 1e-12:
         raise ValueError(f"{name} cannot be undone")

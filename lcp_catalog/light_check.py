@@ -29,11 +29,11 @@ Index = NDArray[np.int64]
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: by how much the azimuth is turned and the elevation raised."""
 
-LEAST_GAIN = 0.03
+LEAST_GAIN = 0.025
 LEAST_GAIN_Z = 0.25
 """The first is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as simulated
 frames have them. True frames gain up to 0.003 and 0.05, under another law than the image's 0.02 and 0.2; a Sun that is
-wrong by 20 deg of azimuth gave 0.04 to 0.08 in photographs, and 0.34 in z and more in simulated frames.
+wrong by 20 deg of azimuth gave 0.03 to 0.08 in photographs, and 0.34 in z and more in simulated frames.
 """
 
 SIGMAS = 2.0

@@ -108,19 +108,15 @@ def locate(
 
     Frames: the pose corrects ``photo.sensor``; matches are in the pixels of the image as it came.
     """
-    seen = in_view(catalog, photo.sensor)
-    search = _Search(
-        catalog, photo, working_photo(catalog, photo, seen), uncertainty, model, options
-    )
-    area = perhaps_in_view(
-        catalog, photo.sensor, uncertainty, options.sigmas, options.least_reach_px * search.factor
-    )
+    area = perhaps_in_view(catalog, photo.sensor, uncertainty, options.sigmas)
+    working = working_photo(catalog, photo, area.points)
+    search = _Search(catalog, photo, working, uncertainty, model, options)
     if not len(area):
         reason = f"none of the catalogue's {len(catalog)} points can be in view"
         return Located(CANNOT_SAY, reason, search.unmatched())
     if (missing := nothing_in(photo)) is not None:
-        return Located(CANNOT_SAY, missing, search.unmatched())
-    return search.located(area)
+        return Located(CANNOT_SAY, missing, search.unmatched(area.points))
+    return search.located(area.at_least(options.least_reach_px * search.factor))
 
 
 def nothing_in(photo: Photo) -> str | None:

@@ -25,8 +25,8 @@ class MapProjection:
     """A CRS of the Moon. Longitudes and latitudes are planetocentric degrees, whatever the CRS's own figure: a sphere of another
     radius keeps them, an ellipsoid's geodetic latitudes are converted.
 
-    Raises LabelError for what is no CRS, is neither geographic nor projected, names no ellipsoid, or
-    stands on one that is not the Moon's.
+    Raises LabelError for what is no CRS, is neither geographic nor projected, or stands on a figure that
+    is not the Moon's.
     """
 
     def __init__(self, wkt: str) -> None:
@@ -36,9 +36,7 @@ class MapProjection:
             raise LabelError(f"the CRS is not understood: {error}") from error
         if not (self.crs.is_geographic or self.crs.is_projected):
             raise LabelError(f"the CRS {self.crs.name!r} is neither geographic nor projected")
-        ellipsoid = self.crs.ellipsoid
-        if ellipsoid is None:
-            raise LabelError(f"the CRS {self.crs.name!r} names no sphere")
+        ellipsoid = self.crs.ellipsoid  # every such CRS has one
         major, minor = float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
         low, high = RADIUS_RANGE_M
         if not (low <= minor <= high and low <= major <= high):

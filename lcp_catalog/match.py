@@ -20,6 +20,7 @@ from .patch_render import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patche
 from .photo import Photo
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .search_image import SearchImage, full_pixels
+from .sensors import pixel_size_m
 from .usable import usable_now, working_photo
 
 __all__ = [
@@ -38,7 +39,8 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _CHUNK = 128
-"""Points rendered at once: their drawings are kept only so long."""
+_CHUNK_PX = 2_000_000
+"""Points rendered at once, at most, and the pixels of their templates: drawings, about 100 bytes a pixel, are kept only so long."""
 _HALVED_FROM = 144
 """Templates of fewer pixels are searched at full resolution: too little is left of them at half."""
 _INNER = 0.6
@@ -53,7 +55,7 @@ class Criteria:
     """What a match must be. Shares are of the template's pixels; correlations are centred and normalised."""
 
     psf_sigma_px: float = POINT_SPREAD_PX
-    min_correlation: float = 0.4
+    min_correlation: float = 0.3
     max_false_match: float = 0.2  # chance that the second peak is the true one
     min_lit_share: float = 0.3
     min_contrast: float = 0.005  # standard deviation of the render over its mean
@@ -100,10 +102,19 @@ def match(
     reach = np.broadcast_to(np.asarray(reach_px, np.float64) / factor, rows.shape)
     offset = np.zeros(2) if offset_px is None else np.asarray(offset_px, np.float64)
     offset = np.broadcast_to(offset / factor, (len(rows), 2))
-    parts = [slice(start, start + _CHUNK) for start in range(0, max(len(rows), 1), _CHUNK)]
+    count = _at_once(catalog, photo, rows)
+    parts = [slice(start, start + count) for start in range(0, max(len(rows), 1), count)]
     found = [_match_chunk(task, rows[part], reach[part], offset[part]) for part in parts]
     names = Matches.__dataclass_fields__
     return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
+
+
+def _at_once(catalog: Catalog, photo: Photo, rows: Index) -> int:
+    """How many points are rendered at once."""
+    pixels = pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
+    sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)
+    largest = float(np.max(1.5 * sides, initial=1.0)) ** 2
+    return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
 
 
 def points_in_view(catalog: Catalog, photo: Photo) -> Index:

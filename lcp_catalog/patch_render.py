@@ -34,8 +34,8 @@ LEAST_COVER = 0.95
 _SAMPLES_A_NODE = 2.0
 _SUB = (3, 8)
 """Samples a pixel's side: two to each node's width, within these."""
-_ROOM_PX = 4_000_000
-"""Pixels of one call's drawings, at most, a pixel of each patch: more are a mistake of scale."""
+_WIDEST_PX = 2048
+"""A patch that takes more pixels a side is not drawn: it lies right before the camera, or at the edge of what its lens knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def render_patches(
     """Render patches (rows ``index`` (n,) of the catalogue) into a sensor's pixels; ``sun_directions`` (n, 3) unit MCMF.
 
     The law defaults to Lommel-Seeliger. All templates are as large as the largest one. A patch that the sensor cannot have seen
-    whole gives an empty mask. Memory: 4 sub^2 + 5 bytes a template's pixel, 64 a node.
+    whole, or that takes over 2048 pixels a side, gives an empty mask. Memory: 4 sub^2 + 5 bytes a template's pixel, 64 a node.
     """
     rows = np.asarray(index, dtype=np.int64)
     nodes = nodes_mcmf(catalog, rows)
@@ -105,6 +105,7 @@ def render_patches(
     towards = np.einsum("nij,ncj->nci", rotation, sensor.towards(corners))
     pixels = sensor.project(nodes)
     seen = np.isfinite(pixels).all(axis=(1, 2, 3)) & np.isfinite(towards).all(axis=(1, 2))
+    seen &= np.ptp(np.nan_to_num(pixels), axis=(1, 2)).max(axis=-1, initial=0.0) < _WIDEST_PX
     pixels = np.where(seen[:, None, None, None], pixels, 0.0)
     low, high = pixels.min(axis=(1, 2)), pixels.max(axis=(1, 2))
     origin = np.floor(low + 0.5).astype(np.int64)

@@ -71,7 +71,9 @@ class Scanner:
         return _in_parts(self._towards, points_mcmf_m)
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look."""
+        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look; NaN more than `BEYOND` lines out
+        of the image.
+        """
         given = np.asarray(pixels, dtype=np.float64)
         flat = given.reshape(-1, 2)
         times, on_plane = self._exposed(flat)
@@ -105,7 +107,7 @@ class Scanner:
         found = np.full(len(p), np.nan)
         active = np.flatnonzero(np.isfinite(start))
         last = start[active]
-        here = last + 0.5
+        here = np.where(last + 0.5 > span[1], last - 0.5, last + 0.5)
         off_last = self._on_plane(time_of(last), p[active])[:, 1] - line_px
         for _ in range(_STEPS):
             off = self._on_plane(time_of(here), p[active])[:, 1] - line_px
@@ -155,7 +157,8 @@ class LineScanner(Scanner):
     line_px: float
 
     def _time(self, rows: Array) -> Array:
-        return np.interp(rows, np.arange(len(self.times_s)) - float(BEYOND), self.times_s)
+        first, times = -float(BEYOND), self.times_s
+        return np.interp(rows, first + np.arange(len(times)), times, left=np.nan, right=np.nan)
 
     def _found(self, points: Array) -> tuple[Array, Array]:
         span = (-float(BEYOND), self.shape[0] - 1.0 + BEYOND)

@@ -9,7 +9,7 @@ uncertainty. Where that is too far to be searched point by point, the whole imag
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _FARTHEST = 2.0
-"""Points that a sensor puts further than this many images from the middle are out of any doubt: that far a pinhole's
-linear reach means nothing.
+"""Points that a sensor puts further than this many images, and as many reaches of its middle, from the middle are out
+of any doubt: that far a pinhole's linear reach means nothing.
 """
+_NOBODY = np.zeros(0, dtype=np.int64)
 _ROUGH = 2
 """Pixels of the coarse grid by which its offset may be wrong beyond its own precision."""
 
@@ -47,6 +48,10 @@ class SearchArea:
     def __len__(self) -> int:
         return len(self.points)
 
+    def at_least(self, least_px: float) -> SearchArea:
+        """With no reach below a least one."""
+        return replace(self, reach_px=np.maximum(self.reach_px, least_px))
+
 
 def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     """Those of the rows on whose side of the Moon the sensor is."""
@@ -61,20 +66,23 @@ def in_view(catalog: Catalog, sensor: Sensor) -> Index:
 
 
 def perhaps_in_view(
-    catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float, least_px: float
+    catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float
 ) -> SearchArea:
-    """The points that may be in the image, each with its reach: ``sigmas`` of its place, ``least_px`` at least."""
+    """The points that may be in the image, each with its reach, so many ``sigmas`` of its place."""
     height, width = sensor.shape
     middle = np.array([(width - 1) / 2.0, (height - 1) / 2.0])
+    prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     off = np.abs(sensor.project(catalog.position_mcmf) - middle)
-    with np.errstate(invalid="ignore"):
-        rows = facing(
-            catalog, sensor, np.flatnonzero((off < _FARTHEST * max(height, width)).all(-1))
-        )
+    away = np.nan_to_num(off, nan=np.inf).max(axis=-1, initial=0.0)
+    nothing = SearchArea(_NOBODY, np.zeros((0, 2)), np.zeros(0))
+    if not np.isfinite(away).any():
+        return nothing
+    central = jacobian(sensor, catalog.position_mcmf[[int(np.argmin(away))]])
+    farthest = _FARTHEST * (max(height, width) + float(_reach(central, prior, sigmas)[0]))
+    rows = facing(catalog, sensor, np.flatnonzero(away < farthest))
     if not len(rows):
-        return SearchArea(rows, np.zeros((0, 2)), np.zeros(0))
-    slope = jacobian(sensor, catalog.position_mcmf[rows])
-    reach = _reach(slope, np.diag(uncertainty.sigmas(sensor) ** 2), sigmas, least_px)
+        return nothing
+    reach = _reach(jacobian(sensor, catalog.position_mcmf[rows]), prior, sigmas)
     kept = (off[rows] <= np.array([width, height]) / 2.0 + reach[:, None]).all(-1)
     return SearchArea(rows[kept], np.zeros((int(kept.sum()), 2)), reach[kept])
 
@@ -91,12 +99,13 @@ def narrowed(
 ) -> tuple[SearchArea, float, float]:
     """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how
     far, in pixels, single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and no
-    doubt, where nothing can be said of the whole image. ``photo`` is the one that is searched, ``sensor`` that of the image as it came.
+    doubt, where nothing can be said of the whole image. ``photo`` is the one that is searched, ``sensor`` that of the
+    image as it came.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     slope = jacobian(sensor, catalog.position_mcmf[area.points])
     common = slope.mean(axis=0)
-    slack = float(np.median(_reach(slope - common, prior, 1.0, 0.0)))
+    slack = float(np.median(_reach(slope - common, prior, 1.0)))
     shift = coarse_shift(
         catalog,
         photo,
@@ -111,13 +120,14 @@ def narrowed(
     gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)
     correction = gain @ np.array(shift.offset_px)
     left = prior - gain @ common @ prior
-    reach = np.minimum(_reach(slope, left, sigmas, least_px), area.reach_px)
+    reach = np.maximum(_reach(slope, left, sigmas), least_px)
+    reach = np.minimum(reach, area.reach_px)
     places = 2.0 * math.log10(float(np.median(area.reach_px)) / float(np.median(reach)))
     narrow = SearchArea(area.points, slope @ correction, reach, max(places, 0.0))
     return narrow, shift.log10_false_alarms, slack
 
 
-def _reach(slope: Array, covariance: Array, sigmas: float, least_px: float) -> Array:
+def _reach(slope: Array, covariance: Array, sigmas: float) -> Array:
     """So many sigmas of the worse of a place's two coordinates, (n,)."""
     variance = np.einsum("nia,ab,nib->ni", slope, covariance, slope).max(-1, initial=0.0)
-    return np.asarray(np.maximum(sigmas * np.sqrt(variance), least_px))
+    return np.asarray(sigmas * np.sqrt(np.maximum(variance, 0.0)))

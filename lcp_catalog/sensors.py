@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+_JUMP = 0.5
+"""Steps of a metre that differ by more than this share of the shorter are not a slope's two sides."""
+
 POSE = ("x_m", "y_m", "z_m", "turn_x_rad", "turn_y_rad", "turn_z_rad")
 """Corrections of a camera: a shift in MCMF, then a small rotation about the camera's own axes (right,
 down, ahead): rotation' = exp([turn]_x) rotation.
@@ -138,10 +141,19 @@ def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
     )
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = np.cross(towards, first)
-    step = 1.0
-    right, ahead = (
-        (sensor.project(points + step * axis) - sensor.project(points - step * axis)) / (2.0 * step)
-        for axis in (first, second)
-    )
+    here = sensor.project(points)
+    right, ahead = (_slope(sensor, points, here, axis) for axis in (first, second))
     pixels_per_m2 = np.abs(right[..., 0] * ahead[..., 1] - right[..., 1] * ahead[..., 0])
     return np.asarray(1.0 / np.sqrt(pixels_per_m2))
+
+
+def _slope(sensor: Sensor, points: Array, here: Array, axis: Array) -> Array:
+    """Pixels (..., 2) that a metre along ``axis`` is worth: the mean of a step ahead and one back. Where one of the two jumps
+    (to the next framelet of a push-frame camera) the other.
+    """
+    forward, back = sensor.project(points + axis) - here, here - sensor.project(points - axis)
+    lengths = np.linalg.norm(forward, axis=-1), np.linalg.norm(back, axis=-1)
+    apart = np.linalg.norm(forward - back, axis=-1)
+    jumps = (apart > _JUMP * np.minimum(*lengths))[..., None]
+    shorter = np.where((lengths[0] < lengths[1])[..., None], forward, back)
+    return np.where(jumps, shorter, 0.5 * (forward + back))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .camera import Camera, camera_on
 from .errors import CameraError
 from .focal_plane import plane_of
+from .json_fields import LARGEST
 from .lens import BrownConrady, Lens, NoLens, OpenCV, Photometrix
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ class _Tsai:
             numbers = np.array(self.values[key].split(), dtype=np.float64)
         except ValueError:
             self.refuse(key, f"is {self.values[key]!r}: not made of numbers")
-        if len(numbers) != count or not np.isfinite(numbers).all():
+        if len(numbers) != count or not (np.abs(numbers) <= LARGEST).all():
             self.refuse(key, f"must hold {count} finite number{'s' * (count > 1)}")
         return numbers
 

@@ -53,6 +53,12 @@ class ImageFiles:
     def paths(self) -> list[Path]:
         return [self.image, *([self.camera] if self.camera else [])]
 
+    def named(self, text: str) -> str:
+        """A message with these files' names instead of their paths: results name no folder."""
+        for path in self.paths:
+            text = text.replace(str(path), path.name)
+        return text
+
     def require(self) -> None:
         """ImageError or CameraError for a file that is not there."""
         if not self.image.is_file():
@@ -151,8 +157,9 @@ def _one(
     located = locate(catalog, photo, request.uncertainty, request.law)
     best = photo.with_sensor(located.pose.sensor) if located.pose else photo
     ground, why = _ground(request, catalog, best)
+    why = files.named(why)
     image = ImageVerdict(
-        _facts(photo, files),
+        _facts(request, photo, files),
         located,
         _points(catalog, located, best.sensor),
         windows=_windows(catalog, ground) if ground else None,
@@ -168,10 +175,8 @@ def _opened(request: Validation, files: ImageFiles) -> Photo:
 
 
 def _untried(files: ImageFiles, reason: str) -> ImageVerdict:
-    """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun. No folder is named."""
-    reason = reason.removeprefix(f"{files.image}: ").replace(str(files.image), files.image.name)
-    if files.camera:
-        reason = reason.replace(str(files.camera), files.camera.name)
+    """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun."""
+    reason = files.named(reason).removeprefix(f"{files.image.name}: ")
     nothing = Located(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
     return ImageVerdict(ImageFacts(files.image.name), nothing, PointFigures.none())
 
@@ -233,7 +238,7 @@ def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
 # -- facts of an image
 
 
-def _facts(photo: Photo, files: ImageFiles) -> ImageFacts:
+def _facts(request: Validation, photo: Photo, files: ImageFiles) -> ImageFacts:
     rows, cols = photo.signal.shape
     known: dict[str, Any] = {}
     try:
@@ -247,6 +252,7 @@ def _facts(photo: Photo, files: ImageFiles) -> ImageFacts:
         cols,
         rows,
         _kind(photo.sensor),
+        sun_from=_sun_from(request, photo.sensor),
         saturated_share=photo.saturated_share,
         missing_share=photo.missing_share,
         **known,
@@ -265,6 +271,14 @@ def _angles(photo: Photo, lon_deg: float, lat_deg: float) -> dict[str, float]:
         "sun_elevation_deg": float(elevation),
         "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
     }
+
+
+def _sun_from(request: Validation, sensor: Sensor) -> str:
+    """Which of the places where a Sun may stand gave it, as `photo_file` takes them."""
+    if request.sun != SunChoice():
+        return "as stated"
+    known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None
+    return "the camera file" if known else "the image's label"
 
 
 def _kind(sensor: Sensor) -> str:

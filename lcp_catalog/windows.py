@@ -14,10 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
+
+from .grid_shifts import moved, moves, peaks, undone
 
 Array = NDArray[np.float64]
 
@@ -132,7 +133,7 @@ def compare(
         raise ValueError(f"offset is kept or removed, not {offset!r}")
     shift = common_shift(a, b, w, size=size) if offset == "removed" else (0.0, 0.0)
     if offset == "removed":
-        a, w = shifted(a, w, shift)
+        a, w = undone(a, w, shift)
     rows, cols = (np.arange(0, n - size + 1, step) for n in a.shape)
     grid = _correlations(a, b, w, size, step)
     there = grid.valid >= least_valid - 1e-9
@@ -191,32 +192,15 @@ def common_shift(
     The quadratic's own error is below 0.05 cells for images smoothed to their cells (`tests/test_windows.py`).
     """
     scores = np.full((2 * reach_px + 1, 2 * reach_px + 1), -np.inf)
-    for (i, j), place in _moves(reach_px):
-        grid = _correlations(*_moved(image, render, weight, place), size, size)
+    for (i, j), place in moves(reach_px):
+        grid = _correlations(*moved(image, render, weight, place), size, size)
         there = grid.valid >= 0.5
         if there.any():
             scores[i, j] = grid.correlation[there].mean()
     if not np.isfinite(scores).any():
         return 0.0, 0.0
-    column, row, _ = _peaks(scores[:, :, None])
+    column, row, _ = peaks(scores[:, :, None])
     return (float(column[0]), float(row[0])) if np.isfinite(column[0]) else (0.0, 0.0)
-
-
-def shifted(image: Array, weight: Array, shift_px: tuple[float, float]) -> tuple[Array, Array]:
-    """The image and its weights with a shift (column, row) undone, by cubic convolution; cells in which a missing one takes
-    part weigh nothing. Beyond the border the image goes on as at it.
-    """
-    there = weight > 0.0
-    filled = np.where(there, image, image[there].mean() if there.any() else 0.0)
-    back = np.array([[1.0, 0.0, shift_px[0]], [0.0, 1.0, shift_px[1]]])
-    shape = image.shape[::-1]
-    how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    moved = cv2.warpAffine(filled, back, shape, flags=how, borderMode=cv2.BORDER_REPLICATE)
-    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    sure = cv2.erode(there.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1)
-    whole = cv2.warpAffine(sure.astype(np.float64), back, shape, flags=linear)
-    share = cv2.warpAffine(weight, back, shape, flags=linear)
-    return np.asarray(moved, dtype=np.float64), np.where(whole > 0.999, share, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,62 +249,14 @@ def _checked(
     return np.where(there, a, 0.0), np.where(there, b, 0.0), np.where(there, w, 0.0)
 
 
-# -- small shifts
-
-
-def _moves(reach: int) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Places in a table of scores and the shift (column, row) of each."""
-    span = range(-reach, reach + 1)
-    return [((i, j), (col, row)) for i, row in enumerate(span) for j, col in enumerate(span)]
-
-
-def _moved(a: Array, b: Array, w: Array, shift: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Image cells ``shift`` (column, row) right and below, brought over the render's; nothing beyond the border."""
-    col, row = shift
-    moved = [np.zeros_like(a), np.zeros_like(w)]
-    rows, cols = a.shape
-    to = np.s_[max(0, -row) : rows - max(0, row), max(0, -col) : cols - max(0, col)]
-    of = np.s_[max(0, row) : rows + min(0, row), max(0, col) : cols + min(0, col)]
-    for out, source in zip(moved, (a, w), strict=True):
-        out[to] = source[of]
-    return moved[0], b, np.minimum(moved[1], np.where(w > 0.0, 1.0, 0.0))
-
-
 def _with_offsets(
     found: WindowComparison, a: Array, b: Array, w: Array, reach: int
 ) -> WindowComparison:
     """Each window's own best place within ``reach`` cells."""
     scores = np.full((2 * reach + 1, 2 * reach + 1, found.count), -np.inf)
     i, j = found.row // found.step, found.col // found.step
-    for place, shift in _moves(reach):
-        grid = _correlations(*_moved(a, b, w, shift), found.size, found.step)
+    for place, shift in moves(reach):
+        grid = _correlations(*moved(a, b, w, shift), found.size, found.step)
         scores[place] = np.where(grid.valid[i, j] >= 0.5, grid.correlation[i, j], -np.inf)
-    column, row, peak = _peaks(scores)
+    column, row, peak = peaks(scores)
     return replace(found, offset_px=np.stack([column, row], axis=-1), peak=peak)
-
-
-def _peaks(scores: Array) -> tuple[Array, Array, Array]:
-    """Column and row (n,) of the highest of each table of scores (m, m, n), and its height; NaN at the table's edge."""
-    m, _, n = scores.shape
-    at = scores.reshape(m * m, n).argmax(axis=0)
-    i, j, k = at // m, at % m, np.arange(n)
-    inner = (i > 0) & (i < m - 1) & (j > 0) & (j < m - 1)
-    i, j = (np.clip(x, 1, m - 2) for x in (i, j))
-    column, row = _summit([[scores[i + v, j + u, k] for u in (-1, 0, 1)] for v in (-1, 0, 1)])
-    away = [np.where(inner, x, np.nan) for x in (j - m // 2 + column, i - m // 2 + row)]
-    return away[0], away[1], scores.max(axis=(0, 1))
-
-
-def _summit(near: list[list[Array]]) -> tuple[Array, Array]:
-    """Where the quadratic through a highest value's 3 x 3 neighbours, its cross term included, is highest: steps right and
-    below, 1 at most; 0 where it has no summit.
-    """
-    (nw, n, ne), (w, at, e), (sw, s, se) = near
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope_x, slope_y = 0.5 * (e - w), 0.5 * (s - n)
-        xx, yy, xy = e - 2.0 * at + w, s - 2.0 * at + n, 0.25 * (se - sw - ne + nw)
-        determinant = xx * yy - xy * xy
-        x = (xy * slope_y - yy * slope_x) / determinant
-        y = (xy * slope_x - xx * slope_y) / determinant
-        good = (determinant > 0.0) & (np.abs(x) <= 1.0) & (np.abs(y) <= 1.0)
-    return np.where(good, x, 0.0), np.where(good, y, 0.0)

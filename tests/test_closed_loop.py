@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from closed_loops import (
     POSITION_SIGMA_M,
     Draw,
     Row,
+    Shot,
     Site,
     _squared,
     _turn,
@@ -26,7 +27,9 @@ from closed_loops import (
 )
 from scipy.spatial.transform import Rotation
 
+from lcp_catalog.camera import Camera
 from lcp_catalog.locate import LOCATED, locate
+from lcp_catalog.photo import Photo
 from lcp_catalog.sensors import Uncertainty
 from lcp_catalog.sphere import EnuFrame
 
@@ -45,6 +48,20 @@ def site() -> Site:
     return Site("hadley", DEM, cut(DEM, places, 33, 237.0))
 
 
+@pytest.fixture(scope="module")
+def taken() -> Callable[[Site, int], tuple[Shot, Camera, Photo]]:
+    """A site's first frame of a seed, taken once."""
+    made: dict[int, tuple[Shot, Camera, Photo]] = {}
+
+    def take(site: Site, seed: int) -> tuple[Shot, Camera, Photo]:
+        if seed not in made:
+            shot, camera = next(site.shots(1, seed, SMALL))
+            made[seed] = shot, camera, by_product(DEM)(camera, shot)
+        return made[seed]
+
+    return take
+
+
 def show(rows: list[Row]) -> None:
     for row in rows:
         shot = row.shot
@@ -56,9 +73,8 @@ def show(rows: list[Row]) -> None:
 
 
 @pytest.mark.parametrize("attitude", [False, True])
-def test_a_frame_comes_back_to_its_place(site, attitude):
-    shot, camera = next(site.shots(1, 5, SMALL))
-    photo = by_product(DEM)(camera, shot)
+def test_a_frame_comes_back_to_its_place(site, taken, attitude):
+    shot, camera, photo = taken(site, 5)
     row = fly(site, shot, camera, photo, attitude)
     show([row])
     assert row.located
@@ -69,14 +85,12 @@ def test_a_frame_comes_back_to_its_place(site, attitude):
     assert row.squared < 30.0
 
 
-@pytest.mark.parametrize("lost_km", [60.0])
-def test_a_frame_from_elsewhere_is_not_located(site, lost_km):
-    """Offered as from 60 km further east, thirty sigmas, over ground the catalogue knows."""
-    shot, camera = next(site.shots(1, 6, SMALL))
+def test_a_frame_from_elsewhere_is_not_located(site, taken):
+    """Offered as from 60 km further east or west, thirty sigmas, over ground the catalogue knows."""
+    shot, camera, photo = taken(site, 5)
     east = EnuFrame(shot.lon_deg, shot.lat_deg).rotation[0]
     sign = 1.0 if shot.lon_deg < MIDDLE[0] else -1.0
-    wrong = camera.moved([*(sign * 1e3 * lost_km * east), 0.0, 0.0, 0.0])
-    photo = by_product(DEM)(camera, shot)
+    wrong = camera.moved([*(sign * 60e3 * east), 0.0, 0.0, 0.0])
     found = locate(site.catalog, photo.with_sensor(wrong), Uncertainty(POSITION_SIGMA_M))
     assert found.verdict != LOCATED
     assert found.pose is None
@@ -162,5 +176,3 @@ def test_the_truth_is_what_the_believed_camera_was_moved_from(site):
     np.testing.assert_allclose(
         back.rotation_mcmf_to_camera, camera.rotation_mcmf_to_camera, atol=1e-10
     )
-    elsewhere = replace(camera, name="elsewhere")
-    assert elsewhere.shape == camera.shape

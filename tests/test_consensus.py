@@ -131,6 +131,16 @@ def test_unknowns_that_are_held_take_smaller_sets() -> None:
     assert (answer.pose.correction[3:] == 0.0).all()
 
 
+def test_a_sensor_that_is_held_is_only_asked_who_agrees() -> None:
+    made = Matches(40, 25, 13)
+    exact = Uncertainty(0.0, 0.0)
+    answer = agree(made.known, made.points, made.found, made.covariance, exact, REACH)
+    assert answer.significant
+    assert (answer.inliers & ~made.wrong).sum() >= 14
+    assert (answer.pose.correction == 0.0).all()
+    assert not agree(made.prior, made.points, made.found, made.covariance, exact, REACH).significant
+
+
 def test_a_map_is_shifted() -> None:
     known = PlainMap(HADLEY, 700.0, -300.0)
     made = Matches(50, 35, 4, known)

@@ -115,6 +115,16 @@ def test_lines_of_a_cylinder_far_from_the_equator():
     assert found.resolution_m == pytest.approx(HALF_WAVE * 500.0, rel=0.12)
 
 
+def test_noise_on_cells_that_are_not_square():
+    """The power of white noise is its variance times the cell's area."""
+    z = ground(300, 600, 4.0, 8, gsd_m=50.0)[::2]
+    noisy = z + np.random.default_rng(1).normal(scale=25.0, size=z.shape)
+    found = true_resolution(noisy, (100.0, 50.0))
+    assert found.noise_m == pytest.approx(25.0, rel=0.15)
+    equal = (LEVEL / (25.0**2 * 100.0 * 50.0)) ** 0.25
+    assert found.resolution_m == pytest.approx(0.5 / equal, rel=0.12)
+
+
 def test_a_tilt_and_a_level_change_nothing():
     z = ground(200, 200, 4.0, 9, 400.0)
     y, x = np.mgrid[:200, :200]

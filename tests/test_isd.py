@@ -321,8 +321,8 @@ def test_instants(real):
 
 @pytest.mark.parametrize("name", ["lrolrocwac_isd", "usgscsm_lroWacPushFrame"])
 def test_framelets_follow_on_one_another(real, name):
-    """The ground under one framelet goes on in the next, along its rows and with some overlap, as the instrument is run: rows, order
-    and times fit together (one of the two images holds its framelets in reverse).
+    """The ground under one framelet goes on in the next, along its rows and with some overlap, as the instrument is run: rows,
+    order and times fit together (one of the two images holds its framelets in reverse).
     """
     sensor = read_sensor(real[name])
     column, first = sensor.shape[1] / 2, sensor.lines * (sensor.framelets // 2)
@@ -447,13 +447,13 @@ def test_lines_of_several_rates():
 # what is refused
 
 
-def broken(path, value, document=None):
+def broken(path, value, document=None, delete=True):
     document = copy.deepcopy(orbital_line_scan() if document is None else document)
     inner = document
     *way, last = path.split(".")
     for part in way:
         inner = inner[part]
-    if value is None:
+    if value is None and delete:
         del inner[last]
     else:
         inner[last] = value
@@ -468,6 +468,10 @@ def broken(path, value, document=None):
         ("radii.semimajor", 3396.19, "radii.semimajor is 3396.19 km: not the Moon's"),
         ("radii.semiminor", -1.0, "radii.semiminor must be positive"),
         ("radii.unit", "furlong", "radii.unit is 'furlong'"),
+        ("radii.unit", 3, "radii.unit is not a text"),
+        ("body_rotation.constant_frames", [31001.5], "constant_frames is not a list of whole"),
+        ("starting_detector_line", 1e13, "starting_detector_line holds a number beyond 1e.12"),
+        ("image_lines", True, "image_lines is not made of numbers"),
         ("radii", None, "lacks radii.semimajor"),
         ("image_lines", 0, "image_lines must be positive"),
         ("image_lines", 16.5, "image_lines must be a whole number"),
@@ -522,9 +526,45 @@ def test_what_is_wrong_is_named(path, value, says):
         read(broken(path, value))
 
 
+ODD = [None, [], {}, "x", np.nan, np.inf, -1, 0, True, 1e300, [[]], [[1, 2], [3]], [None] * 3]
+ODD += [{"a": 1}, [1e308] * 3]
+
+
+def everywhere(document, before=""):
+    for key, value in document.items():
+        yield before + key
+        if isinstance(value, dict):
+            yield from everywhere(value, f"{before}{key}.")
+
+
+@pytest.mark.parametrize(
+    ("make", "turn"), [(orbital_framer, 0), (orbital_line_scan, 1), (orbital_push_frame, 2)]
+)
+def test_oddities_anywhere_are_read_or_refused_in_one_line(make, turn):
+    """Whatever stands in any one field (a third of the oddities in each kind): CameraError, or a sensor that answers."""
+    sun = {"positions": [[1e5, 1e5, 0.0]], "ephemeris_times": [1000.0], "unit": "km"}
+    whole = make() | {"sun_position": sun}
+    whole["body_rotation"] |= {
+        "constant_frames": [31001],
+        "constant_rotation": np.eye(3).ravel().tolist(),
+    }
+    said = []
+    for path in everywhere(whole):
+        for value in ODD[turn::3]:
+            try:
+                sensor = read(broken(path, value, whole, delete=False))
+                sensor.project([[1e6, 0.0, 0.0]])
+                sensor.looks([1.0, 2.0])
+            except CameraError as error:
+                said.append(str(error))
+    assert len(said) > 150
+    assert all(line.startswith("x.json: ") and "\n" not in line for line in said)
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
+        ({"framelets_flipped": "no"}, "framelets_flipped is neither true nor false"),
         ({"framelet_height": 7}, "framelet_height does not divide 360 lines"),
         ({"framelet_height": 12.5}, "framelet_height does not divide"),
         ({"interframe_delay": 0.0}, "interframe_delay must be positive"),
@@ -535,6 +575,13 @@ def test_what_is_wrong_is_named(path, value, says):
 def test_what_is_wrong_with_framelets(changes, says):
     with pytest.raises(CameraError, match=says):
         read(orbital_push_frame() | changes)
+
+
+def test_a_frame_of_no_century_of_ours():
+    with pytest.raises(
+        CameraError, match=r"center_ephemeris_time is 5e\+09 s: not within 1900-2099"
+    ):
+        read(orbital_framer() | {"center_ephemeris_time": 5e9})
 
 
 def test_a_scanner_needs_more_than_one_attitude():

@@ -126,6 +126,9 @@ def test_where_lenses_fold():
     lens = OpenCV(k1=-0.5)
     turn = 1 / np.sqrt(1.5)
     assert lens.within(np.array([0.999, 1.001]) * turn, np.zeros(2)).tolist() == [True, False]
+    # each power by itself: r + k2 r^5 at (5 |k2|)^(-1/4), r + k3 r^7 at (7 |k3|)^(-1/6)
+    for lens, turn in ((OpenCV(k2=-0.5), 2.5**-0.25), (OpenCV(k3=-0.5), 3.5 ** (-1 / 6))):
+        assert lens.within(np.zeros(2), np.array([0.999, 1.001]) * turn).tolist() == [True, False]
     # radial: r - k1 r^3 turns at 1 / sqrt(3 k1), of which the ideal radius is 2/3 of that
     radial = UsgsRadial(0.0, 1e-3, 0.0)
     ideal = 2 / 3 / np.sqrt(3e-3)

@@ -93,7 +93,7 @@ def test_a_camera_comes_back(world: World, points: Catalog, camera: Camera) -> N
 def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: Photo) -> None:
     far = Uncertainty(9000.0, np.radians(0.5))
     given = photo.with_sensor(photo.sensor.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))
-    area = perhaps_in_view(points, given.sensor, far, 3.0, 16.0)
+    area = perhaps_in_view(points, given.sensor, far, 3.0)
     assert np.median(area.reach_px) > QUICK.most_reach_px
     answer = locate(points, given, far, LAW, QUICK)
     assert answer.verdict == LOCATED
@@ -237,12 +237,21 @@ def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, pho
 def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: Photo) -> None:
     for seed in range(20):
         given = believed(photo, seed)
-        area = perhaps_in_view(points, given.sensor, UNCERTAIN, 3.0, 16.0)
+        area = perhaps_in_view(points, given.sensor, UNCERTAIN, 3.0)
         assert set(in_view(points, photo.sensor)) <= set(area.points)
         true = photo.sensor.project(points.position_mcmf[area.points])
         off = np.abs(true - given.sensor.project(points.position_mcmf[area.points])).max(-1)
         assert (off <= area.reach_px).mean() > 0.9
-        assert (area.reach_px >= 16.0).all()
+        assert (area.at_least(30.0).reach_px >= 30.0).all()
+
+
+def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: Catalog) -> None:
+    """An image of 4 km, a sensor 30 km off: within 3 sigma of 12 km the points about the true place may be in view."""
+    known = overhead(size_px=20, pixel_m=200.0)
+    given = known.moved([0.0, 30e3, 0.0, 0.0, 0.0, 0.0])
+    area = perhaps_in_view(points, given, Uncertainty(12e3), 3.0)
+    assert set(in_view(points, known)) <= set(area.points)
+    assert len(area) < len(points)
 
 
 # -- the Sun

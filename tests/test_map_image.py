@@ -19,7 +19,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ImageError, LabelError
 from lcp_catalog.map_image import ORIGIN_HEIGHT_M, MapImage
 from lcp_catalog.map_projection import MapProjection
-from lcp_catalog.sensors import ON_MAP, pixel_size_m
+from lcp_catalog.sensors import ON_MAP, Reduced, pixel_size_m
 from lcp_catalog.sphere import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
 R = MOON_RADIUS_M
@@ -190,6 +190,26 @@ def test_there_and_back(
     assert image.in_image(pixel)
 
 
+@pytest.mark.parametrize("edge", range(4))
+def test_an_image_reaches_half_a_pixel_beyond_its_centres(edge: int) -> None:
+    """The lower edges belong to it, the upper ones do not."""
+    image = image_of("sinusoidal")
+    rows, cols = image.shape
+    inside = np.array(
+        [[-0.5, 7.0], [cols - 0.5 - 1e-6, 7.0], [7.0, -0.5], [7.0, rows - 0.5 - 1e-6]]
+    )
+    outside = np.array(
+        [[-0.5 - 1e-6, 7.0], [cols - 0.5, 7.0], [7.0, -0.5 - 1e-6], [7.0, rows - 0.5]]
+    )
+    for sensor in (
+        image,
+        Reduced(MapImage(image.crs_wkt, image.transform, (2 * rows, 2 * cols)), 2),
+    ):
+        assert sensor.in_image(inside[edge])
+        assert not sensor.in_image(outside[edge])
+        assert not sensor.in_image([np.nan, 3.0])
+
+
 def test_looks_straight_down_from_above_all_ground() -> None:
     origin, direction = image_of("orthographic").looks([[0.0, 0.0], [250.0, 200.0]])
     lon, lat, height = mcmf_to_lonlat(origin)
@@ -341,6 +361,7 @@ def test_grads_and_kilometres() -> None:
 
 @pytest.mark.parametrize(("wkt", "why"), [
     (geographic(6378137.0, 298.257), r"stands on radii 6378137/.* that is not the Moon"),
+    (geographic(1745000.0, 218.1), r"stands on radii 1745000/1736999"),
     (geographic(3396190.0), r"stands on radii 3396190/3396190 m"),
     ("nonsense", r"the CRS is not understood"),
     ('LOCAL_CS["local",UNIT["metre",1]]', r"neither geographic nor projected"),

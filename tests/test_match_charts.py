@@ -104,6 +104,13 @@ def test_the_scale_arrow_is_what_it_says() -> None:
     assert to_x - x == pytest.approx(float(said[1]) * times * frame.scale, abs=0.1)
 
 
+def test_arrows_of_their_own_length_are_said_to_be() -> None:
+    by = np.full((5, 2), [40.0, 0.0])
+    drawn = match_charts.quiver(Frame(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px")
+    assert "px; arrows as long as they are<" in drawn
+    assert "times" not in drawn
+
+
 def test_residuals_are_judged_by_their_covariances() -> None:
     dice = np.random.default_rng(1)
     root = dice.normal(size=(4000, 2, 2))
@@ -158,6 +165,9 @@ def test_bins_hold_every_window(values: list[float]) -> None:
     above = sum(value > 0.9 for value in values) / len(values)
     assert shares[55:].sum() == pytest.approx(above)
     assert shares[45:].sum() == pytest.approx(sum(value > 0.7 for value in values) / len(values))
+    assert window_charts.bin_shares([*values, np.nan]).sum() == pytest.approx(
+        len(values) / (len(values) + 1)
+    )
     low = sum(value <= -0.18 for value in values) / len(values)
     assert shares[0] == pytest.approx(low)
 

@@ -413,29 +413,47 @@ def test_a_map_projected_image_is_its_own_sensor(tmp_path: Path) -> None:
     )
 
 
-def test_a_cube_on_a_map(tmp_path: Path) -> None:
-    """ISIS's Mapping group: the upper left corner in metres, positive east."""
-    groups = """Group = Mapping
-  ProjectionName = SimpleCylindrical
-  CenterLongitude = 180.0
+MAPPING = """Group = Mapping
+  ProjectionName = {name}
+  {center}
   TargetName = Moon
   EquatorialRadius = 1737400.0 <meters>
   PolarRadius = 1737400.0 <meters>
   LatitudeType = Planetocentric
   LongitudeDirection = PositiveEast
   LongitudeDomain = 360
-  UpperLeftCornerX = -600000.0 <meters>
-  UpperLeftCornerY = 300000.0 <meters>
+  UpperLeftCornerX = {x} <meters>
+  UpperLeftCornerY = {y} <meters>
   PixelResolution = 1000.0 <meters/pixel>
   Scale = 30.323350424149 <pixels/degree>
 End_Group
 """
-    found = open_photo(
-        files.write_cube(tmp_path / "a.cub", scene("int16"), groups=groups), None, NOON
+
+
+def test_a_cube_on_a_map(tmp_path: Path) -> None:
+    """ISIS's Mapping group: the upper left corner in metres."""
+    groups = MAPPING.format(
+        name="SimpleCylindrical", center="CenterLongitude = 180.0", x=-600000.0, y=300000.0
     )
+    path = files.write_cube(tmp_path / "a.cub", scene("int16"), groups=groups)
     degree = math.pi * 1737.4 / 180.0
     wanted = [600.0 - 10 * degree - 0.5, 300.0 - 5 * degree - 0.5]
-    np.testing.assert_allclose(found.sensor.project(lonlat_to_mcmf(170.0, 5.0)), wanted, atol=1e-6)
+    found = open_photo(path, None, NOON).sensor.project(lonlat_to_mcmf(170.0, 5.0))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+def test_a_cube_on_a_polar_map(tmp_path: Path) -> None:
+    """South: x = rho sin(lon), y = rho cos(lon), rho = 2 R tan(half the colatitude)."""
+    center = "CenterLongitude = 0.0\n  CenterLatitude = -90.0"
+    groups = MAPPING.format(name="PolarStereographic", center=center, x=-30000.0, y=20000.0)
+    path = files.write_cube(tmp_path / "a.cub", scene("int16"), groups=groups)
+    rho = 2 * 1737.4 * math.tan(math.radians(0.25))
+    wanted = [
+        30.0 + rho * math.sin(math.radians(40)) - 0.5,
+        20.0 - rho * math.cos(math.radians(40)) - 0.5,
+    ]
+    found = open_photo(path, None, NOON).sensor.project(lonlat_to_mcmf(40.0, -89.5))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_a_camera_goes_before_a_map(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

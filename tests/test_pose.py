@@ -100,7 +100,7 @@ def test_without_a_prior_it_is_what_opencv_finds() -> None:
     "uncertainty", [UNCERTAIN, Uncertainty(5000.0), Uncertainty(300.0, 1e-3)], ids=str
 )
 def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
-    """Of 150 draws of noise and prior: the mean squared error in units of the covariance is the number of unknowns,
+    """Of 100 draws of noise and prior: the mean squared error in units of the covariance is the number of unknowns,
     chi2 is its expectation, each within 4 of its own standard errors.
     """
     dice = np.random.default_rng(11)
@@ -110,7 +110,7 @@ def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
     sigmas = uncertainty.sigmas(known)
     free = sigmas > 0.0
     squared, excess = [], []
-    for _ in range(150):
+    for _ in range(100):
         off = sigmas * dice.normal(size=6)
         prior = known.moved(off)
         found = known.project(points) + noise(covariance, dice)
@@ -121,8 +121,8 @@ def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
         squared.append(error @ np.linalg.solve(formal, error))
         excess.append(pose.chi2 - pose.dof)
     count = free.sum()
-    assert abs(np.mean(squared) - count) < 4.0 * np.sqrt(2.0 * count / 150.0) + 0.02 * count
-    assert abs(np.mean(excess)) < 4.0 * np.std(excess) / np.sqrt(150.0)
+    assert abs(np.mean(squared) - count) < 4.0 * np.sqrt(2.0 * count / 100.0) + 0.02 * count
+    assert abs(np.mean(excess)) < 4.0 * np.std(excess) / np.sqrt(100.0)
 
 
 def test_covariances_that_are_too_small_are_found_out() -> None:

@@ -137,6 +137,9 @@ def test_lines_before_the_first_and_after_the_last():
     found = scanner.project(points)
     assert found[:, 1] == pytest.approx(rows, abs=1e-6)
     assert not scanner.in_image(found).any()
+    ends = sphere_rays.hits(*scanner.looks([[20.0, -63.9], [20.0, 2062.9]]))[1]
+    assert scanner.project(ends)[:, 1] == pytest.approx([-63.9, 2062.9], abs=1e-6)
+    assert np.isnan(scanner.looks([[20.0, -64.1], [20.0, 2063.1]])[1]).all()
     along = points[1] - points[0]
     far = points[0] - 3 * BEYOND * along / np.linalg.norm(along) * 10.0
     assert np.isnan(scanner.project([far, 1.3 * points[0]])).all()
@@ -278,3 +281,14 @@ def test_pixels_of_a_scanner_and_of_a_reduced_one():
     assert pixel_size_m(Reduced(scanner, 10), points) == pytest.approx(
         10 * pixel_size_m(scanner, points), rel=1e-6
     )
+
+
+def test_pixel_sizes_across_the_borders_of_framelets():
+    """A step of a metre that leads into another framelet is no slope: sizes are as smooth as the ground."""
+    camera = push_frame()
+    rows = np.linspace(20.0, 540.0, 4001)
+    points = sphere_rays.hits(*camera.looks(np.stack([0 * rows + 150.0, rows], -1)))[1]
+    near = np.concatenate([points + 0.4 * step for step in np.eye(3)])
+    jumps = np.abs(camera.project(near + np.array([0, 0, 1.0])) - camera.project(near))[:, 1] > 1.0
+    assert jumps.sum() > 3
+    assert np.ptp(pixel_size_m(camera, near)) < 0.5  # of 100 m

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.windows import compare, of_patches, shifted
+from lcp_catalog.grid_shifts import undone
+from lcp_catalog.windows import compare, of_patches
 
 
 def rough(x, y, seed=0, longest=40.0):
@@ -173,15 +174,16 @@ def test_a_common_shift_is_found_and_undone(col, row):
 
 def test_undoing_a_shift_spoils_what_takes_part_in_a_gap():
     x, y = grid(40, 40)
-    image, weight = rough(x - 0.5, y), np.ones(x.shape)
-    weight[20, 20] = 0.0
-    image[20, 20] = 1e6
-    back, left = shifted(image, weight, (0.5, 0.0))
+    truth, image = (np.sin(u / 3.0) + np.cos(y / 4.0) for u in (x, x - 0.5))
+    weight = np.ones(x.shape)
+    weight[20, 20], image[20, 20] = 0.0, 1e6
+    back, left = undone(image, weight, (0.5, 0.0))
     sure = left > 0.0
     assert not sure[20, 19:21].any()
     assert sure[20, 25]
+    assert sure[5, 5]
     sure[:, :3] = sure[:, -3:] = False
-    assert np.abs(back - rough(x, y))[sure].max() < 0.01 * rough(x, y).std()
+    assert np.abs(back - truth)[sure].max() < 0.01
 
 
 def test_each_window_has_its_own_best_place():
@@ -191,8 +193,10 @@ def test_each_window_has_its_own_best_place():
     image = np.where(x < 48, west, east)
     found = compare(image, render, gsd_m=1.0, search_px=3)
     west, east = found.col < 32, found.col >= 48
-    np.testing.assert_allclose(found.offset_px[west], [[1.3, -0.6]] * west.sum(), atol=0.15)
-    np.testing.assert_allclose(found.offset_px[east], [[-0.8, 0.0]] * east.sum(), atol=0.15)
+    for side, wanted in ((west, (1.3, -0.6)), (east, (-0.8, 0.0))):
+        off = np.abs(found.offset_px[side] - wanted).max(axis=1)
+        assert np.median(off) < 0.1
+        assert off.max() < 0.5  # a window moved by a cell shows other ground at its border
     assert (found.peak >= found.correlation - 1e-12).all()
 
 

@@ -53,12 +53,13 @@ def sample():
     return ground, ground.radiance(albedo=False)
 
 
-def test_the_sample_holds_its_own_bar(sample):
-    """No map, nothing decoded: 76 % at 948 m, 97 % of the textured half (79 % at 948 m in an earlier comparison of ours)."""
+@pytest.mark.parametrize(("cell_fwhm", "least"), [(1.0, 0.77), (2.0, 0.74)])
+def test_the_sample_holds_its_own_bar(sample, cell_fwhm, least):
+    """No map, nothing decoded: half of the frame is smooth mare, whose brightness is albedo."""
     ground, render = sample
-    found = ground.windows(TWICE_M, render, LINEAR)
+    found = ground.windows(TWICE_M, render, LINEAR, cell_fwhm=cell_fwhm)
     assert found.count >= 80
-    assert found.share_above(0.9) >= 0.75
+    assert found.share_above(0.9) >= least
     assert found.textured.share_above(0.9) >= 0.95
 
 

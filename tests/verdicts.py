@@ -79,7 +79,9 @@ def on_map() -> Pose:
 
 
 def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
-    """A photo of the camera's size in blocks of 2 x 2, an image and a render that differ by noise on the ground."""
+    """A photo of the camera's size in blocks of 2 x 2; an image and a render of the ground that differ by noise, each with a
+    hole, and with something bright in the image where the render has its own.
+    """
     dice = np.random.default_rng(seed)
     render = np.cumsum(dice.normal(size=(rows, cols)), axis=1)
     image = (
@@ -88,6 +90,8 @@ def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
         + dice.normal(size=render.shape) * np.linspace(0.0, 20.0, cols) ** 1.5 / 4.0
     )
     image[:9, :17] = np.nan
+    image[-6:, :20] += 1e3
+    render[-6:, :20] = np.nan
     return Pictures(dice.uniform(size=(HEIGHT // 2, WIDTH // 2)), 2, image, render)
 
 
