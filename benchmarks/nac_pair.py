@@ -109,11 +109,6 @@ def passed(values: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
     return fine - coarse
 
 
-def contrast(values: np.ndarray, keep: np.ndarray) -> float:
-    """Standard deviation as a share of the mean."""
-    return float(values[keep].std() / values[keep].mean())
-
-
 def windows(image: np.ndarray, ground: Ground, there: np.ndarray, factor: int) -> WindowComparison:
     return compare(
         at_scale(image, there, factor),
@@ -166,10 +161,16 @@ def located(photo: Photo, dem: Path, out: Path) -> list[str]:
     return [*lines, ""]
 
 
+def beside() -> Path:
+    """The shared data in or beside the checkout."""
+    places = [ROOT / "shared" / "data", ROOT.parent / "shared" / "data"]
+    return next((place for place in places if place.is_dir()), places[0])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "build" / "nac_pair")
-    parser.add_argument("--data", type=Path, default=ROOT / "shared" / "data")
+    parser.add_argument("--data", type=Path, default=os.environ.get("LCP_SHARED_DATA", beside()))
     given = parser.parse_args()
     folder, out = given.data / PAIR, given.out
     out.mkdir(parents=True, exist_ok=True)

@@ -84,7 +84,6 @@ def test_stages(benchmark, scene, monkeypatch):
     catalog, photo, rows = scene
     spent: dict[str, float] = {}
     for module, name in (
-        (matching, "SearchImage"),
         (matching, "render_patches"),
         (patch_render, "nodes_mcmf"),
         (patch, "draw_patches"),
@@ -93,8 +92,7 @@ def test_stages(benchmark, scene, monkeypatch):
         (register, "refine"),
         (matching, "seek_back"),
     ):
-        if name != "SearchImage":
-            monkeypatch.setattr(module, name, timed(getattr(module, name), name, spent))
+        monkeypatch.setattr(module, name, timed(getattr(module, name), name, spent))
     with limit_threads(1):
         match(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
         spent.clear()
@@ -108,6 +106,8 @@ def test_stages(benchmark, scene, monkeypatch):
 
 
 def timed(task, name, spent):
+    """The task, adding what it takes of the processor to ``spent``."""
+
     def run(*arguments, **more):
         start = time.process_time()
         result = task(*arguments, **more)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from lcp_catalog.simulate import Ground
 
 BITS = ("8", "10", "12", "14", "16")
+ENDINGS = (".png", ".tif", ".tiff")
+"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.simulate_file`."""
 
 
 @click.command()
@@ -85,13 +87,7 @@ def command(
     A .png holds the detector's numbers, a .tif the radiance factor by them. The camera, with the Sun's
     position, is written beside it as FRAME_camera.json: lcp validate takes both. See docs/simulate.md.
     """
-    options.check_accuracy(flags["accuracy"], flags["tolerance"])
-    sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
-    sun_stated = options.check_sun(*sun)
-    albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
-    options.check_albedo(*albedo)
-    if output and Path(output).suffix.lower() not in (".png", ".tif", ".tiff"):
-        raise click.UsageError(f"-o {output}: a frame is written as .png or .tif")
+    sun, albedo = _checked(output, depfile, flags)
 
     from lcp_catalog.camera_file import read_camera
     from lcp_catalog.detector import Detector
@@ -100,7 +96,7 @@ def command(
     from lcp_catalog.simulate_file import camera_path
 
     camera = read_camera(flags["camera_path"])
-    if not sun_stated and not camera.has_sun:
+    if all(value is None for value in sun) and not camera.has_sun:
         raise click.UsageError(
             "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar "
             f"({flags['camera_path']} has none)"
@@ -114,6 +110,22 @@ def command(
     ground = _ground(source, camera, detector, sun, albedo, flags)
     taken = frame(ground, camera, detector, flags["samples"])
     _write(taken, output, beside, depfile, overwrite, [flags["camera_path"]])
+
+
+def _checked(
+    output: str, depfile: str | None, flags: dict[str, Any]
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """What the flags say of the Sun and of the albedo; usage errors for what does not go together."""
+    options.check_accuracy(flags["accuracy"], flags["tolerance"])
+    sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
+    options.check_sun(*sun)
+    albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
+    options.check_albedo(*albedo)
+    if Path(output).suffix.lower() not in ENDINGS:
+        raise click.UsageError(f"-o {output}: a frame is written as .png or .tif")
+    if depfile and Path(depfile).resolve() == Path(output).resolve():
+        raise click.UsageError("-o and --depfile must name different files")
+    return sun, albedo
 
 
 def _ground(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .value_types import LAW, POSITIVE, Number
+from .value_types import LAW, POSITIVE, Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.validate import ImageFiles, Validation
@@ -101,6 +101,18 @@ DEFAULT_LAW = "lunar-lambert"
     help="What the image's numbers are: proportional to radiance, or the codes of a display picture.",
 )
 @click.option(
+    "--band",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Band of the image; default: the first, of colours their luminance.",
+)
+@click.option(
+    "--nodata",
+    type=Finite(),
+    metavar="V",
+    help="A value that means nothing here, beside those that the image states itself.",
+)
+@click.option(
     "--known-pose",
     is_flag=True,
     help="The camera file's position is the truth: report the found one's error against it.",
@@ -182,6 +194,7 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     from lcp_catalog.albedo import AlbedoMap
     from lcp_catalog.ground_comparison import WindowChoice
     from lcp_catalog.model_choice import named
+    from lcp_catalog.photo_file import PhotoOptions
     from lcp_catalog.request import SunChoice
     from lcp_catalog.sensors import Uncertainty
     from lcp_catalog.validate import Validation
@@ -198,5 +211,5 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         pose_is_known=flags["known_pose"],
-        encoding=flags["encoding"],
+        pixels=PhotoOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
     )

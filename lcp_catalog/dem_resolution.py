@@ -48,7 +48,7 @@ _OCTAVES_LEAST = 2.5  # Nyquist's wavenumber, in the longest wave's
 _CUTS = 300
 _NOISES = 10
 _MISFIT = 0.1  # what no law with so few numbers follows, in the logarithm of power
-_TOLD = 0.9  # of Nyquist's wavenumber: beyond, what is folded back looks like noise
+_TOLD = 0.8  # of Nyquist's wavenumber: beyond, what is folded back looks like noise
 _FITTED = 2.5  # times the cut: beyond, a DEM's own filters show that are none of the model's
 _ROUNDS = 3
 

@@ -139,8 +139,10 @@ def _read(
 
 
 def _valid(file: Any, first: int, mask: int | None) -> Mask:
-    """What the file's mask says of a band. GDAL's own of cubes and PDS3 images is not asked: it throws what is too dark and
-    too bright in with what is missing, and takes 0 for missing where no label says so.
+    """What the file's mask, alpha band or nodata value says of a band.
+
+    GDAL's own mask of cubes and PDS3 images is not asked: it throws what is too dark and too bright in with what is missing, and
+    takes 0 for missing where no label says so.
     """
     if file.driver in OWN_CODES:
         return np.ones(file.shape, dtype=bool)
@@ -174,12 +176,9 @@ def _luminance(planes: list[NDArray[Any]], encoding: str) -> tuple[NDArray[Any],
 
 
 def _mask_band(file: Any, first: int) -> int | None:
-    """The band that says what is valid: one marked as alpha; or, where there are two, a second of nothing
-    but 0 and the highest code.
+    """The band that says what is valid though nothing calls it a mask: the second of two, of nothing but 0
+    and the highest code.
     """
-    kinds = file.colorinterp
-    if ColorInterp.alpha in kinds:
-        return int(kinds.index(ColorInterp.alpha)) + 1
     if file.count != 2 or first != 1 or np.dtype(file.dtypes[1]).kind != "u":
         return None
     top = np.iinfo(file.dtypes[1]).max

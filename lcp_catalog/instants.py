@@ -95,7 +95,9 @@ def of_ephemeris_time(seconds: float) -> str:
         utc = erfa.taiutc(*erfa.tttai(2451545.0, seconds / 86400.0))
         year, month, day, of_day = erfa.d2dtf("UTC", 3, *utc)
     h, m, s, fraction = of_day.item()
-    return f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{h:02d}:{m:02d}:{s:02d}.{fraction:03d}Z"
+    return (
+        f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{h:02d}:{m:02d}:{s:02d}.{fraction:03d}Z"
+    )
 
 
 Times: TypeAlias = (

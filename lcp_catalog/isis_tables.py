@@ -53,8 +53,8 @@ def _table(path: Path, table: Mapping[str, Any], columns: tuple[str, ...]) -> Ar
     order = "<" if str(table.get("ByteOrder", "Lsb")).lower() == "lsb" else ">"
     count, start = int(table["Records"]), int(table["StartByte"]) - 1
     values = np.fromfile(path, f"{order}f8", count * len(names), offset=start)
-    if values.size == 0 or values.size != count * len(names) or not np.isfinite(values).all():
-        raise ValueError(f"table {table.get('Name')} is cut short or damaged")
+    if values.size == 0 or values.size != count * len(names):
+        raise ValueError(f"table {table.get('Name')} is cut short")
     return values.reshape(count, -1)[:, [names.index(name) for name in columns]].astype(np.float64)
 
 

@@ -4,10 +4,11 @@ A patch rendered under a wrong Sun still correlates with the image, but less, an
 everywhere: matches can agree with each other on a place that is wrong. So the points that agree are rendered again
 under Suns turned about the vertical and raised or lowered, and correlated near where they were found.
 
-With z = artanh(correlation) (Fisher 1921), another Sun fits better when most points say so, more than half of them by
-twice the binomial's sigma, and it matters: the median correlation gains `LEAST_GAIN`, or z `LEAST_GAIN_Z`. An imperfect
-law of reflection or a smooth DEM make all points prefer a Sun that is a little off, by less than that. docs/pose.md has
-what a wrong Sun does, and what this finds.
+With z = artanh(correlation) (Fisher 1921), another Sun is preferred when most points say so: more than half of them by
+twice the binomial's sigma. Preferred is not yet right: a DEM that is smoother than the ground, and another law of
+reflection than the image's, make all points prefer a Sun that is a little off, most of all a lower one. So a stated
+Sun is refused only when the one preferred most gains so much that no true frame did (`LEAST_GAIN`); below that, how far
+the preferred Sun moves the matches is a doubt that all of them share. docs/pose.md has the figures.
 """
 
 from __future__ import annotations
@@ -29,11 +30,10 @@ Index = NDArray[np.int64]
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: by how much the azimuth is turned and the elevation raised."""
 
-LEAST_GAIN = 0.025
-LEAST_GAIN_Z = 0.25
-"""The first is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as simulated
-frames have them. True frames gain up to 0.003 and 0.05, under another law than the image's 0.02 and 0.2; a Sun that is
-wrong by 20 deg of azimuth gave 0.03 to 0.08 in photographs, and 0.34 in z and more in simulated frames.
+LEAST_GAIN = ((0.025, 0.25), (0.08, 0.5))
+"""In the median correlation, or in that of z; for a Sun that is turned, and for one that is raised or lowered. The first
+of each pair is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as simulated frames
+have them.
 """
 
 SIGMAS = 2.0
@@ -54,34 +54,37 @@ class LightCheck:
     correlations: tuple[float, ...]  # (m) medians
     gains: tuple[float, ...]  # (m) median of z less z under the stated Sun
     shares: tuple[float, ...]  # (m) of the points that prefer it
+    shifts_px: tuple[float, ...]  # (m) how far it moves the matches, the median of both coordinates
 
     @property
-    def better(self) -> tuple[int, ...]:
-        """Which of the others fit clearly better, the best first."""
+    def preferred(self) -> int | None:
+        """Which of the others most points prefer, and by most; None: the stated Sun stands."""
         if self.points < _FEWEST:
-            return ()
+            return None
         most = 0.5 + SIGMAS * 0.5 / math.sqrt(self.independent)
-        clear = [
-            k
-            for k in range(len(self.turns_deg))
-            if self.shares[k] > most
-            and (
-                self.correlations[k] - self.correlation > LEAST_GAIN or self.gains[k] > LEAST_GAIN_Z
-            )
-        ]
-        return tuple(sorted(clear, key=lambda k: -self.gains[k]))
+        some = [k for k, share in enumerate(self.shares) if share > most and self.gains[k] > 0.0]
+        return max(some, key=lambda k: self.gains[k]) if some else None
 
     @property
     def fits(self) -> bool:
-        """Whether no other Sun fits clearly better."""
-        return not self.better
+        """Whether the stated Sun may be right."""
+        best = self.preferred
+        if best is None:
+            return True
+        gain, gain_z = LEAST_GAIN[0 if self.turns_deg[best][0] else 1]
+        return self.correlations[best] - self.correlation <= gain and self.gains[best] <= gain_z
+
+    @property
+    def doubt_px(self) -> float:
+        """How far all matches may be off alike because another Sun is preferred; 0 where none is."""
+        return 0.0 if self.preferred is None else self.shifts_px[self.preferred]
 
     @property
     def complaint(self) -> str:
-        """One line on a Sun that does not fit; empty for one that does."""
-        if self.fits:
+        """One line on a Sun that does not fit; empty for one that may be right."""
+        best = self.preferred
+        if self.fits or best is None:
             return ""
-        best = self.better[0]
         turn, up = self.turns_deg[best]
         how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
         return (
@@ -107,28 +110,34 @@ def check_light(
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST)).round().astype(int))
     rows, offset = points[some], offset_px[some]
 
-    def under(turn_deg: float, raise_deg: float) -> Array:
+    def under(turn_deg: float, raise_deg: float) -> tuple[Array, Array]:
         lit = with_sun(photo, catalog.position_mcmf[rows], turn_deg, raise_deg)
         found = match(
             catalog, lit, model, reach_px, points=rows, offset_px=offset, criteria=criteria
         )
         # what a Sun leaves in the dark does not correlate
-        return np.nan_to_num(found.correlation)
+        return np.nan_to_num(found.correlation), found.found_px
 
-    stated = under(0.0, 0.0)
-    others = np.array([under(*turn) for turn in TURNS_DEG])
+    stated, places = under(0.0, 0.0)
+    suns = [under(*turn) for turn in TURNS_DEG]
+    others = np.array([correlation for correlation, _ in suns])
     gain = np.arctanh(np.clip(others, -0.999, 0.999)) - np.arctanh(np.clip(stated, -0.999, 0.999))
-    figures = (np.median(others, axis=1), np.median(gain, axis=1), (gain > 0.0).mean(axis=1))
-    correlations, gains, shares = (tuple(values.tolist()) for values in figures)
     return LightCheck(
         points=len(rows),
         independent=max(1.0, len(rows) * independent_share),
         correlation=float(np.median(stated)),
         turns_deg=TURNS_DEG,
-        correlations=correlations,
-        gains=gains,
-        shares=shares,
+        correlations=tuple(np.median(others, axis=1).tolist()),
+        gains=tuple(np.median(gain, axis=1).tolist()),
+        shares=tuple((gain > 0.0).mean(axis=1).tolist()),
+        shifts_px=tuple(_common_shift(moved - places) for _, moved in suns),
     )
+
+
+def _common_shift(offsets_px: Array) -> float:
+    """Length of the median of offsets (n, 2); NaN ones are left out, and 0 where there is no other."""
+    known = offsets_px[np.isfinite(offsets_px).all(axis=-1)]
+    return float(np.hypot(*np.median(known, axis=0))) if len(known) else 0.0
 
 
 def with_sun(photo: Photo, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Photo:

@@ -271,28 +271,33 @@ class _Search:
         inconsistent.
         """
         ground, found, covariance = self.places(matches)
-        width = self.width_px(matches.point)
 
         def who(sensor: Sensor) -> Mask:
             return agreeing(sensor, ground, found, covariance, self.tolerance_px)
 
         agrees = who(pose.sensor)
         for _ in range(_ROUNDS):
-            pose = solve(
-                self.photo.sensor,
-                ground,
-                found,
-                covariance,
-                self.uncertainty,
-                agrees,
-                overlap=1.0 / independent_share(found[agrees], width),
-                common_px=self.options.common_px * self.factor,
-            )
+            pose = self.solution(matches, agrees)
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():
                 break
         code = np.where(matches.found & ~pose.used, CODE["inconsistent"], matches.code)
         return pose, replace(matches, code=code.astype(np.uint8))
+
+    def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
+        """The pose by those who agree; ``doubt_px``: what all of them may be off alike, beside the usual."""
+        ground, found, covariance = self.places(matches)
+        share = independent_share(found[agrees], self.width_px(matches.point))
+        return solve(
+            self.photo.sensor,
+            ground,
+            found,
+            covariance,
+            self.uncertainty,
+            agrees,
+            overlap=1.0 / share,
+            common_px=math.hypot(self.options.common_px * self.factor, doubt_px),
+        )
 
     def refused(self, matches: Matches, area: SearchArea, score: Consensus) -> Located:
         """Why the first search gives no place."""
@@ -334,6 +339,8 @@ class _Search:
         light = self.light(matches, pose) if self.options.check_light else None
         if light is not None and not light.fits:
             return Located(CANNOT_SAY, light.complaint, matches, None, *figures, light)
+        if light is not None and light.doubt_px > 0.0:
+            pose = self.solution(matches, pose.used, light.doubt_px)
         reason = (
             f"{pose.used.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"

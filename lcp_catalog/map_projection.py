@@ -36,7 +36,8 @@ class MapProjection:
             raise LabelError(f"the CRS is not understood: {error}") from error
         if not (self.crs.is_geographic or self.crs.is_projected):
             raise LabelError(f"the CRS {self.crs.name!r} is neither geographic nor projected")
-        ellipsoid = self.crs.ellipsoid  # every such CRS has one
+        ellipsoid = self.crs.ellipsoid
+        assert ellipsoid is not None  # every such CRS has one
         major, minor = float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
         low, high = RADIUS_RANGE_M
         if not (low <= minor <= high and low <= major <= high):

@@ -117,14 +117,30 @@ def _at_once(catalog: Catalog, photo: Photo, rows: Index) -> int:
     return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
 
 
-def points_in_view(catalog: Catalog, photo: Photo) -> Index:
-    """Rows of the points that the sensor puts into the image, on the side of the Moon that it sees, (n,)."""
+def points_in_view(catalog: Catalog, photo: Photo, most: int | None = None) -> Index:
+    """Rows of the points that the sensor puts into the image, on the side of the Moon that it sees, (n,), rising.
+
+    Of more than ``most`` those stay that are usable under the image's Sun and view (`usable_now`), then others, each evenly over
+    the catalogue.
+    """
     pixels = photo.sensor.project(catalog.position_mcmf)
     inside = photo.sensor.in_image(pixels)
     facing = np.zeros(len(catalog), dtype=np.bool_)
     towards = photo.sensor.towards(catalog.position_mcmf[inside])
     facing[inside] = np.sum(towards * catalog.rotation_mcmf_to_enu[inside, 2], axis=-1) > 0.0
-    return np.flatnonzero(facing)
+    rows = np.flatnonzero(facing)
+    if most is None or len(rows) <= most:
+        return rows
+    good = usable_now(catalog, photo, rows)
+    first = _evenly(rows[good], most)
+    return np.sort(np.concatenate([first, _evenly(rows[~good], most - len(first))]))
+
+
+def _evenly(rows: Index, most: int) -> Index:
+    """At most so many of the rows, evenly from the list."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)] if most else rows[:0]
 
 
 def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Matches:

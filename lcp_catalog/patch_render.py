@@ -1,10 +1,10 @@
 """A catalogue's patches as a navigator renders them for an image: each from its own nodes alone, under the image's Sun, seen by its
 camera, in its own pixels.
 
-Every node is projected by the camera itself. The surface's triangles are drawn, the nearest in front, on
-``sub`` x ``sub`` samples of each pixel, with shadows that the patch casts on itself; the pixel is the mean over its square and a
-Gaussian point spread. So the image is never resampled, and a drawing can be seen at any fraction of a
-pixel (`kernels.spread`).
+Every node is projected by the camera itself, or to 0.002 px as a scanner does it (`node_pixels`). The surface's triangles are
+drawn, the nearest in front, on ``sub`` x ``sub`` samples of each pixel, with shadows that the patch casts on itself; the pixel
+is the mean over its square and a Gaussian point spread. So the image is never resampled, and a drawing can be seen at
+any fraction of a pixel (`kernels.spread`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .contents import Catalog
 from .kernels import patch, spread
+from .node_pixels import node_pixels
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .sensors import Sensor
 
@@ -103,14 +104,8 @@ def render_patches(
     suns = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, dtype=np.float64))
     corners = nodes[:, [0, 0, -1, -1], [0, -1, 0, -1]]
     towards = np.einsum("nij,ncj->nci", rotation, sensor.towards(corners))
-    pixels = sensor.project(nodes)
-    seen = np.isfinite(pixels).all(axis=(1, 2, 3)) & np.isfinite(towards).all(axis=(1, 2))
-    seen &= np.ptp(np.nan_to_num(pixels), axis=(1, 2)).max(axis=-1, initial=0.0) < _WIDEST_PX
-    pixels = np.where(seen[:, None, None, None], pixels, 0.0)
-    low, high = pixels.min(axis=(1, 2)), pixels.max(axis=(1, 2))
-    origin = np.floor(low + 0.5).astype(np.int64)
-    size = np.ceil(high - 0.5).astype(np.int64) - origin + 1
-    cols, row_count = (int(v) for v in np.maximum(size.max(axis=0, initial=1), 1))
+    pixels = node_pixels(catalog, rows, nodes, sensor)
+    pixels, seen, origin, (row_count, cols) = _placed(pixels, towards)
     sub = _samples(pixels[seen], nodes.shape[1])
     drawing = np.empty((len(rows), row_count * sub, cols * sub), dtype=np.float32)
     albedo = np.empty((len(rows), 0, 0), np.float32)
@@ -126,6 +121,21 @@ def render_patches(
     spread.templates(drawing, sub, float(psf_sigma_px), float(least_cover), values, mask)
     predicted = sensor.project(catalog.position_mcmf[rows])
     return Templates(rows, predicted, origin, values, mask, drawing, sub, float(psf_sigma_px))
+
+
+def _placed(pixels: Array, towards: Array) -> tuple[Array, Mask, Index, tuple[int, int]]:
+    """Nodes' pixels (n, p, p, 2), 0 for patches that are not seen whole; which are; the first pixel, column and row, of each; rows
+    and columns that hold the largest.
+    """
+    low, high = pixels.min(axis=(1, 2)), pixels.max(axis=(1, 2))  # NaN where one of them is
+    seen = (high - low < _WIDEST_PX).all(axis=1) & np.isfinite(towards).all(axis=(1, 2))
+    if not seen.all():
+        low, high = np.where(seen[:, None], low, 0.0), np.where(seen[:, None], high, 0.0)
+        pixels = np.where(seen[:, None, None, None], pixels, 0.0)
+    origin = np.floor(low + 0.5).astype(np.int64)
+    size = np.ceil(high - 0.5).astype(np.int64) - origin + 1
+    cols, rows = (int(v) for v in np.maximum(size.max(axis=0, initial=1), 1))
+    return pixels, seen, origin, (rows, cols)
 
 
 def _samples(pixels: Array, nodes: int) -> int:

@@ -71,7 +71,8 @@ def open_photo(
     """The image in a file, with the sensor that took it; None: the map that the file says it was projected on.
 
     The Sun is the one that is stated (``sun``), else the sensor's own, else the one of the image's label.
-    ImageError, one line, for what is no image, has no geometry, no Sun, another size than its camera's, or nothing in it.
+    ImageError, one line, for what is no image, has no geometry, no Sun, another size than its camera's, or nothing in it;
+    SunError for a Sun that is stated and cannot be.
     """
     options = options or PhotoOptions()
     image = read_image(path, options.band, options.nodata, options.encoding)
@@ -167,7 +168,7 @@ def _kinds(image: ImagePixels, codes: Codes) -> Kinds:
 
 
 def _require_something(image: ImagePixels, values: NDArray[np.generic]) -> None:
-    if values.size == 0 or values.min() == values.max():
+    if values.min() == values.max():
         raise ImageError(f"{image.path}: is blank: all its valid pixels are the same")
 
 
@@ -225,7 +226,7 @@ def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     if not math.isfinite(float(lat)):
         raise ImageError(
             f"{path or sensor.name}: its middle does not show the Moon, so that angles of the Sun "
-            "have no place: give --center, --time or --subsolar"
+            "have no place: give --time or --subsolar"
         )
     return float(lon), float(lat)
 

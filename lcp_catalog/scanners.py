@@ -19,8 +19,8 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-CONVERGED = 1e-9
-"""The line that sees a point is found to this share of a line."""
+CONVERGED = 1e-8
+"""The line that sees a point is found to this share of a line; positions' own rounding is 1e-9 of a line of 0.25 m."""
 
 BEYOND = 64
 """Lines (or frames) before the first and after the last in which a scanner still seeks a point: it then lies out of the image."""
@@ -112,12 +112,11 @@ class Scanner:
         for _ in range(_STEPS):
             off = self._on_plane(time_of(here), p[active])[:, 1] - line_px
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = -off * (here - last) / (off - off_last)
-            step = np.where((off == 0.0) | (here == last), 0.0, step)
-            step = np.clip(step, span[0] - here, span[1] - here)
+                step = np.where(off == 0.0, 0.0, -off * (here - last) / (off - off_last))
             done = np.abs(step) <= CONVERGED
             found[active[done]] = (here + step)[done]
-            going = ~done & np.isfinite(step)
+            step = np.clip(step, span[0] - here, span[1] - here)
+            going = ~done & np.isfinite(step) & (step != 0.0)  # 0: held back by the span's end
             if not going.any():
                 break
             last, off_last, active = here[going], off[going], active[going]

@@ -83,7 +83,7 @@ class Validation:
     accuracy: Accuracy = TIERS["standard"]
     albedo: AlbedoMap | None = None
     pose_is_known: bool = False
-    encoding: str = "linear"
+    pixels: PhotoOptions = field(default_factory=PhotoOptions)
 
     @property
     def law(self) -> Reflectance:
@@ -98,7 +98,9 @@ class Validation:
             "albedo": self.albedo.name if self.albedo else None,
             "reflectance": self.law.name,
             "accuracy": self.accuracy.tier,
-            "encoding": self.encoding,
+            "encoding": self.pixels.encoding,
+            "band": self.pixels.band,
+            "nodata": self.pixels.nodata,
             "sun": sun,
             "position_sigma_m": self.uncertainty.position_m,
             "attitude_sigma_deg": float(np.degrees(self.uncertainty.attitude_rad)),
@@ -171,7 +173,7 @@ def _one(
 
 def _opened(request: Validation, files: ImageFiles) -> Photo:
     sensor = read_sensor(files.camera) if files.camera else None
-    return open_photo(files.image, sensor, request.sun, PhotoOptions(encoding=request.encoding))
+    return open_photo(files.image, sensor, request.sun, request.pixels)
 
 
 def _untried(files: ImageFiles, reason: str) -> ImageVerdict:

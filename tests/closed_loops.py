@@ -299,15 +299,18 @@ def fly(
 
 
 def bias_px(catalog: Catalog, photo: Photo) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Mean over a photo's matches of found minus where its camera has them, column and row, and the mean's own sigma by their
-    scatter; matches further off than 2 pixels are no matches.
+    """Mean over a photo's matches of found minus where its camera has them, column and row, each counted by its own covariance,
+    and the mean's sigma by their scatter; matches further off than 2 pixels are no matches.
     """
     matches = match(catalog, photo, reach_px=8.0, criteria=OPTIONS.criteria)
-    off = matches.offset_px[matches.found]
-    off = off[np.abs(off).max(axis=1, initial=0.0) < 2.0]
+    near = matches.found & (np.abs(np.nan_to_num(matches.offset_px, nan=9.0)).max(axis=1) < 2.0)
+    off = matches.offset_px[near]
     if len(off) < 3:
         return (np.nan, np.nan), (np.nan, np.nan)
-    mean, sigma = off.mean(axis=0), off.std(axis=0, ddof=1) / np.sqrt(len(off))
+    weight = 1.0 / matches.covariance_px2[near][:, [0, 1], [0, 1]]
+    share = weight / weight.sum(axis=0)
+    mean = (share * off).sum(axis=0)
+    sigma = np.sqrt((share**2 * (off - mean) ** 2).sum(axis=0))
     return (float(mean[0]), float(mean[1])), (float(sigma[0]), float(sigma[1]))
 
 

@@ -16,6 +16,7 @@ from test_simulate import APART, CELL_M, PLACE, camera, patches, rolling
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.catalog import write_catalog
 from lcp_catalog.detector import BITS_MAX, BLUR_MAX_PX
+from lcp_catalog.simulate_file import PNG, TIFF
 from lcp_catalog.sphere import azimuth_elevation
 
 POINT = ["--sun", "point"]
@@ -182,6 +183,12 @@ def test_other_endings_are_refused(folder, tmp_path, capsys):
     assert ".png or .tif" in capsys.readouterr().err
 
 
+def test_a_rule_is_not_written_over_the_frame(folder, tmp_path, capsys):
+    assert simulate(folder, tmp_path / "f.png", "--depfile", str(tmp_path / "f.png")) == 2
+    assert "different files" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == []
+
+
 def test_two_catalogues_are_refused(folder, tmp_path, capsys):
     points = str(folder / "points.h5")
     where = ["--camera", str(folder / "camera.json"), "-o", str(tmp_path / "f.png")]
@@ -208,7 +215,9 @@ def test_a_dem_elsewhere_is_one_line(folder, tmp_path, capsys):
 
 
 def test_flags_bounds_are_the_librarys():
-    from lcp_cli.simulate import BITS, command
+    from lcp_cli.simulate import BITS, ENDINGS, command
+
+    assert ENDINGS == PNG + TIFF
 
     blur = next(p for p in command.params if p.name == "blur_px")
     assert blur.type.max == BLUR_MAX_PX

@@ -30,6 +30,8 @@ def test_any_detector(matrix, flipped, lens):
     x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2] * (-1 if flipped else 1)
     expected = np.array(origin) + np.stack(lens.distort(focal * x, focal * y), -1) @ matrix.T
     assert np.abs(plane.pixels(seen @ axes.T) - expected).max() < 1e-8
+    area = focal**2 * abs(np.linalg.det(matrix))  # pixels of a square of the focal length
+    assert plane.focal_length_px == pytest.approx(np.sqrt(area), rel=1e-12)
     assert np.abs(axes @ axes.T - np.eye(3)).max() < 1e-14
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[2] == pytest.approx([0, 0, 1.0])

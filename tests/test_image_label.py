@@ -216,6 +216,8 @@ def test_an_image_of_another_body_is_refused(tmp_path: Path, kind: str) -> None:
     if kind == "cube":
         groups = INSTRUMENT.format(target="Mars", start="Null", stop="Null")
         path = files.write_cube(tmp_path / "a.cub", SAMPLES, groups=groups)
+    elif kind == "pds4":
+        path = files.write_pds4(tmp_path / "a.img", SAMPLES, "N/A", "N/A", "Mars")
     else:
         path = files.write_pds3(
             tmp_path / "a.img", SAMPLES.astype(np.uint8), 'TARGET_NAME = "MARS"'

@@ -145,6 +145,11 @@ def test_where_lenses_fold():
     assert cubic.within(np.array([0.999, 1.001]) * ideal, np.zeros(2)).tolist() == [True, False]
     brown = BrownConrady(0.0, 0.0, 0.0, 0.0, -1e-12, 0.0, 0.0, 0.0)
     assert brown.within(np.array([0.999, 1.001]) * ideal, np.zeros(2)).tolist() == [True, False]
+    # on a plane of 70 mm to the focal length, axes exchanged
+    scaled = OnPlane(((0.0, 70.0), (70.0, 0.0)), nac, ((0.0, 1 / 70), (1 / 70, 0.0)))
+    across = np.array([0.999, 1.001]) * edge / 70
+    assert scaled.within(across, np.zeros(2)).tolist() == [True, False]
+    assert scaled.within(np.zeros(2), across).all()
     assert not SKEWED.within(np.array([np.nan]), np.zeros(1)).any()
 
 
@@ -163,6 +168,8 @@ def test_one_point_without_an_answer_does_not_spoil_the_others():
     [
         ("opencv", "model"),
         ({"model": "fisheye"}, "model"),
+        ({"model": []}, "model"),
+        ({"model": "lro-nac", "k": 1e300}, "k must hold"),
         ({"model": "lro-nac"}, "lacks k"),
         ({"model": "lro-nac", "k": "x"}, "k is not made of numbers"),
         ({"model": "lro-nac", "k": [1.0]}, "k must hold"),

@@ -15,8 +15,8 @@ from lcp_catalog.light_check import TURNS_DEG, LightCheck, check_light, with_sun
 from lcp_catalog.locate import CANNOT_SAY, LOCATED, NOT_HERE, Located, Options, locate, nothing_in
 from lcp_catalog.match import Criteria
 from lcp_catalog.photo import Photo
-from lcp_catalog.pose import position_error
-from lcp_catalog.search_area import in_view, perhaps_in_view
+from lcp_catalog.pose import position_error, spread_px2
+from lcp_catalog.search_area import in_view, narrowed, perhaps_in_view
 from lcp_catalog.sensors import Uncertainty, pixel_size_m
 from lcp_catalog.sphere import EnuFrame, azimuth_elevation
 
@@ -95,6 +95,14 @@ def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: P
     given = photo.with_sensor(photo.sensor.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))
     area = perhaps_in_view(points, given.sensor, far, 3.0)
     assert np.median(area.reach_px) > QUICK.most_reach_px
+    narrow, chance, slack = narrowed(area, points, given, given.sensor, far, LAW, 3.0, 16.0)
+    true = photo.sensor.project(points.position_mcmf[area.points])
+    off = true - given.sensor.project(points.position_mcmf[area.points]) - narrow.offset_px
+    assert (np.abs(off) <= narrow.reach_px[:, None]).mean() > 0.95
+    assert np.median(narrow.reach_px) < 0.6 * np.median(area.reach_px)
+    assert narrow.log10_places > 0.4
+    assert chance < -10.0
+    assert slack < 33.0
     answer = locate(points, given, far, LAW, QUICK)
     assert answer.verdict == LOCATED
     assert is_right(answer, points, photo.sensor)
@@ -281,31 +289,68 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
 
 def light(
     share: float,
-    gain: float = 0.04,
+    gain: float = 0.03,
     gain_z: float = 0.1,
     points: int = 50,
     independent: float = 25.0,
 ) -> LightCheck:
+    """One Sun that is turned, and with the same gain in z less 0.01 one that is lowered."""
     return LightCheck(
         points,
         independent,
         0.8,
         TURNS_DEG,
-        (0.7, 0.8 + gain, 0.7, 0.7),
-        (-0.2, gain_z, -0.2, -0.2),
-        (0.1, share, 0.1, 0.1),
+        (0.7, 0.8 + gain, 0.8, 0.7),
+        (-0.2, gain_z, gain_z - 0.01, -0.2),
+        (0.1, share, share, 0.1),
+        (0.9, 0.4, 0.3, 0.8),
     )
 
 
-def test_when_a_sun_is_clearly_better() -> None:
+def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     """Of 25 independent points: half and two sigmas of 0.1 is 0.7."""
-    assert light(0.71).better == (1,)
+    assert light(0.71).preferred == 1
+    assert light(0.69).preferred is None
+    assert light(0.95, points=4).preferred is None
+    assert light(0.71, independent=10.0).preferred is None
+    assert light(0.95, gain_z=-0.1).preferred is None
+    assert not light(0.71).fits
     assert light(0.69).fits
     assert light(0.95, gain=0.02).fits
     assert not light(0.95, gain=0.02, gain_z=0.26).fits
-    assert light(0.69, gain=0.02, gain_z=0.26).fits
-    assert light(0.95, points=4).fits
-    assert light(0.71, independent=10.0).fits
+    assert light(0.71).doubt_px == light(0.71, gain=0.02).doubt_px == 0.4
+    assert light(0.69).doubt_px == 0.0
+    assert light(0.69).complaint == light(0.95, gain=0.02).complaint == ""
     assert light(0.95).complaint == (
         "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
     )
+
+
+@pytest.mark.parametrize(
+    ("gain", "gain_z", "fits"), [(0.07, 0.4, True), (0.09, 0.4, False), (0.07, 0.51, False)]
+)
+def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bool) -> None:
+    """Roughness below the DEM's cells looks like one."""
+    check = replace(
+        light(0.9), correlations=(0.7, 0.8, 0.8 + gain, 0.7), gains=(-0.2, 0.3, gain_z, -0.2)
+    )
+    assert check.preferred == 2
+    assert check.fits == fits
+    assert check.complaint.endswith("raised by -10 deg") != fits
+
+
+def test_a_preferred_sun_is_a_doubt_about_the_place(
+    points: Catalog, photo: Photo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pose's covariance grows by what moving all matches does; the pose is the same."""
+    plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)
+    monkeypatch.setattr("lcp_catalog.locate.check_light", lambda *_: light(0.9, gain=0.02))
+    doubted = locate(points, believed(photo), UNCERTAIN, LAW)
+    assert doubted.verdict == LOCATED
+    assert np.array_equal(doubted.pose.correction, plain.pose.correction)
+    assert (doubted.pose.sigma > plain.pose.sigma).all()
+    middle = points.position_mcmf[[len(points) // 2]]
+    before, after = (
+        spread_px2(photo.sensor, middle, a.pose.covariance)[0] for a in (plain, doubted)
+    )
+    assert np.allclose(np.diag(after - before), 0.4**2, rtol=0.3)

@@ -317,6 +317,9 @@ def test_answers_are_in_the_pixels_of_the_image_as_it_came(catalog, camera):
     )
     assert good.sum() >= 8
     assert np.abs(np.median(result.offset_px[good], axis=0)).max() < 0.06
+    near = match(catalog, reduced, LAW, 4.0, offset_px=(14.0, 0.0))  # sought where nothing is
+    apart = (near.offset_px - (14.0, 0.0))[near.found]
+    assert np.abs(apart).max(initial=0.0) <= 4.0 + 2 * 2
     sigma = np.sqrt(result.covariance_px2[good][:, [0, 1], [0, 1]])
     assert sigma.min() >= 2 * Criteria().floor_px
 
@@ -471,6 +474,17 @@ def test_points_in_view_are_in_the_image_and_face_it(catalog, photo):
     far = catalog_of_patches(catalog.dem[:1], [EnuFrame(183.5, -26.0)], GSD_M)  # behind the Moon
     assert far.position_mcmf.shape == (1, 3)
     assert len(points_in_view(far, photo)) == 0
+
+
+def test_usable_points_come_first(catalog, photo):
+    rows = points_in_view(catalog, photo)
+    usable = usable_now(catalog, photo, rows)
+    count = int(usable.sum())
+    for most in (1, count - 1, count, count + 3, len(rows) - 1, len(rows), 1000):
+        chosen = points_in_view(catalog, photo, most)
+        assert len(chosen) == min(most, len(rows)) == len(np.unique(chosen))
+        assert (np.diff(chosen) > 0).all()
+        assert np.isin(chosen, rows[usable]).sum() == min(most, count)
 
 
 def test_usable_is_the_nearest_condition(catalog, photo):

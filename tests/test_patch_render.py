@@ -12,6 +12,7 @@ from twins_match import catalog_of_dem, catalog_of_patches, looking_at, traced_i
 
 from lcp_catalog.heightfield import Heightfield
 from lcp_catalog.kernels import patch, register, spread
+from lcp_catalog.node_pixels import TOLERANCE_PX, node_pixels
 from lcp_catalog.patch_render import nodes_mcmf, render_patches
 from lcp_catalog.reflectance import DEFAULT_MODEL, photometry, reflectance_model
 from lcp_catalog.sphere import EnuFrame, direction_enu
@@ -237,6 +238,17 @@ def test_a_patch_right_before_the_camera_is_not_drawn():
     assert template.shape == (1, 1)
 
 
+def test_the_back_of_a_slope_is_not_drawn():
+    # ground that falls to the south by 50 degrees, seen from the south and, from within, from the north
+    frame = EnuFrame(0.0, 0.0)
+    step = (np.arange(21) - 10) * GSD_M
+    slope = np.repeat(np.tan(np.radians(50.0)) * -step[:, None], 21, axis=1).astype(np.float32)
+    catalog = catalog_of_patches(slope[None], [frame], GSD_M)
+    south, north = (looking_at(frame, 60e3, 60, a, 0, 600.0, (300, 300)) for a in (180, 0))
+    assert rendered(catalog, frame, south, direction_enu(170, 40)).mask.sum() > 200
+    assert not rendered(catalog, frame, north, direction_enu(170, 40)).mask.any()
+
+
 def test_missing_nodes_are_not_drawn():
     frame = EnuFrame(0.0, 0.0)
     z = hill()
@@ -316,3 +328,34 @@ def test_the_point_spread_stays_within_the_patch():
     assert mask[0, 5:15, 11:17].all()
     np.testing.assert_allclose(values[mask], 5.0, rtol=1e-5)
     np.testing.assert_array_equal(values[~mask], 0.0)
+
+
+class Slow:
+    """A sensor of its own kind: a camera's geometry, and a jump where it is asked for. Counts what it projects."""
+
+    def __init__(self, camera, jump_px=0.0):
+        self.camera, self.jump_px, self.projected = camera, jump_px, 0
+
+    def project(self, points):
+        self.projected += np.size(points) // 3
+        pixels = self.camera.project(points)
+        return pixels + self.jump_px * (pixels[..., :1] > 255.0)
+
+    def towards(self, points):
+        return self.camera.towards(points)
+
+
+@pytest.mark.parametrize(
+    ("away_m", "jump_px", "share"), [(100e3, 0.0, 0.1), (8e3, 0.0, 1.1), (100e3, 2.0, 1.1)]
+)
+def test_slow_sensors_are_asked_for_few_nodes_if_that_is_exact(away_m, jump_px, share):
+    # from 8 km above 3.2 km of ground are no polynomial; a sensor that jumps is none either
+    frames = [EnuFrame(10.0, 40.0), EnuFrame(10.05, 40.05)]
+    catalog = catalog_of_patches(np.array([hill(), hill(500.0, 350.0)]), frames, GSD_M)
+    camera = looking_at(frames[0], away_m, 25, 40, 33, away_m / 100.0, (500, 500))
+    slow, rows = Slow(camera, jump_px), np.arange(2)
+    nodes = nodes_mcmf(catalog, rows)
+    pixels = node_pixels(catalog, rows, nodes, slow)
+    assert np.abs(pixels - Slow(camera, jump_px).project(nodes)).max() < 2 * TOLERANCE_PX
+    assert slow.projected <= share * nodes.size / 3
+    np.testing.assert_array_equal(node_pixels(catalog, rows, nodes, camera), camera.project(nodes))

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from rasterio.enums import ColorInterp
 from rasterio.transform import Affine
 
+from lcp_catalog import image_pixels
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.errors import ImageError
 from lcp_catalog.image_pixels import read_image
@@ -78,6 +79,19 @@ def test_a_pds3_image_with_its_label_in_front(tmp_path: Path, dtype: str, ending
     samples = scene(dtype)
     found = photo(files.write_pds3(tmp_path / f"a{ending}", samples))
     np.testing.assert_array_equal(found.signal, samples.astype(np.float32))
+
+
+@pytest.mark.parametrize("ending", ["img", "IMG"])
+def test_bare_numbers_are_found_by_their_label(tmp_path: Path, ending: str) -> None:
+    samples = scene()
+    attached = files.write_pds3(tmp_path / "attached", samples).read_bytes()
+    name = f"PHOTO.{ending}"
+    label = attached[:4096].replace(b"^IMAGE = 2", b'^IMAGE = ("' + name.encode() + b'", 1)')
+    (tmp_path / "PHOTO.LBL").write_bytes(
+        label.replace(b"RECORD_BYTES = 4096", b"RECORD_BYTES = 60")
+    )
+    (tmp_path / name).write_bytes(samples.tobytes())
+    np.testing.assert_array_equal(photo(tmp_path / name).signal, samples.astype(np.float32))
 
 
 def test_luminance_of_colours_is_that_of_rec_709(tmp_path: Path) -> None:
@@ -171,6 +185,25 @@ def test_of_many_bands_the_first_or_the_one_that_is_asked_for(tmp_path: Path) ->
     np.testing.assert_array_equal(photo(cube, PhotoOptions(band=2)).signal, planes[1])
 
 
+def test_a_band_that_is_asked_for_has_its_own_mask_and_is_no_luminance(tmp_path: Path) -> None:
+    planes = np.stack([scene("float32", high=high) for high in (120.0, 180.0, 240.0)])
+    planes[0, :5] = planes[2, -5:] = -1.0
+    kinds = [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
+    path = files.write_image(tmp_path / "a.tif", planes, kinds=kinds, nodata=-1.0)
+    found = photo(path, PhotoOptions(band=3))
+    assert not found.weight[-5:].any()
+    assert found.weight[:-5].all()
+    np.testing.assert_array_equal(found.signal[:-5], planes[2, :-5])
+
+
+def test_images_that_are_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = files.write_image(tmp_path / "a.tif", scene())
+    monkeypatch.setattr(image_pixels, "_MOST_PIXELS", 2400)
+    photo(path)
+    monkeypatch.setattr(image_pixels, "_MOST_PIXELS", 2399)
+    refused("60 x 40 pixels, 1 bands; at most 0.002399 million", path, files.camera_over(SHAPE))
+
+
 # -- what is missing
 
 HOLE = np.s_[10:20, 30:50]
@@ -214,8 +247,10 @@ def test_alpha_of_colours(tmp_path: Path) -> None:
 
 
 def test_a_second_band_of_brightness_is_no_mask(tmp_path: Path) -> None:
+    second = scene()
+    second[HOLE] = 0
     kinds = [ColorInterp.gray, ColorInterp.undefined]
-    path = files.write_image(tmp_path / "a.tif", [scene(), scene()], kinds=kinds)
+    path = files.write_image(tmp_path / "a.tif", [scene(), second], kinds=kinds)
     assert photo(path).missing_share == 0.0
 
 
@@ -472,6 +507,13 @@ def test_the_middle_of_an_image() -> None:
     )
     with pytest.raises(ImageError, match=r"its middle does not show the Moon"):
         center_of(away)
+    globe = (
+        f'PROJCS["x",{files.MOON},PROJECTION["Orthographic"],PARAMETER["latitude_of_origin",0],'
+        'PARAMETER["central_meridian",0],UNIT["metre",1]]'
+    )
+    beside = MapImage(globe, (1e4, 0, 1.8e6, 0, -1e4, 0), SHAPE, "beside the disc")
+    with pytest.raises(ImageError, match=r"beside the disc: its middle does not show the Moon"):
+        center_of(beside)
 
 
 # -- the Sun

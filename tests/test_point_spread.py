@@ -137,13 +137,43 @@ def test_image_and_render_become_equally_sharp():
         assert np.abs(blunt.image - blunt.render)[inner].max() > 20 * off * pair.render[inner].std()
 
 
+@pytest.mark.parametrize("cell_fwhm", [1.5, 2.0])
+def test_both_get_the_point_spread_of_the_target_cells(cell_fwhm):
+    """Cells of 3: a Gaussian of so many of these, on the image that of the DEM besides; the squares of their widths add."""
+    x, _ = grid(150, 160)
+    wave, ratio, dem = 40.0, 3.0, 6.0
+    values = np.cos(2.0 * np.pi * x / wave)
+    how = {"gsd_m": 10.0, "target_m": 30.0, "dem_fwhm_m": 60.0, "cell_fwhm": cell_fwhm}
+    pair = paired(values, values, np.ones(values.shape), **how)
+    column, _ = middles(pair.grid)
+    wanted = np.cos(2.0 * np.pi * column / wave)
+    inner = pair.weight > 1.0 - 1e-9
+    for found, width2 in (
+        (pair.render, (cell_fwhm * ratio) ** 2),
+        (pair.image, (cell_fwhm * ratio) ** 2 + dem**2),
+    ):
+        left = np.exp(-2.0 * np.pi**2 * width2 * SIGMA_PER_FWHM**2 / wave**2)
+        np.testing.assert_allclose(found[inner], left * wanted[inner], atol=1e-4)
+
+
 def test_what_one_of_the_two_lacks_counts_in_neither():
     image, render = np.ones((40, 40)), np.ones((40, 40))
     image[5, 5], render[20:30, 20:30] = np.nan, np.nan
+    image[22:28, 22:28] = 1e9  # where there is no render
     pair = paired(image, render, np.ones(image.shape), gsd_m=1.0, target_m=1.0)
     assert pair.weight[25, 25] < 0.01
     assert 0.5 < pair.weight[5, 5] < 1.0
     np.testing.assert_allclose(pair.image[np.isfinite(pair.image)], 1.0)
+
+
+def test_a_pair_is_as_sure_as_the_less_sure_of_the_two():
+    """A small gap: the narrower point spread, the render's, sees more of it."""
+    weight = np.ones((40, 40))
+    weight[19:22, 19:22] = 0.0
+    pair = paired(weight, weight, weight, gsd_m=1.0, target_m=1.0, dem_fwhm_m=9.0)
+    _, narrow = spread(weight, weight, 2.0)
+    assert pair.weight[20, 20] == pytest.approx(narrow[20, 20])
+    assert pair.weight[20, 20] < 0.3
 
 
 def test_finer_cells_are_refused():

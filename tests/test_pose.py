@@ -175,6 +175,21 @@ def test_what_has_a_sigma_of_nothing_is_held() -> None:
     assert np.allclose(nothing.residual_px, found - prior.project(points))
 
 
+def test_the_attitude_alone() -> None:
+    dice = np.random.default_rng(23)
+    known = camera()
+    points = ground(known, 20, dice)
+    prior = known.moved([0.0, 0.0, 0.0, 0.004, -0.006, 0.01])
+    covariance = covariances(20, dice)
+    pose = solve(prior, points, known.project(points), covariance, Uncertainty(0.0, 0.01))
+    assert pose.solved.tolist() == [False] * 3 + [True] * 3
+    assert np.array_equal(pose.sensor.position_mcmf_m, prior.position_mcmf_m)
+    turn = pose.sensor.rotation_mcmf_to_camera @ known.rotation_mcmf_to_camera.T
+    assert np.abs(turn - np.eye(3)).max() < 0.05 * pose.sigma[3:].max()
+    assert (pose.sigma[3:] > 0.0).all()
+    assert pose.position_sigma_m == 0.0
+
+
 def test_huber_holds_against_a_tenth_that_is_wrong() -> None:
     dice = np.random.default_rng(8)
     known = camera()
@@ -225,6 +240,7 @@ def test_a_map_is_moved_by_the_weighted_mean() -> None:
     flip = np.diag([-100.0, 100.0])
     assert np.allclose(pose.covariance, pose.scale * flip @ total @ flip, rtol=1e-6)
     assert pose.dof == pytest.approx(48.0)
+    assert np.allclose(jacobian(sheet, points), [[-0.01, 0.0], [0.0, 0.01]], atol=1e-9)
     with pytest.raises(ValueError, match="no position"):
         position_error(pose, sheet)
 

@@ -143,3 +143,5 @@ def test_it_says_how_far_it_came() -> None:
     fine = smooth_terraces(stepped, 1.0, tolerance=1e-6)
     assert fine.last_move_m <= 1e-6 < rough.last_move_m
     assert bending(fine.heights_m) < bending(rough.heights_m)
+    thrice = smooth_terraces(3.0 * stepped, 3.0, most_rounds=3)
+    assert thrice.last_move_m == pytest.approx(3.0 * rough.last_move_m)

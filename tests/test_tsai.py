@@ -205,3 +205,25 @@ def test_what_is_a_tsai():
 def test_what_is_wrong_is_named(content, says):
     with pytest.raises(CameraError, match=rf"^x\.tsai: {says}"):
         read(content)
+
+
+ODD = ["", "x", "nan", "inf", "-1", "0", "1e300", "1 2 3 4", "1e308 1e308 1e308", " ".join("0" * 9)]
+
+
+@pytest.mark.parametrize(
+    "lens", ["NULL", tsai("TSAI", **LENS), tsai("Photometrix", xp=0, yp=0, **LENS)]
+)
+def test_oddities_anywhere_are_read_or_refused_in_one_line(lens):
+    """Whatever stands in any one line, or if it is gone: CameraError, or a camera that answers."""
+    lines, said = text(lens).splitlines(), []
+    for i, line in enumerate(lines):
+        key = line.split("=")[0].strip()
+        for value in [*(f"{key} = {odd}" if "=" in line else odd for odd in ODD), ""]:
+            try:
+                camera = read("\n".join([*lines[:i], value, *lines[i + 1 :]]), (10, 20))
+                camera.project([1.7e6, 0.0, 0.0])
+                camera.rays([1.0, 2.0])
+            except CameraError as error:
+                said.append(str(error))
+    assert len(said) > 60
+    assert all(line.startswith("x.tsai: ") and "\n" not in line for line in said)

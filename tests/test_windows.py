@@ -52,6 +52,7 @@ def test_every_window_is_the_definition(seed, size, step, least):
     image, render = rng.normal(size=shape) + 40.0, 1e-3 * rng.normal(size=shape)
     weight = np.where(rng.random(shape) < 0.2, 0.0, rng.random(shape))
     image[rng.random(shape) < 0.05] = np.nan
+    render[rng.random(shape) < 0.05] = np.nan
     if least == 1.0:
         weight[:] = 1.0
     twin = loop(image, render, weight, size, step, least)
@@ -184,6 +185,15 @@ def test_undoing_a_shift_spoils_what_takes_part_in_a_gap():
     assert sure[5, 5]
     sure[:, :3] = sure[:, -3:] = False
     assert np.abs(back - truth)[sure].max() < 0.01
+
+
+def test_what_comes_from_beyond_the_border_weighs_nothing():
+    image = np.random.default_rng(0).normal(size=(12, 15))
+    back, left = undone(image, np.ones(image.shape), (2.0, -3.0))
+    assert (left[:3] == 0.0).all()
+    assert (left[:, -2:] == 0.0).all()
+    assert (left[4:, :12] == 1.0).all()
+    np.testing.assert_allclose(back[3:, :13], image[:9, 2:])
 
 
 def test_each_window_has_its_own_best_place():
