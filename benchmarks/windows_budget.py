@@ -59,7 +59,10 @@ def variants(ground: Ground, target_m: float) -> Iterator[tuple[str, WindowCompa
     as_it_is = ground.pair(target_m, whole)
     yield "as it is", _compared(as_it_is)
     plain = ground.radiance(PLAIN, albedo=False)
-    yield "plain: no film, albedo, phase, DEM", ground.windows(target_m, plain, LINEAR, dem_fwhm_m=0.0)
+    yield (
+        "plain: no film, albedo, phase, DEM",
+        ground.windows(target_m, plain, LINEAR, dem_fwhm_m=0.0),
+    )
     yield "film: codes taken as brightness", ground.windows(target_m, whole, LINEAR)
     bare = ground.radiance(albedo=False)
     yield "albedo: no map", ground.windows(target_m, bare)

@@ -176,7 +176,12 @@ composite_options = option_group(
 )
 
 view_options = option_group(
-    click.option("--camera", "camera_path", metavar="CAMERA.json", help="Camera that looks."),
+    click.option(
+        "--camera",
+        "camera_path",
+        metavar="CAMERA.json",
+        help="Camera that looks: CAMERA.json, or USGS ISD or .tsai of a framing camera.",
+    ),
     click.option(
         "--off-nadir",
         type=Number(0, 90, max_open=True),

@@ -37,7 +37,7 @@ EXPONENT, EXPONENT_SIGMA = 4.0, 0.3
 """What is known of b before: without it a small area cannot tell a steep law from a smooth DEM."""
 
 BETWEEN_AREAS = 0.25
-"""Standard deviation, in the logarithm, between answers for areas of 100 to 700 km of one product (GLD100, seven of them:
+"""Standard deviation, in the logarithm, between answers for areas of 100 to 700 km of one product (GLD100, ten of them:
 docs/validation.md): no ground follows a power law exactly.
 """
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from .albedo_pixels import decode_srgb
 from .config import ALBEDO_ENCODINGS
-from .errors import ImageError, LabelError
+from .errors import ImageError, LabelError, LcpError
 from .label import find_label
 from .pds4 import is_pds4
 
@@ -75,14 +76,28 @@ def read_image(
     luminance here: codes of a display (``srgb``) are decoded before. ImageError for what is no image, has no such
     band, or cannot be read.
     """
-    path = Path(path)
+    with _opened(Path(path)) as (opened, file):
+        return _read((Path(path), opened), file, (band, nodata, encoding))
+
+
+def image_shape(path: Path | str) -> tuple[int, int]:
+    """Rows and columns of an image file, none of which is read; ImageError as `read_image`."""
+    with _opened(Path(path)) as (_, file):
+        return int(file.height), int(file.width)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
+    """What GDAL opens of an image, and the open file."""
     opened = _pixels_of(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(opened) as file:
-                return _read((path, opened), file, (band, nodata, encoding))
+                yield opened, file
     except (RasterioError, OSError) as error:
+        if isinstance(error, LcpError):
+            raise
         cause = " ".join(str(error.__cause__ or error).split())
         raise ImageError(f"{path}: not an image that can be read here ({cause})") from error
 

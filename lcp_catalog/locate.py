@@ -51,7 +51,7 @@ SEARCHED = tuple(
 LEAST_LIKENESS = 0.3
 """Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
-SHARE_IF_HERE = 0.3
+SHARE_IF_HERE = 0.15
 """Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make
 that significant refute no place.
 """
@@ -73,7 +73,7 @@ class Options:
         16.0  # also where the uncertainty is less: agreement must be able to fail
     )
     most_reach_px: float = 64.0  # further than this the whole image is shifted first
-    common_px: float = 0.03  # 1 sigma of what all matches may be off alike
+    common_px: float = 0.0  # 1 sigma of what all matches may be off alike
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
     most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given

@@ -19,6 +19,7 @@ from .catalog import read_catalog
 from .contents import Catalog
 from .errors import CameraError, ImageError, LcpError, SunError
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
+from .image_pixels import image_shape
 from .locate import CANNOT_SAY, LOCATED, Located, locate
 from .match import points_in_view
 from .matches import Matches
@@ -172,7 +173,7 @@ def _one(
 
 
 def _opened(request: Validation, files: ImageFiles) -> Photo:
-    sensor = read_sensor(files.camera) if files.camera else None
+    sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
     return open_photo(files.image, sensor, request.sun, request.pixels)
 
 

@@ -41,8 +41,10 @@ SUN_M = 1.496e11
 SNR = 50.0
 BITS = 10
 BLUR_PX = 0.6
-OPTIONS = Options(criteria=Criteria(min_contrast=0.005, min_correlation=0.3))
-"""Frames without albedo, film and haze have less contrast than the Moon near full phase, and can be found with less."""
+OPTIONS = Options(criteria=Criteria(min_contrast=0.005, min_correlation=0.3), common_px=0.0)
+"""Near full phase frames without albedo have less contrast than the Moon, and can be found with less; without film and with
+the lens as stated nothing else is wrong alike in all their matches.
+"""
 POSITION_SIGMA_M = 2000.0  # each axis
 ATTITUDE_SIGMA_RAD = np.radians(20.0 / 3600.0)
 FALSE_PX = 3.0

@@ -120,6 +120,18 @@ def test_the_right_ones_are_found_among_false_ones(seed: int, wrong: int) -> Non
     assert position_error(answer.pose, made.known).squared < 40.0
 
 
+def test_a_match_agrees_by_chance_with_its_gate_over_its_search_area() -> None:
+    """Exact matches with 0.4 px of sigma and a tolerance of 1.2 px: gates of 3 sqrt(0.4^2 + 0.4^2) px."""
+    made = Matches(20, 0, 14)
+    round_ones = np.tile(0.16 * np.eye(2), (20, 1, 1))
+    exact = made.known.project(made.points)
+    answer = agree(made.prior, made.points, exact, round_ones, UNCERTAIN, REACH, tolerance_px=1.2)
+    chance = np.pi * 9.0 * (0.16 + 0.16) / (2.0 * REACH + 1.0) ** 2
+    expected = log10_false_alarms(np.full(20, chance), np.full(20, True), 3)
+    assert answer.inliers.all()
+    assert answer.log10_false_alarms == pytest.approx(expected, rel=1e-9)
+
+
 def test_unknowns_that_are_held_take_smaller_sets() -> None:
     made = Matches(60, 45, 3)
     off = made.known.position_mcmf_m - made.prior.position_mcmf_m

@@ -13,6 +13,7 @@ from lcp_catalog import sphere_rays
 from lcp_catalog.camera import Camera
 from lcp_catalog.camera_file import read_sensor
 from lcp_catalog.errors import CameraError
+from lcp_catalog.instants import of_ephemeris_time
 from lcp_catalog.isd import sensor_from_isd
 from lcp_catalog.json_fields import JsonFields
 from lcp_catalog.scanners import LineScanner, PushFrame
@@ -332,6 +333,11 @@ def test_framelets_follow_on_one_another(real, name):
     advance = (after - start) @ row / (row @ row)
     assert 0.7 * sensor.lines < advance < sensor.lines
     assert np.linalg.norm(after - start - advance * row) < 0.05 * np.linalg.norm(row)
+
+
+def test_j2000_in_utc():
+    """2000-01-01T12:00:00 TDB is 11:58:55.816 UTC (NAIF, Time Required Reading)."""
+    assert of_ephemeris_time(0.0) == "2000-01-01T11:58:55.816Z"
 
 
 def test_two_isds_of_one_image_agree(real):

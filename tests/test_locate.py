@@ -11,6 +11,7 @@ from small_world import GSD_M, LAW, World, mirrored, overhead
 
 from lcp_catalog.camera import Camera
 from lcp_catalog.catalog import Catalog
+from lcp_catalog.consensus import Consensus
 from lcp_catalog.light_check import TURNS_DEG, LightCheck, check_light, with_sun
 from lcp_catalog.locate import CANNOT_SAY, LOCATED, NOT_HERE, Located, Options, locate, nothing_in
 from lcp_catalog.match import Criteria
@@ -106,6 +107,23 @@ def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: P
     answer = locate(points, given, far, LAW, QUICK)
     assert answer.verdict == LOCATED
     assert is_right(answer, points, photo.sensor)
+
+
+def test_tolerances_are_in_the_searched_photographs_pixels(
+    world: World, points: Catalog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pixels of 100 m under cells of 400 m: searched at a quarter, so a pixel there is four of the image as it came."""
+    asked = {}
+
+    def listen(*_: object, **options: float) -> Consensus:
+        asked.update(options)
+        return Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
+
+    monkeypatch.setattr("lcp_catalog.locate.agree", listen)
+    camera = overhead(pixel_m=100.0, size_px=400)
+    locate(points, world.photo(camera), Uncertainty(200.0), LAW, replace(QUICK, tolerance_px=0.7))
+    assert asked["tolerance_px"] == pytest.approx(4.0 * 0.7)
+    assert asked["width_px"] == pytest.approx(4.0 * 32.0, rel=0.05)
 
 
 def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None:

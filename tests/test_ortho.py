@@ -96,6 +96,26 @@ def test_the_mean_of_a_square_has_the_cells_own_spread(wide, tall):
     np.testing.assert_allclose(seen.signal, wanted, rtol=1e-5)
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 25.0, 115.0, 250.0])
+def test_a_turned_cell_is_turned_the_right_way(turn_deg):
+    """col * row over a turned oblong: the middle's, and the oblong's own covariance; mirrored that would have the other sign."""
+    turn = np.radians(turn_deg)
+    right, down = np.array([5.0, 0.0]), np.array([0.0, 2.0])
+    about = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    right, down = about @ right, about @ down
+    sensor = Flat((120, 120), ((right[0], down[0]), (right[1], down[1])), (60.0, 60.0))
+    col, row = pixels(120, 120)
+    nodes = plane(7, 7) - [3.0, 3.0, 0.0]
+    seen = orthorectify(photo_of(sensor, col * row), nodes)
+    parts = [np.ceil(np.abs(side).max() - 1e-9) for side in (right, down)]
+    own = sum(
+        side.prod() * (1.0 - 1.0 / n**2) / 12.0
+        for side, n in zip((right, down), parts, strict=True)
+    )
+    at = sensor.project(nodes)
+    np.testing.assert_allclose(seen.signal, at[..., 0] * at[..., 1] + own, atol=2e-3)
+
+
 def test_what_is_finer_than_a_cell_is_averaged_out_and_not_aliased():
     """A wave of 0.8 cells: its mean over a cell is sinc(1 / 0.8); picked at the nodes it would be a wave of 4 cells."""
     pixel_per_cell, wave = 10.0, 8.0
@@ -116,6 +136,35 @@ def test_where_cells_are_finer_than_pixels_quadratics_are_exact():
     np.testing.assert_allclose(
         seen.signal, 5.0 + x**2 - 0.5 * x * y + 0.3 * y**2, rtol=2e-5, atol=2e-4
     )
+
+
+@dataclass(frozen=True)
+class Curved(Flat):
+    """Columns grow with the square of x."""
+
+    def project(self, points: Any) -> np.ndarray:
+        x, y = np.moveaxis(np.asarray(points)[..., :2], -1, 0)
+        return np.stack([5.0 + 0.5 * x**2, 5.0 + 2.0 * y], axis=-1)
+
+
+def test_a_cell_reaches_half_way_to_both_its_neighbours():
+    """Where the scale changes, a footprint is as wide as its two sides' mean: x pixels at x; at the border as the one step."""
+    sensor = Curved((60, 90), ((1.0, 0.0), (0.0, 1.0)))
+    col, _ = pixels(60, 90)
+    seen = orthorectify(photo_of(sensor, col**2), plane(12, 12))
+    x = np.arange(1.0, 11.0)
+    side = x * 1.0
+    wanted = (5.0 + 0.5 * x**2) ** 2 + side**2 * (1.0 - 1.0 / np.ceil(side) ** 2) / 12.0
+    np.testing.assert_allclose(seen.signal[5, 1:11], wanted, rtol=1e-5)
+
+
+def test_a_cell_of_very_many_pixels_is_the_mean_of_them_all():
+    """150 x 150 pixels of noise: picking some of them would err by more than the mean itself varies."""
+    noise = np.random.default_rng(0).normal(size=(1200, 1200))
+    sensor = Flat((1200, 1200), ((150.0, 0.0), (0.0, 150.0)), (74.5, 74.5))
+    seen = orthorectify(photo_of(sensor, noise), plane(8, 8))
+    whole = noise.reshape(8, 150, 8, 150).mean(axis=(1, 3))
+    assert np.std(seen.signal - whole) < 0.6 * whole.std()
 
 
 def test_a_much_finer_image_is_reduced_without_a_shift():

@@ -217,14 +217,22 @@ def test_what_is_seen_twice_is_given_nearest_the_middle():
         assert np.abs(camera.towards(point) + camera.looks(found)[1]).max() < 1e-9
 
 
+def test_a_framelet_begins_half_a_row_before_its_first():
+    camera = push_frame()
+    first, before, last = (camera.looks([150.0, 14 * 20 + off])[0] for off in (0.0, -0.4, -0.6))
+    assert np.array_equal(first, before)
+    assert np.linalg.norm(first - last) > 900.0
+
+
 def test_gaps_between_framelets_are_not_seen():
     """Framelets 16 rows apart of which each sees 14: two rows of every sixteen are missing."""
     camera = push_frame(overlap=-2)
-    time = camera.first_s + 20.5 * camera.step_s  # half way between two
-    under = camera.trajectory.positions(np.array([time]))[0]
-    under *= MOON_RADIUS_M / np.linalg.norm(under)
-    assert np.isnan(camera.project(under)).all()
-    assert np.isnan(camera.towards(under)).all()
+    for share in (20.45, 20.5, 20.55):  # just after one, half way, just before the next
+        time = camera.first_s + share * camera.step_s
+        under = camera.trajectory.positions(np.array([time]))[0]
+        under *= MOON_RADIUS_M / np.linalg.norm(under)
+        assert np.isnan(camera.project(under)).all()
+        assert np.isnan(camera.towards(under)).all()
     seen = sphere_rays.hits(*camera.looks([150.0, 14 * 20 + 3.0]))[1]
     assert camera.project(seen) == pytest.approx([150.0, 14 * 20 + 3.0], abs=1e-6)
 
