@@ -4,11 +4,11 @@ A patch rendered under a wrong Sun still correlates with the image, but less, an
 everywhere: matches can agree with each other on a place that is wrong. So the points that agree are rendered again
 under Suns turned about the vertical and raised or lowered, and correlated near where they were found.
 
-With z = artanh(correlation) (Fisher 1921), another Sun is preferred when most points say so: more than half of them by
-twice the binomial's sigma. Preferred is not yet right: a DEM that is smoother than the ground, and another law of
+With z = artanh(correlation) (Fisher 1921), another Sun is preferred when most points say so: more than half of them
+by twice the binomial's sigma. Preferred is not yet right: a DEM that is smoother than the ground, and another law of
 reflection than the image's, make all points prefer a Sun that is a little off, most of all a lower one. So a stated
-Sun is refused only when the one preferred most gains so much that no true frame did (`LEAST_GAIN`); below that, how far
-the preferred Sun moves the matches is a doubt that all of them share. docs/pose.md has the figures.
+Sun is refused only when the one preferred most gains so much that no true frame did (`LEAST_GAIN`); below that, how
+far the preferred Sun moves the matches is a doubt that all of them share. docs/pose.md has the figures.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: by how much the azimuth is turned and the elevation raised."""
 
 LEAST_GAIN = ((0.025, 0.25), (0.08, 0.5))
-"""In the median correlation, or in that of z; for a Sun that is turned, and for one that is raised or lowered. The first
-of each pair is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as simulated frames
-have them.
+"""In the median correlation, or in that of z; for a Sun that is turned, and for one that is raised or lowered. The
+first of each pair is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as
+simulated frames have them.
 """
 
 SIGMAS = 2.0

@@ -51,7 +51,7 @@ SEARCHED = tuple(
 LEAST_LIKENESS = 0.3
 """Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
-SHARE_IF_HERE = 0.15
+SHARE_IF_HERE = 0.25
 """Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make
 that significant refute no place.
 """

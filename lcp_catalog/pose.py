@@ -142,8 +142,8 @@ def solve(
     the uncertainty is no prior at all; one of 0 holds. Raises PoseError where nothing is left to solve with, or the
     points do not decide what has no prior.
 
-    ``overlap``: so many places share their pixels that they count as one. ``common_px``: 1 sigma of an error of place that
-    is the same for all, in either coordinate; it adds to the covariance and changes nothing else.
+    ``overlap``: so many places share their pixels that they count as one. ``common_px``: 1 sigma of an error of place
+    that is the same for all, in either coordinate; it adds to the covariance and changes nothing else.
     """
     problem = _problem(
         sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers

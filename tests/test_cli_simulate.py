@@ -107,6 +107,8 @@ def test_a_tif_holds_radiance(folder, tmp_path):
     assert np.isnan(found).any()
     np.testing.assert_array_equal(np.isfinite(found), np.isfinite(judged))
     np.testing.assert_allclose(found[both], judged[both], atol=0.5001 * 0.08 / 65535)
+    steps = found[both] * (65535 / 0.08)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=0.02)
 
 
 def test_a_seed_gives_the_same_bytes(folder, tmp_path):

@@ -40,6 +40,10 @@ BLUR_PX = 0.5
 SHIFT_PX = 0.02
 """Two exact renders of one DEM may differ by the surface between its nodes, by noise of the rays, not by a place."""
 BIAS_PX = 0.05
+CORRELATION = 0.98
+"""At 58 S a pixel of the map is half as wide as it is high: the product's cells average what the mesh has in full; nine random
+rays a pixel leave noise as well.
+"""
 
 Array = np.ndarray
 
@@ -146,7 +150,7 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     count, bias = residuals(site.catalog, photo)
     correlation = np.corrcoef(light.ravel(), ours.ravel())[0, 1]
     print(f"{name} view {number}: shift {shift}, {correlation:.5f}; {count} matches: {bias}")
-    assert correlation > 0.99
+    assert correlation > CORRELATION
     assert np.abs(shift).max() < SHIFT_PX
     assert count >= 15
     assert np.abs(bias).max() < BIAS_PX

@@ -15,6 +15,7 @@ from lcp_catalog.consensus import Consensus
 from lcp_catalog.light_check import TURNS_DEG, LightCheck, check_light, with_sun
 from lcp_catalog.locate import CANNOT_SAY, LOCATED, NOT_HERE, Located, Options, locate, nothing_in
 from lcp_catalog.match import Criteria
+from lcp_catalog.matches import CODE
 from lcp_catalog.photo import Photo
 from lcp_catalog.pose import position_error, spread_px2
 from lcp_catalog.search_area import in_view, narrowed, perhaps_in_view
@@ -135,6 +136,20 @@ def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None
     assert answer.verdict == LOCATED
     assert np.abs(answer.pose.correction - [700.0, -1300.0]).max() < 30.0
     assert np.abs(answer.pose.correction - [700.0, -1300.0]).max() < 4.0 * answer.pose.sigma.max()
+
+
+def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: Photo) -> None:
+    """A piece of the image about one point is moved by 4 px: it is found there, and does not count."""
+    place = photo.sensor.project(points.position_mcmf)
+    row = int(np.argmin(np.hypot(*(place - 99.5).T)))
+    c, r = place[row].round().astype(int)
+    signal = photo.signal.copy()
+    signal[r - 24 : r + 25, c - 20 : c + 29] = photo.signal[r - 24 : r + 25, c - 24 : c + 25]
+    answer = locate(points, believed(replace(photo, signal=signal)), UNCERTAIN, LAW, QUICK)
+    assert answer.verdict == LOCATED
+    assert answer.matches.code[answer.matches.point == row] == CODE["inconsistent"]
+    assert np.array_equal(answer.matches.found, answer.pose.used)
+    assert is_right(answer, points, photo.sensor)
 
 
 def test_the_position_alone(points: Catalog, photo: Photo) -> None:

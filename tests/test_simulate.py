@@ -10,10 +10,11 @@ import pytest
 from catalogs import arrays
 from hypothesis import given
 from hypothesis import strategies as st
-from products import cylinder
+from products import DEGREE_M, cylinder, geotiff
 from scipy import ndimage
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.albedo import AlbedoMap
 from lcp_catalog.camera import Camera
 from lcp_catalog.catalog import Catalog, write_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
@@ -143,6 +144,22 @@ def test_blur_reaches_into_the_frame_from_outside(dem):
     judged = ndimage.gaussian_filter(wide, 1.5, truncate=6.0)[12:-12, 12:-12]
     assert np.abs(found - judged).max() / found.mean() < 1e-3
     assert np.abs(wide[12:-12, 12:-12] - judged).max() / found.mean() > 0.05
+
+
+def test_a_map_of_brightness_is_in_the_frame(dem, tmp_path):
+    """Ground twice as bright to the east of the place's meridian."""
+    factor = np.where(np.arange(96) < 48, 1.0, 2.0) * np.ones((96, 1))
+    west, north = 199.65 * DEGREE_M, -29.85 * DEGREE_M
+    path = geotiff(tmp_path / "map.tif", factor.astype("f4"), west, north, DEGREE_M / 64)
+    taken_by = camera(sun_deg=50.0)
+    albedo = AlbedoMap.open(path, None, 1.0)
+    plain, mapped = (
+        frame(DemGround.seen(request(dem, taken_by, **how)), taken_by, Detector(), 1).radiance
+        for how in ({}, {"albedo": albedo})
+    )
+    ratio = mapped / plain
+    np.testing.assert_allclose(ratio[:, :17], 1.0, rtol=1e-3)
+    np.testing.assert_allclose(ratio[:, -17:], 2.0, rtol=1e-3)
 
 
 # What is not ground
@@ -330,6 +347,16 @@ def test_a_patch_has_its_own_albedo(dem):
     assert (np.diff(along) > 0.0).all()
     assert along[0] == pytest.approx(1.0, abs=0.01)
     assert along[-1] == pytest.approx(1.2, abs=0.01)
+
+
+def test_a_patch_is_drawn_whole(dem):
+    """Drawn in a window of the image or in all of it: the same pixels."""
+    taken_by = camera(CELL_M, 60)
+    ground = ground_of(patches(dem, [(-0.2, 0.1), (0.2, -0.12)]), taken_by)
+    drawn = [ground._rendered(patch, taken_by)[0] for patch in ground.patches]
+    both = np.where(np.isfinite(drawn[0]), drawn[0], drawn[1])
+    assert all(np.isfinite(one).sum() > 200 for one in drawn)
+    np.testing.assert_allclose(ground.radiance(taken_by), both, rtol=1e-9)
 
 
 def test_a_catalogue_is_known_by_its_first_bytes(dem, tmp_path):
