@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import PoseError
-from .sensors import POSE, Sensor, Uncertainty, pixel_size_m
+from .sensors import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -110,11 +110,11 @@ def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
     and per radian; NaN for points that it cannot have seen.
     """
     points = np.asarray(points_mcmf_m, dtype=np.float64)
-    steps = _steps(sensor, points)
+    here = sensor.project(points)
     columns = []
-    for step in np.diag(steps):
+    for step in np.diag(_steps(sensor, points)):
         ahead, behind = (sensor.moved(sign * step).project(points) for sign in (1.0, -1.0))
-        columns.append((ahead - behind) / (2.0 * step.sum()))
+        columns.append(mean_step(ahead - here, here - behind) / step.sum())
     return np.stack(columns, axis=-1)
 
 

@@ -148,10 +148,14 @@ def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
 
 
 def _slope(sensor: Sensor, points: Array, here: Array, axis: Array) -> Array:
-    """Pixels (..., 2) that a metre along ``axis`` is worth: the mean of a step ahead and one back. Where one of the two jumps
-    (to the next framelet of a push-frame camera) the other.
+    """Pixels (..., 2) that a metre along ``axis`` is worth."""
+    return mean_step(sensor.project(points + axis) - here, here - sensor.project(points - axis))
+
+
+def mean_step(forward: Array, back: Array) -> Array:
+    """How far pixels (..., 2) move by a step: the mean of one forward and one back. Where one of the two jumps (to the next
+    framelet of a push-frame camera) the other.
     """
-    forward, back = sensor.project(points + axis) - here, here - sensor.project(points - axis)
     lengths = np.linalg.norm(forward, axis=-1), np.linalg.norm(back, axis=-1)
     apart = np.linalg.norm(forward - back, axis=-1)
     jumps = (apart > _JUMP * np.minimum(*lengths))[..., None]

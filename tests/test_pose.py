@@ -274,6 +274,29 @@ def test_the_jacobian_of_a_pinhole() -> None:
         assert np.allclose(slope, exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
 
 
+class Framelets(Reduced):
+    """A camera whose image is put together of strips: pixels jump by 3 rows every 16."""
+
+    def project(self, points_mcmf_m):
+        pixels = self.full.project(points_mcmf_m)
+        return pixels + [0.0, 3.0] * np.floor(pixels[..., 1:] / 16.0)
+
+    def moved(self, correction):
+        return Framelets(self.full.moved(correction), 1)
+
+
+def test_a_jump_to_the_next_framelet_is_no_slope() -> None:
+    """Points within a tenth of a pixel of a strip's edge, on either side of it."""
+    whole = camera()
+    rows = 16.0 * np.arange(4, 12)[:, None] + [-0.04, 0.0, 0.03]
+    pixels = np.stack([np.full(rows.size, 120.0), rows.ravel()], axis=-1)
+    origins, rays = whole.looks(pixels)
+    points = origins + 100e3 * rays
+    assert np.allclose(
+        jacobian(Framelets(whole, 1), points), jacobian(whole, points), rtol=1e-3, atol=1e-6
+    )
+
+
 def test_an_error_that_all_share_adds_to_the_covariance() -> None:
     """By the closed form: moving all places by the same pixels moves the solution by C J^T W; and by doing it."""
     dice = np.random.default_rng(21)
