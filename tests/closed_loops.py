@@ -23,7 +23,7 @@ from lcp_catalog.contents import Catalog
 from lcp_catalog.demset import DemSet
 from lcp_catalog.detector import Detector
 from lcp_catalog.locate import LOCATED, Located, Options, locate
-from lcp_catalog.match import Criteria, match
+from lcp_catalog.match import match
 from lcp_catalog.photo import Photo
 from lcp_catalog.reflectance import DEFAULT_MODEL, Reflectance
 from lcp_catalog.request import Request, ViewChoice
@@ -41,10 +41,7 @@ SUN_M = 1.496e11
 SNR = 50.0
 BITS = 10
 BLUR_PX = 0.6
-OPTIONS = Options(criteria=Criteria(min_contrast=0.005, min_correlation=0.3), common_px=0.0)
-"""Near full phase frames without albedo have less contrast than the Moon, and can be found with less; without film and with
-the lens as stated nothing else is wrong alike in all their matches.
-"""
+OPTIONS = Options()
 POSITION_SIGMA_M = 2000.0  # each axis
 ATTITUDE_SIGMA_RAD = np.radians(20.0 / 3600.0)
 FALSE_PX = 3.0

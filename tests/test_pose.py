@@ -292,9 +292,11 @@ def test_a_jump_to_the_next_framelet_is_no_slope() -> None:
     pixels = np.stack([np.full(rows.size, 120.0), rows.ravel()], axis=-1)
     origins, rays = whole.looks(pixels)
     points = origins + 100e3 * rays
-    assert np.allclose(
-        jacobian(Framelets(whole, 1), points), jacobian(whole, points), rtol=1e-3, atol=1e-6
-    )
+    found, right = jacobian(Framelets(whole, 1), points), jacobian(whole, points)
+    size = np.abs(right).max(
+        axis=(0, 1)
+    )  # a step of 0.1 px to one side is off by 0.1 px / f = 4e-4
+    assert (np.abs(found - right) < 1e-3 * size).all()
 
 
 def test_an_error_that_all_share_adds_to_the_covariance() -> None:
