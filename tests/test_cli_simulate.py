@@ -16,6 +16,7 @@ from test_simulate import APART, CELL_M, PLACE, camera, patches, rolling
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.catalog import write_catalog
 from lcp_catalog.detector import BITS_MAX, BLUR_MAX_PX
+from lcp_catalog.errors import CameraError
 from lcp_catalog.simulate_file import PNG, TIFF
 from lcp_catalog.sphere import azimuth_elevation
 
@@ -136,6 +137,21 @@ def test_noise_and_blur_are_those_of_the_flags(folder, tmp_path):
     assert (noisy - plain).std() / plain.mean() == pytest.approx(0.1, rel=0.05)
     assert np.abs(np.diff(blurred)).mean() < 0.6 * np.abs(np.diff(plain)).mean()
     assert 0.0 < np.abs(fine - plain).mean() / plain.mean() < 0.05
+
+
+def test_the_suns_shape_and_the_tier_are_asked_for(folder, tmp_path, monkeypatch):
+    """Exact unless another tier is stated; a disc or a point by the flag, else by the tier."""
+    asked = []
+
+    def seen(request, margin_px=0):
+        asked.append((request.accuracy.tier, request.disc))
+        raise CameraError("seen enough")
+
+    monkeypatch.setattr("lcp_catalog.simulate.DemGround.seen", seen)
+    plain = [str(folder / "dem.tif"), "--camera", str(folder / "camera.json")]
+    for options in ([], ["--sun", "point"], ["--sun", "disc", "--accuracy", "draft"]):
+        assert run(["simulate", *plain, "-o", str(tmp_path / "f.png"), *options]) == 1
+    assert asked == [("reference", None), ("reference", False), ("draft", True)]
 
 
 def test_a_catalogue_alone_is_islands(folder, tmp_path):

@@ -20,6 +20,7 @@ from lcp_catalog.ground_comparison import (
     against_patches,
     dem_request,
     patch_terrain,
+    rendered_cell_m,
     subsolar,
     unreduced,
 )
@@ -98,6 +99,20 @@ def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
     assert windows.gsd_m == gsd_m
     assert windows.count > 30
     assert windows.share_above(0.95) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("posting_m", "target_m", "cell_m"),
+    [
+        (118.0, 948.0, 474.0),
+        (474.0, 948.0, 474.0),
+        (474.0, 600.0, 474.0),
+        (474.0, 474.0, 474.0),
+        (474.0, 80.0, 80.0),
+    ],
+)
+def test_renders_are_twice_as_fine_as_windows_where_the_dem_is(posting_m, target_m, cell_m) -> None:
+    assert rendered_cell_m(posting_m, target_m) == cell_m
 
 
 def test_what_the_dem_has_smoothed_away_the_image_loses_too(photo) -> None:
