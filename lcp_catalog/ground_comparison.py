@@ -126,9 +126,8 @@ def against_dem(
 
 
 def rendered_cell_m(posting_m: float, target_m: float) -> float:
-    """The cells to render on for windows on cells of ``target_m``: half of those, not finer than the DEM; cells finer than the DEM as
-    they are. Between the DEM's posting and half the target nothing is lost that the target's point spread keeps, and the render
-    costs the square of the ratio less (docs/validation.md has both on photographs).
+    """The cells to render on for windows on cells of ``target_m``: half of those, not finer than the DEM; cells finer than the
+    DEM as they are. Finer renders cost the square of the ratio more, and made photographs no more alike (docs/validation.md).
     """
     return min(max(posting_m, 0.5 * target_m), target_m)
 
