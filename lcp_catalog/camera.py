@@ -21,7 +21,7 @@ from .focal_plane import FocalPlane
 from .json_fields import LARGEST
 from .lens import Lens, NoLens, OpenCV, lens_from_json
 from .rotations import by_vector
-from .sensors import POSE
+from .sensors import POSE, within_image
 from .sphere import EnuFrame
 
 Array = NDArray[np.float64]
@@ -179,10 +179,7 @@ class Camera:
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie within the image; False for NaN."""
-        column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        width, height = self.image_size_px
-        inside = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
-        return np.asarray(inside)
+        return within_image(pixels, self.shape)
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Unit MCMF directions (..., 3) in which pixels (..., 2) look.

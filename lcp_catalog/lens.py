@@ -9,6 +9,7 @@ something that the formula does not take back: callers ask ``within`` and compar
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
@@ -52,6 +53,18 @@ class _Unfolded:
         return {"model": _NAME[type(self)]} | {
             field.name: _plain(getattr(self, field.name)) for field in fields(self)
         }
+
+
+@dataclass(frozen=True)
+class _FromLanded(_Unfolded, ABC):
+    """A lens whose formula goes from landed to ideal, and that has no other way there than to solve it."""
+
+    @abstractmethod
+    def undistort(self, u: Array, v: Array) -> Pair:
+        """The formula."""
+
+    def distort(self, x: Array, y: Array) -> Pair:
+        return undone(self.undistort, x, y)
 
 
 def _plain(value: Any) -> Any:
@@ -178,7 +191,7 @@ class LroNac(_Unfolded):
 
 
 @dataclass(frozen=True)
-class KaguyaLism(_Unfolded):
+class KaguyaLism(_FromLanded):
     """'kaguyalism' of an ISD, millimetres: x = u + boresight_x + a0 + a1 r + a2 r^2 + a3 r^3, r of (u, v); y alike with b."""
 
     a: tuple[float, float, float, float]
@@ -194,18 +207,10 @@ class KaguyaLism(_Unfolded):
             v + self.boresight_y + b0 + r * (b1 + r * (b2 + r * b3)),
         )
 
-    def distort(self, x: Array, y: Array) -> Pair:
-        return undone(self.undistort, x, y)
-
 
 @dataclass(frozen=True)
-class Photometrix(_Unfolded):
-    """ASP's Photometrix (Australis), in the unit of the file's focal length: defined from landed to ideal.
-
-    With x = u - xp, y = v - yp and r^2 = x^2 + y^2:
-    ideal = u + x (k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 x^2) + 2 p2 x y; v alike with p1 and p2 exchanged. ASP's
-    program starts from u, as here, where its manual writes x; the program is the reference, the manual says.
-    """
+class _RadialAndAside(_FromLanded):
+    """What Photometrix and BrownConrady share: an offset, a radial part and one across it."""
 
     xp: float
     yp: float
@@ -214,6 +219,20 @@ class Photometrix(_Unfolded):
     k3: float
     p1: float
     p2: float
+
+    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Up to where its radial part turns back."""
+        return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
+
+
+@dataclass(frozen=True)
+class Photometrix(_RadialAndAside):
+    """ASP's Photometrix (Australis), in the unit of the file's focal length: defined from landed to ideal.
+
+    With x = u - xp, y = v - yp and r^2 = x^2 + y^2:
+    ideal = u + x (k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 x^2) + 2 p2 x y; v alike with p1 and p2 exchanged. ASP's
+    program starts from u, as here, where its manual writes x; the program is the reference, the manual says.
+    """
 
     def undistort(self, u: Array, v: Array) -> Pair:
         x, y = u - self.xp, v - self.yp
@@ -224,29 +243,15 @@ class Photometrix(_Unfolded):
             v + y * radial + self.p2 * (r2 + 2 * y * y) + 2 * self.p1 * x * y,
         )
 
-    def distort(self, x: Array, y: Array) -> Pair:
-        return undone(self.undistort, x, y)
-
-    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to where its radial part turns back."""
-        return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
-
 
 @dataclass(frozen=True)
-class BrownConrady(_Unfolded):
+class BrownConrady(_RadialAndAside):
     """ASP's BrownConrady, in the unit of the file's focal length: defined from landed to ideal.
 
     With x, y, r as in `Photometrix`: ideal = x (1 + k1 r^2 + k2 r^4 + k3 r^6) - (p1 r^2 + p2 r^4) sin(phi), phi in radians;
     y alike, but plus the cosine. The offset is not added again.
     """
 
-    xp: float
-    yp: float
-    k1: float
-    k2: float
-    k3: float
-    p1: float
-    p2: float
     phi: float
 
     def undistort(self, u: Array, v: Array) -> Pair:
@@ -255,13 +260,6 @@ class BrownConrady(_Unfolded):
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         aside = r2 * (self.p1 + r2 * self.p2)
         return x * radial - aside * math.sin(self.phi), y * radial + aside * math.cos(self.phi)
-
-    def distort(self, x: Array, y: Array) -> Pair:
-        return undone(self.undistort, x, y)
-
-    def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to where its radial part turns back."""
-        return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
 
 
 Square = tuple[tuple[float, float], tuple[float, float]]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .constants import MOON_RADIUS_M
 from .errors import ImageError, LabelError
 from .map_projection import MapProjection, map_projection
-from .sensors import ON_MAP
+from .sensors import ON_MAP, within_image
 from .sphere import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
 Array = NDArray[np.float64]
@@ -90,10 +90,7 @@ class MapImage:
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie within the image; False for NaN."""
-        column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        rows, cols = self.shape
-        inside = (column >= -0.5) & (column < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5)
-        return np.asarray(inside)
+        return within_image(pixels, self.shape)
 
     def ground(self, pixels: ArrayLike) -> Array:
         """Unit MCMF vectors (..., 3) from the Moon's centre through what pixels (..., 2) show; NaN off the map."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .focal_plane import FocalPlane
-from .sensors import POSE
+from .sensors import POSE, within_image
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -49,11 +49,7 @@ class Scanner:
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie within the image; False for NaN."""
-        column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        rows, cols = self.shape
-        return np.asarray(
-            (column >= -0.5) & (column < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5)
-        )
+        return within_image(pixels, self.shape)
 
     def moved(self, correction: ArrayLike) -> Self:
         """The scanner with all its lines shifted by three metres MCMF and turned about the camera's own axes by a vector of

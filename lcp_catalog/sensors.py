@@ -66,6 +66,13 @@ class Sensor(Protocol):
         """The sensor with its place corrected, one number for each of `corrections`."""
 
 
+def within_image(pixels: ArrayLike, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Whether pixels (..., 2) lie within an image of so many rows and columns; False for NaN."""
+    column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+    rows, cols = shape
+    return np.asarray((column >= -0.5) & (column < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5))
+
+
 @dataclass(frozen=True, eq=False)
 class Reduced:
     """A sensor whose pixels are blocks of ``factor`` x ``factor`` of another's; blocks that are not whole
@@ -100,11 +107,7 @@ class Reduced:
         return (self.full.project(points_mcmf_m) + 0.5) / self.factor - 0.5
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        rows, cols = self.shape
-        return np.asarray(
-            (column >= -0.5) & (column < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5)
-        )
+        return within_image(pixels, self.shape)
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
         return self.full.looks((np.asarray(pixels, dtype=np.float64) + 0.5) * self.factor - 0.5)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from catalogs import arrays
 from numpy.typing import NDArray
+from twins_match import catalog_of_patches
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.camera import Camera
@@ -191,21 +191,13 @@ def cut(dem: Path, places_deg: Iterable[tuple[float, float]], nodes: int, gsd_m:
     """A catalogue of patches cut at places (longitude, latitude), whatever they are worth."""
     dems = DemSet.open([dem])
     patches = [sample_patch(dems, lon % 360.0, lat, nodes, gsd_m) for lon, lat in places_deg]
-    frames = [patch.frame for patch in patches]
-    made = arrays(len(patches), nodes)
-    made |= {
-        "longitude": np.array([f.lon_deg for f in frames]),
-        "latitude": np.array([f.lat_deg for f in frames]),
-        "elevation": np.array([f.height_m for f in frames]),
-        "position_mcmf": np.array([f.origin_mcmf_m for f in frames]),
-        "rotation_mcmf_to_enu": np.array([f.rotation for f in frames]),
-        "gsd": np.full(len(frames), gsd_m),
-        "gsd_min": np.full(len(frames), gsd_m / 16),
-        "gsd_max": np.full(len(frames), 4.0 * gsd_m),
-        "dem_resolution": np.full(len(frames), gsd_m),
-        "dem": np.array([patch.z_m for patch in patches]),
-    }
-    return Catalog(**made)
+    return catalog_of_patches(
+        np.array([patch.z_m for patch in patches]),
+        [patch.frame for patch in patches],
+        gsd_m,
+        gsd_min=np.full(len(patches), gsd_m / 16),
+        dem_resolution=np.full(len(patches), gsd_m),
+    )
 
 
 def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from lcp_cli.main import run
+from small_world import mirrored
 
 from lcp_catalog.camera import Camera
 from lcp_catalog.camera_file import read_camera
@@ -132,22 +133,10 @@ def spoilt(photo: Photo, catalog: Catalog) -> Iterator[tuple[str, Photo]]:
     ground = catalog.position_mcmf[in_view(catalog, photo.sensor)]
     for turn, up in ((20, 0), (-20, 0), (0, 20), (0, -10), (10, 0), (-10, 0)):
         yield f"Sun {turn:+d} deg azimuth, {up:+d} deg elevation", with_sun(photo, ground, turn, up)
-    turns = {
-        "mirrored left-right": lambda a: a[:, ::-1],
-        "mirrored up-down": lambda a: a[::-1],
-        "turned by 90 deg": np.rot90,
-        "turned by 180 deg": lambda a: a[::-1, ::-1],
-        "turned by 270 deg": lambda a: np.rot90(a, 3),
-    }
-    for name, turned in turns.items():
-        yield (
-            name,
-            replace(
-                photo,
-                signal=np.ascontiguousarray(turned(photo.signal)),
-                weight=np.ascontiguousarray(turned(photo.weight)),
-            ),
-        )
+    for side in ("left-right", "up-down"):
+        yield f"mirrored {side}", mirrored(photo, side)
+    for turn in ("90", "180", "270"):
+        yield f"turned by {turn} deg", mirrored(photo, turn)
     dice = np.random.default_rng(0)
     shape = photo.signal.shape
     yield "blank", replace(photo, signal=np.full(shape, 80.0, dtype=np.float32))

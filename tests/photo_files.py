@@ -1,4 +1,6 @@
-"""Small image files as their formats' own pages describe them: ISIS cubes, PDS3 images, GeoTIFFs, PNGs; and a camera for them."""
+"""Small image files as their formats' own pages describe them: ISIS cubes, PDS3 images, GeoTIFFs, PNGs; a camera for them,
+and how they open as photos.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +11,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rasterio
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 
 from lcp_catalog.camera import Camera
+from lcp_catalog.errors import ImageError
+from lcp_catalog.photo import Photo
+from lcp_catalog.photo_file import PhotoOptions, open_photo
+from lcp_catalog.request import SunChoice
 from lcp_catalog.sphere import enu_rotation, lonlat_to_mcmf
 
 MOON = (
     'GEOGCS["m",DATUM["d",SPHEROID["s",1737400,0]],PRIMEM["p",0],UNIT["degree",0.0174532925199433]]'
 )
 SUN_M = 1.5e11
+SHAPE = (40, 60)
+HOLE = np.s_[10:20, 30:50]
+NOON = SunChoice(subsolar_deg=(0.0, 0.0))
+MAP = {"crs": MOON, "transform": Affine(0.1, 0, 10, 0, -0.1, 5)}
 
 ISIS_TYPES = {
     "uint8": "UnsignedByte",
@@ -187,3 +198,22 @@ def write_pds4(path: Path, samples: np.ndarray, start: str, stop: str, target: s
     assert "${TARGET}" in text
     path.with_suffix(".xml").write_text(text.replace("${TARGET}", target))
     return path
+
+
+def scene(dtype: str = "uint8", low: float = 20.0, high: float = 220.0) -> np.ndarray:
+    """A bell of brightness well within its scale, (rows, cols)."""
+    rng = np.random.default_rng(3)
+    bell = np.clip(rng.normal(0.5, 0.12, SHAPE), 0.0, 1.0)
+    values = low + (high - low) * bell
+    return np.round(values).astype(dtype) if np.dtype(dtype).kind in "ui" else values.astype(dtype)
+
+
+def photo(path: Path, options: PhotoOptions | None = None, **change: object) -> Photo:
+    return open_photo(path, camera_over(SHAPE), None, options, **change)
+
+
+def refused(why: str, path: Path, *arguments: object) -> None:
+    with pytest.raises(ImageError, match=why) as caught:
+        open_photo(path, *arguments)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from catalogs import arrays
 from posed import DOWN, HADLEY, turned
 from scipy.ndimage import map_coordinates, spline_filter
 from synthetic import cratered
+from twins_match import catalog_of_patches
 
 from lcp_catalog.camera import Camera
 from lcp_catalog.catalog import Catalog
@@ -22,7 +22,6 @@ from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.sphere import (
     EnuFrame,
     direction_enu,
-    enu_rotation,
     lonlat_to_mcmf,
     mcmf_to_lonlat,
 )
@@ -79,24 +78,14 @@ class World:
         lon, lat, _ = mcmf_to_lonlat(flat)
         level = self.level(lon, lat)
         frames = [EnuFrame(*place) for place in zip(lon, lat, level, strict=True)]
-        return Catalog(
-            **{
-                **arrays(count, 9),
-                "longitude": lon,
-                "latitude": lat,
-                "elevation": level,
-                "position_mcmf": lonlat_to_mcmf(lon, lat, level),
-                "rotation_mcmf_to_enu": np.array(
-                    [enu_rotation(o, a) for o, a in zip(lon, lat, strict=True)]
-                ).reshape(-1, 3, 3),
-                "gsd": np.full(count, GSD_M),
-                "gsd_min": np.full(count, GSD_M / 4.0),
-                "gsd_max": np.full(count, GSD_M * 4.0),
-                "dem_resolution": np.full(count, GSD_M),
-                "dem": np.array([self.patch(f, nodes) for f in frames])
-                .reshape(-1, nodes, nodes)
-                .astype(np.float32),
-            }
+        return catalog_of_patches(
+            np.array([self.patch(f, nodes) for f in frames])
+            .reshape(-1, nodes, nodes)
+            .astype(np.float32),
+            frames,
+            GSD_M,
+            gsd_min=np.full(count, GSD_M / 4.0),
+            dem_resolution=np.full(count, GSD_M),
         )
 
     @cached_property

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from catalogs import arrays
 from hypothesis import given
 from hypothesis import strategies as st
 from products import DEGREE_M, cylinder, geotiff
 from scipy import ndimage
+from twins_match import catalog_of_patches
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.albedo import AlbedoMap
@@ -266,23 +266,12 @@ def patches(dem: Path, offsets_deg, nodes: int = 21, raised_m=(0.0, 0.0), **chan
         for lon, lat in offsets_deg
     ]
     up = np.array(raised_m)
-    made = arrays(2, nodes)
     frames = [
         EnuFrame(p.frame.lon_deg, p.frame.lat_deg, p.frame.height_m + h)
         for p, h in zip(cut, up, strict=True)
     ]
-    made |= {
-        "longitude": np.array([f.lon_deg for f in frames]),
-        "latitude": np.array([f.lat_deg for f in frames]),
-        "elevation": np.array([f.height_m for f in frames]),
-        "position_mcmf": np.array([f.origin_mcmf_m for f in frames]),
-        "rotation_mcmf_to_enu": np.array([f.rotation for f in frames]),
-        "gsd": np.full(2, CELL_M),
-        "gsd_min": np.full(2, CELL_M / 16),
-        "gsd_max": np.full(2, CELL_M),
-        "dem": np.array([p.z_m for p in cut]),
-    }
-    return Catalog(**(made | changes))
+    sizes = {"gsd_min": np.full(2, CELL_M / 16), "gsd_max": np.full(2, CELL_M)}
+    return catalog_of_patches(np.array([p.z_m for p in cut]), frames, CELL_M, **(sizes | changes))
 
 
 def ground_of(catalog: Catalog, taken_by: Camera) -> PatchGround:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 import products
 import pytest
 import synthetic
+from pages import parsed
 
 from lcp_catalog import sweep as sweep_module
 from lcp_catalog import trade_report, tradeoff
@@ -447,34 +447,9 @@ def test_a_tier_without_errors_stands_below_the_axis() -> None:
     assert left == sorted(left)
 
 
-class Page(HTMLParser):
-    """Checks that elements nest, and collects what the page refers to."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.counts: dict[str, int] = {}
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.counts[tag] = self.counts.get(tag, 0) + 1
-        self.addresses += [v or "" for name, v in attrs if name in ("href", "src", "data")]
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.counts[tag] = self.counts.get(tag, 0) + 1
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
 def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
     html = trade_report.render_trade(trade)
-    page = Page()
-    page.feed(html)
-    page.close()
-    assert page.open == []
+    page = parsed(html)
     assert not re.search(r"url\(|@import|https?://|<link|<script|<iframe", html)
     assert len(page.addresses) == len(TIERS)
     assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
@@ -521,6 +496,6 @@ def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> 
         trade_report.write_trade(trade, folder)
     trade_report.write_trade(trade, folder, overwrite=True)
     with pytest.raises(OutputError, match="not a folder"):
-        trade_report.check_folder(folder / "trade.json", overwrite=True)
+        trade_report.check_trade_folder(folder / "trade.json", overwrite=True)
     with pytest.raises(OutputError, match="does not exist"):
-        trade_report.check_folder(tmp_path / "no" / "where", overwrite=False)
+        trade_report.check_trade_folder(tmp_path / "no" / "where", overwrite=False)

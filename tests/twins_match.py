@@ -18,24 +18,22 @@ from lcp_catalog.terrain import sample_patch
 
 
 def catalog_of_patches(
-    patches: np.ndarray, frames: Sequence[EnuFrame], gsd_m: float, **more
+    patches: np.ndarray, frames: Sequence[EnuFrame], gsd_m: float, **changes
 ) -> Catalog:
-    """A catalogue that holds nothing but given patches (n, p, p), each in its own frame."""
+    """A catalogue that holds nothing but given patches (n, p, p), each in its own frame; other fields by name."""
     n = len(frames)
-    return catalog(
-        n,
-        patches.shape[1],
-        dem=patches,
-        gsd=np.full(n, gsd_m),
-        position_mcmf=np.array([f.origin_mcmf_m for f in frames]),
-        rotation_mcmf_to_enu=np.array([f.rotation for f in frames]),
-        longitude=np.array([f.lon_deg % 360.0 for f in frames]),
-        latitude=np.array([f.lat_deg for f in frames]),
-        elevation=np.array([f.height_m for f in frames]),
-        gsd_min=np.full(n, 0.05 * gsd_m),
-        gsd_max=np.full(n, 4.0 * gsd_m),
-        **more,
-    )
+    made = {
+        "dem": patches,
+        "gsd": np.full(n, gsd_m),
+        "position_mcmf": np.array([f.origin_mcmf_m for f in frames]).reshape(-1, 3),
+        "rotation_mcmf_to_enu": np.array([f.rotation for f in frames]).reshape(-1, 3, 3),
+        "longitude": np.array([f.lon_deg % 360.0 for f in frames]),
+        "latitude": np.array([f.lat_deg for f in frames]),
+        "elevation": np.array([f.height_m for f in frames]),
+        "gsd_min": np.full(n, 0.05 * gsd_m),
+        "gsd_max": np.full(n, 4.0 * gsd_m),
+    }
+    return catalog(n, patches.shape[1], **(made | changes))
 
 
 def catalog_of_dem(

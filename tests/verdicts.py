@@ -131,6 +131,7 @@ def image(
         correlations=(0.625, np.nan),
         gains=(-0.2, np.nan),
         shares=(0.125, np.nan),
+        shifts_px=(0.25, np.nan),
     )
     verdict, reason = (
         (v.LOCATED, "")
