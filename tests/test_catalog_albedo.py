@@ -307,6 +307,7 @@ class TestTheFile:
             damage(file)
         assert any(says in line for line in verify(path))
 
+    @pytest.mark.slow
     def test_no_damage_raises_or_passes(self, path: Path, tmp_path: Path) -> None:
         """One byte turned at 60 places: it is noticed, or what is read is equal all the same."""
         sound = self.made().values()

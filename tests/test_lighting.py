@@ -57,7 +57,12 @@ def pixel_lamp(rows, azimuth, elevation, power):
 
 @pytest.mark.parametrize("frame", ["enu", "camera"])
 @pytest.mark.parametrize(
-    ("tier", "name"), [("standard", "lommel-seeliger"), ("standard", "hapke"), ("high", "lambert")]
+    ("tier", "name"),
+    [
+        ("standard", "lommel-seeliger"),
+        ("standard", "hapke"),
+        pytest.param("high", "lambert", marks=pytest.mark.slow),
+    ],
 )
 def test_a_panorama_of_one_small_sun_is_that_sun(craters, frame, tier, name):
     """The issue's: rms below 1 % of the mean."""

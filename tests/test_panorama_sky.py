@@ -123,7 +123,9 @@ def many_lights():
 
 
 @pytest.mark.parametrize("altitude_m", [None, 1500.0])
-@pytest.mark.parametrize("name", ["lommel-seeliger", "lambert", "hapke"])
+@pytest.mark.parametrize(
+    "name", ["lommel-seeliger", "lambert", pytest.param("hapke", marks=pytest.mark.slow)]
+)
 def test_against_the_sum_over_all_pixels(many_lights, name, altitude_m):
     """From infinity and from near, where every node has its own view."""
     terrain, sky, towards, irradiance, free = many_lights

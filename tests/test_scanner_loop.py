@@ -114,6 +114,7 @@ def test_it_is_located_from_a_wrong_position(photo, catalog, seed) -> None:
     assert np.abs(residual).max() < 1.0  # a frame in its place would be a pixel off where it sways
 
 
+@pytest.mark.slow
 def test_the_whole_image_looks_like_the_dem(photo) -> None:
     """Rendered as each line saw it; in the cells of the DEM's true resolution a few windows only."""
     choice = WindowChoice(16, 16, 300.0)
