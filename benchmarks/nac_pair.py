@@ -23,7 +23,6 @@ import cv2
 import numpy as np
 import rasterio
 from pit_pair import (
-    FAINT,
     GSD_M,
     PAIR,
     STEP_M,
@@ -42,7 +41,7 @@ from pit_pair import (
 
 from lcp_catalog.catalog import read_catalog
 from lcp_catalog.exposure import Scene
-from lcp_catalog.locate import Options, locate
+from lcp_catalog.locate import FAINT, Options, locate
 from lcp_catalog.photo import Photo
 from lcp_catalog.request import SunChoice
 from lcp_catalog.sensors import Uncertainty

@@ -113,6 +113,11 @@ DEFAULT_LAW = "lunar-lambert"
     help="A value that means nothing here, beside those that the image states itself.",
 )
 @click.option(
+    "--faint",
+    is_flag=True,
+    help="For ground that hardly shades: let matches through that are doubtful alone; what agrees decides.",
+)
+@click.option(
     "--known-pose",
     is_flag=True,
     help="The camera file's position is the truth: report the found one's error against it.",
@@ -211,5 +216,6 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         pose_is_known=flags["known_pose"],
+        faint=flags["faint"],
         pixels=PhotoOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
     )

@@ -81,6 +81,12 @@ class Options:
     light_reach_px: float = 3.0
 
 
+FAINT = Options(tolerance_px=1.5, criteria=Criteria(max_back_px=3.0, max_false_match=1.0))
+"""For ground that shades by a hundredth of its brightness: matches that are doubtful alone are let through, and what agrees
+is left to the consensus, whose count of false alarms does not ask how good a match is (docs/validation.md, the NAC pair).
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class Located:
     """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are

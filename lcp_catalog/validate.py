@@ -20,7 +20,7 @@ from .contents import Catalog
 from .errors import CameraError, ImageError, LcpError, SunError
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
 from .image_pixels import image_shape
-from .locate import CANNOT_SAY, LOCATED, Located, locate
+from .locate import CANNOT_SAY, FAINT, LOCATED, Located, Options, locate
 from .match import points_in_view
 from .matches import Matches
 from .photo import Photo
@@ -71,7 +71,7 @@ class ImageFiles:
 @dataclass(frozen=True)
 class Validation:
     """What one validation is asked for. ``pose_is_known``: the camera files' positions are the truth that found ones are held
-    against.
+    against. ``faint``: look as `locate.FAINT` says.
     """
 
     catalog_path: Path
@@ -85,6 +85,7 @@ class Validation:
     albedo: AlbedoMap | None = None
     pose_is_known: bool = False
     pixels: PhotoOptions = field(default_factory=PhotoOptions)
+    faint: bool = False
 
     @property
     def law(self) -> Reflectance:
@@ -102,6 +103,7 @@ class Validation:
             "encoding": self.pixels.encoding,
             "band": self.pixels.band,
             "nodata": self.pixels.nodata,
+            "faint": self.faint,
             "sun": sun,
             "position_sigma_m": self.uncertainty.position_m,
             "attitude_sigma_deg": float(np.degrees(self.uncertainty.attitude_rad)),
@@ -157,7 +159,8 @@ def _one(
         photo = _opened(request, files)
     except (ImageError, CameraError, SunError) as error:
         return _untried(files, str(error)), Pictures(), files.paths
-    located = locate(catalog, photo, request.uncertainty, request.law)
+    options = FAINT if request.faint else Options()
+    located = locate(catalog, photo, request.uncertainty, request.law, options)
     best = photo.with_sensor(located.pose.sensor) if located.pose else photo
     ground, why = _ground(request, catalog, best)
     why = files.named(why)

@@ -15,8 +15,6 @@ import numpy as np
 import rasterio
 
 from lcp_catalog.exposure import Scene, expose, prepare
-from lcp_catalog.locate import Options
-from lcp_catalog.match import Criteria
 from lcp_catalog.ortho import orthorectify, terrain_nodes
 from lcp_catalog.photo import Photo
 from lcp_catalog.photo_file import open_photo
@@ -33,13 +31,6 @@ PIT_MARGIN_M = 20.0
 REACH_M = 12.0
 BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,60", "--view", "0:0", "--noise", "0.005",
          "--search", "0.012", "--spacing", "0.03", "--overwrite")  # fmt: skip
-FAINT = Options(
-    tolerance_px=1.5,
-    criteria=Criteria(
-        min_correlation=0.3, min_contrast=0.005, max_back_px=3.0, max_false_match=1.0
-    ),
-)
-"""For ground that shades by a hundredth of its brightness: what agrees is left to the consensus."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import pit_pair as pit
 import pytest
 
 from lcp_catalog.catalog import Catalog, read_catalog
-from lcp_catalog.locate import LOCATED, locate
+from lcp_catalog.locate import FAINT, LOCATED, locate
 from lcp_catalog.photo import Photo
 from lcp_catalog.request import SunChoice
 from lcp_catalog.sensors import Uncertainty
@@ -90,7 +90,7 @@ def test_registered_by_windows(photo: Photo, grounds: dict[str, pit.Ground], sid
 @pytest.mark.parametrize("start", [(0.0, 0.0), MOVED_M])
 def test_registered_by_points(photo: Photo, catalog: Catalog, start: tuple[float, float]) -> None:
     moved = photo.with_sensor(photo.sensor.moved(start))
-    found = locate(catalog, moved, Uncertainty(5.0), options=pit.FAINT)
+    found = locate(catalog, moved, Uncertainty(5.0), options=FAINT)
     assert found.verdict == LOCATED
     assert found.pose is not None
     assert np.hypot(*(found.pose.correction + start)) < WITHIN_M
