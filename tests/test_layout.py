@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 from pathlib import Path
 
 import pytest
@@ -177,6 +178,7 @@ FLOORS = [
 ]
 
 
+@functools.cache
 def imports(path: Path) -> set[str]:
     """Absolute names of everything a file imports; its own package's modules as ``lcp_catalog.x``."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]

@@ -19,6 +19,7 @@ _ENDLESS = 1e9
 _NEAR = 2.5
 """Steps from a node within which the ray's clearance says little of the shadows of others: it starts from 0."""
 _FAR = np.float32(np.inf)
+_TOUCHING = 1.0 + 1e-12
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -79,10 +80,12 @@ def _over_diagonals(z, i, j, du, dv, dz, reach, least):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _to_border(place, rate, last):
-    """Steps until a ray from ``place`` leaves 0..last."""
+    """Steps until a ray from ``place`` leaves 0..last, and so little more that the crossing on the border itself, which is
+    reckoned another way, is no later.
+    """
     if rate == 0.0:
         return _ENDLESS
-    return (last - place) / rate if rate > 0.0 else -place / rate
+    return _TOUCHING * ((last - place) / rate if rate > 0.0 else -place / rate)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
