@@ -119,8 +119,8 @@ def row(found: WindowComparison) -> list[str]:
 
 
 def frame_tables(shared: Path, key: str, out: Path) -> str:
-    ground = Ground.of(shared, key)
-    resolution = ground.resolution
+    own = Ground.of(shared, key)
+    resolution = own.resolution
     text = f"## {key}\n\n{told(resolution)}\n\n"
     for target_m in (*CELLS_M, resolution.resolution_m):
         text += f"**{key}, cells of {target_m:.0f} m**\n\n"
@@ -128,10 +128,10 @@ def frame_tables(shared: Path, key: str, out: Path) -> str:
             "| | windows | > 0.9, % | > 0.7, % | textured > 0.9, % | median | mode | left, % |\n"
         )
         text += "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
-        for name, found in variants(ground, target_m):
+        for name, found in variants(own.rendered_for(target_m), target_m):
             text += f"| {name} | {' | '.join(row(found))} |\n"
         text += "\n"
-    picture(ground, CELLS_M[1], out / f"{key}.png")
+    picture(own, CELLS_M[1], out / f"{key}.png")
     return text
 
 

@@ -19,6 +19,7 @@ from lcp_catalog.albedo_pixels import decode_srgb
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.dem_resolution import Resolution, of_terrain
 from lcp_catalog.exposure import Scene, expose, prepare
+from lcp_catalog.ground_comparison import rendered_cell_m
 from lcp_catalog.ortho import Ortho, orthorectify, terrain_nodes
 from lcp_catalog.photo import Photo
 from lcp_catalog.point_spread import Pair, paired
@@ -52,6 +53,7 @@ class Ground:
     dem: Path
     albedo: Path | None = None
     gsd_m: float | None = None
+    resolves: Resolution | None = None  # what the DEM's own cells say, for a ground on others
 
     @classmethod
     def of(cls, shared: Path, key: str, gsd_m: float | None = None) -> Ground:
@@ -60,6 +62,13 @@ class Ground:
         image = next(name for name in names if name.is_file())
         albedo = shared / "albedo" / "relative_albedo_11ppd.tif"
         return cls(image, folder / f"{key}_camera.json", folder / dem, albedo, gsd_m)
+
+    def rendered_for(self, target_m: float) -> Ground:
+        """The same ground on the cells that `lcp validate` renders on for windows on cells of ``target_m``."""
+        cell_m = rendered_cell_m(self.scene.gsd_m, target_m)
+        if cell_m == self.scene.gsd_m:
+            return self
+        return replace(self, gsd_m=cell_m, resolves=self.resolution)
 
     @functools.cached_property
     def scene(self) -> Scene:
@@ -71,7 +80,7 @@ class Ground:
 
     @functools.cached_property
     def resolution(self) -> Resolution:
-        return of_terrain(self.scene.terrain)
+        return self.resolves or of_terrain(self.scene.terrain)
 
     @functools.cached_property
     def factor(self) -> np.ndarray:

@@ -16,7 +16,7 @@ GSD_M, TWICE_M = 474.0, 948.0
 
 BARS = {
     # at the DEM's true resolution, at 948 m, at the posting of 474 m; the plain render reaches 69, 75, 66, 67 % there
-    "AS15-M-0414": (0.82, 0.84, 0.78),
+    "AS15-M-0414": (0.82, 0.84, 0.79),
     "AS15-M-0295": (0.89, 0.93, 0.85),
     "AS15-M-0299": (0.89, 0.93, 0.76),
     "AS15-M-0300": (0.89, 0.93, 0.77),
@@ -26,12 +26,12 @@ BARS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("key", BARS)
 def test_windows_of_apollo_15(shared_data, key):
-    ground = Ground.of(shared_data, key)
-    render = ground.radiance()
-    cells = (ground.resolution.resolution_m, TWICE_M, GSD_M)
+    own = Ground.of(shared_data, key)
+    cells = (own.resolution.resolution_m, TWICE_M, GSD_M)
     shares = []
     for target_m, least in zip(cells, (48, 80, 370), strict=True):
-        found = ground.windows(target_m, render)
+        ground = own.rendered_for(target_m)
+        found = ground.windows(target_m, ground.radiance())
         assert found.count >= least  # all of the frame
         assert found.textured.share_above(0.9) >= 0.93
         shares.append(found.share_above(0.9))
