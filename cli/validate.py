@@ -45,7 +45,8 @@ DEFAULT_LAW = "lunar-lambert"
     "gsd_m",
     type=POSITIVE,
     metavar="M",
-    help="Cells on which windows are compared; default: the DEM's true resolution, estimated from its heights.",
+    help="Cells on which windows are compared; default: the true resolution of --dem, estimated from its heights; "
+    "of patches alone their own cells.",
 )
 @click.option(
     "--reflectance",
@@ -150,14 +151,19 @@ def command(
     files = _paired(images, cameras)
     from lcp_catalog.requirement import Requirement
 
-    wanted = Requirement.parse(require) if require else None
+    wanted = None if require is None else Requirement.parse(require)
+    if wanted and wanted.needs_known_pose and not flags["known_pose"]:
+        raise click.UsageError(
+            "--require: a position's error is only known with --known-pose (the camera file's position is the truth); "
+            "add it, or demand position_sigma_m"
+        )
     from lcp_catalog.validate import validate
     from lcp_catalog.validation_files import check_validation_folder, write_validation
     from lcp_catalog.verdict import summary_lines
 
     from .progress import progress
 
-    check_validation_folder(Path(output), overwrite)
+    check_validation_folder(Path(output), overwrite, depfile)
     request = _request(catalog, files, **flags)
     with progress("images") as update:
         result = validate(request, update)

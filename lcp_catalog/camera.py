@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 FARTHEST_M = 1e11
 """No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
 
+SUN_NEAREST_M = 1e9
+"""A Sun nearer than that was meant in kilometres or as a direction."""
+
 _ROTATION_TOLERANCE = 1e-5
 
 
@@ -72,7 +75,13 @@ class Camera:
         if self.lens is not None and self.distortion.any():
             self._refuse("distortion", "and a lens besides: state one of them")
         if self.sun_position_mcmf_m is not None:
-            self._put("sun_position_mcmf_m", self._numbers("sun_position_mcmf_m", (3,)))
+            sun = self._numbers("sun_position_mcmf_m", (3,))
+            if np.linalg.norm(sun) < SUN_NEAREST_M:
+                self._refuse(
+                    "sun_position_mcmf_m",
+                    "is too near to be the Sun's, 150 million km away (are these metres?)",
+                )
+            self._put("sun_position_mcmf_m", sun)
         if self.time_utc is not None and not isinstance(self.time_utc, str):
             self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
 

@@ -39,7 +39,9 @@ def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camer
     sensor = read_sensor(path, shape)
     if not isinstance(sensor, Camera):
         kind = "line scanner" if isinstance(sensor, LineScanner) else "push-frame camera"
-        raise CameraError(f"{path}: is a {kind}; only framing cameras are rendered")
+        raise CameraError(
+            f"{path}: is a {kind}; only framing cameras are rendered: give a CAMERA.json"
+        )
     return sensor
 
 

@@ -207,7 +207,9 @@ def against_patches(
     pairs = [_pair(photo, catalog, int(row), model, accuracy, target_m) for row in rows]
     whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
     if not whole:
-        raise AreaError(f"{photo.name}: no patch of the catalogue lies whole in the image")
+        raise AreaError(
+            f"{photo.name}: no patch of the catalogue lies whole in the image, lit by its Sun and with valid pixels"
+        )
     images, renders, weights = (
         np.stack([getattr(pairs[k], name) for k in whole]) for name in ("image", "render", "weight")
     )

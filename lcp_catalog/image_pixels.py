@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import re
+import struct
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +22,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from .albedo_pixels import decode_srgb
 from .config import ALBEDO_ENCODINGS
 from .errors import ImageError, LabelError, LcpError
-from .label import find_label
+from .label import find_label, read_label_text
 from .pds4 import is_pds4
 
 log = logging.getLogger(__name__)
@@ -32,6 +34,11 @@ REC_709 = (0.2126, 0.7152, 0.0722)
 
 OWN_CODES = ("ISIS3", "PDS")
 """Drivers of formats whose labels, or whose types, say which samples are no brightness."""
+
+_BARE = ("PDS", "PDS4", "VICAR")
+"""Drivers of formats whose samples lie in the file as they are."""
+_PLACE = r"\^IMAGE\s*=\s*(\d+)\s*(<BYTES>)?"
+_RECORD = r"RECORD_BYTES\s*=\s*(\d+)"
 
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 _MOST_PIXELS = 300_000_000
@@ -129,6 +136,8 @@ def _read(
         )
     if np.dtype(file.dtypes[0]).kind not in "uif":
         raise ImageError(f"{path}: samples are {file.dtypes[0]}; give integers or floats")
+    if not _is_whole(file):
+        raise ImageError(f"{path}: is cut short: the end of its pixels is missing; fetch it again")
     first = band or 1
     samples, colour = _samples(file, band, encoding)
     mask = _mask_band(file, first)
@@ -151,6 +160,40 @@ def _read(
         is_decoded=colour and np.dtype(file.dtypes[0]).kind in "ui",
         states_nodata=nodata is not None or file.nodatavals[first - 1] is not None,
     )
+
+
+def _is_whole(file: Any) -> bool:
+    """Whether a file's end is there, of those formats of which GDAL 3.10 reads without a word what is cut short: of a PNG of 8
+    bits it hands over the compressed bytes as samples, for the lost end of bare numbers zeros, which are shadow here.
+    """
+    if file.driver == "PNG":
+        return _has_end(Path(file.name))
+    if file.driver not in _BARE or "compression" in file.profile:
+        return True
+    numbers = [name for name in file.files if not name.lower().endswith((".lbl", ".xml"))]
+    size = Path(numbers[0] if numbers else file.name).stat().st_size
+    samples = file.width * file.height * sum(np.dtype(dtype).itemsize for dtype in file.dtypes)
+    return bool(size >= _first_byte(read_label_text(Path(file.name)) or "") + samples)
+
+
+def _first_byte(label: str) -> int:
+    """Where a PDS3 label says that its own file's image begins: ``^IMAGE = 2`` (records) or ``4097 <BYTES>``; else 0."""
+    place, record = (re.search(what, label) for what in (_PLACE, _RECORD))
+    if place is None or not (place[2] or record):
+        return 0
+    return (int(place[1]) - 1) * (1 if place[2] or not record else int(record[1]))
+
+
+def _has_end(path: Path) -> bool:
+    """Whether a PNG's chunks run on to its last one (PNG, second edition, 5.3 and 11.2.5: length, type, data, checksum; IEND)."""
+    with path.open("rb") as png:
+        png.seek(8)
+        while len(head := png.read(8)) == 8:
+            length, kind = struct.unpack(">I4s", head)
+            if kind == b"IEND":
+                return True
+            png.seek(length + 4, 1)
+    return False
 
 
 def _valid(file: Any, first: int, mask: int | None) -> Mask:

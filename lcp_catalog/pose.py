@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import PoseError
+from .errors import CameraError, PoseError
+from .scanners import project_beside
 from .sensors import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 
 Array = NDArray[np.float64]
@@ -255,8 +256,14 @@ class _Problem:
         return full
 
     def residual(self, unknown: Array) -> Array:
-        """Whitened residuals (m, 2); NaN for what the sensor would no longer see."""
-        off = self.found - self.corrected(unknown).project(self.points)
+        """Whitened residuals (m, 2); NaN for what the sensor would no longer see, and all where it would be no camera: a step
+        too long may end deep inside the Moon.
+        """
+        try:
+            sensor = self.corrected(unknown)
+        except CameraError:
+            return np.full(self.found.shape, np.nan)
+        off = self.found - project_beside(sensor, self.points, self.found)
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, off))
 
     def weights(self, residual: Array) -> Array:

@@ -7,6 +7,7 @@ import math
 from .charts import number
 from .page import facts
 from .pose import PositionError
+from .sensors import POSE
 from .verdict import PoseFigures
 
 _ARC_SECONDS = math.degrees(3600.0)
@@ -33,7 +34,7 @@ def pose_section(figures: PoseFigures | None, beside: str = "") -> str:
     axes = " x ".join(number(axis) for axis in figures.position_axes_m)
     rows = [
         ("position, 1 sigma", f"{number(pose.position_sigma_m)} m; along its axes {axes} m"),
-        ("position, error", _error(figures.error)),
+        ("position, error", _error(figures.error) if pose.sensor.corrections == POSE else ""),
         ("normalised error", f"{number(pose.normalised_error)}, 1 is expected"),
     ]
     return (
@@ -54,7 +55,7 @@ def _correction(name: str, value: float, sigma: float, solved: bool) -> str:
 
 def _error(error: PositionError | None) -> str:
     if error is None:
-        return ""
+        return "not known: with --known-pose the camera file’s position counts as the true one"
     off, sigma = error.error, error.sigma
     return (
         f"{number(off.whole_m)} m against the true place; across the line of sight {number(off.across_m)} m "

@@ -43,6 +43,8 @@ NUMBERS = (
 )  # fmt: skip
 """Paths of what may be demanded, from an image's entry on."""
 
+_ERROR = "pose.position_error"
+
 VERDICT = "verdict"
 """The one path whose value is text."""
 
@@ -89,6 +91,11 @@ class Requirement:
     def parse(cls, text: str) -> Requirement:
         """From a user's words. Raises ConfigError for what is no term and for names unknown or of several figures."""
         return cls(tuple(_term(part) for part in _BETWEEN.split(text)))
+
+    @property
+    def needs_known_pose(self) -> bool:
+        """Whether a term is about the error of a position, which is only measured where the true one is known."""
+        return any(term.path.startswith(_ERROR) for term in self.terms)
 
     def failures(self, document: Mapping[str, Any]) -> list[str]:
         """What of ``report.json`` does not hold, one line each, by image; empty: all does. No image holds nothing."""
@@ -163,6 +170,6 @@ def _why(image: Mapping[str, Any], path: str) -> str:
         return f" ({image['windows']['reason']})" if image["windows"]["reason"] else ""
     if path.startswith("pose.") and image["pose"] is None:
         return f" ({image['verdict']}{': ' if image['reason'] else ''}{image['reason']})"
-    if path.startswith("pose.position_error"):
+    if path.startswith(_ERROR):
         return " (the true place is not known)"
     return " (no point was found)" if not image["points_found"] else ""

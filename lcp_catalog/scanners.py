@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .focal_plane import FocalPlane
-from .sensors import POSE, within_image
+from .sensors import POSE, Reduced, Sensor, within_image
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -188,6 +188,21 @@ class PushFrame(Scanner):
         """How many the image has."""
         return self.shape[0] // self.lines
 
+    def in_framelets(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+        """Pixels (n, 2) of MCMF points (n, 3) in the framelets that hold some pixels (n, 2), also over a framelet's edges; within a
+        row of an edge in the one of both that has the point nearer. NaN behind the camera.
+        """
+        points, near = (np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, pixels))
+        best = np.full(near.shape, np.nan)
+        for by in (0.0, -1.0, 1.0):
+            framelet = np.floor((np.nan_to_num(near[:, 1]) + by + 0.5) / self.lines)
+            framelet = np.clip(framelet, 0, self.framelets - 1)
+            there = self._on_plane(self._time(framelet), points)
+            there[:, 1] += framelet * self.lines
+            nearer = np.abs(there - near)[:, 1] < np.abs(best - near)[:, 1]
+            best = np.where((nearer | np.isnan(best[:, 1]))[:, None], there, best)
+        return best
+
     def _time(self, framelets: Array) -> Array:
         return np.asarray(self.first_s + self.step_s * framelets)
 
@@ -217,6 +232,19 @@ class PushFrame(Scanner):
         framelet = np.clip(np.floor((pixels[:, 1] + 0.5) / self.lines), 0, self.framelets - 1)
         within = pixels - np.stack([np.zeros(len(pixels)), framelet * self.lines], axis=-1)
         return self._time(framelet), within
+
+
+def project_beside(sensor: Sensor, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+    """Pixels (n, 2) of points (n, 3) that were found at pixels (n, 2): `project`, but of a push-frame camera in the framelet in
+    which each was found. Near a framelet's edge `project` changes to the next one when the camera moves a little, and the pixel
+    jumps by as many rows as the framelets overlap: a least-squares solution would stop at that jump.
+    """
+    if isinstance(sensor, Reduced):
+        full = (np.asarray(pixels, dtype=np.float64) + 0.5) * sensor.factor - 0.5
+        return (project_beside(sensor.full, points_mcmf_m, full) + 0.5) / sensor.factor - 0.5
+    if isinstance(sensor, PushFrame):
+        return sensor.in_framelets(points_mcmf_m, pixels)
+    return sensor.project(points_mcmf_m)
 
 
 def _in_parts(answer: Callable[[Array], Array], points_mcmf_m: ArrayLike) -> Array:

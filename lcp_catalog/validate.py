@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from .camera import Camera
 from .camera_file import read_sensor
 from .catalog import read_catalog
 from .contents import Catalog
+from .demset import DemSet
 from .errors import CameraError, ImageError, LcpError, SunError
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
 from .image_pixels import image_shape
@@ -130,18 +132,22 @@ class Result:
 
 
 def validate(request: Validation, progress: Progress | None = None) -> Result:
-    """Every image in turn. Raises the library's errors for a catalogue that cannot be read and for files that are not there; what
-    is wrong with an image, its camera file or its Sun is a verdict.
+    """Every image in turn. Raises the library's errors for a catalogue or a DEM that cannot be read and for files that are not
+    there; what is wrong with an image, its camera file or its Sun is a verdict.
     """
     for files in request.files:
         files.require()
+    if request.dem_paths:
+        DemSet.open(request.dem_paths, ())
     catalog = read_catalog(request.catalog_path)
     images, pictures = [], []
     sources = [request.catalog_path]
-    for done, files in enumerate(request.files):
+    for done, (files, name) in enumerate(
+        zip(request.files, told_apart(request.files), strict=True)
+    ):
         if progress:
             progress(done, len(request.files))
-        image, shown, read = _one(request, catalog, files)
+        image, shown, read = _one(request, catalog, files, name)
         images.append(image)
         pictures.append(shown)
         sources += read
@@ -152,20 +158,33 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
     return Result(verdict, tuple(pictures), tuple(dict.fromkeys(sources)))
 
 
+def told_apart(files: Sequence[ImageFiles]) -> list[str]:
+    """What a report calls images: their files' names, with as many of their folders, as these were given, as tell them apart; one
+    that is given again is numbered.
+    """
+    names = [file.image.name for file in files]
+    for depth in range(2, max(len(file.image.parts) for file in files) + 1):
+        twice = {name for name, count in Counter(names).items() if count > 1}
+        tails = [Path(*file.image.parts[-depth:]).as_posix() for file in files]
+        names = [tail if name in twice else name for name, tail in zip(names, tails, strict=True)]
+    before = [names[:k].count(name) for k, name in enumerate(names)]
+    return [f"{name} ({n + 1})" if n else name for name, n in zip(names, before, strict=True)]
+
+
 def _one(
-    request: Validation, catalog: Catalog, files: ImageFiles
+    request: Validation, catalog: Catalog, files: ImageFiles, name: str
 ) -> tuple[ImageVerdict, Pictures, list[Path]]:
     try:
         photo = _opened(request, files)
     except (ImageError, CameraError, SunError) as error:
-        return _untried(files, str(error)), Pictures(), files.paths
+        return _untried(files, name, str(error)), Pictures(), files.paths
     options = FAINT if request.faint else Options()
     located = locate(catalog, photo, request.uncertainty, request.law, options)
     best = photo.with_sensor(located.pose.sensor) if located.pose else photo
     ground, why = _ground(request, catalog, best)
     why = files.named(why)
     image = ImageVerdict(
-        _facts(request, photo, files),
+        _facts(request, photo, name),
         located,
         _points(catalog, located, best.sensor),
         windows=_windows(catalog, ground) if ground else None,
@@ -180,11 +199,11 @@ def _opened(request: Validation, files: ImageFiles) -> Photo:
     return open_photo(files.image, sensor, request.sun, request.pixels)
 
 
-def _untried(files: ImageFiles, reason: str) -> ImageVerdict:
+def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
     """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
     nothing = Located(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
-    return ImageVerdict(ImageFacts(files.image.name), nothing, PointFigures.none())
+    return ImageVerdict(ImageFacts(name), nothing, PointFigures.none())
 
 
 def _ground(
@@ -244,7 +263,7 @@ def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
 # -- facts of an image
 
 
-def _facts(request: Validation, photo: Photo, files: ImageFiles) -> ImageFacts:
+def _facts(request: Validation, photo: Photo, name: str) -> ImageFacts:
     rows, cols = photo.signal.shape
     known: dict[str, Any] = {}
     try:
@@ -254,7 +273,7 @@ def _facts(request: Validation, photo: Photo, files: ImageFiles) -> ImageFacts:
     else:
         known = _angles(photo, lon, lat)
     return ImageFacts(
-        files.image.name,
+        name,
         cols,
         rows,
         _kind(photo.sensor),

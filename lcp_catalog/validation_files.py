@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-from .files import check_folder, depfile_text, write_bytes
+from .errors import OutputError
+from .files import check_folder, check_output, depfile_text, write_bytes
 from .match_table import csv_text, windows_csv_text
 from .validate import Result
 from .validation_report import render
@@ -13,16 +15,29 @@ FILES = ("points.csv", "windows.csv", "report.html", "report.json")
 """In the order in which they are written: report.json, which Make waits for, comes last."""
 
 
-def check_validation_folder(folder: Path, overwrite: bool) -> None:
-    """Say early what would fail late. Raises as `files.check_folder`."""
+def check_validation_folder(
+    folder: Path, overwrite: bool, depfile: Path | str | None = None
+) -> None:
+    """Say early what would fail late. Raises as `files.check_folder`, and for the rule for Make as `files.check_output`."""
     check_folder(folder, FILES, overwrite)
+    if depfile:
+        _require_elsewhere(folder, depfile)
+
+
+def _require_elsewhere(folder: Path, depfile: Path | str) -> None:
+    """A place for the rule for Make that is none of the report's own files; the folder itself may not be there yet."""
+    place = Path(os.path.realpath(depfile))
+    if place.parent != Path(os.path.realpath(folder)):
+        check_output(depfile, overwrite=True)
+    elif place.name in FILES:
+        raise OutputError(f"{depfile}: is one of the report's own files; name --depfile otherwise")
 
 
 def write_validation(
     result: Result, folder: Path, overwrite: bool = False, depfile: Path | str | None = None
 ) -> None:
     """Write `FILES` into a folder, which is made where it is missing; ``depfile``: also what was read, as a rule for Make."""
-    check_validation_folder(folder, overwrite)
+    check_validation_folder(folder, overwrite, depfile)
     images = result.verdict.images
     texts = (
         csv_text(images),
@@ -30,7 +45,10 @@ def write_validation(
         render(result.verdict, result.pictures),
         result.verdict.to_json(),
     )
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: the folder cannot be made: {error.strerror}") from error
     for name, text in zip(FILES, texts, strict=True):
         write_bytes(folder / name, text.encode("utf-8"), overwrite)
     if depfile:

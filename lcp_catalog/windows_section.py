@@ -119,8 +119,8 @@ def _histogram_caption(windows: WindowFigures) -> str:
     sentences = [
         f"All {w.count} windows count; they begin {w.step} cells of {number(w.gsd_m, 4)} m apart.",
         f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} lie above 0.9.",
-        f"{flat} are flat and correlate with nothing." if flat else "",
-        f"{low} below {window_charts.LOWEST:g} stand in the first bar." if low else "",
+        f"Flat, and correlated with nothing: {flat}." if flat else "",
+        f"In the first bar, being below {window_charts.LOWEST:g}: {low}." if low else "",
         f"As to offsets, {windows.offset_sentence}.",
     ]
     return escape(" ".join(filter(None, sentences)))

@@ -139,6 +139,8 @@ def test_up_in_the_image_is_north_and_right_is_east():
         ({"rotation_mcmf_to_camera": (2 * np.eye(3)).tolist()}, "rotation_mcmf.*not orthonormal"),
         ({"distortion": [1, 2]}, "distortion must hold 5"),
         ({"sun_position_mcmf_m": [1, 2]}, "sun_position_mcmf_m must hold 3"),
+        ({"sun_position_mcmf_m": [0, 0, 0]}, "sun_position_mcmf_m .*too near"),
+        ({"sun_position_mcmf_m": [1.5e8, 0, 0]}, "sun_position_mcmf_m .*metres"),
         ({"time_utc": 5}, "time_utc must be text"),
     ],
 )

@@ -11,6 +11,7 @@ from twins_match import catalog_of_dem, looking_at
 
 from lcp_catalog.catalog import write_catalog
 from lcp_catalog.sphere import EnuFrame, lonlat_to_mcmf
+from lcp_catalog.validate import ImageFiles, told_apart
 
 DEM = Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif"
 CENTRE = (3.6, 26.1)
@@ -95,6 +96,7 @@ def test_tables_and_page_tell_of_the_same_points(place, report) -> None:
     assert sum(row["reason"] == "found" for row in rows) == report["points_found"]
     page = (place / "whole" / "report.html").read_text()
     assert "frame.png" in page
+    assert "with --known-pose" in page  # where a reader would look for the position's error
     assert "http://" not in page.replace("http://www.w3.org", "")
     with open(place / "whole" / "windows.csv", newline="") as file:
         assert len(list(csv.DictReader(file))) == report["windows"]["count"]
@@ -156,12 +158,19 @@ def test_what_is_there_is_not_replaced(place, report, capsys) -> None:
         (["--camera", "a.json", "--camera", "b.json"], 2, "2 --camera for 1 images"),
         (["--require", "share_above=0.9"], 2, "--require"),
         (["--require", "beauty>1"], 2, "beauty"),
+        (["--require", ""], 2, "'' is no condition"),
+        (["--require", "position_error_m<100"], 2, "only known with --known-pose"),
+        (["--dem", "none.tif"], 1, "none.tif: there is no such file"),
+        (["--dem", __file__], 1, "not a DEM that can be read here"),
+        (["--depfile", "nowhere/report.d"], 1, "nowhere does not exist"),
         (["--camera", "none.json"], 1, "none.json: there is no such file"),
         (["--window", "2"], 2, "--window"),
         (["--sun-azimuth", "90"], 2, "go together"),
     ],
 )
-def test_wrong_flags_say_which(place, tmp_path, capsys, flags, code, says) -> None:
+def test_wrong_flags_say_which(place, tmp_path, capsys, monkeypatch, flags, code, says) -> None:
+    """Before an image is opened."""
+    monkeypatch.setattr("lcp_catalog.validate._opened", None)
     out = tmp_path / "out"
     assert (
         run(
@@ -173,6 +182,33 @@ def test_wrong_flags_say_which(place, tmp_path, capsys, flags, code, says) -> No
     assert says in error
     assert "Traceback" not in error
     assert not out.exists()
+
+
+def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys) -> None:
+    """It may stand in the report's folder, which is not there yet."""
+    files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
+    own = str(tmp_path / "out" / "report.json")
+    assert run(["validate", *files, "--depfile", own]) == 1
+    assert "one of the report's own files" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    rule = tmp_path / "out" / "rule.d"
+    assert run(["validate", *files, "--depfile", str(rule)]) == 4  # no camera: missing geometry
+    assert rule.read_text().startswith(str(tmp_path / "out" / "report.json"))
+
+
+@pytest.mark.parametrize(
+    ("given", "called"),
+    [
+        (["a/frame.png", "a/other.png"], ["frame.png", "other.png"]),
+        (["a/frame.png", "b/frame.png", "b/c.png"], ["a/frame.png", "b/frame.png", "c.png"]),
+        (["frame.png", "b/frame.png"], ["frame.png", "b/frame.png"]),
+        (["x/a/f.png", "y/a/f.png", "z/f.png"], ["x/a/f.png", "y/a/f.png", "z/f.png"]),
+        (["frame.png", "frame.png", "frame.png"], ["frame.png", "frame.png (2)", "frame.png (3)"]),
+    ],
+)
+def test_images_of_one_name_are_told_apart(given, called) -> None:
+    """As few folders as do it; with one camera after the other an image may be given again."""
+    assert told_apart([ImageFiles(Path(name)) for name in given]) == called
 
 
 def test_what_cannot_be_tried_says_what_is_missing(place, tmp_path, capsys) -> None:

@@ -170,3 +170,38 @@ def test_images_that_are_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     photo(path)
     monkeypatch.setattr(image_pixels, "_MOST_PIXELS", 2399)
     refused("60 x 40 pixels, 1 bands; at most 0.002399 million", path, files.camera_over(SHAPE))
+
+
+def cut(path: Path, share: float) -> Path:
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    return path
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.98])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_a_png_that_is_cut_short(tmp_path: Path, dtype: str, share: float) -> None:
+    """GDAL 3.10 hands over the compressed bytes of one of 8 bits as samples, and says nothing."""
+    path = files.write_image(tmp_path / "a.png", scene(dtype), driver="PNG")
+    assert photo(path).signal.shape == SHAPE
+    refused("cut short|cannot be read|can be read", cut(path, share), files.camera_over(SHAPE))
+
+
+@pytest.mark.parametrize("lost", [1, 60, 1200])
+@pytest.mark.parametrize("kind", ["attached", "beside", "pds4"])
+def test_bare_numbers_that_are_cut_short(tmp_path: Path, kind: str, lost: int) -> None:
+    """The lost lines would be 0, which is shadow."""
+    samples, path = scene(), tmp_path / "PHOTO.IMG"
+    if kind == "pds4":
+        times = "2010-01-01T00:00:00Z", "2010-01-01T00:00:01Z"
+        path = files.write_pds4(tmp_path / "photo.xml", samples, *times, "Moon").with_suffix(".img")
+    else:
+        files.write_pds3(path, samples)
+    if kind == "beside":
+        label = path.read_bytes()[:4096].replace(b"^IMAGE = 2", b'^IMAGE = ("PHOTO.IMG", 1)')
+        (tmp_path / "PHOTO.LBL").write_bytes(
+            label.replace(b"RECORD_BYTES = 4096", b"RECORD_BYTES = 60")
+        )
+        path.write_bytes(samples.tobytes())
+    assert photo(path).signal.shape == SHAPE
+    path.write_bytes(path.read_bytes()[:-lost])
+    refused("is cut short", path, files.camera_over(SHAPE))

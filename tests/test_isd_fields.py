@@ -174,7 +174,7 @@ def everywhere(document, before=""):
 )
 def test_oddities_anywhere_are_read_or_refused_in_one_line(make, turn):
     """Whatever stands in any one field (a third of the oddities in each kind): CameraError, or a sensor that answers."""
-    sun = {"positions": [[1e5, 1e5, 0.0]], "ephemeris_times": [1000.0], "unit": "km"}
+    sun = {"positions": [[1e11, 1e11, 0.0]], "ephemeris_times": [1000.0], "unit": "km"}
     whole = make() | {"sun_position": sun}
     whole["body_rotation"] |= {
         "constant_frames": [31001],
@@ -243,10 +243,10 @@ def test_velocities_that_do_not_fit_are_left_aside(caplog):
 def test_no_sun_is_no_sun():
     assert read(orbital_framer()).sun_position_mcmf_m is None
     sun = {
-        "positions": [[1e5, 1e5, 0.0]],
+        "positions": [[1e11, 1e11, 0.0]],
         "ephemeris_times": [50],
         "unit": "m",
         "reference_frame": 1,
     }
     stated = read(orbital_framer() | {"sun_position": sun})
-    assert stated.sun_position_mcmf_m == pytest.approx([1e5, 1e5, 0.0])
+    assert stated.sun_position_mcmf_m == pytest.approx([1e11, 1e11, 0.0])

@@ -12,8 +12,9 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
 from lcp_catalog.focal_plane import FocalPlane
 from lcp_catalog.lens import LroNac, NoLens, OnPlane
-from lcp_catalog.scanners import BEYOND, LineScanner, PushFrame
-from lcp_catalog.sensors import POSE, Reduced, pixel_size_m
+from lcp_catalog.pose import position_error, solve
+from lcp_catalog.scanners import BEYOND, LineScanner, PushFrame, project_beside
+from lcp_catalog.sensors import POSE, Reduced, Uncertainty, pixel_size_m
 from lcp_catalog.trajectory import Track, Trajectory, Turning
 from lcp_catalog.view import footprint
 
@@ -247,7 +248,39 @@ def test_beside_the_first_and_last_framelet():
     assert np.isnan(camera.project(1.3 * points)).all()
 
 
+def test_beside_where_it_was_found():
+    """In its own framelet every pixel comes back, also those whose ground `project` gives in another one."""
+    camera = push_frame(wobble_rad=1e-3)
+    pixels = grid(camera).reshape(-1, 2)
+    points = sphere_rays.hits(*camera.looks(pixels))[1]
+    jumped = np.abs(camera.project(points) - pixels)[:, 1] > 1.0
+    assert 0.2 < jumped.mean() < 0.9
+    assert project_beside(camera, points, pixels) == pytest.approx(pixels, abs=1e-6)
+    of_five = (pixels + 0.5) / 5 - 0.5
+    assert project_beside(Reduced(camera, 5), points, of_five) == pytest.approx(of_five, abs=1e-6)
+    scanner = line_scanner()
+    assert np.array_equal(
+        project_beside(scanner, points, pixels), scanner.project(points), equal_nan=True
+    )
+
+
 # what stands on them
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
+    """Half a kilometre off, every point found in any of the framelets that see it, to a tenth of a pixel."""
+    rng = np.random.default_rng(seed)
+    camera = push_frame()
+    pixels = rng.uniform([0.0, 14.0], [299.0, 545.0], (60, 2))
+    points = sphere_rays.hits(*camera.looks(pixels))[1]
+    found = pixels + rng.normal(0.0, 0.1, pixels.shape)
+    given = camera.moved([*rng.normal(0.0, 500.0, 3), *rng.normal(0.0, 2e-3, 3)])
+    covariance = np.broadcast_to(0.01 * np.eye(2), (60, 2, 2))
+    everything = np.ones(60, dtype=bool)
+    pose = solve(given, points, found, covariance, Uncertainty(500.0, 2e-3), everything)
+    assert pose.normalised_error < 1.6  # 120 numbers less about 6: above by chance once in 20 000
+    assert position_error(pose, camera).squared < 18.0  # 3 expected, chance of more 4e-4
 
 
 def test_footprints_of_scanners():

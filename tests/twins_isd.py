@@ -6,6 +6,7 @@ Lines and samples here are an ISD's own: the centre of the first pixel is at 0.5
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ class TwinIsd:
         self.times = np.array(table["ephemeris_times"]) - self.t0
         self.where = 1e3 * np.array(table["positions"])
         self.speed = 1e3 * np.array(table["velocities"])
+        self.position, self.from_sensor = cache(self._position), cache(self._from_sensor)
 
     def _rotations(self, key):
         table = self.d[key]
@@ -42,13 +44,13 @@ class TwinIsd:
         path = Slerp(times, turns)
         return lambda t: fixed * path(np.clip(t, times[0], times[-1]))
 
-    def position(self, t):
+    def _position(self, t):
         """Body-fixed metres."""
         if len(self.times) == 1:
             return self.body(t).apply(self.where[0])
         return self.body(t).apply(CubicHermiteSpline(self.times, self.where, self.speed)(t))
 
-    def from_sensor(self, t):
+    def _from_sensor(self, t):
         """Sensor frame to body-fixed."""
         return self.body(t) * self.sensor(t).inv()
 
