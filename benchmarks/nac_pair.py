@@ -10,6 +10,7 @@ surface is the smoothest that rounds to them (`lcp_catalog.terraces`). Nothing i
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import sys
 from dataclasses import replace
@@ -43,6 +44,7 @@ from lcp_catalog.catalog import read_catalog
 from lcp_catalog.exposure import Scene
 from lcp_catalog.locate import FAINT, Options, locate
 from lcp_catalog.photo import Photo
+from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.request import SunChoice
 from lcp_catalog.sensors import Uncertainty
 from lcp_catalog.sphere import azimuth_elevation
@@ -53,7 +55,7 @@ OVERLAP = 4.0
 """Windows lie half a side apart: so many cover every node, and are not independent."""
 
 BANDS_M = ((4, 8), (8, 16), (16, 32), (32, 64), (64, 128))
-STARTS = ((0.0, 0.0), (6.0, -5.0), (-7.0, 4.0))
+STARTS = ((0.0, 0.0), (8.0, 0.0), (0.0, 8.0), (6.0, -5.0), (-7.0, 4.0))
 MODELS = ("lunar-lambert", "hapke", "lommel-seeliger")
 
 
@@ -142,21 +144,21 @@ def located(photo: Photo, dem: Path, out: Path) -> list[str]:
     catalog = read_catalog(build_catalog(dem, out / "pit.h5"))
     lines = [
         f"## `locate`, {len(catalog)} points", "",
-        "| criteria | map moved by, m | verdict | points agreeing | east, m | north, m | log10 of false alarms |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| law | criteria | map moved by, m | verdict | by | points agreeing | east, m | north, m | log10 of false alarms |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]  # fmt: skip
-    for name, options in (("as they are", Options()), ("for faint ground", FAINT)):
-        for start in STARTS:
-            moved = photo.with_sensor(photo.sensor.moved(start))
-            found = locate(catalog, moved, Uncertainty(5.0), options=options)
-            place = "| | "
-            if found.pose is not None:
-                at, sigma = found.pose.correction + np.array(start), found.pose.sigma
-                place = "| ".join(f"{a:+.2f} +- {b:.2f} " for a, b in zip(at, sigma, strict=True))
-            lines.append(
-                f"| {name} | {start[0]:+g}, {start[1]:+g} | {found.verdict} | {found.matches.found.sum()} | {place}"
-                f"| {found.log10_false_alarms:.1f} |"
-            )
+    kinds = (("as they are", Options()), ("for faint ground", FAINT))
+    for (name, options), law, start in itertools.product(kinds, MODELS, STARTS):
+        moved = photo.with_sensor(photo.sensor.moved(start))
+        found = locate(catalog, moved, Uncertainty(5.0), reflectance_model(law), options)
+        place = "| | "
+        if found.pose is not None:
+            at, sigma = found.pose.correction + np.array(start), found.pose.sigma
+            place = "| ".join(f"{a:+.2f} +- {b:.2f} " for a, b in zip(at, sigma, strict=True))
+        lines.append(
+            f"| {law} | {name} | {start[0]:+g}, {start[1]:+g} | {found.verdict} | {found.by} | {found.matches.found.sum()} "
+            f"| {place}| {found.log10_false_alarms:.1f} |"
+        )
     return [*lines, ""]
 
 

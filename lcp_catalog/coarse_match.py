@@ -65,6 +65,7 @@ def coarse_shift(
     slack_px: float = 0.0,
     grid_px: int = _GRID_PX,
     psf_sigma_px: float = POINT_SPREAD_PX,
+    share: float = 1.0,
 ) -> CoarseShift | None:
     """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where too little can be
     looked at.
@@ -74,8 +75,8 @@ def coarse_shift(
 
     Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank / offsets). By chance a vote is
     exponential with mean 1 whatever the map looks like, and the sum of n votes has Gamma(n)'s tail; times the number of offsets it
-    is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent: patches
-    of a catalogue do not overlap.
+    is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent, or, where their patches
+    overlap, as so many: ``share`` of their number (`consensus.independent_share`), with the same mean vote.
     """
     rows = _thinned(np.asarray(points, dtype=np.int64))
     if not len(rows):
@@ -90,24 +91,29 @@ def coarse_shift(
     count = max(1, min(_CHUNK, _CHUNK_OFFSETS // votes.size))
     for start in range(0, len(rows), count):
         part = slice(start, start + count)
-        for score in _maps(catalog, image, model, rows[part], offset[part], reach, psf_sigma_px):
+        maps = correlation_maps(
+            catalog, image, model, rows[part], offset[part], reach, psf_sigma_px
+        )
+        for score in maps:
             known = np.isfinite(score)
-            voters += known
-            votes += _vote(score, known, slack)
-    return _peak(votes, voters, image.factor, slack, 0.5 * size + 2 * slack)
+            if known.any():
+                voters += known
+                votes += _vote(score, known, slack)
+    return _peak(votes, voters, image.factor, slack, 0.5 * size + 2 * slack, share)
 
 
-def _maps(
+def correlation_maps(
     catalog: Catalog,
     image: SearchImage,
     model: Reflectance,
     rows: Index,
     offset: Array,
     reach: int,
-    psf_sigma_px: float,
+    psf_sigma_px: float = POINT_SPREAD_PX,
 ) -> Float:
-    """Correlations of each point at every offset, (n, 2 reach + 1, 2 reach + 1), NaN where there is none; only points that can be
-    looked at somewhere.
+    """Correlations of points (rows (n,) of the catalogue) at every whole offset within ``reach`` of where the image's sensor, plus
+    ``offset`` (n, 2) rounded, has them, (n, 2 reach + 1, 2 reach + 1), rows before columns; NaN where there is none. Pixels of
+    the image that is searched.
     """
     suns = image.photo.sun_directions(catalog.position_mcmf[rows])
     sensor = image.photo.sensor
@@ -117,7 +123,7 @@ def _maps(
     correlate.maps(
         image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
     )
-    return maps[np.isfinite(maps).any(axis=(1, 2))]
+    return maps
 
 
 def _scale(
@@ -157,7 +163,9 @@ def _highest_near(values: Index, reach: int) -> Index:
     return out
 
 
-def _peak(votes: Array, voters: Index, factor: int, slack: int, zone: float) -> CoarseShift | None:
+def _peak(
+    votes: Array, voters: Index, factor: int, slack: int, zone: float, share: float
+) -> CoarseShift | None:
     """The best offset, and the best one farther from it than ``zone``; None where too few are left outside."""
     known = (voters > 0) & (voters >= _LEAST_SHARE * voters.max())
     clear = np.where(known, (votes - voters) / np.sqrt(np.maximum(voters, 1)), -np.inf)
@@ -172,18 +180,22 @@ def _peak(votes: Array, voters: Index, factor: int, slack: int, zone: float) -> 
     top = near & known & (clear >= clear[row, col] - _PLATEAU * max(float(clear[row, col]), 0.0))
     middle = np.argwhere(top).mean(axis=0) - (clear.shape[0] // 2)
     alarms = [
-        math.log10(known.sum()) + _log10_gamma_tail(int(voters[at]), float(votes[at]))
+        math.log10(known.sum()) + _log10_gamma_tail(int(voters[at]), float(votes[at]), share)
         for at in ((row, col), away)
     ]
     offset = (float(middle[1] * factor), float(middle[0] * factor))
     return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), int(voters.max()))
 
 
-def _log10_gamma_tail(n: int, total: float) -> float:
-    """log10 of the chance that n exponential votes of mean 1 add up to more than t: e^-t times the sum of t^k / k!, k < n."""
+def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:
+    """log10 of the chance that n exponential votes of mean 1 add up to more than t: e^-t times the sum of t^k / k!, k < n. Of votes
+    that depend on each other a share counts, rounded down, with the same mean.
+    """
     if total <= 0.0:
         return 0.0
-    k = np.arange(n)
+    count = max(1, math.floor(share * n))
+    total *= count / n
+    k = np.arange(count)
     terms = k * math.log(total) - np.array([math.lgamma(v + 1.0) for v in k])
     top = float(terms.max())
     return (top + math.log(float(np.exp(terms - top).sum())) - total) / math.log(10.0)

@@ -31,9 +31,10 @@ from .photo import Photo
 from .pose import Pose, solve
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .search_area import SearchArea, in_view, narrowed, perhaps_in_view
-from .search_image import reduction
+from .search_image import nothing_in, reduction
 from .sensors import Sensor, Uncertainty, pixel_size_m
 from .usable import working_photo
+from .whole_ground import WholeGround, whole_ground
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,13 +44,14 @@ LOCATED = "located"
 NOT_HERE = "not this place"
 CANNOT_SAY = "cannot say"
 
+BY_POINTS = "points"
+BY_GROUND = "the ground as a whole"
+"""What an image was located by."""
+
 SEARCHED = tuple(
     CODE[reason] for reason in (FOUND, "weak", "ambiguous", "not confirmed", "inconsistent")
 )
 """Codes of points that could be looked for: what became of them says something about the place."""
-
-LEAST_LIKENESS = 0.3
-"""Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
 SHARE_IF_HERE = 0.25
 """Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make
@@ -100,6 +102,7 @@ class Located:
     log10_false_alarms: float = 0.0
     rival_log10: float = 0.0
     light: LightCheck | None = None
+    by: str = BY_POINTS  # or `BY_GROUND`: of all points together, few of which may be found alone
 
 
 def locate(
@@ -123,34 +126,6 @@ def locate(
     if (missing := nothing_in(photo)) is not None:
         return Located(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))
-
-
-def nothing_in(photo: Photo) -> str | None:
-    """What an image lacks for anything to be found in it; None where it lacks nothing."""
-    valid = photo.valid
-    if not valid.any():
-        return "the image has no valid pixel"
-    signal = photo.signal
-    likeness = max(
-        _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
-        _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),
-    )
-    if not likeness > LEAST_LIKENESS:
-        return (
-            "the image is blank or nothing but noise: "
-            f"neighbouring pixels correlate by {likeness:.2f}"
-        )
-    return None
-
-
-def _correlation(a: NDArray[np.float32], b: NDArray[np.float32], both: Mask) -> float:
-    """Centred and normalised, of the pixels that count in both; 0 where one of them is the same everywhere."""
-    if not both.any():
-        return 0.0
-    one, other = (v[both].astype(np.float64) for v in (a, b))
-    one, other = one - one.mean(), other - other.mean()
-    norm = math.sqrt(float(one @ one) * float(other @ other))
-    return float(one @ other) / norm if norm > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +163,7 @@ class _Search:
 
     def located(self, area: SearchArea) -> Located:
         """The whole search over an area, and the verdict."""
-        options, far = self.options, float(np.median(area.reach_px))
+        options, far, coarse = self.options, float(np.median(area.reach_px)), None
         if far > options.most_reach_px * self.factor:
             least = options.least_reach_px * self.factor
             area, chance, slack = narrowed(
@@ -210,10 +185,12 @@ class _Search:
             if chance > SIGNIFICANT:
                 reason = f"of {len(area)} points in view no shift within {far:.0f} px shows more than chance"
                 return Located(NOT_HERE, reason, self.unmatched(area.points))
+            if math.isfinite(chance):
+                coarse = WholeGround(len(area), chance, 0.0, reason="only at a coarse scale")
         matches = self.match(self.working, area)
         score = self.agreement(matches, area)
         if not score.significant or score.pose is None:
-            return self.refused(matches, area, score)
+            return self.refused(matches, area, score, coarse)
         matches, pose = self.settled(score.pose)
         return self.judged(matches, pose, score)
 
@@ -259,14 +236,16 @@ class _Search:
         matches = self.unmatched()
         for _ in range(self.options.passes):
             before = pose
-            rows = in_view(self.catalog, pose.sensor)
-            reach = np.full(len(rows), self.options.second_reach_px * self.factor)
-            area = SearchArea(rows, np.zeros((len(rows), 2)), reach)
-            matches = self.match(self.corrected(pose), area)
-            pose, matches = self.solved(matches, pose)
+            pose, matches = self.solved(self.near(pose), pose)
             if (np.abs(pose.correction - before.correction) <= 0.1 * pose.sigma).all():
                 break
         return matches, pose
+
+    def near(self, pose: Pose) -> Matches:
+        """Sought near where the corrected sensor has them."""
+        rows = in_view(self.catalog, pose.sensor)
+        reach = np.full(len(rows), self.options.second_reach_px * self.factor)
+        return self.match(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
 
     def corrected(self, pose: Pose) -> Photo:
         """The searched photograph with the corrected sensor."""
@@ -287,8 +266,7 @@ class _Search:
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():
                 break
-        code = np.where(matches.found & ~pose.used, CODE["inconsistent"], matches.code)
-        return pose, replace(matches, code=code.astype(np.uint8))
+        return pose, told_apart(matches, pose.used)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
         """The pose by those who agree; ``doubt_px``: what all of them may be off alike, beside the usual."""
@@ -305,14 +283,21 @@ class _Search:
             common_px=math.hypot(self.options.common_px * self.factor, doubt_px),
         )
 
-    def refused(self, matches: Matches, area: SearchArea, score: Consensus) -> Located:
-        """Why the first search gives no place."""
+    def refused(
+        self, matches: Matches, area: SearchArea, score: Consensus, coarse: WholeGround | None
+    ) -> Located:
+        """What all points together say where single ones give no place (``coarse``: have said); else why there is none."""
         searched = np.isin(matches.code, SEARCHED)
+        undecided = score.log10_false_alarms < SIGNIFICANT
+        whole = None if undecided else self.whole(area.only(searched), self.width_px(area.points))
+        for said in (whole, coarse):
+            if said is not None and said.shows:
+                return self.by_ground(matches, said)
         figures = (None, score.log10_false_alarms, score.rival_log10)
         if self.if_here(searched, area) > SIGNIFICANT:
             reason = f"too few points can be looked for: {_counted(matches)}"
             return Located(CANNOT_SAY, reason, matches, *figures)
-        if score.log10_false_alarms < SIGNIFICANT:
+        if undecided:
             reason = "the points found agree on two places about as well"
             return Located(CANNOT_SAY, reason, matches, *figures)
         reason = (
@@ -320,6 +305,39 @@ class _Search:
             "and they agree on no place"
         )
         return Located(NOT_HERE, reason, matches, *figures)
+
+    def whole(self, area: SearchArea, width_px: float) -> WholeGround | None:
+        """What the points of an area, patches so wide, say together."""
+        return whole_ground(
+            self.catalog,
+            self.working,
+            self.photo.sensor,
+            self.uncertainty,
+            self.model,
+            area,
+            width_px,
+            common_px=self.options.common_px * self.factor,
+            check_sun=self.options.check_light,
+        )
+
+    def by_ground(self, matches: Matches, whole: WholeGround) -> Located:
+        """The verdict where the ground as a whole shows. Found are the points that agree with its place by themselves."""
+        figures = (whole.log10_false_alarms, whole.rival_log10)
+        shows = (
+            f"the ground as a whole ({whole.points} points together) shows; "
+            f"the number of false alarms is 10^{whole.log10_false_alarms:.0f}"
+        )
+        lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
+        if whole.pose is None or lacking:
+            reason = f"single points agree on no place; {shows}; but {lacking}"
+            return Located(CANNOT_SAY, reason, matches, None, *figures, by=BY_GROUND)
+        matches = self.near(whole.pose)
+        ground, found, covariance = self.places(matches)
+        used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
+        residual = found - whole.pose.sensor.project(ground)
+        pose = replace(whole.pose, used=used, residual_px=residual)
+        reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
+        return Located(LOCATED, reason, told_apart(matches, used), pose, *figures, by=BY_GROUND)
 
     def if_here(self, searched: Mask, area: SearchArea) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of the points that could be looked for agreed."""
@@ -333,15 +351,9 @@ class _Search:
 
     def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Located:
         """The verdict on a pose that is no chance."""
-        sigmas = self.uncertainty.sigmas(self.photo.sensor)
-        off = float(np.abs(pose.correction[pose.solved] / sigmas[pose.solved]).max(initial=0.0))
         figures = (score.log10_false_alarms, score.rival_log10)
-        if off > self.options.most_sigmas:
-            reason = (
-                f"the points agree on a place {off:.1f} of the stated sigmas away; "
-                "state a larger uncertainty if it may be there"
-            )
-            return Located(CANNOT_SAY, reason, matches, None, *figures)
+        if far := self.too_far(pose):
+            return Located(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
         light = self.light(matches, pose) if self.options.check_light else None
         if light is not None and not light.fits:
             return Located(CANNOT_SAY, light.complaint, matches, None, *figures, light)
@@ -352,6 +364,14 @@ class _Search:
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
         return Located(LOCATED, reason, matches, pose, *figures, light)
+
+    def too_far(self, pose: Pose) -> str:
+        """What speaks against a correction that is larger than the stated uncertainty allows; empty where it is not."""
+        sigmas = self.uncertainty.sigmas(self.photo.sensor)
+        off = float(np.abs(pose.correction[pose.solved] / sigmas[pose.solved]).max(initial=0.0))
+        if off <= self.options.most_sigmas:
+            return ""
+        return f"the place is {off:.1f} of the stated sigmas away; state a larger uncertainty if it may be there"
 
     def light(self, matches: Matches, pose: Pose) -> LightCheck:
         rows = matches.point[pose.used]
@@ -366,6 +386,12 @@ class _Search:
             1.0 / pose.overlap,
             self.options.light_reach_px * self.factor,
         )
+
+
+def told_apart(matches: Matches, agrees: Mask) -> Matches:
+    """Those found that do not agree are inconsistent."""
+    code = np.where(matches.found & ~agrees, CODE["inconsistent"], matches.code)
+    return replace(matches, code=code.astype(np.uint8))
 
 
 def _counted(matches: Matches) -> str:

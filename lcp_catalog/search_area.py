@@ -52,6 +52,15 @@ class SearchArea:
         """With no reach below a least one."""
         return replace(self, reach_px=np.maximum(self.reach_px, least_px))
 
+    def only(self, rows: NDArray[np.bool_] | Index) -> SearchArea:
+        """Some of its points."""
+        return replace(
+            self,
+            points=self.points[rows],
+            offset_px=self.offset_px[rows],
+            reach_px=self.reach_px[rows],
+        )
+
 
 def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     """Those of the rows on whose side of the Moon the sensor is."""
@@ -105,7 +114,7 @@ def narrowed(
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     slope = jacobian(sensor, catalog.position_mcmf[area.points])
     common = slope.mean(axis=0)
-    slack = float(np.median(_reach(slope - common, prior, 1.0)))
+    slack = _slack(slope, prior)
     shift = coarse_shift(
         catalog,
         photo,
@@ -125,6 +134,17 @@ def narrowed(
     places = 2.0 * math.log10(float(np.median(area.reach_px)) / float(np.median(reach)))
     narrow = SearchArea(area.points, slope @ correction, reach, max(places, 0.0))
     return narrow, shift.log10_false_alarms, slack
+
+
+def slack_px(sensor: Sensor, points_mcmf_m: Array, uncertainty: Uncertainty) -> float:
+    """How far, in pixels, ground points (n, 3) may lie from an offset that is common to all of them, as an uncertainty
+    turns and scales the image: the median of 1 sigma.
+    """
+    return _slack(jacobian(sensor, points_mcmf_m), np.diag(uncertainty.sigmas(sensor) ** 2))
+
+
+def _slack(slope: Array, covariance: Array) -> float:
+    return float(np.median(_reach(slope - slope.mean(axis=0), covariance, 1.0)))
 
 
 def _reach(slope: Array, covariance: Array, sigmas: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,9 +16,14 @@ from .sensors import Reduced, Sensor
 Array = NDArray[np.float64]
 Float = NDArray[np.float32]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _FILL_PX = 33
 """Missing pixels hold the mean of the valid ones around them, this far at first."""
+
+
+LEAST_LIKENESS = 0.3
+"""Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,3 +88,31 @@ def reduction(sensor: Sensor) -> int:
 def full_pixels(pixels: Array, factor: int) -> Array:
     """Pixels of a reduced image in those of the image as it came."""
     return (pixels + 0.5) * factor - 0.5
+
+
+def nothing_in(photo: Photo) -> str | None:
+    """What an image lacks for anything to be found in it; None where it lacks nothing."""
+    valid = photo.valid
+    if not valid.any():
+        return "the image has no valid pixel"
+    signal = photo.signal
+    likeness = max(
+        _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
+        _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),
+    )
+    if not likeness > LEAST_LIKENESS:
+        return (
+            "the image is blank or nothing but noise: "
+            f"neighbouring pixels correlate by {likeness:.2f}"
+        )
+    return None
+
+
+def _correlation(a: NDArray[np.float32], b: NDArray[np.float32], both: Mask) -> float:
+    """Centred and normalised, of the pixels that count in both; 0 where one of them is the same everywhere."""
+    if not both.any():
+        return 0.0
+    one, other = (v[both].astype(np.float64) for v in (a, b))
+    one, other = one - one.mean(), other - other.mean()
+    norm = math.sqrt(float(one @ one) * float(other @ other))
+    return float(one @ other) / norm if norm > 0.0 else 0.0

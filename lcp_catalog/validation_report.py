@@ -11,6 +11,7 @@ from typing import Any
 from . import match_charts, window_charts
 from .charts import number
 from .light_check import LightCheck
+from .locate import BY_GROUND
 from .page import facts, header, page, tiles
 from .plates import Pictures
 from .points_section import points_section, residuals_section, table_section
@@ -128,12 +129,13 @@ def _facts(image: ImageVerdict) -> list[tuple[str, str]]:
 
 
 def _chance(image: ImageVerdict) -> str:
-    """How far the agreement of the points is from chance."""
-    known = image.located.log10_false_alarms
-    if not image.matches.found.any() or not math.isfinite(known):
+    """How far the agreement of the points, or of the ground as a whole, is from chance."""
+    known, rival = image.located.log10_false_alarms, image.located.rival_log10
+    whole = image.located.by == BY_GROUND
+    if not (whole or image.matches.found.any()) or not math.isfinite(known):
         return ""
-    rival = image.located.rival_log10
-    return f"of random matches 10^{known:.0f} such agreements are expected; of the next best place’s 10^{rival:.0f}"
+    random = "of images of other ground" if whole else "of random matches"
+    return f"{random} 10^{known:.0f} such agreements are expected; of the next best place’s 10^{rival:.0f}"
 
 
 def _light(check: LightCheck | None) -> str:

@@ -205,6 +205,7 @@ class ImageVerdict:
             },
             "windows": self._windows(),
             "pose": None if self.pose is None else self.pose.figures(),
+            "located_by": None if self.pose is None else self.located.by,
             "log10_false_alarms": self.located.log10_false_alarms,
             "log10_false_alarms_rival": self.located.rival_log10,
             "light": _light(self.located.light),

@@ -5,22 +5,40 @@ docs/validation.md has the figures, `benchmarks/nac_pair.py` makes them.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pit_pair as pit
 import pytest
+from small_world import mirrored
 
 from lcp_catalog.catalog import Catalog, read_catalog
-from lcp_catalog.locate import FAINT, LOCATED, locate
+from lcp_catalog.locate import (
+    BY_GROUND,
+    BY_POINTS,
+    FAINT,
+    LOCATED,
+    NOT_HERE,
+    Options,
+    locate,
+)
 from lcp_catalog.photo import Photo
+from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.request import SunChoice
+from lcp_catalog.search_area import SearchArea
 from lcp_catalog.sensors import Uncertainty
 from lcp_catalog.sphere import azimuth_elevation
 from lcp_catalog.terraces import smooth_terraces
+from lcp_catalog.usable import working_photo
+from lcp_catalog.whole_ground import whole_ground
 from lcp_catalog.windows import compare
 
 WITHIN_M = 2.0
+BY_WINDOWS_M = np.array([0.41, -1.51])
+"""East and north by windows of 64 m (docs/validation.md), to 0.34 and 0.78 m."""
+PATCH_M = 64.0
 MOVED_M = (6.0, -5.0)
 
 
@@ -87,13 +105,65 @@ def test_registered_by_windows(photo: Photo, grounds: dict[str, pit.Ground], sid
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("law", ["lommel-seeliger", "lunar-lambert", "hapke"])
 @pytest.mark.parametrize("start", [(0.0, 0.0), MOVED_M])
-def test_registered_by_points(photo: Photo, catalog: Catalog, start: tuple[float, float]) -> None:
+def test_registered_by_all_points_together(
+    photo: Photo, catalog: Catalog, start: tuple[float, float], law: str
+) -> None:
+    """Single points agree on nothing; together they lie where the windows do, whatever the law and wherever the map."""
     moved = photo.with_sensor(photo.sensor.moved(start))
-    found = locate(catalog, moved, Uncertainty(5.0), options=FAINT)
+    found = locate(catalog, moved, Uncertainty(5.0), reflectance_model(law))
     assert found.verdict == LOCATED
-    assert found.pose is not None
-    assert np.hypot(*(found.pose.correction + start)) < WITHIN_M
+    assert found.by == BY_GROUND
+    assert found.log10_false_alarms < -10.0
+    off = found.pose.correction + start - BY_WINDOWS_M
+    assert (np.abs(off) < 3.0 * found.pose.sigma).all()
+    assert (found.pose.sigma < 1.2).all()
+
+
+@pytest.mark.slow
+def test_registered_by_faint_points(photo: Photo, catalog: Catalog) -> None:
+    found = locate(catalog, photo, Uncertainty(5.0), options=FAINT)
+    assert found.verdict == LOCATED
+    assert found.by == BY_POINTS
+    assert np.hypot(*found.pose.correction) < WITHIN_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
+def test_turned_or_mirrored_it_is_no_place(photo: Photo, catalog: Catalog, how: str) -> None:
+    for options in (Options(), FAINT):
+        found = locate(catalog, mirrored(photo, how), Uncertainty(5.0), options=options)
+        assert found.verdict == NOT_HERE
+
+
+@pytest.mark.slow
+def test_the_hole_in_both_files_decides_nothing(photo: Photo, catalog: Catalog) -> None:
+    """Noise with the spectrum of ground about the image's own hole is no place; the ground away from the hole is."""
+    dice = np.random.default_rng(0)
+    shape = photo.signal.shape
+    waves = np.meshgrid(np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1]), indexing="ij")
+    for _ in range(3):
+        spectrum = np.fft.rfft2(dice.normal(size=shape)) / np.maximum(np.hypot(*waves), 0.005)
+        noise = np.where(photo.valid, np.fft.irfft2(spectrum, s=shape), np.nan)
+        image = replace(photo, signal=noise.astype(np.float32))
+        assert locate(catalog, image, Uncertainty(5.0)).verdict == NOT_HERE
+    rows = np.flatnonzero(from_hole_m(photo, catalog) > 100.0)
+    area = SearchArea(rows, np.zeros((len(rows), 2)), np.full(len(rows), 64.0))
+    searched = working_photo(catalog, photo, rows)
+    law = reflectance_model("lunar-lambert")
+    found = whole_ground(
+        catalog, searched, photo.sensor, Uncertainty(5.0), law, area, PATCH_M / 0.5
+    )
+    assert found.log10_false_alarms < -6.0
+    assert (np.abs(found.pose.correction - BY_WINDOWS_M) < 3.0 * found.pose.sigma).all()
+
+
+def from_hole_m(photo: Photo, catalog: Catalog) -> np.ndarray:
+    """How far the catalogue's points lie from the hole's edge, (n,)."""
+    column, row = np.round(photo.sensor.project(catalog.position_mcmf)).astype(int).T
+    away = cv2.distanceTransform(photo.valid.astype(np.uint8), cv2.DIST_L2, 5)
+    return 0.5 * away[row.clip(0, len(away) - 1), column.clip(0, away.shape[1] - 1)]
 
 
 @pytest.mark.slow

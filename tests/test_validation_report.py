@@ -128,13 +128,13 @@ def test_windows_that_correlate_say_where_they_lie() -> None:
 def test_what_the_histogram_cannot_tell_its_caption_does() -> None:
     image = verdicts.image()
     w = image.windows.compared
-    assert "stand in the first bar" not in alone(image)
+    assert "In the first bar" not in alone(image)
     odd = w.correlation.copy()
     odd[:5], odd[5:8], odd[8] = -0.5, 0.0, -0.1
     html = alone(
         replace(image, windows=replace(image.windows, compared=replace(w, correlation=odd)))
     )
-    assert "3 are flat and correlate with nothing. 5 below -0.2 stand in the first bar." in html
+    assert "Flat, and correlated with nothing: 3. In the first bar, being below -0.2: 5." in html
 
 
 def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:

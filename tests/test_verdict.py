@@ -6,11 +6,12 @@ import json
 import math
 import statistics
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import verdicts
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog import verdict as v
@@ -101,6 +102,8 @@ def test_windows_are_those_compared(whole: v.Verdict) -> None:
     rough = [c for c, t in zip(values, compared.contrast, strict=True) if t >= limit]
     share = sum(c > 0.9 for c in rough) / len(rough)
     assert found["textured"]["share_above_0_9"] == pytest.approx(share)
+    share = sum(c > 0.7 for c in rough) / len(rough)
+    assert found["textured"]["share_above_0_7"] == pytest.approx(share)
     assert (found["size"], found["step"], found["gsd_m"]) == (16, 16, 948.0)
     assert found["offset"] == "kept"
     assert found["resolution"] == "from the heights' spectrum"
@@ -162,11 +165,41 @@ def test_a_map_has_two_axes_and_no_position() -> None:
     assert found["position_sigma_axes_m"] == pytest.approx(wanted)
 
 
+def test_a_scanner_stands_where_its_middle_line_saw() -> None:
+    """One whose place is 10 m further on with every line, 1 m to the side with every column."""
+
+    def looks(pixel: list[float]) -> tuple[np.ndarray, np.ndarray]:
+        column, row = pixel
+        return np.array([2e6, 10.0 * row, 1.0 * column]), np.array([-1.0, 0.0, 0.0])
+
+    posed = verdicts.image().pose
+    assert posed is not None
+    scan = SimpleNamespace(corrections=posed.pose.sensor.corrections, shape=(401, 101), looks=looks)
+    found = v.PoseFigures(replace(posed.pose, sensor=scan)).position_mcmf_m
+    assert found.tolist() == [2e6, 2000.0, 50.0]
+
+
+def test_what_is_not_known_is_no_part_of_a_median() -> None:
+    located = verdicts.image()
+    rows = np.flatnonzero(located.matches.found)
+    correlation = located.matches.correlation.copy()
+    correlation[rows[::3]] = np.nan
+    kept = np.delete(rows, np.s_[::3])
+    matches = replace(located.matches, correlation=correlation)
+    found = replace(located, located=replace(located.located, matches=matches)).figures()
+    assert found["correlation"]["median"] == statistics.median(correlation[kept].tolist())
+    nothing = replace(matches, correlation=np.full(len(correlation), np.nan))
+    found = replace(located, located=replace(located.located, matches=nothing)).figures()
+    assert math.isnan(found["correlation"]["median"])
+    assert math.isnan(found["correlation"]["p05"])
+
+
 def test_equal_verdicts_are_equal_bytes(whole: v.Verdict) -> None:
     assert verdicts.whole().to_json() == whole.to_json()
     assert whole.to_json().endswith("}\n")
 
 
+@settings(max_examples=40)
 @given(
     st.recursive(
         st.floats() | st.integers() | st.text() | st.none() | st.booleans(),
@@ -218,6 +251,7 @@ def test_a_few_lines_say_it(whole: v.Verdict) -> None:
     assert lines[1].startswith(f"  points   {figures['points_found']} of 60 in view found; ")
     assert f"{figures['not_found']['weak']} weak" in lines[1]
     assert f"median {v.number(figures['offset_px']['median'])} px" in lines[2]
+    assert f"95 % within {v.number(figures['offset_px']['p95'])} px" in lines[2]
     assert f"after the pose {v.number(figures['residual_px']['median'])} px" in lines[2]
     share = 100 * figures["windows"]["share_above_0_9"]
     assert f"{share:.1f} % above 0.9" in lines[3]
