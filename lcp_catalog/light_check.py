@@ -5,10 +5,12 @@ everywhere: matches can agree with each other on a place that is wrong. So the p
 under Suns turned about the vertical and raised or lowered, and correlated near where they were found.
 
 With z = artanh(correlation) (Fisher 1921), another Sun is preferred when most points say so: more than half of them
-by twice the binomial's sigma. Preferred is not yet right: a DEM that is smoother than the ground, and another law of
-reflection than the image's, make all points prefer a Sun that is a little off, most of all a lower one. So a stated
-Sun is refused only when the one preferred most gains so much that no true frame did (`LEAST_GAIN`); below that, how
-far the preferred Sun moves the matches is a doubt that all of them share. docs/pose.md has the figures.
+by twice the binomial's sigma. Preferred is not yet right: another law of reflection than the image's looks like a
+Sun that is off, or hides that it is. So the same is asked under other laws (`LAWS`), and the law that most points
+prefer, each law under its own best Sun, decides. A DEM that is smoother than the ground, too, makes all points prefer
+a Sun that is a little off, most of all a lower one. So a stated Sun is refused only when the one preferred most gains
+so much that no true frame did (`LEAST_GAIN`); below that, how far the preferred Sun moves the matches is a doubt that
+all of them share. docs/pose.md has the figures.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 from .contents import Catalog
 from .match import Criteria, match
 from .photo import Photo
-from .reflectance import Reflectance
+from .reflectance import Reflectance, reflectance_model
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,6 +36,11 @@ LEAST_GAIN = ((0.025, 0.25), (0.08, 0.5))
 """In the median correlation, or in that of z; for a Sun that is turned, and for one that is raised or lowered. The
 first of each pair is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as
 simulated frames have them.
+"""
+
+LAWS = ("hapke", "lommel-seeliger")
+"""Laws of reflection that are asked beside the search's own, a rough surface's and a dark one's: a surface after one of
+them looks, under the other, as if its Sun stood elsewhere.
 """
 
 SIGMAS = 2.0
@@ -55,13 +62,15 @@ class LightCheck:
     gains: tuple[float, ...]  # (m) median of z less z under the stated Sun
     shares: tuple[float, ...]  # (m) of the points that prefer it
     shifts_px: tuple[float, ...]  # (m) how far it moves the matches, the median of both coordinates
+    law: str = ""  # that of the renders, where it is not the search's own
+    least_doubt_px: float = 0.0  # what the search's own law leaves in doubt, where another decides
 
     @property
     def preferred(self) -> int | None:
         """Which of the others most points prefer, and by most; None: the stated Sun stands."""
         if self.points < _FEWEST:
             return None
-        most = 0.5 + SIGMAS * 0.5 / math.sqrt(self.independent)
+        most = _majority(self.independent)
         some = [k for k, share in enumerate(self.shares) if share > most and self.gains[k] > 0.0]
         return max(some, key=lambda k: self.gains[k]) if some else None
 
@@ -77,7 +86,8 @@ class LightCheck:
     @property
     def doubt_px(self) -> float:
         """How far all matches may be off alike because another Sun is preferred; 0 where none is."""
-        return 0.0 if self.preferred is None else self.shifts_px[self.preferred]
+        best = self.preferred
+        return max(self.least_doubt_px, 0.0 if best is None else self.shifts_px[best])
 
     @property
     def complaint(self) -> str:
@@ -89,7 +99,7 @@ class LightCheck:
         how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
         return (
             f"the stated Sun does not fit the image: {self.shares[best]:.0%} of {self.points} points "
-            f"correlate better under one {how}"
+            f"correlate better under one {how}{f' ({self.law})' if self.law else ''}"
         )
 
 
@@ -105,10 +115,39 @@ def check_light(
 ) -> LightCheck:
     """Points (rows (n,) of the catalogue) that were found ``offset_px`` (n, 2) from where the photograph's sensor has
     them, looked for again within ``reach_px`` of there under each Sun; pixels of the image as it came, one point at
-    least.
+    least. What comes back is of ``model``, or of the one of `LAWS` that most points prefer to it.
     """
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST)).round().astype(int))
     rows, offset = points[some], offset_px[some]
+    how = (criteria, independent_share, reach_px)
+    own, most_like = _under_law(catalog, photo, model, rows, offset, *how)
+    best, gain = own, 0.0
+    for law in map(reflectance_model, LAWS):
+        if law.name != model.name:
+            other, alike = _under_law(catalog, photo, law, rows, offset, *how)
+            gained = alike - most_like
+            mean = float(np.median(gained))
+            if (gained > 0.0).mean() > _majority(own.independent) and mean > gain:
+                best, gain = replace(other, law=law.name, least_doubt_px=own.doubt_px), mean
+    return best
+
+
+def _majority(independent: float) -> float:
+    """The share of points, so many independent ones among them, that is more than half of them by `SIGMAS`."""
+    return 0.5 + SIGMAS * 0.5 / math.sqrt(independent)
+
+
+def _under_law(
+    catalog: Catalog,
+    photo: Photo,
+    model: Reflectance,
+    rows: Index,
+    offset: Array,
+    criteria: Criteria,
+    independent_share: float,
+    reach_px: float,
+) -> tuple[LightCheck, Array]:
+    """`check_light` with one law, and each point's z under the Sun with the highest median."""
 
     def under(turn_deg: float, raise_deg: float) -> tuple[Array, Array]:
         lit = with_sun(photo, catalog.position_mcmf[rows], turn_deg, raise_deg)
@@ -121,8 +160,9 @@ def check_light(
     stated, places = under(0.0, 0.0)
     suns = [under(*turn) for turn in TURNS_DEG]
     others = np.array([correlation for correlation, _ in suns])
-    gain = np.arctanh(np.clip(others, -0.999, 0.999)) - np.arctanh(np.clip(stated, -0.999, 0.999))
-    return LightCheck(
+    z = np.arctanh(np.clip(np.concatenate([stated[None], others]), -0.999, 0.999))
+    gain = z[1:] - z[0]
+    found = LightCheck(
         points=len(rows),
         independent=max(1.0, len(rows) * independent_share),
         correlation=float(np.median(stated)),
@@ -132,6 +172,7 @@ def check_light(
         shares=tuple((gain > 0.0).mean(axis=1).tolist()),
         shifts_px=tuple(_common_shift(moved - places) for _, moved in suns),
     )
+    return found, z[int(np.median(z, axis=1).argmax())]
 
 
 def _common_shift(offsets_px: Array) -> float:

@@ -18,7 +18,7 @@ from lcp_catalog.camera import Camera
 from lcp_catalog.catalog import Catalog
 from lcp_catalog.patch_render import render_patches
 from lcp_catalog.photo import Photo
-from lcp_catalog.reflectance import reflectance_model
+from lcp_catalog.reflectance import Reflectance, reflectance_model
 from lcp_catalog.sphere import (
     EnuFrame,
     direction_enu,
@@ -99,12 +99,13 @@ class World:
         sun_deg: tuple[float, float] = (100.0, 25.0),
         noise: float = 0.02,
         seed: int = 0,
+        law: Reflectance = LAW,
     ) -> Photo:
         """What a camera sees under a Sun (azimuth, elevation at the middle); noise is 1 sigma over the mean signal.
         Ground beyond the edge is missing.
         """
         sun = self.frame.direction_to_mcmf(direction_enu(*sun_deg))
-        drawn = render_patches(self.whole, [0], camera, sun[None], LAW, least_cover=0.999)
+        drawn = render_patches(self.whole, [0], camera, sun[None], law, least_cover=0.999)
         rows, cols = camera.shape
         signal = np.full((rows, cols), np.nan)
         (left, top), (high, wide) = drawn.origin[0], drawn.shape
