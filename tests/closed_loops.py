@@ -205,7 +205,9 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
 
     def take(camera: Camera, shot: Shot) -> Photo:
         detector = Detector(blur_px=BLUR_PX, noise=1.0 / SNR, bits=BITS, seed=shot.number)
-        request = Request([dem], view=ViewChoice(camera), accuracy=TIERS["reference"], disc=False)
+        request = Request(
+            [dem], view=ViewChoice(camera), model=law, accuracy=TIERS["reference"], disc=False
+        )
         ground = DemGround.seen(request, detector.margin_px)
         return frame(ground, camera, detector).photo(name=camera.name)
 
