@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from posed import HADLEY, PlainMap, camera, covariances, ground, noise
-from scipy.special import gammaln
-from scipy.stats import binom
+from scipy.special import bdtrc, gammaln
 
 from lcp_catalog.consensus import (
     SIGNIFICANT,
@@ -58,7 +57,7 @@ def test_it_bounds_the_binomial_and_not_by_far(count: int, agreeing: int, chance
     """
     minimal = 3
     tests = gammaln(count + 1) - gammaln(minimal + 1) - gammaln(count - minimal + 1)
-    exact = (tests + binom.logsf(agreeing - minimal - 1, count, chance)) / np.log(10.0)
+    exact = (tests + np.log(bdtrc(agreeing - minimal - 1, count, chance))) / np.log(10.0)
     agrees = np.arange(count) < agreeing
     bound = log10_false_alarms(np.full(count, chance), agrees, minimal)
     assert exact <= bound + 1e-9
@@ -173,6 +172,86 @@ def test_two_solutions_are_none() -> None:
     assert answer.log10_false_alarms < SIGNIFICANT
     assert answer.rival_log10 < SIGNIFICANT
     assert not answer.significant
+
+
+@pytest.mark.parametrize(
+    ("own", "rival", "clear"),
+    [(-40.0, -19.0, True), (-40.0, -21.0, False), (-8.0, -5.0, True), (-8.0, -6.5, False), (-5.9, 0.0, False),
+     (-6.1, 0.0, True)],
+)  # fmt: skip
+def test_a_rival_may_be_half_as_meaningful_or_no_agreement_at_all(own, rival, clear) -> None:
+    """In powers of ten; what alone would be no agreement is no rival to anything."""
+    assert Consensus(np.zeros(0, dtype=bool), None, own, rival).significant is clear
+
+
+def exact(count: int, seed: int) -> Matches:
+    """All where they are, with round covariances of 0.4 px."""
+    made = Matches(count, 0, seed)
+    made.covariance = np.tile(0.16 * np.eye(2), (count, 1, 1))
+    made.found = made.known.project(made.points)
+    return made
+
+
+def test_what_lies_just_beyond_its_gate_is_no_rival() -> None:
+    """Gates of 3 sqrt(0.16 + 0.16) = 1.7 px: a third lies 2.5 px off alike. It has no part, and is no second place either."""
+    made = exact(60, 15)
+    made.found[::3] += [2.5, 0.0]
+    answer = made.agree(tolerance_px=1.2)
+    assert answer.inliers.tolist() == [k % 3 != 0 for k in range(60)]
+    assert answer.rival_log10 == 0.0
+    assert answer.significant
+    made.found[::3] += [7.5, 0.0]
+    assert made.agree(tolerance_px=1.2).rival_log10 < SIGNIFICANT
+
+
+def test_the_larger_of_two_agreements_is_the_answer() -> None:
+    made = exact(80, 16)
+    other = made.prior.moved(UNCERTAIN.sigmas(made.prior) * [1.5, -1.0, 0.5, 0.5, 1.0, -0.5])
+    few = np.arange(80) % 8 < 3
+    made.found[few] = other.project(made.points)[few]
+    answer = made.agree()
+    assert np.array_equal(answer.inliers, ~few)
+    assert answer.log10_false_alarms < answer.rival_log10 < SIGNIFICANT
+
+
+def test_false_matches_on_one_spot_take_nothing_from_those_that_agree() -> None:
+    """How much ground is shared is counted among those who agree alone."""
+    made = exact(50, 17)
+    made.found[:20] = made.found[40] + np.random.default_rng(0).uniform(-3.0, 3.0, (20, 2))
+    apart = np.abs(made.found[20:, None] - made.found[None, 20:]).max(-1)
+    width = float(np.min(apart + 1e6 * np.eye(30)))
+    assert width > 1.0
+    plain, wide = (made.agree(width_px=w) for w in (0.0, width))
+    assert np.array_equal(plain.inliers, np.arange(50) >= 20)
+    assert np.array_equal(wide.inliers, plain.inliers)
+    assert wide.log10_false_alarms == pytest.approx(plain.log10_false_alarms, rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6])
+def test_one_more_than_a_minimal_set_can_agree(count: int) -> None:
+    made = exact(count, 18)
+    answer = made.agree()
+    assert answer.inliers.all()
+    assert answer.pose is not None
+    assert answer.log10_false_alarms < 0.0
+
+
+def test_an_uncertainty_in_which_the_image_bends_is_searched_too() -> None:
+    """Half are wrong; the sensor up to 16 km and 2.5 deg off: offsets are no linear function of so much."""
+    wide = Uncertainty(8e3, np.radians(1.2))
+    for seed in range(4):
+        dice = np.random.default_rng(seed)
+        known = camera()
+        points = ground(known, 60, dice)
+        draw = np.clip(dice.normal(size=6), -2.0, 2.0)
+        prior = known.moved(wide.sigmas(known) * draw)
+        found = known.project(points)
+        wrong = np.arange(60) % 2 == 0
+        found[wrong] = prior.project(points)[wrong] + dice.uniform(-90.0, 90.0, (30, 2))
+        covariance = np.tile(0.04 * np.eye(2), (60, 1, 1))
+        answer = agree(prior, points, found, covariance, wide, 90.0)
+        assert answer.significant
+        assert (answer.inliers & ~wrong).sum() >= 29
 
 
 def test_one_false_match_seen_by_many_patches_is_no_proof() -> None:

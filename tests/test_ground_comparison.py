@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from lcp_catalog.detector import Detector
 from lcp_catalog.errors import AreaError
 from lcp_catalog.ground_comparison import (
     WindowChoice,
+    _of_one_size,
+    _places,
     against_dem,
     against_patches,
     dem_request,
@@ -27,6 +30,7 @@ from lcp_catalog.ground_comparison import (
 from lcp_catalog.ortho import terrain_nodes
 from lcp_catalog.patch_render import nodes_mcmf
 from lcp_catalog.photo import Photo
+from lcp_catalog.point_spread import Grid
 from lcp_catalog.reflectance import reflectance_model
 from lcp_catalog.request import Request, ViewChoice
 from lcp_catalog.sensors import Reduced
@@ -99,6 +103,23 @@ def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
     assert windows.gsd_m == gsd_m
     assert windows.count > 30
     assert windows.share_above(0.95) > 0.95
+    assert np.nanmedian(np.abs(windows.offset_px)) < 0.1
+
+
+def test_an_offset_of_the_whole_image_is_removed_where_it_is_asked_for(
+    photo, camera, sharp
+) -> None:
+    """A camera that is thought 480 m too far east: two cells of 240 m. Windows are as far apart as they are asked to be."""
+    east = PLACE.direction_to_mcmf([1.0, 0.0, 0.0])
+    wrong = photo.with_sensor(camera.moved([*(480.0 * east), 0.0, 0.0, 0.0]))
+    windows = against_dem(
+        wrong, [HADLEY], LAW, STANDARD, WindowChoice(16, 8, 240.0, remove_offset=True)
+    ).windows
+    assert windows.offset == "removed"
+    assert windows.shift_px == pytest.approx((2.0, 0.0), abs=0.15)
+    assert windows.share_above(0.9) > 0.9
+    assert windows.step == 8
+    assert set(np.unique(windows.row % 16)) == {0, 8}
 
 
 @pytest.mark.parametrize(
@@ -143,6 +164,35 @@ def test_patches_are_the_image_too(photo, catalog) -> None:
     assert found.windows.share_above(0.95) > 0.9
     assert sorted(set(found.point)) == ROWS.tolist()
     assert np.allclose(found.longitude_deg, catalog.longitude[found.point])
+
+
+def test_a_patch_that_lies_half_in_a_gap_is_left_out(photo, catalog) -> None:
+    """And every window keeps the point that it belongs to."""
+    corner = photo.sensor.project(nodes_mcmf(catalog, [3])[0, 2, 2]).round().astype(int)
+    weight = photo.weight.copy()
+    weight[corner[1] - 3 : corner[1] + 4, corner[0] - 3 : corner[0] + 4] = 0.0
+    found = against_patches(replace(photo, weight=weight), catalog, ROWS, LAW, STANDARD)
+    assert sorted(set(found.point)) == [0, 1, 2, 4, 5, 6, 7, 8]
+    assert found.against == "8 patches of the catalogue"
+
+
+def test_of_patches_with_different_cells_the_most_common_are_taken() -> None:
+    made = SimpleNamespace(gsd=np.array([100.0, 250.0, 100.0, 40.0, 100.0, 250.0]))
+    common, rows = _of_one_size(made, np.array([1, 2, 3, 4, 5, 0]))
+    assert (common, rows.tolist()) == (100.0, [2, 4, 0])
+    common, rows = _of_one_size(made, np.array([1, 2, 5]))
+    assert (common, rows.tolist()) == (250.0, [1, 5])
+
+
+def test_a_window_lies_at_the_node_nearest_to_its_middle() -> None:
+    """Cells of 4 nodes, the first about node 1.5; windows of 5 cells begin at rows 0 and 3, columns 2 and 7."""
+    lon, lat = np.meshgrid(np.linspace(10.0, 10.59, 60), np.linspace(20.0, 19.51, 50))
+    found = SimpleNamespace(size=5, row=np.array([0, 3]), col=np.array([2, 7]))
+    pair = SimpleNamespace(grid=Grid.over(lon.shape, 4.0))
+    at = _places(lonlat_to_mcmf(lon, lat), pair, found)
+    # middles at nodes 1.5 + 4 (first + 2): rows 9.5 and 21.5, columns 17.5 and 37.5
+    np.testing.assert_allclose(at[0], [10.175, 10.375], atol=0.0051)
+    np.testing.assert_allclose(at[1], [19.905, 19.785], atol=0.0051)
 
 
 def test_a_patch_s_albedo_is_in_its_render(photo, catalog) -> None:

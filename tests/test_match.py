@@ -6,27 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lone_hill import EAST, above_it, bump_catalog, picture, plain_photo
 from match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo, taken
 from twins_match import catalog_of_patches, looking_at
 
 from lcp_catalog.match import Criteria, match, points_in_view, usable_now, working_photo
 from lcp_catalog.matches import REASONS
-from lcp_catalog.photo import Photo
 from lcp_catalog.sphere import EnuFrame, direction_enu
 
 catalog = pytest.fixture(hadley_catalog, scope="module")
 camera = pytest.fixture(hadley_camera, scope="module")
 photo = pytest.fixture(hadley_photo, scope="module")
+bump = pytest.fixture(bump_catalog, scope="module")
+above = pytest.fixture(above_it, scope="module")
 
 
 @pytest.fixture(scope="module")
 def found(catalog, photo):
     return match(catalog, photo, LAW, 20.0)
-
-
-def plain_photo(signal, camera, sun, weight=None):
-    weight = np.ones(signal.shape, np.float32) if weight is None else weight
-    return Photo("made up", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
 
 
 # -- the whole
@@ -140,49 +137,15 @@ def reasons(catalog, photo, reach=8.0, **more):
     return [REASONS[code] for code in result.code]
 
 
-@pytest.fixture(scope="module")
-def bump():
-    """One patch with a lone hill, at 0 N 0 E."""
-    step = (np.arange(33) - 16) * 100.0
-    east, north = np.meshgrid(step, -step)
-    z = 250.0 * np.exp(-((east - 100) ** 2 + (north + 300) ** 2) / 7e5) + 60 * np.sin(
-        east / 230
-    ) * np.cos(north / 310)
-    z -= z[16, 16]
-    return catalog_of_patches(z[None].astype(np.float32), [EnuFrame(0.0, 0.0)], 100.0)
-
-
-@pytest.fixture(scope="module")
-def above():
-    return looking_at(EnuFrame(0.0, 0.0), 60e3, 0, 0, 0, 600.0, (160, 160))
-
-
-EAST = EnuFrame(0.0, 0.0).direction_to_mcmf(direction_enu(100, 30))
-
-
-def picture(bump, above, places=((0, 0),)):
-    """The patch's own render at some offsets, on noise."""
-    from lcp_catalog.patch_render import render_patches
-
-    template = render_patches(bump, [0], above, EAST[None], LAW)
-    level = template.values[template.mask].mean()
-    signal = level * (1 + 0.02 * np.random.default_rng(2).standard_normal(above.shape))
-    for right, down in places:
-        col, row = template.origin[0] + (right, down)
-        box = signal[row : row + template.shape[0], col : col + template.shape[1]]
-        box[template.mask[0]] = template.values[template.mask]
-    return signal.astype(np.float32)
-
-
 def test_a_picture_of_the_patch_is_found(bump, above):
-    photo = plain_photo(picture(bump, above, [(3, -5)]), above, EAST)
+    photo = plain_photo(picture(above, [(3, -5)]), above, EAST)
     result = match(bump, photo, LAW, 8.0)
     assert REASONS[result.code[0]] == "found"
     assert result.offset_px[0] == pytest.approx((3, -5), abs=0.01)
 
 
 def test_reasons(bump, above):
-    signal = picture(bump, above)
+    signal = picture(above)
     photo = plain_photo(signal, above, EAST)
     down = EnuFrame(0.0, 0.0).direction_to_mcmf(direction_enu(100, -5))
     assert reasons(bump, replace(photo, sun_direction_mcmf=down)) == ["not lit"]
@@ -196,7 +159,7 @@ def test_reasons(bump, above):
     assert reasons(bump, plain_photo(rough, above, EAST)) == ["found"]
     strict = Criteria(min_correlation=0.9)
     assert reasons(bump, plain_photo(rough, above, EAST), criteria=strict) == ["weak"]
-    twice = picture(bump, above, [(0, 0), (45, 4)])
+    twice = picture(above, [(0, 0), (45, 4)])
     assert reasons(bump, plain_photo(twice, above, EAST), 50.0) == ["ambiguous"]
     assert reasons(bump, photo, criteria=Criteria(max_back_px=-1.0)) == ["not confirmed"]
     side = replace(above, principal_point_px=(2.0, 79.5))
@@ -204,7 +167,7 @@ def test_reasons(bump, above):
 
 
 def test_missing_and_saturated_pixels_are_told_apart(bump, above):
-    signal = picture(bump, above)
+    signal = picture(above)
     hole = np.s_[55:105, 58:100]
     weight = np.ones(signal.shape, np.float32)
     weight[hole] = 0.0
@@ -216,7 +179,7 @@ def test_missing_and_saturated_pixels_are_told_apart(bump, above):
 
 def test_a_few_bad_pixels_do_not_matter(bump, above):
     rng = np.random.default_rng(4)
-    signal, weight = picture(bump, above, [(2, 1)]), np.ones(above.shape, np.float32)
+    signal, weight = picture(above, [(2, 1)]), np.ones(above.shape, np.float32)
     bad = rng.random(above.shape) < 0.08
     signal[bad], weight[bad] = 50.0, 0.0
     result = match(bump, plain_photo(signal, above, EAST, weight), LAW, 6.0)

@@ -67,7 +67,7 @@ def pixels(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
     st.floats(-2.9, 2.9), st.floats(-2.9, 2.9), st.floats(-2.9, 2.9), st.floats(-2.9, 2.9),
     st.floats(-3.0, 3.0), st.floats(-3.0, 3.0),
 )  # fmt: skip
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 def test_the_mean_of_a_slope_is_its_value_in_the_middle(a, b, c, d, gx, gy):
     """Whatever the parallelogram: no half pixel is lost on either axis."""
     sensor = Flat((80, 90), ((a, b), (c, d)), (44.0, 39.0))
@@ -158,6 +158,27 @@ def test_a_cell_reaches_half_way_to_both_its_neighbours():
     np.testing.assert_allclose(seen.signal[5, 1:11], wanted, rtol=1e-5)
 
 
+def test_where_cells_differ_the_narrowest_say_how_fine_the_image_is_kept():
+    """From 1 to 59 pixels wide: reduced by what suits the middle ones the narrow ones would be blurred. The typical side is the
+    middle one's.
+    """
+    sensor = Curved((300, 1900), ((1.0, 0.0), (0.0, 1.0)))
+    col, _ = pixels(300, 1900)
+    seen = orthorectify(photo_of(sensor, col**2), plane(12, 60))
+    x = np.arange(1.0, 7.0)
+    wanted = (5.0 + 0.5 * x**2) ** 2 + x**2 * (1.0 - 1.0 / np.ceil(x) ** 2) / 12.0
+    np.testing.assert_allclose(seen.signal[5, 1:7], wanted, rtol=1e-5)
+    assert seen.footprint_px == pytest.approx(29.5, abs=0.51)
+
+
+@pytest.mark.parametrize(("wide", "tall"), [(7.0, 2.0), (2.0, 7.0)])
+def test_a_footprint_is_as_long_as_its_longer_side(wide, tall):
+    sensor = Flat((120, 120), ((wide, 0.0), (0.0, tall)), (8.0, 8.0))
+    assert orthorectify(
+        photo_of(sensor, np.ones((120, 120))), plane(9, 9)
+    ).footprint_px == pytest.approx(7.0)
+
+
 def test_a_cell_of_very_many_pixels_is_the_mean_of_them_all():
     """150 x 150 pixels of noise: picking some of them would err by more than the mean itself varies."""
     noise = np.random.default_rng(0).normal(size=(1200, 1200))
@@ -219,6 +240,14 @@ def test_hidden_nodes_and_nodes_beyond_the_image_are_out():
     assert (seen.weight[:, :5] == 0.0).all()
     assert (seen.weight[:, 26:] == 0.0).all()
     assert (seen.weight[5:, 5:25] == 1.0).all()
+
+
+def test_a_pixel_reaches_half_a_pixel_beyond_its_middle():
+    """Nodes from -0.5 to 19.4: all of them lie in the image, the first and last beyond the middles of its border's pixels."""
+    sensor = Flat((20, 20), ((0.1, 0.0), (0.0, 0.1)), (-0.5, -0.5))
+    seen = orthorectify(photo_of(sensor, np.full((20, 20), 7.0)), plane(200, 200))
+    np.testing.assert_allclose(seen.signal[1:, 1:], 7.0, rtol=1e-6)
+    np.testing.assert_allclose(seen.weight[1:, 1:], 1.0, atol=1e-6)
 
 
 def test_ground_without_a_height_shows_nothing_and_spoils_nothing():

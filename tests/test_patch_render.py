@@ -319,6 +319,29 @@ def test_a_wave_is_damped_as_square_and_gaussian_damp_it(cycles, sigma, shift, s
     assert out[3, 8, 8] == pytest.approx(1.0, abs=2e-3)
 
 
+@pytest.mark.parametrize("sub", [3, 4, 8])
+@pytest.mark.parametrize(("cycles", "sigma"), [(0.1, 0.5), (0.3, 0.45), (0.3, 0.7)])
+def test_a_samples_own_square_is_taken_out_of_the_spread(sub, cycles, sigma):
+    # squares of 1/sub for the samples: sinc(f / sub), for which the Gaussian's variance is 1 / (12 sub^2) less
+    place = (np.arange(24 * sub) + 0.5) / sub - 0.5
+    wave = np.tile(np.cos(2 * np.pi * cycles * place), (24 * sub, 1)).astype(np.float32)
+    values, mask = np.empty((1, 24, 24), np.float32), np.empty((1, 24, 24), np.bool_)
+    spread.templates(wave[None], sub, sigma, 0.9, values, mask)
+    narrow2 = sigma**2 - 1.0 / (12.0 * sub**2)
+    left = np.sinc(cycles) * np.sinc(cycles / sub) * np.exp(-2 * (np.pi * cycles) ** 2 * narrow2)
+    wanted = left * np.cos(2 * np.pi * cycles * np.arange(24))
+    np.testing.assert_allclose(values[0, 12, 6:18], wanted[6:18], atol=5e-4)
+
+
+def test_nodes_far_closer_than_pixels_are_drawn():
+    # 97 nodes of 100 m in pixels of 1200 m: 8 x 8 pixels, triangles of a fifth of a sample
+    frame = EnuFrame(0.0, 0.0)
+    catalog = catalog_of_patches(hill(nodes=97)[None], [frame], GSD_M)
+    camera = looking_at(frame, 60e3, 0, 0, 0, 50.0, (61, 61), (30.5, 30.5))
+    template = rendered(catalog, frame, camera, direction_enu(60, 35))
+    assert template.mask[0].sum() == 64
+
+
 def test_the_point_spread_stays_within_the_patch():
     # half a drawing is missing: its edge is not darkened, and pixels that see less than the share asked for are left out
     drawing = np.full((1, 60, 60), 5.0, np.float32)

@@ -68,3 +68,24 @@ def test_too_few_or_no_agreement_is_refused() -> None:
         initial(known, points[:3], known.project(points[:3]))
     with pytest.raises(PoseError, match="no place of it agrees"):
         initial(known, points, dice.uniform(0.0, 403.0, (12, 2)), tolerance_px=0.01)
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_four_points_are_enough(count: int) -> None:
+    known = camera(tilt=(0.2, -0.1, 0.8))
+    points = ground(known, count, np.random.default_rng(2))
+    placed, agrees = initial(lost(known), points, known.project(points))
+    assert agrees.all()
+    assert np.abs(placed.position_mcmf_m - known.position_mcmf_m).max() < 0.1
+
+
+def test_how_far_off_a_point_may_be_is_as_stated() -> None:
+    """Of 30 exact points three are seen 3 px off: within 4 px they agree, within 2 they do not."""
+    known = camera()
+    points = ground(known, 30, np.random.default_rng(3))
+    found = known.project(points)
+    found[:3] += [[3.0, 0.0], [0.0, -3.0], [-2.1, 2.1]]
+    for tolerance, count in ((2.0, 27), (4.0, 30)):
+        _, agrees = initial(lost(known), points, found, tolerance)
+        assert agrees.sum() == count
+        assert agrees[3:].all()

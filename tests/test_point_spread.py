@@ -71,6 +71,35 @@ def test_no_width_takes_the_nearest_node():
     assert (mass == 1.0).all()
 
 
+def test_no_width_takes_the_nearest_of_nodes_that_lie_between():
+    """Nodes 1.5 apart, from 0.25 on: 0.25, 1.75, 3.25, 4.75 are nearest to 0, 2, 3, 5."""
+    x, y = grid(6, 6)
+    found, _ = spread(x + 100.0 * y, np.ones(x.shape), 0.0, Grid.over(x.shape, 1.5))
+    near = np.array([0.0, 2.0, 3.0, 5.0])
+    np.testing.assert_array_equal(found, near + 100.0 * near[:, None])
+
+
+@pytest.mark.parametrize(
+    ("shape", "ratio", "fwhm"),
+    [((23, 31), 1.0, 2.5), ((23, 31), 3.0, 7.0), ((40, 29), 2.2, 4.4), ((700, 5), 1.0, 6.0), ((900, 4), 2.5, 5.0)],
+)  # fmt: skip
+def test_means_are_sums_over_every_cell(shape, ratio, fwhm):
+    """A Gaussian to 5 sigma, its sum over all cells, there or not, made 1; weights; grids of more nodes than are done at once."""
+    rng = np.random.default_rng(0)
+    values, weight = rng.normal(size=shape), rng.random(shape)
+    coarse = Grid.over(shape, ratio)
+    sigma = fwhm * SIGMA_PER_FWHM
+    sides = []
+    for count, of in zip(coarse.shape, shape, strict=True):
+        away = np.arange(-60, of + 60)[None] - (coarse.start_px + ratio * np.arange(count))[:, None]
+        near = np.where(np.abs(away) <= 5.0 * sigma, np.exp(-0.5 * (away / sigma) ** 2), 0.0)
+        sides.append((near / near.sum(axis=1, keepdims=True))[:, 60 : of + 60])
+    light, mass = (sides[0] @ a @ sides[1].T for a in (values * weight, weight))
+    found, share = spread(values, weight, fwhm, coarse)
+    np.testing.assert_allclose(share, mass, rtol=1e-9)
+    np.testing.assert_allclose(found, light / mass, rtol=1e-8, atol=1e-12)
+
+
 def test_missing_cells_weigh_nothing():
     rng = np.random.default_rng(0)
     x, _ = grid()
@@ -174,6 +203,12 @@ def test_a_pair_is_as_sure_as_the_less_sure_of_the_two():
     _, narrow = spread(weight, weight, 2.0)
     assert pair.weight[20, 20] == pytest.approx(narrow[20, 20])
     assert pair.weight[20, 20] < 0.3
+
+
+def test_cells_that_are_finer_by_rounding_are_the_same():
+    values = np.random.default_rng(0).normal(size=(9, 9))
+    pair = paired(values, values, np.ones((9, 9)), gsd_m=118.45, target_m=118.45 * (1.0 - 5e-7))
+    assert pair.image.shape == (9, 9)
 
 
 def test_finer_cells_are_refused():

@@ -42,7 +42,7 @@ def loop(image, render, weight, size, step, least):
     return np.array(found).reshape(-1, 5)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(
     st.integers(0, 10_000), st.integers(3, 9), st.integers(1, 9), st.sampled_from([0.3, 0.7, 1.0])
 )
@@ -61,6 +61,7 @@ def test_every_window_is_the_definition(seed, size, step, least):
     np.testing.assert_allclose(ours, twin, rtol=1e-9, atol=1e-9)
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e3), st.booleans())
 def test_gain_and_offset_drop_out(offset, gain, inverted):
     x, y = grid(32, 48)

@@ -19,7 +19,7 @@ that lies in the image, highest share of real pixels under the mask."""
 PEAKS = 6
 """Peaks at half resolution, at most, that are climbed at full resolution."""
 _SLACK = 0.15
-"""Peaks lower than the highest by more than this, at half resolution, are left."""
+"""Peaks at half resolution that are lower by more than this than what the highest of them came to at full resolution are left."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
