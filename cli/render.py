@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import options
+from . import options, render_options
 
 if TYPE_CHECKING:
     from lcp_catalog.environment import Environment
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 @options.output_option("OUT.tif", required=False)
 @options.area_options
 @options.sun_options
-@options.light_options
-@options.view_options
-@options.surface_option
+@render_options.light_options
+@render_options.view_options
+@render_options.surface_option
 @options.model_options
 @options.albedo_options
-@options.composite_options
+@render_options.composite_options
 @click.option("--preview", metavar="OUT.png", help="Also write a picture for the eye.")
 @click.option(
     "--explain", is_flag=True, help="Say as JSON what is modelled and why; without -o only that."
@@ -79,16 +79,16 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     angles = (flags["sun_azimuth"], flags["sun_elevation"])
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
     oblique = (flags["off_nadir"], flags["view_azimuth"], flags["altitude_km"])
-    options.check_view(flags["camera_path"], *oblique, flags["frame"])
+    render_options.check_view(flags["camera_path"], *oblique, flags["frame"])
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)
-    options.check_surface(flags["surface"], dem, flags["size_km"])
+    render_options.check_surface(flags["surface"], dem, flags["size_km"])
     panorama = flags["environment_path"]
     how = {name: flags[name] for name in ENVIRONMENT}
-    options.check_light(sun_stated, flags["sun_model"], flags["earthshine"], panorama, **how)
+    render_options.check_light(sun_stated, flags["sun_model"], flags["earthshine"], panorama, **how)
     behind = (flags["catcher_m"], flags["background_path"], flags["background_white"])
-    options.check_composite(*behind, panorama, flags["frame"])
+    render_options.check_composite(*behind, panorama, flags["frame"])
 
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.albedo import AlbedoMap

@@ -4,7 +4,7 @@ A cylinder ends at meridians and parallels. A polar map ends at straight lines o
 is a line through the pole. With t = tan(colatitude / 2) as radius of that plane, the line at distance d from the pole whose
 normal lies at longitude phi is t cos(lon - phi) = d; a parallel meets it at phi +- acos(d / t) (Snyder 1987 p. 157 on the
 sphere). Between the latitudes where edges begin, end or cross, the arcs change smoothly, and a few Gauss nodes give their areas:
-to 1e-7 against closed forms, to 1e-5 where there are more crossings than are kept (tests/test_dem_coverage.py).
+to 1e-7 against closed forms, to 1e-5 where there are more crossings than are kept (tests/test_set_coverage.py).
 """
 
 from __future__ import annotations
