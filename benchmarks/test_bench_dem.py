@@ -15,7 +15,7 @@ from rasterio.windows import Window
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from archive_products import cylinder_frame, jp2_product
+from archive_files import cylinder_frame, jp2_product
 from products import DEGREE_M, LABELS, hills, ldem_80s, sldem_512
 
 from lcp_catalog.demset import DemSet

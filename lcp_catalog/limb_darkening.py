@@ -103,14 +103,17 @@ def strips(law: LimbDarkening, count: int, lean: float = 0.0) -> Strips:
     high = np.sqrt(1.0 - (inner * (1.0 - abs(lean))) ** 2)
     middle = _centroids(law, left, right)
     edges[[0, -1]] = -4.0, 4.0  # leaning lines may pass beside the limb: nothing is left out
-    left, right = edges[:-1, None], edges[1:, None]
     node, weight = np.polynomial.legendre.leggauss(2)
     y = (-1.0 + (np.arange(STEPS)[:, None] + 0.5 + 0.5 * node) * (2.0 / STEPS)).ravel()
     narrower = 1.0 - lean * y
-    layers = law.chord_flux(np.sqrt(1.0 - y * y)[None, :], left * narrower, right * narrower)
-    step = (layers.reshape(count, STEPS, node.size) * weight).sum(axis=-1) / (STEPS * law.flux)
+    half = np.sqrt(1.0 - y * y)
     flux = np.zeros((count, STEPS + 1))
-    flux[:, :-1] = np.cumsum(step[:, ::-1], axis=1)[:, ::-1]
+    beside = law._primitive(half, edges[0] * narrower)
+    for k, edge in enumerate(edges[1:]):  # a strip at a time: what it takes stays in the cache
+        before, beside = beside, law._primitive(half, edge * narrower)
+        layers = (beside - before).reshape(STEPS, node.size)
+        step = (layers * weight).sum(axis=-1) / (STEPS * law.flux)
+        flux[k, :-1] = np.cumsum(step[::-1])[::-1]
     return Strips(middle, -high, high, flux)
 
 

@@ -4,6 +4,7 @@ rules.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,8 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
     """Everything `Catalog` wants, as keyword arguments, so that a test can spoil one of them."""
     rng = np.random.default_rng(seed)
     frame = EnuFrame(*CENTER)
-    with rasterio.open(HADLEY) as source:
-        raster = source.read(1).astype(np.float64)
-        to_pixel = ~source.transform
-        radius = MOON_RADIUS_M
+    raster, to_pixel = _hadley()
+    radius = MOON_RADIUS_M
 
     def height(lon, lat):
         x, y = np.radians(lon) * radius, np.radians(lat) * radius
@@ -99,6 +98,13 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
     }
 
 
+@cache
+def _hadley() -> tuple[np.ndarray, Any]:
+    """Heights and the affine from projected metres to pixels."""
+    with rasterio.open(HADLEY) as source:
+        return source.read(1).astype(np.float64), ~source.transform
+
+
 def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
     """A sound catalogue of ``count`` points, but for what is given by name."""
     return Catalog(**{**arrays(count, patch), **spoilt})
@@ -153,12 +159,14 @@ def _coverage(rng, frame, side, step_m, lon):
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
 
 
-def noticed_damage(whole: Path, sound: dict[str, Any], turned: Path, seed: int) -> int:
-    """Of 60 files with one byte turned each: how many `verify` finds fault with. Where it finds none,
+def noticed_damage(
+    whole: Path, sound: dict[str, Any], turned: Path, seed: int, count: int = 60
+) -> int:
+    """Of so many files with one byte turned each: how many `verify` finds fault with. Where it finds none,
     AssertionError unless what is read is ``sound`` all the same.
     """
     content, noticed = whole.read_bytes(), 0
-    for offset in np.random.default_rng(seed).integers(0, len(content), 60):
+    for offset in np.random.default_rng(seed).integers(0, len(content), count):
         damaged = bytearray(content)
         damaged[offset] ^= 0xFF
         turned.write_bytes(damaged)

@@ -1,8 +1,8 @@
 """A DEM's own nodes as triangles in MCMF, traced by Embree: shadows that no code of ours computed.
 
 Nothing here uses the library. Pixels and map come from rasterio, places from closed forms of the sphere that pyproj judges
-(tests/test_embree.py), hits from Embree 4. Embree counts in float32, so the mesh is moved, in float64 and without turning it, to an
-origin near the area before it is handed over: at 160 km from there a coordinate's step is 0.016 m.
+(tests/test_embree_mesh.py), hits from Embree 4. Embree counts in float32, so the mesh is moved, in float64 and without turning
+it, to an origin near the area before it is handed over: at 160 km from there a coordinate's step is 0.016 m.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -171,13 +172,16 @@ def cylinder(
     per_degree: float,
     surface: Surface = hills,
 ) -> Path:
-    """A GeoTIFF cylinder of a surface, float64 so that only the resampling is judged."""
+    """A GeoTIFF cylinder of a surface, float64 so that only the resampling is judged.
+
+    The surface is asked with longitudes (1, columns) and latitudes (rows, 1).
+    """
     rows, cols = shape
     lon, lat = (
         west + (np.arange(cols) + 0.5) / per_degree,
         north - (np.arange(rows) + 0.5) / per_degree,
     )
-    heights = surface(*np.meshgrid(lon, lat))
+    heights = np.array(np.broadcast_to(surface(lon[None, :], lat[:, None]), shape))
     return geotiff(path, heights, west * DEGREE_M, north * DEGREE_M, DEGREE_M / per_degree)
 
 
@@ -186,3 +190,19 @@ def _write(folder: Path, name: str, text: str, samples: np.ndarray) -> Path:
     label = folder / f"{name}.LBL"
     label.write_text(text, encoding="latin-1", newline="")
     return label
+
+
+def holed(
+    path: Path,
+    shape: tuple[int, int],
+    holes: list[tuple[slice, slice]],
+    west_m: float,
+    north_m: float,
+    pixel_m: float,
+    **how: Any,
+) -> Path:
+    """A GeoTIFF of noise with windows of its pixels missing."""
+    heights = np.random.default_rng(5).uniform(-900.0, 900.0, shape).astype(np.float32)
+    for hole in holes:
+        heights[hole] = -32768.0
+    return geotiff(path, heights, west_m, north_m, pixel_m, nodata=-32768.0, **how)

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lcp_cli.main import run
-from renders import read
+from renders import camera_file, read, write_dem
 from scipy.spatial.transform import Rotation
-from test_cli_render import camera_file, write_dem
 
 from lcp_catalog.camera import Camera
 from lcp_catalog.camera_file import read_camera, read_sensor

@@ -12,7 +12,7 @@ import numpy as np
 import products
 import pytest
 import rasterio
-from archive_products import Product
+from archive_files import Product
 from lcp_cli.main import run
 from products import cut, geotiff
 from rasterio.transform import Affine

@@ -145,21 +145,12 @@ def test_mistakes_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path) -> None:
-    output = tmp_path / "x.h5"
-    arguments = [
-        "build-catalog",
-        DEM,
-        "-o",
-        str(output),
-        "--center",
-        "3.5",
-        "26",
-        "--size",
-        "60",
-        "--jobs",
-        "2",
-    ]
+def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path, config: str) -> None:
+    """81 small areas, of which the first is soon done and the others are not."""
+    output, many = tmp_path / "x.h5", Path(config)
+    text = SMALL.replace("size_km = 40.0", "size_km = 100.0")
+    many.write_text(text.replace("tolerance_deg = 1.0", "tolerance_deg = 0.3"))
+    arguments = ["build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "2"]
     process = subprocess.Popen(
         lcp(*arguments),
         stderr=subprocess.PIPE,
@@ -178,7 +169,8 @@ def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert "--resume" in error
     assert "Traceback" not in error
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.h5.parts"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["build.toml", "x.h5.parts"]
+    assert len(list(parts.glob("*.npz"))) < 81
 
 
 def test_a_file_that_cannot_grow_is_one_line(tmp_path: Path, config: str) -> None:

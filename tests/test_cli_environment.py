@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import rasterio
 from lcp_cli.main import run
-from renders import read
-from test_cli_render import rolling, write_dem
+from renders import read, rolling, write_dem
 
 from lcp_catalog.panorama_models import Lamp, cie_sky, room, uniform, with_lamps
 

@@ -1,8 +1,7 @@
-"""``lcp render`` from the outside: what it writes, what it says, what it leaves behind."""
+"""``lcp render`` from the outside: what it writes, and what it says of it."""
 
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -10,45 +9,13 @@ import pytest
 import rasterio
 from lcp_cli.main import run
 from lcp_cli.value_types import REFLECTANCES
-from renders import read
+from renders import AREA, BANDS, DEGREE_M, SUN, camera_file, read, rolling, write_dem
 
-from lcp_catalog import exposure, files, render_file
 from lcp_catalog.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.reflectance import MODELS
 from lcp_catalog.sphere import EnuFrame, azimuth_elevation, central_angle_deg, mcmf_to_lonlat
-from lcp_catalog.sun import direction_from_subsolar, subsolar_point
-
-PIXELS_PER_DEGREE = 256
-DEGREE_M = np.radians(1.0) * MOON_RADIUS_M
-CYLINDER = pyproj.CRS.from_proj4(f"+proj=eqc +R={MOON_RADIUS_M} +units=m").to_wkt()
-BANDS = ("radiance", "sunlit", "visible", "incidence", "emission", "phase")
-SUN = ["--sun-azimuth", "100", "--sun-elevation", "20"]
-
-
-def write_dem(path, z, west, north):
-    """A cylindrical DEM of 256 pixels a degree whose north-west corner is given."""
-    gsd = DEGREE_M / PIXELS_PER_DEGREE
-    transform = rasterio.Affine(gsd, 0, west * DEGREE_M, 0, -gsd, north * DEGREE_M)
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        width=z.shape[1],
-        height=z.shape[0],
-        count=1,
-        dtype="float32",
-        nodata=-9999.0,
-        crs=CYLINDER,
-        transform=transform,
-    ) as file:
-        file.write(np.where(np.isnan(z), -9999, z).astype(np.float32), 1)
-    return str(path)
-
-
-def rolling(rows, cols):
-    y, x = np.mgrid[0:rows, 0:cols]
-    return 150 * np.sin(x / 7.0) * np.cos(y / 9.0) + 40 * np.sin(x / 2.3 + y / 3.1)
+from lcp_catalog.sun import subsolar_point
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +34,6 @@ def smooth_moon(tmp_path_factory):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "OUT.tif"
-
-
-AREA = ["--center", "30.5", "10.5", "--size", "8"]
 
 
 def test_the_output_of_the_contract(dem, out):
@@ -160,20 +124,6 @@ def test_terrain_outside_the_area_casts_its_shadow_into_it(tmp_path):
         target = tmp_path / f"{elevation}.tif"
         assert run(["render", path, "-o", str(target), *args, elevation]) == 0
         assert (read(target)[0]["sunlit"] == lit).all()
-
-
-def camera_file(path, **changes):
-    frame = EnuFrame(30.5, 10.5)
-    document = {
-        "position_mcmf_m": frame.to_mcmf([0, 0, 50e3]).tolist(),
-        "rotation_mcmf_to_camera": (np.diag([1.0, -1, -1]) @ frame.rotation).tolist(),
-        "focal_length_px": 400.0,
-        "principal_point_px": [49.5, 39.5],
-        "image_size_px": [100, 80],
-        "sun_position_mcmf_m": (1.5e11 * direction_from_subsolar(80.0, 0.0)).tolist(),
-    }
-    path.write_text(json.dumps({k: v for k, v in (document | changes).items() if v is not None}))
-    return str(path)
 
 
 def test_the_cameras_plane(dem, tmp_path, out):
@@ -315,106 +265,6 @@ def test_what_was_read_for_make(dem, tmp_path, out):
     arguments = ["render", dem, "-o", str(out), "--camera", camera, "--depfile", str(rule)]
     assert run(arguments) == 0
     assert rule.read_text() == f"{out}: {dem} {camera}\n"
-
-
-def test_an_output_is_replaced_only_when_told(dem, out, capsys):
-    out.write_text("mine")
-    arguments = ["render", dem, "-o", str(out), *AREA, *SUN]
-    assert run(arguments) == 1
-    assert "OUT.tif exists; say --overwrite" in capsys.readouterr().err
-    assert out.read_text() == "mine"
-    assert run([*arguments, "--overwrite"]) == 0
-    assert read(out)[1]["count"] == 7
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "says"),
-    [
-        (AREA, 2, "--sun-azimuth and --sun-elevation, or --time, or --subsolar"),
-        ([*AREA, "--sun-azimuth", "10"], 2, "go together"),
-        ([*AREA, *SUN, "--time", "2024-01-01"], 2, "state the Sun once"),
-        ([*AREA, *SUN, "--sun", "square"], 2, "--sun"),
-        ([*AREA, *SUN, "--accuracy", "sloppy"], 2, "--accuracy"),
-        ([*AREA, *SUN, "--off-nadir", "20"], 2, "--view-azimuth"),
-        ([*AREA, *SUN, "--frame", "camera"], 2, "--frame camera needs"),
-        (["--center", "30.5", "10.5", *SUN], 2, "--center needs --size"),
-        ([*AREA, "--bounds", "30", "10", "31", "11", *SUN], 2, "exclude each other"),
-        (["--bounds", "30", "11", "31", "10", *SUN], 2, "south must be below"),
-        ([*AREA, *SUN, "--gsd", "0"], 2, "--gsd"),
-        ([*AREA, *SUN, "--gsd", "nan"], 2, "--gsd"),
-        (["--center", "50", "10", "--size", "5", *SUN], 1, "no height in the DEM"),
-        ([*AREA, "--sun-azimuth", "10", "--sun-elevation", "-20"], 1, "below the horizon"),
-        ([*AREA, "--time", "soon"], 2, "--time"),
-        (["--center", "nan", "10.5", "--size", "8", *SUN], 2, "--center"),
-        ([*AREA, *SUN, "--camera", "none.json"], 1, "none.json"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_a_line(dem, out, capsys, arguments, code, says):
-    assert run(["render", dem, "-o", str(out), *arguments]) == code
-    error = capsys.readouterr().err
-    assert says in error
-    if code == 1:
-        assert error.startswith("lcp: ")
-        assert error.count("\n") == 1
-    assert os.listdir(out.parent) == []
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"position_mcmf_m": EnuFrame(30.5, 10.5).to_mcmf([0, 0, -5000]).tolist()}, "ground"),
-        ({"rotation_mcmf_to_camera": EnuFrame(30.5, 10.5).rotation.tolist()}, "see"),
-        ({"focal_length_px": -1}, "focal_length_px must be positive"),
-    ],
-)
-def test_cameras_that_cannot(dem, tmp_path, capsys, changes, says):
-    camera = camera_file(tmp_path / "CAMERA.json", **changes)
-    target = str(tmp_path / "OUT.tif")
-    assert run(["render", dem, "-o", target, *AREA, "--camera", camera]) == 1
-    error = capsys.readouterr().err
-    assert "CAMERA.json" in error
-    assert says in error
-    assert os.listdir(tmp_path) == ["CAMERA.json"]
-
-
-def test_a_camera_without_a_sun_is_a_usage_error(dem, tmp_path, out, capsys):
-    camera = camera_file(tmp_path / "CAMERA.json", sun_position_mcmf_m=None)
-    assert run(["render", dem, "-o", str(out), "--camera", camera]) == 2
-    assert "--sun-azimuth" in capsys.readouterr().err
-    camera = camera_file(tmp_path / "CAMERA.json", sun_position_mcmf_m=None, time_utc="2024-01-20")
-    assert run(["render", dem, "-o", str(out), "--camera", camera]) == 0
-
-
-@pytest.mark.parametrize(("room", "broken"), [(render_file, "encode"), (exposure, "expose")])
-def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, room, broken):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(room, broken, interrupt)
-    target = str(tmp_path / "OUT.tif")
-    assert run(["render", dem, "-o", target, *AREA, *SUN]) == 130
-    assert os.listdir(tmp_path) == []
-    assert "interrupted" in capsys.readouterr().err
-
-
-def test_a_full_disk_leaves_nothing(dem, tmp_path, monkeypatch, capsys):
-    def full(path):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files, "_sync", full)
-    target, preview = tmp_path / "OUT.tif", tmp_path / "OUT.png"
-    arguments = ["render", dem, "-o", str(target), *AREA, *SUN, "--preview", str(preview)]
-    assert run(arguments) == 1
-    assert "the disk is full" in capsys.readouterr().err
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_damaged_dem_is_named(tmp_path, out, capsys):
-    bad = tmp_path / "bad.tif"
-    bad.write_bytes(b"II*\0" + bytes(50))
-    assert run(["render", str(bad), "-o", str(out), *AREA, *SUN]) == 1
-    assert "bad.tif" in capsys.readouterr().err
-    assert not Path(out).exists()
 
 
 def test_the_flags_know_the_models():

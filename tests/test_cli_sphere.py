@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
-from lcp_cli import options
+from lcp_cli import render_options
 from lcp_cli.main import run
 from renders import read
 
@@ -77,8 +77,8 @@ def rough(tmp_path_factory):
 
 
 def test_surfaces_are_the_librarys():
-    assert options.SURFACES == request.SURFACES
-    assert options.HEIGHTFIELD_MAX_KM == _SIZE_MAX_KM
+    assert render_options.SURFACES == request.SURFACES
+    assert render_options.HEIGHTFIELD_MAX_KM == _SIZE_MAX_KM
 
 
 def test_a_whole_moon_without_a_dem(out):

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from lcp_cli.main import run
 
+from lcp_catalog import trade_runs, tradeoff
+
 DEM = str(Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif")
 
 SMALL = """
@@ -39,10 +41,18 @@ def config(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.parametrize("own", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_it_writes_table_page_and_data(
-    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    config: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    own: bool,
 ) -> None:
-    """Each tier in a process of its own; flags lie over the file; the file's own tier does not matter."""
+    """Each tier in a process of its own (or here, which is quick); flags lie over the file; the file's own tier does not matter."""
+    if not own:
+        workers = trade_runs.Workers
+        monkeypatch.setattr(tradeoff, "Workers", lambda isolated: workers(isolated=not isolated))
     folder = tmp_path / "trade"
     flags = ["--config", config, "--areas", "1", "--rounds", "1", "--sun-elevations", "10,30"]
     assert run(["trade", DEM, "-o", str(folder), *flags]) == 0
@@ -51,7 +61,11 @@ def test_it_writes_table_page_and_data(
     rows, compared = document["rows"], document["compared"]
     assert [row["accuracy"] for row in rows] == ["draft", "standard", "high", "reference"]
     for row in rows:
-        assert row["memory_mb"] > row["memory_base_mb"] > 10.0
+        grown_mb = row["memory_mb"] - row["memory_base_mb"]
+        assert grown_mb > 0.0 or (
+            grown_mb == 0.0 and not own
+        )  # a peak of here may be another test's
+        assert row["memory_base_mb"] > 10.0
         assert row["seconds"] > 0.0
     assert compared["areas"] == 1 < compared["areas_of"]
     assert compared["sun_elevations_deg"] == [10.0, 30.0]

@@ -1,6 +1,6 @@
 """Camera rays in tiles against each ray by itself: the same bits, whatever the terrain, the camera and the order of the rays.
 
-That the rays by themselves are right is the matter of test_heightfield.py.
+That the rays by themselves are right is the matter of test_heightfield_occluded.py.
 """
 
 from __future__ import annotations

@@ -152,13 +152,17 @@ def test_nodes_of_a_sweep_stay_finite_where_seen(model):
     for sun in sides[::2]:
         for camera in sides[1::3]:
             dark = np.zeros(normals.shape[:2], dtype=bool)
-            image = shade_nodes(planes, sun, camera, dark, dark, law.code, law.numbers)
+            image = shade_nodes(
+                planes, sun, camera, dark.view(np.uint8), dark, law.code, law.numbers
+            )
             mu0, mu = normals.astype(float) @ sun, normals.astype(float) @ camera
             assert (np.isnan(image) == ~(mu > 0)).all()
             assert (image[(mu > 0) & (mu0 <= 0)] == 0).all()
             assert np.nanmax(image, initial=0.0) <= BRIGHTEST
             assert np.nanmin(image, initial=0.0) >= 0.0
-            black = shade_nodes(planes, sun, camera, ~dark, dark, law.code, law.numbers)
+            black = shade_nodes(
+                planes, sun, camera, (~dark).view(np.uint8), dark, law.code, law.numbers
+            )
             assert (black[mu > 0] == 0).all()
 
 

@@ -294,7 +294,7 @@ def test_in_the_cameras_plane_against_exact_rays(tier):
     sky = cie_sky(64, 200.0, 30.0)
     light = Lighting((Lighting.of_sun(np.array([0.0, 0.0, 1.0])).first,), sky)
     dark = Lighting(light.sources)
-    camera = camera_over(terrain, size=30)
+    camera = camera_over(terrain, size=20)
     how = {"model": LAMBERT, "accuracy": TIERS[tier]}
     found = render_camera(terrain, camera, light, **how)
     without = render_camera(terrain, camera, dark, **how)

@@ -90,7 +90,7 @@ def catalog():
     lon, lat = (
         grid.ravel() for grid in np.meshgrid(FRAME.lon_deg + 1.1 * along, FRAME.lat_deg + along)
     )
-    return catalog_of_dem(lon, lat, 33, 118.45, HADLEY_DEM)
+    return catalog_of_dem(lon, lat, 25, 118.45, HADLEY_DEM)
 
 
 def test_the_whole_image_is_seen(photo) -> None:

@@ -1,4 +1,4 @@
-"""The tiers' promises, held against exact rays; those are held against brute force in test_heightfield.
+"""The tiers' promises, held against exact rays; those are held against brute force in test_heightfield_occluded.
 
 Bounds of `accuracy.TIERS`: draft at most 0.5 % of the nodes, 95 % of them within two nodes of a
 shadow's edge; standard at most 0.02 %; high none, on any terrain.

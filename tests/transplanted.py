@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import archive_products
 import numpy as np
 import products
 import rasterio
 import real_heights
-from archive_products import Frame, Product, archive_text, img_product
+from archive_files import Frame, Product, archive_text, cylinder_frame, img_product
 from rasterio.enums import Resampling
 from rasterio.warp import reproject
 
@@ -76,7 +75,7 @@ def across_75n(folder: Path, lon: int = 40, half_m: float = 65e3) -> list[Path]:
     wide = np.degrees(half_m / products.RADIUS_M / np.cos(np.radians(75.0)))
     cols = int(2 * wide * 512)
     west = round((lon - wide) * 512) / 512
-    frame = archive_products.cylinder_frame(
+    frame = cylinder_frame(
         west, 75.5, cols, int(512 * (0.5 + np.degrees(half_m / products.RADIUS_M))), 512.0, 180.0
     )
     text = archive_text("LDEM_128.LBL").replace("LDEM_128", "LDEM_512")

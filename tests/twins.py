@@ -1,7 +1,7 @@
 """Slow judges of the ray kernels. They share no code and no idea with the kernels: no traversal, no
 pyramid, no edge walking.
 
-`blocking` clips the vertical plane of a ray with *every* triangle of the raster; `blocking_exact`
+`blocking` clips the vertical plane of a ray with *every* triangle of the raster; `blocked_exactly`
 does the same in rational arithmetic. `textbook_hit` is Amanatides and Woo 1987 with Moeller and
 Trumbore 1997, written from the papers. All take heights (rows, cols), and rays in cell units: u =
 column, v = row (down), z in metres.
@@ -10,7 +10,7 @@ column, v = row (down), z in metres.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 
 import numpy as np
@@ -56,10 +56,16 @@ def blocking(
     largest rise is at an end. Each triangle is clipped by itself with the half planes of its three
     sides (Cyrus and Beck 1978). A rise at s = 0 itself does not count.
     """
-    (ou, ov, oz), (du, dv, dz) = origin, ray
+    return float(_blockings(corners, np.array([origin]), np.array([ray]), s_max)[0])
+
+
+def _blockings(corners: Array, origins: Array, rays: Array, s_max: float) -> Array:
+    """`blocking` of rays (n, 3) from origins (n, 3), every ray with every triangle."""
     if len(corners) == 0:
-        return -math.inf
-    near, far = np.zeros(len(corners)), np.full(len(corners), float(s_max))
+        return np.full(len(origins), -math.inf)
+    (ou, ov, oz), (du, dv, dz) = origins.T[:, :, None], rays.T[:, :, None]
+    near = np.zeros((len(origins), len(corners)))
+    far = np.full(near.shape, float(s_max))
     a, b, c = corners[:, 0, :2], corners[:, 1, :2], corners[:, 2, :2]
     turn = np.sign(
         (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
@@ -73,17 +79,14 @@ def blocking(
         near = np.where(rate > 0, np.maximum(near, s), near)
         far = np.where(rate < 0, np.minimum(far, s), far)
         far = np.where((rate == 0) & (inside < 0), -1.0, far)
-    hit = near <= far
-    if not hit.any():
-        return -math.inf
+    ray, hit = np.nonzero(near <= far)
     (zu, zv), z0 = _gradients(corners[hit]), corners[hit, 0]
-    rises = []
-    for s in (near[hit], far[hit]):
-        over = (
-            z0[:, 2] + zu * (ou + du * s - z0[:, 0]) + zv * (ov + dv * s - z0[:, 1]) - (oz + dz * s)
-        )
-        rises.append(np.where(s > 0, over, -math.inf))
-    return float(np.max(rises))
+    most = np.full(len(origins), -math.inf)
+    for s in (near[ray, hit], far[ray, hit]):
+        u, v, z = (o[ray, 0] + d[ray, 0] * s for o, d in ((ou, du), (ov, dv), (oz, dz)))
+        over = z0[:, 2] + zu * (u - z0[:, 0]) + zv * (v - z0[:, 1]) - z
+        np.maximum.at(most, ray[s > 0], over[s > 0])
+    return most
 
 
 def _gradients(corners: Array) -> tuple[Array, Array]:
@@ -96,52 +99,46 @@ def _gradients(corners: Array) -> tuple[Array, Array]:
 
 def node_margins(z: Array, ray: tuple[float, float, float]) -> Array:
     """`blocking` of the parallel rays from all nodes; NaN at nodata."""
-    corners, out = triangles(z), np.full(z.shape, np.nan)
-    for i, j in np.argwhere(np.isfinite(z)):
-        out[i, j] = _margin(corners, (float(j), float(i), float(z[i, j])), ray)
-    return out
+    return _margins(z, lambda origins: np.broadcast_to(np.array(ray), origins.shape), FAR)
 
 
 def node_margins_to(z: Array, camera: tuple[float, float, float]) -> Array:
     """`blocking` of the segments from all nodes to a camera; NaN at nodata."""
-    corners, out = triangles(z), np.full(z.shape, np.nan)
-    for i, j in np.argwhere(np.isfinite(z)):
-        start = (float(j), float(i), float(z[i, j]))
-        out[i, j] = _margin(
-            corners, start, tuple(c - o for c, o in zip(camera, start, strict=True)), 1.0
-        )
+    return _margins(z, lambda origins: np.array(camera) - origins, 1.0)
+
+
+def _margins(z: Array, rays_from: Callable[[Array], Array], s_max: float) -> Array:
+    """Vertical rays touch their own node alone: blocked where they look down into a triangle's corner."""
+    corners, out, there = triangles(z), np.full(z.shape, np.nan), np.isfinite(z)
+    i, j = np.nonzero(there)
+    origins = np.stack([j, i, z[there]], axis=1).astype(np.float64)
+    rays = rays_from(origins)
+    margins = _blockings(corners, origins, rays, s_max)
+    for n in np.flatnonzero((rays[:, 0] == 0.0) & (rays[:, 1] == 0.0)):
+        touches = (corners[:, :, :2] == origins[n, :2]).all(axis=2)
+        margins[n] = math.inf if rays[n, 2] < 0 and touches.any() else -math.inf
+    out[there] = margins
     return out
 
 
-def _margin(corners: Array, start: tuple, ray: tuple, s_max: float = FAR) -> float:
-    if ray[0] != 0.0 or ray[1] != 0.0:
-        return blocking(corners, start, ray, s_max)
-    touches = (corners[:, :, 0] == start[0]) & (corners[:, :, 1] == start[1])
-    return math.inf if ray[2] < 0 and touches.any() else -math.inf
+def exact_triangles(z: NDArray) -> list[list[tuple[Fraction, ...]]]:
+    """`triangles` in rational arithmetic."""
+    corners = triangles(np.asarray(z, dtype=np.float64)).tolist()
+    return [[tuple(Fraction(c) for c in corner) for corner in three] for three in corners]
 
 
-def blocked_exactly(
-    z: NDArray, node: tuple[int, int], ray: tuple[Fraction | int, Fraction | int, Fraction | int]
-) -> bool:
-    """Whether some existing triangle lies strictly above the ray from a node at s > 0, in rational
+def blocked_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
+    """Whether some triangle lies strictly above the ray from a node at s > 0, in rational
     arithmetic: ties are decided.
     """
-    du, dv, dz = (Fraction(c) for c in ray)
-    origin = (Fraction(node[1]), Fraction(node[0]), Fraction(float(z[node])))
-    return any(_above_exactly(t, origin, (du, dv, dz)) for t in _exact_triangles(z))
-
-
-def _exact_triangles(z: NDArray) -> Iterator[list[tuple[Fraction, ...]]]:
-    for corners in triangles(np.asarray(z, dtype=np.float64)):
-        yield [tuple(Fraction(float(c)) for c in corner) for corner in corners]
+    start, along = (tuple(Fraction(c) for c in three) for three in (origin, ray))
+    return any(_above_exactly(three, start, along) for three in corners)
 
 
 def _above_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
     (ou, ov, oz), (du, dv, dz) = origin, ray
     (au, av, az), (bu, bv, bz), (cu, cv, cz) = corners
     det = (bu - au) * (cv - av) - (cu - au) * (bv - av)
-    zu = ((bz - az) * (cv - av) - (cz - az) * (bv - av)) / det
-    zv = ((bu - au) * (cz - az) - (cu - au) * (bz - az)) / det
     near, far = Fraction(0), None
     for (pu, pv, _), (qu, qv, _) in zip(corners, corners[1:] + corners[:1], strict=True):
         nu, nv = (-(qv - pv), qu - pu) if det > 0 else (qv - pv, -(qu - pu))
@@ -152,13 +149,13 @@ def _above_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
             far = -inside / rate if far is None else min(far, -inside / rate)
         elif inside < 0:
             return False
-    return (
-        far is not None
-        and near <= far
-        and any(
-            s > 0 and az + zu * (ou + du * s - au) + zv * (ov + dv * s - av) > oz + dz * s
-            for s in (near, far)
-        )
+    if far is None or near > far:
+        return False
+    zu = ((bz - az) * (cv - av) - (cz - az) * (bv - av)) / det
+    zv = ((bu - au) * (cz - az) - (cu - au) * (bz - az)) / det
+    return any(
+        s > 0 and az + zu * (ou + du * s - au) + zv * (ov + dv * s - av) > oz + dz * s
+        for s in (near, far)
     )
 
 
@@ -172,19 +169,14 @@ def textbook_hit(
     start = _enter(rows, cols, origin, ray)
     if start is None:
         return math.nan
+    cells = _CellHits(z.tolist(), tuple(map(float, origin)), tuple(map(float, ray)))
     (ou, ov, _), (du, dv, _) = origin, ray
     j = min(max(math.floor(ou + du * start), 0), cols - 2)
     i = min(max(math.floor(ov + dv * start), 0), rows - 2)
     t_u = ((j + (du > 0)) - ou) / du if du else math.inf
     t_v = ((i + (dv > 0)) - ov) / dv if dv else math.inf
     while 0 <= i <= rows - 2 and 0 <= j <= cols - 2:
-        hits = [
-            h
-            for a in (-1, 0, 1)
-            for b in (-1, 0, 1)
-            for h in _cell_hits(z, i + a, j + b, origin, ray)
-        ]
-        hits = [h for h in hits if h > 1e-9]
+        hits = [h for a in (-1, 0, 1) for b in (-1, 0, 1) for h in cells[i + a, j + b] if h > 1e-9]
         if hits and min(hits) <= min(t_u, t_v) + 1e-9:
             return min(hits)
         if math.isinf(min(t_u, t_v)):
@@ -208,27 +200,49 @@ def _enter(rows: int, cols: int, origin: tuple, ray: tuple) -> float | None:
     return near if near <= far else None
 
 
-def _cell_hits(z: Array, i: int, j: int, origin: tuple, ray: tuple) -> Iterator[float]:
-    if not (0 <= i < z.shape[0] - 1 and 0 <= j < z.shape[1] - 1):
+class _CellHits(dict):
+    """Where a ray meets the triangles of a cell, by the cell, each looked at once."""
+
+    def __init__(self, z: list[list[float]], origin: tuple, ray: tuple) -> None:
+        super().__init__()
+        self.z, self.origin, self.ray = z, origin, ray
+
+    def __missing__(self, cell: tuple[int, int]) -> list[float]:
+        self[cell] = list(_cell_hits(self.z, *cell, self.origin, self.ray))
+        return self[cell]
+
+
+def _cell_hits(z: list, i: int, j: int, origin: tuple, ray: tuple) -> Iterator[float]:
+    if not (0 <= i < len(z) - 1 and 0 <= j < len(z[0]) - 1):
         return
     for a, b in ((i, j + 1), (i + 1, j)):
-        corners = [(j, i, z[i, j]), (b, a, z[a, b]), (j + 1, i + 1, z[i + 1, j + 1])]
+        corners = ((j, i, z[i][j]), (b, a, z[a][b]), (j + 1, i + 1, z[i + 1][j + 1]))
         if all(math.isfinite(c[2]) for c in corners):
-            t = _moeller_trumbore(
-                np.array(origin), np.array(ray), *np.array(corners, dtype=np.float64)
-            )
+            t = _moeller_trumbore(origin, ray, *corners)
             if t is not None:
                 yield t
 
 
-def _moeller_trumbore(origin: Array, ray: Array, v0: Array, v1: Array, v2: Array) -> float | None:
-    e1, e2 = v1 - v0, v2 - v0
-    g = np.cross(ray, e2)
-    det = e1 @ g
+def _cross(a: tuple, b: tuple) -> tuple:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: tuple, b: tuple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _less(a: tuple, b: tuple) -> tuple:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _moeller_trumbore(origin: tuple, ray: tuple, v0: tuple, v1: tuple, v2: tuple) -> float | None:
+    e1, e2 = _less(v1, v0), _less(v2, v0)
+    g = _cross(ray, e2)
+    det = _dot(e1, g)
     if abs(det) < 1e-14:
         return None
-    s = origin - v0
-    q = np.cross(s, e1)
-    d1, d2 = (s @ g) / det, (ray @ q) / det
+    s = _less(origin, v0)
+    q = _cross(s, e1)
+    d1, d2 = _dot(s, g) / det, _dot(ray, q) / det
     slack = 1e-11  # the edges belong to both sides
-    return float(e2 @ q / det) if d1 >= -slack and d2 >= -slack and d1 + d2 <= 1 + slack else None
+    return _dot(e2, q) / det if d1 >= -slack and d2 >= -slack and d1 + d2 <= 1 + slack else None

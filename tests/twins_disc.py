@@ -43,11 +43,18 @@ def disc_directions(sun: Array, radius_rad: float, rings: int) -> tuple[Array, A
     return np.concatenate(found), weight / weight.sum()
 
 
-def sampled_share(field: Heightfield, sun: Array, radius_rad: float, rings: int) -> Array:
-    """Share of the disc seen by every node, float64 (rows, cols)."""
-    out = np.zeros(field.shape)
+def sampled_share(
+    field: Heightfield,
+    sun: Array,
+    radius_rad: float,
+    rings: int,
+    window: tuple[int, int, int, int] | None = None,
+) -> Array:
+    """Share of the disc seen by every node of a window (of all), float64 (rows, cols)."""
+    row0, row1, col0, col1 = window or field.whole
+    out = np.zeros((row1 - row0, col1 - col0))
     for direction, weight in zip(*disc_directions(sun, radius_rad, rings), strict=True):
-        out += weight * ~field.occluded_nodes(direction)
+        out += weight * ~field.occluded_nodes(direction, window)
     return out
 
 
