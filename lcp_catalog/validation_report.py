@@ -147,6 +147,8 @@ def _light(check: LightCheck | None) -> str:
         for turn, value in zip(check.turns_deg, check.correlations, strict=True)
     )
     says = "fits" if check.fits else "does not fit"
+    if check.law:
+        says += f" (rendered with {check.law}, which the image is more like)"
     return f"{says}: median correlation {number(check.correlation)}; under other Suns {others}"
 
 

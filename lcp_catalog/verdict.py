@@ -287,13 +287,16 @@ def plain(value: Any) -> Any:
 
 
 def _light(check: LightCheck | None) -> dict[str, Any] | None:
-    """What the points say of the Sun: as stated, and under Suns turned clockwise and raised."""
+    """What the points say of the Sun: as stated, and under Suns turned clockwise and raised. ``law``: of the renders, where it
+    is not the search's own.
+    """
     if check is None:
         return None
     tried = zip(check.turns_deg, check.correlations, check.shares, strict=True)
     return {
         "fits": check.fits,
         "points": check.points,
+        "law": check.law or None,
         "correlation": check.correlation,
         "others": [
             {

@@ -171,6 +171,15 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
     assert not re.search(r"\b(nan|inf|None)\b", text)
 
 
+def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
+    image = verdicts.image()
+    assert "which the image is more like" not in texts(alone(image))
+    light = replace(image.located.light, law="hapke")
+    other = replace(image, located=replace(image.located, light=light))
+    assert "fits (rendered with hapke, which the image is more like)" in texts(alone(other))
+    assert v.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+
+
 def test_the_table_has_every_point(html: str) -> None:
     image = verdicts.image()
     table = alone(image).split("<table class='sortable'>")[1].split("</table>")[0]

@@ -149,6 +149,7 @@ def test_what_was_checked_is_told(whole: v.Verdict) -> None:
     assert located["light"] == {
         "fits": True,
         "points": 30,
+        "law": None,
         "correlation": 0.9,
         "others": [turned, raised],
     }
