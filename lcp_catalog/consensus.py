@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import PoseError
-from .pose import Pose, jacobian, solve
+from .pose import Pose, jacobian, residuals_px, solve
 from .sensors import Sensor, Uncertainty
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def agree(
     rest = table.only(~table.agreeing(best.sensor, 2.0 * GATE))
     inliers = np.zeros(len(points), dtype=bool)
     inliers[valid] = best.used
-    residual = found - best.sensor.project(points)
+    residual = residuals_px(best.sensor, points, found)
     pose = replace(best, used=inliers, residual_px=residual)
     return Consensus(inliers, pose, score, rest.best()[1])
 
@@ -132,7 +132,7 @@ def agreeing(
 ) -> Mask:
     """Which of n matches lie within their gates of where a sensor has them, (n,); False for NaN."""
     covariance = widened(covariance_px2, tolerance_px)
-    return _squared(found_px - sensor.project(points_mcmf_m), covariance) <= gate**2
+    return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= gate**2
 
 
 def widened(covariance_px2: Array, tolerance_px: float) -> Array:
@@ -181,7 +181,8 @@ class _Table:
 
     def agreeing(self, sensor: Sensor, gate: float = GATE) -> Mask:
         """Which lie within their gates of where a sensor has them."""
-        return _squared(self.found - sensor.project(self.points), self.covariance) <= gate**2
+        off = residuals_px(sensor, self.points, self.found)
+        return _squared(off, self.covariance) <= gate**2
 
     def score(self, agrees: Mask) -> float:
         """log10 of the number of false alarms."""

@@ -28,7 +28,7 @@ from .light_check import LightCheck, check_light
 from .match import Criteria, match
 from .matches import CODE, FOUND, Matches
 from .photo import Photo
-from .pose import Pose, solve
+from .pose import Pose, residuals_px, solve
 from .reflectance import DEFAULT_MODEL, Reflectance
 from .search_area import SearchArea, in_view, narrowed, perhaps_in_view
 from .search_image import nothing_in, reduction
@@ -334,7 +334,7 @@ class _Search:
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
-        residual = found - whole.pose.sensor.project(ground)
+        residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
         return Located(LOCATED, reason, told_apart(matches, used), pose, *figures, by=BY_GROUND)

@@ -161,11 +161,18 @@ def solve(
         covariance=problem.covariance(last.matrix) + problem.shared(last, common_px),
         solved=problem.sigmas > 0.0,
         used=problem.used,
-        residual_px=np.asarray(found_px) - corrected.project(points_mcmf_m),
+        residual_px=residuals_px(corrected, points_mcmf_m, found_px),
         chi2=first.chi2,
         dof=first.dof,
         overlap=overlap,
     )
+
+
+def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:
+    """Found minus expected, pixels (n, 2), of points (n, 3) found at pixels (n, 2); NaN where not found, or behind the sensor. A
+    push-frame camera is asked in the framelets where they were found (`scanners.project_beside`).
+    """
+    return np.asarray(found_px) - project_beside(sensor, points_mcmf_m, found_px)
 
 
 def _scale(chi2: float, dof: float) -> float:
@@ -263,7 +270,7 @@ class _Problem:
             sensor = self.corrected(unknown)
         except CameraError:
             return np.full(self.found.shape, np.nan)
-        off = self.found - project_beside(sensor, self.points, self.found)
+        off = residuals_px(sensor, self.points, self.found)
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, off))
 
     def weights(self, residual: Array) -> Array:

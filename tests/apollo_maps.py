@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from apollo_frames import SERIES, series_dem
 from lcp_cli.main import run
+from located_frames import SWEEP
 from small_world import mirrored
 
 from lcp_catalog.catalog import Catalog, read_catalog
@@ -27,21 +28,7 @@ UNCERTAIN = Uncertainty(1500.0)
 NET_M = (803.0, -194.0)
 """Median (east, north) of the frames that single points locate; robust spread 259 and 180 m."""
 
-BUILD = """
-[area]
-gsd_m = 474.0
-[sun]
-azimuths_deg = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
-elevations_deg = [10.0, 20.0, 35.0, 55.0]
-[view]
-off_nadir_deg = [0.0]
-azimuth_deg = [0.0]
-altitude_km = [inf]
-[points]
-patch_nodes = 33
-[model]
-direction_tolerance_deg = 1.0
-"""
+BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0, 55.0", spacing="")
 BOUNDS_DEG = (0, -13, 16, -5)
 
 

@@ -31,23 +31,25 @@ DEM_PIXEL_M = 474.0
 OFF_M, OFF_RAD = 5000.0, np.radians(0.5)
 LAW = reflectance_model("lunar-lambert")
 
-BUILD = """
+SWEEP = """
 [area]
 gsd_m = 474.0
 [sun]
 azimuths_deg = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
-elevations_deg = [10.0, 20.0, 35.0]
+elevations_deg = [{elevations}]
 [view]
 off_nadir_deg = [0.0]
 azimuth_deg = [0.0]
 altitude_km = [inf]
 [points]
 patch_nodes = 33
-spacing_m = 8000.0
+{spacing}
 [model]
 direction_tolerance_deg = 1.0
 """
-"""Patches of 15.6 km, 8 km apart; Suns every 45 deg, one view: a coarse sweep, for its speed."""
+"""Patches of 15.6 km; Suns every 45 deg, one view: a coarse sweep, for its speed."""
+
+BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0", spacing="spacing_m = 8000.0")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from random_heightfields import terrains
 from synthetic import cratered
 from twins import blocking, triangles
 
@@ -22,26 +23,6 @@ ANY = (-1e9, 1e9)
 """Bounds between which every horizon of these terrains lies."""
 
 quick = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-
-
-@st.composite
-def terrains(draw) -> np.ndarray:
-    """Small terrains: ties, noise, spikes, cliffs; half of them with nodata."""
-    rows, cols = draw(st.integers(2, 14)), draw(st.integers(2, 14))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    kind = draw(st.sampled_from(["whole", "noise", "spikes", "cliff"]))
-    if kind == "whole":
-        z = rng.integers(-3, 4, (rows, cols)).astype(float)
-    elif kind == "noise":
-        z = rng.normal(size=(rows, cols)) * 5
-    elif kind == "spikes":
-        z = np.zeros((rows, cols))
-        z.flat[rng.integers(0, z.size, 3)] = rng.choice([-50, 50, 7], 3)
-    else:
-        z = np.where(np.arange(cols) > cols // 2, 20.0, 0.0) + rng.normal(size=(rows, cols))
-    if draw(st.booleans()):
-        z[rng.random((rows, cols)) < draw(st.sampled_from([0.05, 0.3]))] = np.nan
-    return z.astype(np.float32)
 
 
 azimuths = st.sampled_from([0, 45, 90, 135, 180, 225, 270, 315]) | st.floats(0, 360)

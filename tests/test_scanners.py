@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog import sphere_rays
+from lcp_catalog.consensus import agreeing
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
 from lcp_catalog.focal_plane import FocalPlane
@@ -281,6 +282,11 @@ def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
     pose = solve(given, points, found, covariance, Uncertainty(500.0, 2e-3), everything)
     assert pose.normalised_error < 1.6  # 120 numbers less about 6: above by chance once in 20 000
     assert position_error(pose, camera).squared < 18.0  # 3 expected, chance of more 4e-4
+    assert np.abs(pose.residual_px).max() < 0.7  # 0.1 each axis, and no jump of three rows
+    assert agreeing(camera, points, found, covariance, tolerance_px=0.5).all()
+    assert not agreeing(
+        camera, points, np.add(found, [0.0, 3.0]), covariance, tolerance_px=0.5
+    ).any()
 
 
 def test_footprints_of_scanners():
