@@ -18,11 +18,11 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from lcp_catalog.camera_file import read_camera
-from lcp_catalog.catalog import read_catalog
-from lcp_catalog.match import match, points_in_view
-from lcp_catalog.photo import Photo
-from lcp_catalog.photo_file import open_photo
+from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.matching.point_search import match, points_in_view
 
 FRAME = ROOT / "sample_data" / "AS15-M-0414.png"
 RIGHT_PX = 1.25

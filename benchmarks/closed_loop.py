@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
 import numpy as np
-from closed_loops import (
+from helpers.closed_loops import (
     BITS,
     BLUR_PX,
     POSITION_SIGMA_M,
@@ -39,10 +39,10 @@ from closed_loops import (
 )
 from lcp_cli.main import run
 
-from lcp_catalog.camera import Camera
-from lcp_catalog.catalog import read_catalog
-from lcp_catalog.photo import Photo
-from lcp_catalog.reflectance import DEFAULT_MODEL, reflectance_model
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.images.image import Photo
+from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import numpy as np
-from test_facet_fit import SURFACE, measured, table
+from photometry.test_facet_fit import SURFACE, measured, table
 
-from lcp_catalog.facet import PARAMETERS
-from lcp_catalog.facet_fit import fit_reflectance
-from lcp_catalog.facet_tables import named_model
+from lcp_catalog.photometry.facet_fit import fit_reflectance
+from lcp_catalog.photometry.facet_labunets2019 import named_model
+from lcp_catalog.photometry.facet_model import PARAMETERS
 
 NOISES = (0.0, 0.01, 0.03)
 

@@ -19,15 +19,15 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import apollo_maps as maps
 import numpy as np
-from apollo_frames import series_keys
+from helpers import apollo_maps as maps
+from helpers.apollo_frames import series_keys
 
-from lcp_catalog.catalog import Catalog
-from lcp_catalog.light_check import with_sun
-from lcp_catalog.locate import BY_GROUND, BY_POINTS, Located, locate
-from lcp_catalog.photo import Photo
-from lcp_catalog.reflectance import reflectance_model
+from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.images.image import Photo
+from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, Located, locate
+from lcp_catalog.matching.sun_check import with_sun
+from lcp_catalog.photometry.laws import reflectance_model
 
 LAW = reflectance_model("lunar-lambert")
 TURNS_DEG = (10, -10, 20, -20, 45, -45, 90, -90, 180)

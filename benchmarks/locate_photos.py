@@ -20,14 +20,14 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import located_frames as frames
 import numpy as np
+from helpers import located_frames as frames
 
-from lcp_catalog.catalog import Catalog
-from lcp_catalog.locate import LOCATED, Located, Options, locate
-from lcp_catalog.photo import Photo
-from lcp_catalog.pose import position_error
-from lcp_catalog.sensors import Uncertainty
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.images.image import Photo
+from lcp_catalog.matching.pose import position_error
+from lcp_catalog.matching.position_fix import LOCATED, Located, Options, locate
 
 UNCERTAIN = Uncertainty(frames.OFF_M, frames.OFF_RAD)
 

@@ -4,7 +4,7 @@
 
 needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
 docs/validation.md), the smoothed DTM as `dtm.tif`, and pictures to look at. The DTM came in 256 steps of 0.467 m: its
-surface is the smoothest that rounds to them (`lcp_catalog.terraces`). Nothing is fitted to the image.
+surface is the smoothest that rounds to them (`lcp_catalog.dem.terraces`). Nothing is fitted to the image.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import cv2
 import numpy as np
 import rasterio
-from pit_pair import (
+from helpers.pit_pair import (
     GSD_M,
     PAIR,
     STEP_M,
@@ -40,16 +40,16 @@ from pit_pair import (
     write_dem,
 )
 
-from lcp_catalog.catalog import read_catalog
-from lcp_catalog.exposure import Scene
-from lcp_catalog.locate import FAINT, Options, locate
-from lcp_catalog.photo import Photo
-from lcp_catalog.reflectance import reflectance_model
-from lcp_catalog.request import SunChoice
-from lcp_catalog.sensors import Uncertainty
-from lcp_catalog.sphere import azimuth_elevation
-from lcp_catalog.terraces import bending, smooth_terraces
-from lcp_catalog.windows import WindowComparison, compare
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.dem.terraces import bending, smooth_terraces
+from lcp_catalog.geometry.frames import azimuth_elevation
+from lcp_catalog.images.image import Photo
+from lcp_catalog.matching.position_fix import FAINT, Options, locate
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render.pipeline import Scene
+from lcp_catalog.render.request import SunChoice
+from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 OVERLAP = 4.0
 """Windows lie half a side apart: so many cover every node, and are not independent."""

@@ -15,8 +15,8 @@ import math
 import mitsuba
 import numpy as np
 
-from lcp_catalog.hapke_sets import SETS, HapkeSet
-from lcp_catalog.reflectance import Reflectance, radiance_factor
+from lcp_catalog.photometry.hapke_parameters import SETS, HapkeSet
+from lcp_catalog.photometry.laws import Reflectance, radiance_factor
 
 COUNT = 20_000
 MADE = (

@@ -28,12 +28,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import open3d as o3d
-from synthetic import cratered
+from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.shadows import occluded, occluded_sweep
-from lcp_catalog.sphere import direction_enu
+from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 
 mi.set_variant("llvm_ad_rgb")
 dr.set_thread_count(THREADS)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
-import apollo_frames as apollo
 import cv2
 import numpy as np
 import rasterio
+from helpers import apollo_frames as apollo
 
 
 def repeatability(shared: Path, keys: list[str], fwhm: float) -> list[tuple[float, float]]:

@@ -19,13 +19,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import apollo_frames as apollo
 import numpy as np
 import rasterio
+from helpers import apollo_frames as apollo
 
-from lcp_catalog.albedo import AlbedoMap
-from lcp_catalog.hapke_sets import DEFAULT_SET, hapke_set
-from lcp_catalog.reflectance import Reflectance, radiance_factor
+from lcp_catalog.photometry.albedo_map import AlbedoMap
+from lcp_catalog.photometry.hapke_parameters import DEFAULT_SET, hapke_set
+from lcp_catalog.photometry.laws import Reflectance, radiance_factor
 
 LAWS = ("hapke", "lunar-lambert")
 SUN_BINS = ((4, 8), (8, 16), (16, 25), (25, 35), (35, 41), (46, 60))

@@ -25,15 +25,15 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import apollo_frames as apollo
 import cv2
 import numpy as np
 import rasterio
+from helpers import apollo_frames as apollo
 from photograph_pairs import measured_shift, repeatability
 
-from lcp_catalog.albedo import AlbedoMap
 from lcp_catalog.errors import ConfigError
-from lcp_catalog.reflectance import reflectance_model
+from lcp_catalog.photometry.albedo_map import AlbedoMap
+from lcp_catalog.photometry.laws import reflectance_model
 
 MODELS = (
     "lambert",

@@ -15,10 +15,10 @@ from rasterio.windows import Window
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from archive_files import cylinder_frame, jp2_product
-from products import DEGREE_M, LABELS, hills, ldem_80s, sldem_512
+from helpers.archive_files import cylinder_frame, jp2_product
+from helpers.products import DEGREE_M, LABELS, hills, ldem_80s, sldem_512
 
-from lcp_catalog.demset import DemSet
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.threads import limit_threads
 
 NODES = 4096

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lcp_catalog import shadows
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.horizons import Nodes
-from lcp_catalog.solar_disc import sunlit_share
+from lcp_catalog.light.solar_disc import sunlit_share
+from lcp_catalog.terrain import occlusion as shadows
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.horizons import Nodes
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from synthetic import cratered
+from helpers.synthetic import cratered
 
 GSD = 20.0
 ROUNDS = 5

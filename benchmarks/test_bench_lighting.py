@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.lighting import Lighting
-from lcp_catalog.panorama_models import Lamp, cie_sky, with_lamps
-from lcp_catalog.panorama_sky import sky_at_nodes
-from lcp_catalog.panorama_sources import split_sources
-from lcp_catalog.reflectance import reflectance_model
-from lcp_catalog.render import render_enu
-from lcp_catalog.sphere import EnuFrame, direction_enu
-from lcp_catalog.terrain import NodeWindow, Terrain
-from lcp_catalog.view import nadir_view
+from lcp_catalog.cameras.view import nadir_view
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.light.environment_sources import split_sources
+from lcp_catalog.light.panorama_models import Lamp, cie_sky, with_lamps
+from lcp_catalog.light.sky_sampling import sky_at_nodes
+from lcp_catalog.light.sources import Lighting
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from synthetic import cratered
+from helpers.synthetic import cratered
 
 GSD, SIDE = 20.0, 1024
 

@@ -14,20 +14,24 @@ import cv2
 import numpy as np
 import pytest
 
-from lcp_catalog import match as matching
-from lcp_catalog import patch_render, simulate
-from lcp_catalog.detector import Detector
-from lcp_catalog.kernels import patch, register, search, spread
-from lcp_catalog.match import match, points_in_view
-from lcp_catalog.reflectance import DEFAULT_MODEL
-from lcp_catalog.request import Request, SunChoice, ViewChoice
-from lcp_catalog.search_image import SearchImage
-from lcp_catalog.sphere import EnuFrame
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.kernels.matching import draw_patch as patch
+from lcp_catalog.kernels.matching import point_spread as spread
+from lcp_catalog.kernels.matching import search
+from lcp_catalog.kernels.matching import subpixel_fit as register
+from lcp_catalog.matching import point_search as matching
+from lcp_catalog.matching import templates as patch_render
+from lcp_catalog.matching.point_search import match, points_in_view
+from lcp_catalog.matching.search_image import SearchImage
+from lcp_catalog.photometry.laws import DEFAULT_MODEL
+from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+from lcp_catalog.simulation import frame as simulate
+from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.threads import limit_threads, thread_limit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from catalogs import HADLEY
-from twins_match import catalog_of_dem, looking_at
+from helpers.catalogs import HADLEY
+from helpers.twins_match import catalog_of_dem, looking_at
 
 NODES = 33
 GSD_M = 118.45

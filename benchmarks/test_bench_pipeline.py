@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from lcp_catalog.build import Build
-from lcp_catalog.config import BuildConfig
-from lcp_catalog.demset import DemSet
-from lcp_catalog.job import run_area
-from lcp_catalog.sphere import EnuFrame
-from lcp_catalog.sweep import Conditions
-from lcp_catalog.terrain import NodeWindow, build_terrain
+from lcp_catalog.build.area_job import run_area
+from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.build.run import Build
+from lcp_catalog.build.sweep import Conditions
+from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
 from lcp_catalog.threads import limit_threads
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"

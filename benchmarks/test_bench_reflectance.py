@@ -17,19 +17,19 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.kernels.reflectance import factors
-from lcp_catalog.kernels.shading import add_light, shade_nodes
-from lcp_catalog.reflectance import Reflectance, reflectance_model
-from lcp_catalog.render import render_enu
-from lcp_catalog.shadows import occluded_sweep
-from lcp_catalog.sphere import EnuFrame, direction_enu
-from lcp_catalog.terrain import NodeWindow, Terrain
+from lcp_catalog.cameras.view import nadir_view, oblique_view
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.kernels.photometry.images import add_light, shade_nodes
+from lcp_catalog.kernels.photometry.laws import factors
+from lcp_catalog.photometry.laws import Reflectance, reflectance_model
+from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.occlusion import occluded_sweep
+from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 from lcp_catalog.threads import limit_threads
-from lcp_catalog.view import nadir_view, oblique_view
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from synthetic import cratered
+from helpers.synthetic import cratered
 
 GSD = 20.0
 SIZE = 1024

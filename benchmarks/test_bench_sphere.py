@@ -12,18 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lcp_catalog import sphere_rays
+from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.lighting import Lighting
-from lcp_catalog.reflectance import reflectance_model
-from lcp_catalog.sphere import EnuFrame, direction_enu
-from lcp_catalog.sphere_render import render_sphere_camera, sphere_nodes
+from lcp_catalog.geometry import sphere_intersection as sphere_rays
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.light.sources import Lighting
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render.sphere_renderer import render_sphere_camera, sphere_nodes
+from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.threads import limit_threads
-from lcp_catalog.view import looking_camera
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from twins_sphere import naive_ranges
+from helpers.twins_sphere import naive_ranges
 
 FRAME = EnuFrame(0.0, 0.0)
 PIXELS = 512

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.heightfield import Heightfield
-from lcp_catalog.shadows import occluded, occluded_sweep
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 from lcp_catalog.threads import limit_threads, thread_limit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from synthetic import cratered
+from helpers.synthetic import cratered
 
 GSD = 20.0
 SIZES = (1024, 2048, 4096)

@@ -20,18 +20,18 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import apollo_frames as apollo
 import cv2
 import numpy as np
 import rasterio
-from apollo_windows import LINEAR, Ground, photograph
+from helpers import apollo_frames as apollo
+from helpers.apollo_windows import LINEAR, Ground, photograph
 
-from lcp_catalog.albedo import AlbedoMap
-from lcp_catalog.albedo_pixels import decode_srgb
-from lcp_catalog.dem_resolution import Resolution, true_resolution
-from lcp_catalog.ortho import orthorectify, terrain_nodes
-from lcp_catalog.point_spread import Pair, paired
-from lcp_catalog.windows import WindowComparison, compare
+from lcp_catalog.photometry.albedo_map import AlbedoMap
+from lcp_catalog.photometry.albedo_raster import decode_srgb
+from lcp_catalog.validation.dem_resolution import Resolution, true_resolution
+from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
+from lcp_catalog.validation.point_spread import Pair, paired
+from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 CHOSEN_ON = ("AS15-M-0414", "AS15-M-0295")
 KEPT_ASIDE = ("AS15-M-0299", "AS15-M-0300", "AS15-M-1134")

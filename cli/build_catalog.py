@@ -88,7 +88,7 @@ def command(
         raise click.UsageError("-o CATALOG.h5 is missing (or say --plan)")
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
-    from lcp_catalog.build import Build, build_catalog
+    from lcp_catalog.build.run import Build, build_catalog
 
     from .progress import progress
 
@@ -122,7 +122,7 @@ def command(
 
 
 def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
-    from lcp_catalog.estimate import estimate
+    from lcp_catalog.build.estimate import estimate
 
     document = estimate(build, workers)
     if as_json:
@@ -141,6 +141,6 @@ def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
 
 
 def _write_depfile(depfile: str, output: str, build: Any) -> None:
-    from lcp_catalog.files import depfile_text, write_bytes
+    from lcp_catalog.atomic_files import depfile_text, write_bytes
 
     write_bytes(depfile, depfile_text(output, build.files).encode(), overwrite=True)

@@ -129,7 +129,7 @@ def configuration(
     albedo_reference: float | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file with the flags laid over it. UsageError for flags that contradict each other."""
-    from lcp_catalog.config import BuildConfig
+    from lcp_catalog.build.config import BuildConfig
 
     check_area(center, size_km, bounds)
     check_accuracy(accuracy, tolerance)

@@ -15,12 +15,12 @@ from .value_types import LATITUDE, LONGITUDE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lcp_catalog.dem import Dem
-    from lcp_catalog.dem_survey import Survey
-    from lcp_catalog.demset import DemSet
-    from lcp_catalog.disagreement import Disagreement
-    from lcp_catalog.regions import Region
-    from lcp_catalog.set_coverage import Band, SetCoverage
+    from lcp_catalog.dem.connected_regions import Region
+    from lcp_catalog.dem.consistency import Disagreement
+    from lcp_catalog.dem.coverage import Band, SetCoverage
+    from lcp_catalog.dem.dem import Dem
+    from lcp_catalog.dem.height_survey import Survey
+    from lcp_catalog.dem.mosaic import DemSet
 
 
 @click.group()
@@ -73,10 +73,12 @@ def info(
     if overwrite and not map_path:
         raise click.UsageError("--overwrite needs --map OUT.png")
 
-    from lcp_catalog.dem_survey import survey  # rasterio and numba: only when the command runs
-    from lcp_catalog.demset import DemSet
-    from lcp_catalog.files import check_output
-    from lcp_catalog.set_coverage import set_coverage, set_disagreements
+    from lcp_catalog.atomic_files import check_output
+    from lcp_catalog.dem.coverage import set_coverage, set_disagreements
+    from lcp_catalog.dem.height_survey import (
+        survey,  # rasterio and numba: only when the command runs
+    )
+    from lcp_catalog.dem.mosaic import DemSet
 
     from . import dem_text
 
@@ -107,8 +109,8 @@ def info(
 
 
 def _write_map(dems: DemSet, surveys: Sequence[Survey] | None, path: str, overwrite: bool) -> None:
-    from lcp_catalog.files import write_bytes
-    from lcp_catalog.set_map import set_map
+    from lcp_catalog.atomic_files import write_bytes
+    from lcp_catalog.dem.coverage_map import set_map
 
     write_bytes(path, set_map(dems, surveys), overwrite)
 
@@ -122,8 +124,8 @@ def _describe(
     places: tuple[tuple[float, float], ...],
 ) -> dict[str, Any]:
     """One file: the contract's fields, then what is known of the product and of its ground."""
-    from lcp_catalog.demset import height_at
-    from lcp_catalog.set_coverage import MOON_KM2
+    from lcp_catalog.dem.coverage import MOON_KM2
+    from lcp_catalog.dem.mosaic import height_at
 
     found = surveys[number] if surveys else None
     span, own_km2, used_km2 = (
@@ -183,7 +185,7 @@ def _describe_set(
     differing: Sequence[Disagreement] | None,
 ) -> dict[str, Any]:
     """The set: one object, with the files by the names that were given."""
-    from lcp_catalog.set_coverage import MOON_KM2
+    from lcp_catalog.dem.coverage import MOON_KM2
 
     holes = None
     if surveys is not None:

@@ -10,7 +10,7 @@ import click
 from .options import dem_argument
 
 if TYPE_CHECKING:
-    from lcp_catalog.integrity import Verdict
+    from lcp_catalog.dem.file_check import Verdict
 
 EXIT_NOT_SOUND = 4
 
@@ -23,7 +23,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
 
     Every pixel is read once. All files are checked, also behind a broken one; the exit code is 4 when one is broken.
     """
-    from lcp_catalog.integrity import check_dem  # rasterio: only when the command runs
+    from lcp_catalog.dem.file_check import check_dem  # rasterio: only when the command runs
 
     verdicts = []
     for path in dem:

@@ -12,8 +12,8 @@ from .options import depfile_option, output_option, overwrite_option
 from .value_types import Finite, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.facet_fit import Fit
-    from lcp_catalog.goniometer import Measurements
+    from lcp_catalog.photometry.facet_fit import Fit
+    from lcp_catalog.photometry.goniometer import Measurements
 
 HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  error %  (alone)"
 
@@ -87,9 +87,9 @@ def command(
     -incidence), optionally azimuth_deg, and one of intensity, brightness, radiance_factor. MODEL.toml is what
     `--reflectance facet:MODEL.toml` takes. See docs/facet-model.md.
     """
-    from lcp_catalog.facet_fit import fit_reflectance
-    from lcp_catalog.files import check_output
-    from lcp_catalog.goniometer import read_measurements
+    from lcp_catalog.atomic_files import check_output
+    from lcp_catalog.photometry.facet_fit import fit_reflectance
+    from lcp_catalog.photometry.goniometer import read_measurements
 
     from .progress import progress
 
@@ -127,7 +127,7 @@ def _settings(
 ) -> dict[str, Any]:
     """Flags as arguments of `fit_reflectance`; usage errors name the flag."""
     from lcp_catalog.errors import ConfigError
-    from lcp_catalog.facet import Optics
+    from lcp_catalog.photometry.facet_model import Optics
 
     try:
         Optics(*refractive_index)
@@ -154,9 +154,9 @@ def _write(
     """Everything, or nothing when one of them cannot be written."""
     from contextlib import ExitStack
 
-    from lcp_catalog.facet_fit import fit_file
-    from lcp_catalog.facet_plot import fit_chart
-    from lcp_catalog.files import depfile_text, write_aside
+    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.photometry.facet_fit import fit_file
+    from lcp_catalog.photometry.facet_plot import fit_chart
 
     texts = {output: fit_file(fit, measurements).to_toml()}
     if chart:
@@ -182,8 +182,8 @@ def _text(fit: Fit, measurements: Measurements) -> str:
 
 
 def _document(fit: Fit, measurements: Measurements) -> dict[str, Any]:
-    from lcp_catalog.facet_file import nodes_table
-    from lcp_catalog.facet_fit import fit_table
+    from lcp_catalog.photometry.facet_file import nodes_table
+    from lcp_catalog.photometry.facet_fit import fit_table
 
     reflectance = fit.model.reflectance([node.incidence_deg for node in fit.model.nodes])
     return {

@@ -19,7 +19,7 @@ def command(catalog: str, as_json: bool) -> int:
     Every dataset is read and its checksum, its shape and its values are checked. The exit code is 4
     when something is wrong. The usable share is that of the evaluated conditions.
     """
-    from lcp_catalog.summary import describe
+    from lcp_catalog.catalog.summary import describe
 
     found = describe(catalog)
     click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
@@ -27,7 +27,7 @@ def command(catalog: str, as_json: bool) -> int:
 
 
 def _text(path: str, found: dict[str, Any]) -> str:
-    from lcp_catalog.summary import summary_rows
+    from lcp_catalog.catalog.summary import summary_rows
 
     lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
     lines += [f"  {problem}" for problem in found["problems"]]

@@ -141,7 +141,7 @@ model_options = option_group(
 )
 
 ENCODINGS = ("linear", "srgb")
-"""Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.config`."""
+"""Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.build.config`."""
 
 albedo_options = option_group(
     click.option(

@@ -12,8 +12,8 @@ import click
 from . import options, render_options
 
 if TYPE_CHECKING:
-    from lcp_catalog.environment import Environment
-    from lcp_catalog.request import Request
+    from lcp_catalog.light.environment import Environment
+    from lcp_catalog.render.request import Request
 
 
 @click.command()
@@ -59,9 +59,9 @@ def command(
         raise click.UsageError("-o, --preview and --depfile must name different files")
     request = _request(dem, **flags)
 
-    from lcp_catalog.exposure import prepare
-    from lcp_catalog.files import check_output
-    from lcp_catalog.render_file import explain as explained
+    from lcp_catalog.atomic_files import check_output
+    from lcp_catalog.render.output import explain as explained
+    from lcp_catalog.render.pipeline import prepare
 
     for name, replaced in ((output, overwrite), (preview, overwrite), (depfile, True)):
         if name:
@@ -91,13 +91,13 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     render_options.check_composite(*behind, panorama, flags["frame"])
 
     from lcp_catalog.accuracy import accuracy
-    from lcp_catalog.albedo import AlbedoMap
-    from lcp_catalog.camera_file import read_camera
-    from lcp_catalog.cap import Cap
-    from lcp_catalog.compositing import Backdrop
-    from lcp_catalog.model_choice import named
-    from lcp_catalog.request import Request, SunChoice, ViewChoice
-    from lcp_catalog.terrain import Area
+    from lcp_catalog.cameras.camera_file import read_camera
+    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.photometry.law_choice import named
+    from lcp_catalog.render.compositing import Backdrop
+    from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+    from lcp_catalog.render.sphere_extent import Cap
+    from lcp_catalog.terrain.terrain import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
     if not sun_stated and panorama is None and (camera is None or not camera.has_sun):
@@ -143,8 +143,8 @@ def _environment(
     environment_sources: tuple[float, float, float] | None,
     sun_sky_ratio: float | None,
 ) -> Environment:
-    from lcp_catalog.environment import Environment
-    from lcp_catalog.panorama_sources import SourceSearch
+    from lcp_catalog.light.environment import Environment
+    from lcp_catalog.light.environment_sources import SourceSearch
 
     search = SourceSearch(*(environment_sources or ()))
     return Environment.open(path, environment_azimuth or 0.0, search, sun_sky_ratio)
@@ -159,10 +159,10 @@ def _write(
     camera: list[str],
 ) -> None:
     """Render and write; OUT.tif appears last, when everything else is whole."""
-    from lcp_catalog.exposure import expose
-    from lcp_catalog.files import depfile_text, write_aside
-    from lcp_catalog.raster_out import picture, png
-    from lcp_catalog.render_file import encode
+    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.render.output import encode
+    from lcp_catalog.render.pipeline import expose
+    from lcp_catalog.render.rasters import picture, png
 
     result = expose(scene)
     with ExitStack() as stack:

@@ -108,7 +108,7 @@ view_options = option_group(
 )
 
 SURFACES = ("auto", "heightfield", "sphere")
-"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.exposure`."""
+"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.render.pipeline`."""
 
 surface_option = click.option(
     "--surface",
@@ -120,7 +120,7 @@ surface_option = click.option(
 )
 
 HEIGHTFIELD_MAX_KM = 2000.0
-"""No area of a DEM is wider; held by a test against `lcp_catalog.terrain`."""
+"""No area of a DEM is wider; held by a test against `lcp_catalog.terrain.terrain`."""
 
 
 def check_light(

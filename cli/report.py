@@ -16,7 +16,7 @@ def command(catalog: str, output: str, overwrite: bool) -> None:
 
     The page is one file, needs no network and shows the same in ten years.
     """
-    from lcp_catalog.report import write_report
+    from lcp_catalog.catalog.report import write_report
 
     write_report(catalog, output, overwrite=overwrite)
     click.echo(f"{output}: written", err=True)

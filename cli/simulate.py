@@ -12,12 +12,12 @@ from . import options
 from .value_types import POSITIVE, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.detector import Detector
-    from lcp_catalog.simulate import Ground
+    from lcp_catalog.simulation.detector import Detector
+    from lcp_catalog.simulation.frame import Ground
 
 BITS = ("8", "10", "12", "14", "16")
 ENDINGS = (".png", ".tif", ".tiff")
-"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.simulate_file`."""
+"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.simulation.output`."""
 
 
 @click.command()
@@ -89,11 +89,11 @@ def command(
     """
     sun, albedo = _checked(output, depfile, flags)
 
-    from lcp_catalog.camera_file import read_camera
-    from lcp_catalog.detector import Detector
-    from lcp_catalog.files import check_output
-    from lcp_catalog.simulate import frame
-    from lcp_catalog.simulate_file import camera_path
+    from lcp_catalog.atomic_files import check_output
+    from lcp_catalog.cameras.camera_file import read_camera
+    from lcp_catalog.simulation.detector import Detector
+    from lcp_catalog.simulation.frame import frame
+    from lcp_catalog.simulation.output import camera_path
 
     camera = read_camera(flags["camera_path"])
     if all(value is None for value in sun) and not camera.has_sun:
@@ -138,11 +138,11 @@ def _ground(
 ) -> Ground:
     """What is taken: a DEM's ground, or a catalogue's patches."""
     from lcp_catalog.accuracy import accuracy
-    from lcp_catalog.albedo import AlbedoMap
-    from lcp_catalog.model_choice import named
-    from lcp_catalog.request import Request, SunChoice, ViewChoice
-    from lcp_catalog.simulate import DemGround
-    from lcp_catalog.simulate_patches import PatchGround, is_catalog
+    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.photometry.law_choice import named
+    from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+    from lcp_catalog.simulation.frame import DemGround
+    from lcp_catalog.simulation.patch_ground import PatchGround, is_catalog
 
     tier = flags["accuracy"] or (None if flags["tolerance"] is not None else "reference")
     how: dict[str, Any] = {
@@ -173,8 +173,8 @@ def _write(
     taken: Any, output: str, beside: str, depfile: str | None, overwrite: bool, camera: list[str]
 ) -> None:
     """FRAME appears last, when everything else is whole."""
-    from lcp_catalog.files import depfile_text, write_aside
-    from lcp_catalog.simulate_file import encode_camera, encode_frame
+    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.simulation.output import encode_camera, encode_frame
 
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode_frame(taken, output))

@@ -13,8 +13,8 @@ from . import options
 from .value_types import LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
-    from lcp_catalog.instants import Instants
-    from lcp_catalog.sun_table import SunTable
+    from lcp_catalog.sun.table import SunTable
+    from lcp_catalog.sun.times import Instants
 
 LINES_AT_ONCE = 4096
 
@@ -92,8 +92,8 @@ def command(
         raise click.UsageError("--height with --dem is above the ground")
     when = _instants(time_utc, span)
 
-    from lcp_catalog.files import check_output
-    from lcp_catalog.sun_table import remarks
+    from lcp_catalog.atomic_files import check_output
+    from lcp_catalog.sun.table import remarks
 
     if output is not None:
         check_output(output, overwrite)
@@ -115,13 +115,13 @@ def _table(
     gsd_m: float | None,
     when: Instants,
 ) -> SunTable:
-    from lcp_catalog.sphere import EnuFrame
-    from lcp_catalog.sun_table import sun_table
+    from lcp_catalog.geometry.frames import EnuFrame
+    from lcp_catalog.sun.table import sun_table
 
     if not dem:
         return sun_table(EnuFrame(lon, lat, height_m), when)
-    from lcp_catalog.demset import DemSet
-    from lcp_catalog.local_horizon import sun_over_ground
+    from lcp_catalog.dem.mosaic import DemSet
+    from lcp_catalog.light.sun_visibility import sun_over_ground
 
     return sun_over_ground(DemSet.open(dem), lon, lat, when, height_m, gsd_m)
 
@@ -134,7 +134,7 @@ def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
 
 def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
     from lcp_catalog.errors import SunError
-    from lcp_catalog.instants import instant_range, instants
+    from lcp_catalog.sun.times import instant_range, instants
 
     try:
         if span is not None:
@@ -181,8 +181,8 @@ def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
     """Line by line, so that a million instants need no second copy."""
     from lcp_catalog.constants import FRAME
-    from lcp_catalog.sun import DIRECTION_ERROR_DEG
-    from lcp_catalog.sun_table import azimuth_zero_lon
+    from lcp_catalog.sun.ephemeris import DIRECTION_ERROR_DEG
+    from lcp_catalog.sun.table import azimuth_zero_lon
 
     head: dict[str, Any] = {
         "frame": FRAME,
@@ -213,7 +213,7 @@ def _say(lines: Iterable[str]) -> None:
 
 
 def _write(output: str, overwrite: bool, lines: Iterable[str]) -> None:
-    from lcp_catalog.files import write_aside
+    from lcp_catalog.atomic_files import write_aside
 
     with (
         write_aside(output, overwrite) as aside,

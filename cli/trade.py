@@ -62,9 +62,9 @@ def command(
     own. DIR gets trade.json, trade.html (a page with table, plot and pictures) and trade.md (the table to paste).
     """
     config = configuration(**flags)
-    from lcp_catalog.build import Build
-    from lcp_catalog.trade_report import check_trade_folder, markdown, write_trade
-    from lcp_catalog.tradeoff import AREAS, ROUNDS, measure_trade
+    from lcp_catalog.build.run import Build
+    from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS, measure_trade
+    from lcp_catalog.tradeoff.report import check_trade_folder, markdown, write_trade
 
     from .progress import progress
 

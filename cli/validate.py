@@ -12,7 +12,7 @@ from . import options
 from .value_types import LAW, POSITIVE, Finite, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.validate import ImageFiles, Validation
+    from lcp_catalog.validation.run import ImageFiles, Validation
 
 EXIT_NO = 4
 
@@ -149,7 +149,7 @@ def command(
     Exit code 4: an image is not the place that its camera file says, or --require does not hold.
     """
     files = _paired(images, cameras)
-    from lcp_catalog.requirement import Requirement
+    from lcp_catalog.validation.requirement import Requirement
 
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not flags["known_pose"]:
@@ -157,9 +157,9 @@ def command(
             "--require: a position's error is only known with --known-pose (the camera file's position is the truth); "
             "add it, or demand position_sigma_m"
         )
-    from lcp_catalog.validate import validate
-    from lcp_catalog.validation_files import check_validation_folder, write_validation
-    from lcp_catalog.verdict import summary_lines
+    from lcp_catalog.validation.output import check_validation_folder, write_validation
+    from lcp_catalog.validation.result import summary_lines
+    from lcp_catalog.validation.run import validate
 
     from .progress import progress
 
@@ -185,7 +185,7 @@ def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFile
         raise click.UsageError(
             f"{len(cameras)} --camera for {len(images)} images: state one, or one for each in their order"
         )
-    from lcp_catalog.validate import ImageFiles
+    from lcp_catalog.validation.run import ImageFiles
 
     each = cameras * len(images) if len(cameras) == 1 else cameras or (None,) * len(images)
     return [
@@ -202,13 +202,13 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     options.check_albedo(*albedo)
 
     from lcp_catalog.accuracy import accuracy
-    from lcp_catalog.albedo import AlbedoMap
-    from lcp_catalog.ground_comparison import WindowChoice
-    from lcp_catalog.model_choice import named
-    from lcp_catalog.photo_file import PhotoOptions
-    from lcp_catalog.request import SunChoice
-    from lcp_catalog.sensors import Uncertainty
-    from lcp_catalog.validate import Validation
+    from lcp_catalog.cameras.sensor import Uncertainty
+    from lcp_catalog.images.image_file import PhotoOptions
+    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.photometry.law_choice import named
+    from lcp_catalog.render.request import SunChoice
+    from lcp_catalog.validation.ground_comparison import WindowChoice
+    from lcp_catalog.validation.run import Validation
 
     size = flags["window"]
     return Validation(

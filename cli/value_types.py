@@ -9,7 +9,7 @@ import click
 
 REFLECTANCES = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke", "facet")
 """Written out, so that no flag needs the kernels to be imported; a test holds it against
-`lcp_catalog.reflectance`.
+`lcp_catalog.photometry.laws`.
 """
 
 
@@ -46,7 +46,7 @@ class Instant(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from lcp_catalog.errors import SunError
-        from lcp_catalog.instants import instants  # erfa: only when a time is given
+        from lcp_catalog.sun.times import instants  # erfa: only when a time is given
 
         try:
             instants(value)
@@ -73,7 +73,9 @@ class Law(click.ParamType):
             )
         if colon and law != "facet":  # a facet's file is read, and complained of, with the others
             from lcp_catalog.errors import ConfigError
-            from lcp_catalog.reflectance import reflectance_model  # numba: only when it is asked
+            from lcp_catalog.photometry.laws import (
+                reflectance_model,  # numba: only when it is asked
+            )
 
             try:
                 reflectance_model(value)
@@ -94,7 +96,7 @@ class Step(click.ParamType):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         from lcp_catalog.errors import SunError
-        from lcp_catalog.instants import step_seconds
+        from lcp_catalog.sun.times import step_seconds
 
         try:
             return step_seconds(str(value))

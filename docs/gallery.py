@@ -26,12 +26,12 @@ from rasterio.crs import CRS
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
-from lcp_catalog.facet_file import facet_model
-from lcp_catalog.facet_plot import brightness_chart, intensity_chart, shadowing_chart
-from lcp_catalog.phase_curves import phase_curve_chart, polar_chart
-from lcp_catalog.png import encode_png
-from lcp_catalog.raster_out import picture
-from lcp_catalog.reflectance import Reflectance, reflectance_model
+from lcp_catalog.photometry.facet_file import facet_model
+from lcp_catalog.photometry.facet_plot import brightness_chart, intensity_chart, shadowing_chart
+from lcp_catalog.photometry.laws import Reflectance, reflectance_model
+from lcp_catalog.photometry.phase_curves import phase_curve_chart, polar_chart
+from lcp_catalog.plots.png import encode_png
+from lcp_catalog.render.rasters import picture
 
 LCP = Path(sys.executable).with_name("lcp")
 DEM = "sample_data/hadley_gld100_256ppd.tif"

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from archive_files import Product
+    from helpers.archive_files import Product
 
 HERE = Path(__file__).resolve().parent
 
@@ -59,7 +59,7 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Product]:
     """One of each product of the archives by its image's name, made once: read them, change copies."""
-    import archive_products
+    from helpers import archive_products
 
     found = archive_products.all_products(tmp_path_factory.mktemp("archive"))
     return {product.image.name: product for product in found}

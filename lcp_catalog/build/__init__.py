@@ -1,0 +1,1 @@
+"""A catalogue build: areas, jobs, executors, checkpoints and assembly."""

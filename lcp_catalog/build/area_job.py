@@ -1,0 +1,266 @@
+"""One area of a build: terrain, images under every condition, candidates, and what each candidate is worth.
+
+``run_area`` is a pure function of its job; it runs in any process. All candidates are given back, usable or not: the choice between
+them is the build's, over all areas at once.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..dem.mosaic import DemSet
+from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
+from ..landmarks.corners import Persistence, candidates
+from ..photometry.albedo_map import AlbedoMap
+from ..terrain.heightfield import Window
+from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
+from ..terrain.terrain import Area, Terrain, sample_patch
+from .areas import AreaGrid, AreaTask
+from .config import BuildConfig
+from .evaluation import Evaluation, evaluate
+from .sweep import Conditions, Sweep, law_of_build
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+_CORNER_BORDER = 4
+"""Nodes beyond the search region that the corner detector's window reaches."""
+
+
+@dataclass(frozen=True)
+class AreaJob:
+    """What a worker needs to know; small, so that it travels well."""
+
+    task: AreaTask
+    grid: AreaGrid
+    region: Area
+    gsd_m: float
+    config: BuildConfig
+    dem_paths: tuple[Path, ...]
+    albedo: AlbedoMap | None = None
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All candidates of an area (or of many), one row each; shapes (n, ...)."""
+
+    lon_deg: Array
+    lat_deg: Array
+    elevation_m: Array
+    patch_m: NDArray[np.float32]  # (n, p, p) ENU z in the point's own frame
+    product: NDArray[np.int16]  # index of the DEM
+    evaluation: Evaluation
+    albedo: NDArray[np.float32] | None = None
+    """(n, p, p) relative brightness of the patches' nodes, all NaN outside the map; None without a map."""
+
+    def __len__(self) -> int:
+        return len(self.lon_deg)
+
+
+def run_area(job: AreaJob) -> Candidates:
+    """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
+    dems = DemSet.open(job.dem_paths, job.config.dem.product_order)
+    terrain, sweep = area_sweep(job, dems)
+    core = _Core(job, terrain, _halo(job))
+    rows, cols = _find(sweep, core, job.config, job.gsd_m)
+    return _evaluated(job, dems, core, sweep, rows, cols)
+
+
+def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
+    """The area's terrain with its halo as the core window, and all its images."""
+    terrain = _terrain(job, dems, _halo(job))
+    conditions, model = Conditions.at(job.task.lat_deg, job.config), job.config.model
+    sweep = Sweep(
+        terrain.field,
+        terrain.core,
+        conditions,
+        law_of_build(job.config, job.region.lat_deg).model,
+        model.precision,
+        far=terrain.far,
+        brightness=job.albedo.known_nodes(terrain) if job.albedo else None,
+    )
+    return terrain, sweep
+
+
+def _halo(job: AreaJob) -> int:
+    """Nodes around the area that its points look at."""
+    points = job.config.points
+    return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
+
+
+def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
+    """The area with its halo as the core window, what can hide it from a view around it, and what
+    can shadow it under the lowest Sun, at most as far off as is configured.
+    """
+    place = (dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
+    limit_m = job.config.model.ring_max_km * 1e3
+    view_rad = np.radians(90.0 - max(job.config.view.off_nadir_deg))
+    ring_m = (
+        ring_for_rays_m(*place, float(np.tan(view_rad)), limit_m) if view_rad < np.pi / 2 else 0.0
+    )
+    light = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
+    return build_surrounded(*place, surroundings(*place, light, ring_m, limit_m))
+
+
+class _Core:
+    """The window of an area's terrain: which of its nodes are the area's own, and where they lie on the Moon."""
+
+    def __init__(self, job: AreaJob, terrain: Terrain, halo: int) -> None:
+        self.terrain, self.frame, self.halo = terrain, terrain.frame, halo
+        r0, r1, c0, c1 = terrain.core
+        self.z = terrain.field.z_m[r0:r1, c0:c1]
+        self.lon, self.lat = self._places((r0, r1, c0, c1))
+        row, column = job.grid.owner(self.lon, self.lat)
+        mine = (
+            (row == job.task.row)
+            & (column == job.task.column)
+            & job.region.contains(self.lon, self.lat)
+        )
+        edge = np.ones_like(mine)
+        edge[halo:-halo, halo:-halo] = False
+        self.mine = mine & ~edge
+
+    def _places(self, window: Window) -> tuple[Array, Array]:
+        """Longitude and latitude of every node of the window; over nodata those of the sphere."""
+        r0, r1, c0, c1 = window
+        field = self.terrain.field
+        x, y = np.meshgrid(
+            field.x0_m + np.arange(c0, c1) * field.gsd_m,
+            field.y0_m - np.arange(r0, r1) * field.gsd_m,
+        )
+        z = np.where(np.isfinite(self.z), self.z, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M))
+        lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+        return lon, lat
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """The frame's own row and column of node [0, 0]: spacing cells are counted from the frame's origin."""
+        window = self.terrain.window
+        return window.row0 + self.terrain.core[0], window.col0 + self.terrain.core[2]
+
+
+def _find(
+    sweep: Sweep, core: _Core, config: BuildConfig, gsd_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corners of the area's own nodes that persist over the Suns, seen from the view nearest to straight above."""
+    nadir = int(np.argmin(sweep.conditions.off_nadir_deg))
+    persistence = Persistence(core.z.shape)
+    for image in sweep.images(views=(nadir,)):
+        persistence.add(image.radiance)
+    return candidates(
+        persistence.score(),
+        spacing_px=config.points.spacing_nodes(gsd_m),
+        per_cell=config.points.candidates_per_cell,
+        border=core.halo,
+        valid=core.mine & np.isfinite(core.z),
+        origin=core.origin,
+    )
+
+
+def _evaluated(
+    job: AreaJob,
+    dems: DemSet,
+    core: _Core,
+    sweep: Sweep,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+) -> Candidates:
+    """Evaluate the candidates in groups of like convergence, each under Suns turned to the group's own north."""
+    half = job.config.points.half
+    whole = _has_whole_patch(core.z, rows, cols, half)
+    rows, cols = rows[whole], cols[whole]
+    lon, lat = core.lon[rows, cols], core.lat[rows, cols]
+    found = _patches(dems, lon, lat, job)
+    if found.albedo is not None and sweep.brightness is not None:
+        known = _known_alike(sweep.brightness, rows, cols, half, found.albedo)
+        rows, cols, lon, lat, found = (
+            rows[known],
+            cols[known],
+            lon[known],
+            lat[known],
+            found.rows(known),
+        )
+    turns = _turns(core.frame, lon, lat, job.config)
+    parts = Evaluation.empty(len(rows), sweep.conditions.shape)
+    for turn in np.unique(turns):
+        group = np.flatnonzero(turns == turn)
+        turned = sweep if turn == 0.0 else replace(sweep, turn_rad=float(turn))
+        parts = parts.with_rows(
+            group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m)
+        )
+    return Candidates(lon, lat, found.elevation_m, found.z_m, found.product, parts, found.albedo)
+
+
+def _has_whole_patch(
+    z: NDArray[np.float32], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
+) -> NDArray[np.bool_]:
+    finite = np.isfinite(z)
+    whole = [
+        finite[r - half : r + half + 1, c - half : c + half + 1].all()
+        for r, c in zip(rows, cols, strict=True)
+    ]
+    return np.array(whole, dtype=np.bool_)
+
+
+def _turns(frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig) -> Array:
+    """Azimuth of each point's own north in the area's frame, radians, in steps of twice the direction tolerance; 0 within it."""
+    north = np.array([enu_rotation(o, a)[1] for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3)
+    east_up = frame.direction_from_mcmf(north)
+    turn = np.arctan2(east_up[:, 0], east_up[:, 1])
+    step = 2.0 * np.radians(config.model.direction_tolerance_deg)
+    return np.round(turn / step) * step
+
+
+def _known_alike(
+    brightness: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    half: int,
+    patches: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Which patches lie wholly on a map of brightness, or wholly off it, as the area has them and as they are stored (n, p, p).
+    Where the map ends inside a patch the image has an edge that is not on the ground.
+    """
+    known, alike = np.isfinite(brightness), np.empty(len(rows), dtype=np.bool_)
+    for i, (r, c) in enumerate(zip(rows, cols, strict=True)):
+        area = known[r - half : r + half + 1, c - half : c + half + 1]
+        own = np.isfinite(patches[i])
+        alike[i] = (area.all() and own.all()) or not (area.any() or own.any())
+    return alike
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Each candidate's fragment of the DEM in its own frame: (n, p, p), (n,), (n,), (n, p, p)."""
+
+    z_m: NDArray[np.float32]
+    elevation_m: Array
+    product: NDArray[np.int16]
+    albedo: NDArray[np.float32] | None
+
+    def rows(self, some: NDArray[np.bool_]) -> _Found:
+        """Some of the candidates."""
+        albedo = None if self.albedo is None else self.albedo[some]
+        return _Found(self.z_m[some], self.elevation_m[some], self.product[some], albedo)
+
+
+def _patches(dems: DemSet, lon: Array, lat: Array, job: AreaJob) -> _Found:
+    """Each candidate's fragment, with the brightness of the same nodes."""
+    size = job.config.points.patch_nodes
+    z = np.empty((len(lon), size, size), dtype=np.float32)
+    albedo = np.empty_like(z) if job.albedo else None
+    elevation = np.empty(len(lon))
+    product = np.empty(len(lon), dtype=np.int16)
+    for i, (o, a) in enumerate(zip(lon, lat, strict=True)):
+        patch = sample_patch(dems, float(o), float(a), size, job.gsd_m)
+        z[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
+        if albedo is not None and job.albedo is not None:
+            albedo[i] = job.albedo.patch(patch.frame, patch.z_m, job.gsd_m)
+    return _Found(z, elevation, product, albedo)

@@ -1,0 +1,319 @@
+"""From all areas' candidates to one catalogue: the choice, the summaries over conditions, coverage, overview."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.view import slant_range_m
+from ..catalog.flags import summarise_usable
+from ..catalog.hdf5 import Catalog, Coverage, Overview
+from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE
+from ..constants import MOON_RADIUS_M
+from ..dem.mosaic import DemSet
+from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..landmarks.selection import coverage, select, stable_id
+from ..photometry.albedo_map import AlbedoMap, Cover
+from ..render import decisions as effects
+from ..render.decisions import Decision
+from ..render.error_bounds import limb_tangent
+from ..terrain.terrain import Area, NodeWindow, build_terrain
+from .area_job import Candidates
+from .config import BuildConfig
+from .evaluation import Evaluation
+from .sweep import law_of_build
+
+Array = NDArray[np.float64]
+
+OVERVIEW_NODES = 480
+"""Longer side of the overview raster."""
+
+FIELD_PIXELS = 1024
+"""Side of the image for which the finest useful image resolution is stated."""
+
+
+def assemble(
+    config: BuildConfig,
+    dem_paths: tuple[Path, ...],
+    region: Area,
+    gsd_m: float,
+    results: list[Candidates],
+    albedo: AlbedoMap | None = None,
+) -> Catalog:
+    """Choose the points and fill every variable of the catalogue."""
+    dems = DemSet.open(dem_paths, config.dem.product_order)
+    everything = joined(results)
+    spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
+    points = _rows(everything, choose(everything, config, gsd_m))
+    cover = albedo.cover_of(region, gsd_m) if albedo else None
+    return Catalog(
+        **_places(points, dems, gsd_m),
+        **_worth(points.evaluation, config, gsd_m),
+        sun_azimuth=np.array(config.sun.azimuths_deg),
+        sun_elevation=np.array(config.sun.elevations_deg),
+        view_off_nadir=np.array(config.view.off_nadir_deg),
+        view_azimuth=np.array(config.view.azimuth_deg),
+        view_altitude=np.array(config.view.altitude_km),
+        config=_resolved(config, region, gsd_m, spacing_m).to_toml(),
+        sources=dems.sources(),
+        albedo_map=albedo.provenance() if albedo else None,
+        scene_plan=json.dumps(
+            {"decisions": decisions(config, gsd_m, region.lat_deg, albedo, cover)}, sort_keys=True
+        ),
+        overview=_overview(dems, region, gsd_m),
+        coverage=_coverage(
+            dems, region, everything, points, spacing_m, config.points.min_usable_conditions
+        ),
+    )
+
+
+def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
+    """Rows of the candidates that become points: most usable conditions first, then the finest localisation, evenly spread."""
+    usable = (candidates.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
+    usable[usable < config.points.min_usable_conditions] = 0
+    spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
+    return select(
+        candidates.lon_deg, candidates.lat_deg, usable, _quality(candidates.evaluation), spacing_m
+    )
+
+
+def joined(parts: list[Any]) -> Any:
+    """One dataclass of arrays from many of the same kind."""
+    kind = type(parts[0])
+    columns = {}
+    for field in dataclasses.fields(kind):
+        values = [getattr(part, field.name) for part in parts]
+        nested = dataclasses.is_dataclass(values[0])
+        columns[field.name] = (
+            None if values[0] is None else joined(values) if nested else np.concatenate(values)
+        )
+    return kind(**columns)
+
+
+def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
+    """The same dataclass with some rows only."""
+    columns = {}
+    for field in dataclasses.fields(table):
+        value = getattr(table, field.name)
+        columns[field.name] = (
+            _rows(value, rows)
+            if dataclasses.is_dataclass(value)
+            else None
+            if value is None
+            else value[rows]
+        )
+    return type(table)(**columns)
+
+
+def _quality(evaluation: Evaluation) -> Array:
+    """Tie-break between candidates usable equally often: the finer they localise at the worst, the better."""
+    return -np.nan_to_num(
+        _over_usable(evaluation.sigma_major_m, evaluation, np.nanmax), nan=np.inf, posinf=1e30
+    )
+
+
+def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
+    """A figure of each candidate over its usable conditions; NaN where there are none."""
+    shape = (len(values), int(np.prod(values.shape[1:])))
+    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(shape)
+    some = ~np.isnan(masked).all(axis=1)
+    out = np.full(len(values), np.nan)
+    if some.any():
+        out[some] = how(masked[some], axis=1)
+    return out
+
+
+def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
+    rotations = [
+        enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)
+    ]
+    names = np.array(dems.products, dtype=object)
+    facts = [dem.facts for dem in dems.dems]
+    return {
+        "point_id": stable_id(points.lon_deg, points.lat_deg),
+        "longitude": points.lon_deg,
+        "latitude": points.lat_deg,
+        "elevation": points.elevation_m,
+        "position_mcmf": lonlat_to_mcmf(points.lon_deg, points.lat_deg, points.elevation_m),
+        "rotation_mcmf_to_enu": np.array(rotations).reshape(-1, 3, 3),
+        "gsd": np.full(len(points), gsd_m),
+        "dem_product": names[points.product] if len(points) else np.zeros(0, dtype=object),
+        "elevation_sigma": _known([f.sigma_m for f in facts])[points.product],
+        "dem_resolution": _known([f.resolution_m for f in facts])[points.product],
+        "dem": points.patch_m,
+        "albedo": points.albedo,
+    }
+
+
+def _known(figures: list[float | None]) -> Array:
+    """Figures with NaN for the unknown ones."""
+    return np.array([math.nan if figure is None else figure for figure in figures])
+
+
+def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
+    worst = {
+        name: _over_usable(getattr(evaluation, name), evaluation, np.nanmax)
+        for name in ("sigma_major_m", "sigma_minor_m", "second_peak", "false_match")
+    }
+    lowest, highest = summarise_usable(evaluation.condition, np.array(config.sun.elevations_deg))
+    return {
+        "condition": evaluation.condition,
+        "sun_elevation_min": lowest,
+        "sun_elevation_max": highest,
+        "harris_response": _over_usable(evaluation.harris, evaluation, np.nanmedian),
+        "localization_sigma": np.stack([worst["sigma_major_m"], worst["sigma_minor_m"]], axis=-1),
+        "second_peak": worst["second_peak"],
+        "false_match_probability": worst["false_match"],
+        "gsd_min": np.full(
+            len(evaluation.condition),
+            min(1.0, 2.0 * config.points.patch_nodes / FIELD_PIXELS) * gsd_m,
+        ),
+        "gsd_max": _coarsest(evaluation) * gsd_m,
+        "shadow_dependence": _over_usable(evaluation.shadow_dependence, evaluation, np.nanmax),
+        "occlusion_dependence": _over_usable(
+            evaluation.occlusion_dependence, evaluation, np.nanmax
+        ),
+    }
+
+
+def _coarsest(evaluation: Evaluation) -> Array:
+    """The scale up to which a point still localises in at least half of its usable conditions."""
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # a point without usable conditions has no median: NaN
+        masked = np.where(evaluation.condition == USABLE, evaluation.coarsest_scale, np.nan)
+        flat = masked.reshape(len(masked), math.prod(masked.shape[1:]))
+        return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
+
+
+def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
+    """How far each candidate came: 0 never localisable, 1 never unique as well, 2 never independent as well (or in too few
+    conditions), 3 usable."""
+    condition = evaluation.condition
+    localizable = (condition & LOCALIZABLE) > 0
+    unique = localizable & ((condition & UNIQUE) > 0)
+    stages = localizable.any(axis=(1, 2, 3)).astype(np.int64) + unique.any(axis=(1, 2, 3))
+    return stages + ((condition == USABLE).sum(axis=(1, 2, 3)) >= min_usable)
+
+
+def _coverage(
+    dems: DemSet,
+    region: Area,
+    everything: Candidates,
+    points: Candidates,
+    spacing_m: float,
+    min_usable: int,
+) -> Coverage:
+    """Status of the region's spacing cells: a lattice of its own plane, one spacing apart."""
+    x0, x1, y0, y1 = region.extent_m
+    x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
+    flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
+    lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(flat))
+    inside = region.contains(lon, lat)
+    lon, lat = lon[inside], lat[inside]
+    heights, _ = dems.heights(lon, lat, spacing_m / 8.0)
+    status = coverage(
+        (lon, lat),
+        np.isfinite(heights),
+        (everything.lon_deg, everything.lat_deg),
+        _stages(everything.evaluation, min_usable),
+        (points.lon_deg, points.lat_deg),
+        spacing_m,
+    )
+    return Coverage(longitude=lon, latitude=lat, status=status, spacing_m=spacing_m)
+
+
+def _middles(low: float, high: float, step: float) -> Array:
+    """Middles of the cells of a span, ``step`` wide, centred on it."""
+    count = max(1, round((high - low) / step))
+    return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
+
+
+def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
+    """A coarse raster of the region, heights above the reference sphere, in the frame of its centre."""
+    x0, x1, y0, y1 = region.extent_m
+    step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+    window = NodeWindow.covering(region.extent_m, step)
+    field = build_terrain(dems, region.frame, window, step).field
+    x = field.x0_m + np.arange(field.shape[1]) * step
+    y = field.y0_m - np.arange(field.shape[0]) * step
+    xx, yy = np.meshgrid(x, y)
+    _, _, height = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([xx, yy, field.z_m], axis=-1)))
+    return Overview(
+        height=height.astype(np.float32),
+        x=x,
+        y=y,
+        center_lon=region.frame.lon_deg,
+        center_lat=region.frame.lat_deg,
+    )
+
+
+def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float) -> BuildConfig:
+    """The configuration with what was derived from the DEM filled in; no folders."""
+    area = dataclasses.replace(config.area, gsd_m=gsd_m)
+    if not area.center_deg and not area.bounds_deg:
+        area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
+    search_m = config.points.search_nodes(gsd_m) * gsd_m
+    points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
+    law = law_of_build(config, region.lat_deg).model.name
+    model = dataclasses.replace(config.model.portable, reflectance=law)
+    return dataclasses.replace(config, area=area, points=points, model=model)
+
+
+def decisions(
+    config: BuildConfig,
+    gsd_m: float,
+    lat_deg: float,
+    albedo: AlbedoMap | None = None,
+    cover: Cover | None = None,
+) -> list[dict[str, Any]]:
+    """What every area of a build models, as `scene_effects` says it: worst over all Suns and views. ``cover``: of the region
+    by the map of brightness.
+    """
+    accuracy, elevations = config.model.precision, config.sun.elevations_deg
+    light = math.tan(math.radians(min(elevations)))
+    limb = limb_tangent(direction_enu(0.0, min(elevations)))
+    lowest_view = math.tan(math.radians(90.0 - max(config.view.off_nadir_deg)))
+    rays, law = effects.Rays.of(accuracy), law_of_build(config, lat_deg)
+    made = [
+        effects.hiding("cast shadows", "the lowest Sun's elevation", light, None, rays),
+        effects.hiding("occlusion", "the lowest view's elevation", lowest_view, None, rays)
+        if any(config.view.off_nadir_deg)
+        else effects.straight_down(),
+        effects.perspective_of_patches(_widest_rad(config, gsd_m)),
+        effects.solar_disc(False, None, limb, math.inf, accuracy),
+        effects.surface(None, lowest_view, 0.0),
+        effects.float_width(),
+        effects.reflectance(law),
+        effects.ring_of_build(min(elevations), config.model.ring_max_km * 1e3),
+        *effects.always(config.model.area_nodes_max * gsd_m / math.sqrt(2.0)),
+        effects.albedo(albedo, cover),
+        Decision("dependence", True, _DEPENDENCE, 0.0, "share of nodes"),
+        Decision(
+            "one direction per area", True, _DIRECTION, config.model.direction_tolerance_deg, "deg"
+        ),
+    ]
+    return [asdict(decision) for decision in made]
+
+
+def _widest_rad(config: BuildConfig, gsd_m: float) -> float:
+    """By how much the directions from a patch's nodes to a camera differ at most from its point's,
+    slopes left aside."""
+    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
+    near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
+    half_m = config.points.half * gsd_m * math.sqrt(2.0)
+    return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
+
+
+_DEPENDENCE = "exact rays, the patch alone against all the terrain"
+_DIRECTION = "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance"

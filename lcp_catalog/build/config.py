@@ -1,0 +1,330 @@
+"""The whole configuration of a build, as it stands in a TOML file and in the catalogue's ``config`` attribute.
+
+Every section is a frozen dataclass that refuses bad values at birth; units are in the names. ``None`` means "derived from the
+DEM", and the derived value is what the catalogue stores.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import tomli_w
+
+from ..accuracy import Accuracy, accuracy
+from ..errors import ConfigError
+
+ALBEDO_ENCODINGS = ("linear", "srgb")
+"""What the numbers of a map may be: proportional to brightness, or codes of a display image."""
+
+
+def _require(condition: bool, text: str) -> None:
+    if not condition:
+        raise ConfigError(text)
+
+
+@dataclass(frozen=True)
+class AreaConfig:
+    """Where: a centre and a size, or bounds, in degrees and kilometres; none of them is the whole DEM."""
+
+    center_deg: tuple[float, ...] = ()
+    size_km: float | None = None
+    bounds_deg: tuple[float, ...] = ()
+    gsd_m: float | None = None
+
+    def __post_init__(self) -> None:
+        _require(len(self.center_deg) in (0, 2), "area.center_deg wants a longitude and a latitude")
+        _require(
+            len(self.bounds_deg) in (0, 4), "area.bounds_deg wants west, south, east and north"
+        )
+        _require(
+            not (self.center_deg and self.bounds_deg),
+            "area wants center_deg or bounds_deg, not both",
+        )
+        _require(
+            bool(self.center_deg) == (self.size_km is not None),
+            "area.center_deg and area.size_km go together",
+        )
+        _require(
+            self.gsd_m is None or 0.0 < self.gsd_m < math.inf,
+            f"area.gsd_m must be positive, not {self.gsd_m}",
+        )
+
+
+@dataclass(frozen=True)
+class DemConfig:
+    """Which DEM answers where: products (by name, family or file name) that come first; none: by latitude, then pixel."""
+
+    product_order: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SunConfig:
+    """The azimuth-elevation grid of the catalogue, degrees in each point's own frame; unreachable cells are left out later."""
+
+    azimuths_deg: tuple[float, ...] = tuple(float(a) for a in range(0, 360, 15))
+    elevations_deg: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
+
+    def __post_init__(self) -> None:
+        for name, values, low, high in (
+            ("azimuths_deg", self.azimuths_deg, 0.0, 360.0),
+            ("elevations_deg", self.elevations_deg, 0.0, 90.0001),
+        ):
+            _require(len(values) > 0, f"sun.{name} is empty")
+            _require(
+                all(b > a for a, b in itertools.pairwise(values)),
+                f"sun.{name} must rise strictly",
+            )
+            _require(
+                low <= values[0] and values[-1] < high,
+                f"sun.{name} must lie in {low:g}..{high:g} degrees",
+            )
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """Viewpoints: for each the angle from the local vertical at the point, the azimuth of the camera seen from the point, and
+    its altitude (``inf``: parallel rays)."""
+
+    off_nadir_deg: tuple[float, ...] = (0.0, 30.0, 30.0, 30.0, 30.0)
+    azimuth_deg: tuple[float, ...] = (0.0, 0.0, 90.0, 180.0, 270.0)
+    altitude_km: tuple[float, ...] = (math.inf,) * 5
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.off_nadir_deg), len(self.azimuth_deg), len(self.altitude_km)}
+        _require(
+            len(lengths) == 1 and lengths != {0},
+            "view.off_nadir_deg, azimuth_deg and altitude_km must be of one length",
+        )
+        _require(
+            all(0.0 <= v < 90.0 for v in self.off_nadir_deg),
+            "view.off_nadir_deg must lie in 0..90 degrees",
+        )
+        _require(
+            all(0.0 <= v < 360.0 for v in self.azimuth_deg),
+            "view.azimuth_deg must lie in 0..360 degrees",
+        )
+        _require(
+            all(v > 0.0 for v in self.altitude_km),
+            "view.altitude_km must be positive (inf: parallel rays)",
+        )
+
+    def __len__(self) -> int:
+        return len(self.off_nadir_deg)
+
+
+@dataclass(frozen=True)
+class PointConfig:
+    """What makes a control point, in nodes of the area's grid where the unit is not in the name."""
+
+    patch_nodes: int = 33
+    spacing_m: float | None = None  # two patch widths
+    search_m: float | None = None  # 64 nodes
+    candidates_per_cell: int = 2
+    image_noise: float = 0.15
+    """1 sigma of the difference between image and render at a pixel, as a share of the patch's mean signal: the sensor's noise and
+    whatever the DEM does not know. Measured on Apollo 15 frame AS15-M-0414 against GLD100, Sun 14 deg high: 0.13 to 0.20 over
+    all contrasts (docs/control-points.md)."""
+    max_sigma_px: float = 0.5
+    min_lit_share: float = 0.5
+    max_second_peak: float = 0.8
+    max_false_match: float = 0.05
+    max_dependence: float = 0.02
+    min_usable_conditions: int = 1
+
+    def __post_init__(self) -> None:
+        _require(
+            self.patch_nodes % 2 == 1 and 9 <= self.patch_nodes <= 257,
+            f"points.patch_nodes must be odd, 9..257, not {self.patch_nodes}",
+        )
+        _require(
+            self.spacing_m is None or self.spacing_m > 0.0, "points.spacing_m must be positive"
+        )
+        _require(self.search_m is None or self.search_m > 0.0, "points.search_m must be positive")
+        _require(self.candidates_per_cell >= 1, "points.candidates_per_cell must be at least 1")
+        _require(self.min_usable_conditions >= 1, "points.min_usable_conditions must be at least 1")
+        _require(
+            0.0 < self.image_noise < 1.0, "points.image_noise is a share of the mean signal, 0..1"
+        )
+        _require(self.max_sigma_px > 0.0, "points.max_sigma_px must be positive")
+        for name in ("min_lit_share", "max_second_peak", "max_false_match", "max_dependence"):
+            _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
+
+    @property
+    def half(self) -> int:
+        """Nodes from a patch's centre to its edge."""
+        return self.patch_nodes // 2
+
+    def search_nodes(self, gsd_m: float) -> int:
+        """Radius, in nodes, inside which a point must be unique."""
+        return 64 if self.search_m is None else max(1, round(self.search_m / gsd_m))
+
+    def spacing_nodes(self, gsd_m: float) -> int:
+        """Least distance of two points, in nodes: two patches unless the configuration says otherwise."""
+        return (
+            2 * (self.patch_nodes - 1)
+            if self.spacing_m is None
+            else max(1, round(self.spacing_m / gsd_m))
+        )
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """How an area is modelled."""
+
+    reflectance: str = "auto"
+    """Law of reflection; ``auto``: the one that the build's phases want (`model_choice`)."""
+    albedo: str | None = None
+    """File of a map of relative brightness, sought from the folder of the BUILD.toml that names it; none: all ground alike."""
+    albedo_encoding: str | None = None
+    """``linear`` (also for none), or ``srgb``: the codes of a display image."""
+    albedo_reference: float | None = None
+    """The map's value whose factor is 1; none: its own mean."""
+    accuracy: str | None = None
+    """Tier of shadows and visibility; none: the one that the tolerance wants, else `accuracy.DEFAULT_TIER`."""
+    tolerance: float | None = None
+    direction_tolerance_deg: float = 0.5
+    ring_max_km: float = 400.0
+    """No terrain further from an area than this is looked at, whatever the Sun."""
+    area_nodes_max: int = 512
+
+    def __post_init__(self) -> None:
+        _require(
+            0.05 <= self.direction_tolerance_deg <= 10.0,
+            "model.direction_tolerance_deg must lie in 0.05..10",
+        )
+        accuracy(self.accuracy, self.tolerance)  # says what is wrong with them
+        _require(
+            self.albedo_encoding in (None, *ALBEDO_ENCODINGS),
+            f"model.albedo_encoding must be {' or '.join(ALBEDO_ENCODINGS)}",
+        )
+        _require(
+            self.albedo_reference is None or 0.0 < self.albedo_reference < math.inf,
+            f"model.albedo_reference must be positive, not {self.albedo_reference}",
+        )
+        _require(
+            self.albedo is not None or self.albedo_encoding is self.albedo_reference is None,
+            "model.albedo_encoding and model.albedo_reference need model.albedo, a map",
+        )
+        _require(self.ring_max_km >= 0.0, "model.ring_max_km must not be negative")
+        _require(self.area_nodes_max >= 16, "model.area_nodes_max must be at least 16")
+
+    @property
+    def precision(self) -> Accuracy:
+        """The tier and tolerance that are meant."""
+        return accuracy(self.accuracy, self.tolerance)
+
+    @property
+    def without_albedo(self) -> ModelConfig:
+        """The same for ground that is all alike."""
+        return dataclasses.replace(self, albedo=None, albedo_encoding=None, albedo_reference=None)
+
+    def beside(self, folder: Path) -> ModelConfig:
+        """The same with its files' names, which stand in a file of this folder, as seen from here;
+        an absolute one stays what it is.
+        """
+        albedo = None if self.albedo is None else str(folder / self.albedo)
+        law, _, which = self.reflectance.partition(":")
+        if law == "facet" and which.lower().endswith(".toml"):
+            law = f"{law}:{folder / which}"
+            return dataclasses.replace(self, albedo=albedo, reflectance=law)
+        return dataclasses.replace(self, albedo=albedo)
+
+    @property
+    def portable(self) -> ModelConfig:
+        """The same without folders: files by their names."""
+        name = None if self.albedo is None else Path(self.albedo).name
+        law, colon, which = self.reflectance.partition(":")
+        if law == "facet":  # a file, or a name without folders
+            law = f"{law}{colon}{Path(which).name}"
+            return dataclasses.replace(self, albedo=name, reflectance=law)
+        return dataclasses.replace(self, albedo=name)
+
+
+@dataclass(frozen=True)
+class BuildConfig:
+    """Everything that decides a catalogue's content besides the DEM itself."""
+
+    area: AreaConfig = field(default_factory=AreaConfig)
+    dem: DemConfig = field(default_factory=DemConfig)
+    sun: SunConfig = field(default_factory=SunConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
+    points: PointConfig = field(default_factory=PointConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+
+    @classmethod
+    def from_toml(cls, path: Path) -> BuildConfig:
+        """Read a BUILD.toml; an unknown section or key is a ``ConfigError`` that names it."""
+        try:
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror or error}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path}: not TOML: {error}") from error
+        try:
+            config = cls.from_dict(document)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from error
+        return dataclasses.replace(config, model=config.model.beside(path.parent))
+
+    @classmethod
+    def from_dict(cls, document: dict[str, Any]) -> BuildConfig:
+        """The configuration of nested dictionaries, as TOML gives them."""
+        sections = {f.name: f for f in dataclasses.fields(cls)}
+        hints = get_type_hints(cls)
+        unknown = sorted(set(document) - set(sections))
+        _require(
+            not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"
+        )
+        return cls(**{name: _section(hints[name], name, table) for name, table in document.items()})
+
+    def to_toml(self) -> str:
+        """The configuration as TOML; what is ``None`` is left out. ``from_dict`` of it gives an equal configuration."""
+        document = {
+            name: {
+                k: list(v) if isinstance(v, tuple) else v for k, v in table.items() if v is not None
+            }
+            for name, table in dataclasses.asdict(self).items()
+        }
+        return tomli_w.dumps(document)
+
+
+def _section(kind: type, name: str, table: object) -> Any:
+    if not isinstance(table, dict):
+        raise ConfigError(f"[{name}] must be a table")
+    hints = get_type_hints(kind)
+    unknown = sorted(set(table) - set(hints))
+    _require(not unknown, f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
+    return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
+
+
+def _value(name: str, hint: Any, value: object) -> object:
+    """``value`` as the field wants it; TOML tells integers from floats, a person does not."""
+    kinds = str(hint)
+    if "tuple[str" in kinds:
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise ConfigError(f"{name} must be a list of texts")
+        return tuple(value)
+    if "tuple" in kinds:
+        if not isinstance(value, list) or not all(_is_number(v) for v in value):
+            raise ConfigError(f"{name} must be a list of numbers")
+        return tuple(float(v) for v in value)
+    if "float" in kinds:
+        _require(_is_number(value), f"{name} must be a number")
+        return float(value)  # type: ignore[arg-type]  # checked on the line above
+    if "int" in kinds:
+        _require(
+            isinstance(value, int) and not isinstance(value, bool), f"{name} must be a whole number"
+        )
+    else:
+        _require(isinstance(value, str), f"{name} must be a text")
+    return value
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)

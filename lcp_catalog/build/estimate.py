@@ -1,0 +1,72 @@
+"""What a build would do and cost: one of its areas is computed, and its time, memory and yield are carried over to all."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from ..threads import limit_threads
+from .area_job import Candidates, run_area
+from .assembly import OVERVIEW_NODES, choose
+from .run import Build
+from .sweep import Conditions
+
+FILE_BYTES = 130_000
+"""A catalogue file without points: HDF5's structures and chunks (measured, builds of 11 to 226 points)."""
+
+STORED_SHARE = 0.75
+"""Bytes in the file for each byte of patches, conditions and overview (measured on the same builds: 0.73 to 0.8)."""
+
+
+def estimate(build: Build, workers: int) -> dict[str, Any]:
+    """The document of ``lcp build-catalog --plan``: areas, conditions, memory and, from one measured area, time and size."""
+    config = build.config
+    conditions = [Conditions.at(job.task.lat_deg, config) for job in build.jobs]
+    halo = config.points.search_nodes(build.gsd_m) + config.points.half
+    nodes = [int(np.prod(job.task.window.grown(halo).shape)) for job in build.jobs]
+    cost = [n * c.count for n, c in zip(nodes, conditions, strict=True)]
+    sample = sorted(range(len(cost)), key=cost.__getitem__)[len(cost) // 2]
+    seconds, result = _measured(build, sample)
+    ground = [int(np.prod(job.task.window.shape)) for job in build.jobs]
+    points = len(choose(result, build.config, build.gsd_m)) * sum(ground) / max(ground[sample], 1)
+    layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
+    one_point = config.points.patch_nodes**2 * 4 * layers + int(np.prod(conditions[sample].shape))
+    return {
+        "areas": len(build.jobs),
+        "suns": max(int(c.reachable.sum()) for c in conditions),
+        "views": len(config.view),
+        "cell_renders": int(sum(cost)),
+        "memory_mb_per_worker": _peak_mb(),
+        "seconds_estimate": round(
+            seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1
+        ),
+        "bytes_estimate": int(
+            FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
+        ),
+        "decisions": build.decisions(),
+    }
+
+
+def _measured(build: Build, index: int) -> tuple[float, Candidates]:
+    """Seconds of one area, on one thread, after a first run that compiles the kernels."""
+    with limit_threads(1):
+        run_area(build.jobs[index])
+        start = time.perf_counter()
+        result = run_area(build.jobs[index])
+        return time.perf_counter() - start, result
+
+
+def _peak_mb() -> int:
+    """Most memory that this process has held so far, MB; it has computed an area, as a worker does."""
+    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6)
+
+
+def _overview_bytes(build: Build) -> int:
+    x0, x1, y0, y1 = build.region.extent_m
+    step = max(build.gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+    return int((x1 - x0) / step * (y1 - y0) / step) * 4

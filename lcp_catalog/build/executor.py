@@ -1,0 +1,161 @@
+"""Runs independent tasks here, in spawned processes, or on a dask cluster, and hands each result back as it ends.
+
+Processes are spawned, never forked (numba's and OpenCV's thread pools do not survive a fork), and each worker computes on
+one thread: parallelism comes from areas. A worker that dies takes only its own task with it: the others are run again.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+from ..errors import ConfigError
+from ..threads import limit_threads
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+log = logging.getLogger(__name__)
+
+
+def run_tasks(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    jobs: int = 1,
+    scheduler: str | None = None,
+) -> Iterator[tuple[int, Result | Exception]]:
+    """Yield (index of the task, its result or the exception that ended it) in the order in which tasks end.
+
+    ``jobs`` processes work side by side; with one, the tasks run in this process. ``scheduler`` is the address of a dask
+    scheduler that has this package installed on its workers. Results do not depend on either.
+    """
+    if jobs < 1:
+        raise ConfigError(f"--jobs must be at least 1, not {jobs}")
+    if scheduler is not None:
+        yield from _on_cluster(function, tasks, scheduler)
+    elif jobs == 1 or len(tasks) == 1:
+        yield from _here(function, tasks)
+    else:
+        yield from _in_processes(function, tasks, min(jobs, len(tasks)))
+
+
+def _here(
+    function: Callable[[Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result | Exception]]:
+    with limit_threads(1):
+        for index, task in enumerate(tasks):
+            yield index, _outcome(function, task)
+
+
+def _outcome(function: Callable[[Task], Result], task: Task) -> Result | Exception:
+    try:
+        return function(task)
+    except Exception as error:  # whatever it is, the build decides what becomes of the other areas
+        log.debug("task failed", exc_info=True)
+        return error
+
+
+def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | Exception:
+    """In a worker; by now the function's module, and with it OpenCV, has been imported."""
+    limit_threads(1)
+    return _outcome(function, task)
+
+
+def _in_processes(
+    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int
+) -> Iterator[tuple[int, Result | Exception]]:
+    pending = list(range(len(tasks)))
+    while pending:
+        done: set[int] = set()
+        suspects: set[int] = set()
+        for index, outcome in _one_pool(function, tasks, pending, jobs):
+            if isinstance(outcome, BrokenProcessPool):
+                suspects.add(index)
+            else:
+                done.add(index)
+                yield index, outcome
+        pending = [index for index in pending if index not in done]
+        if suspects and pending:
+            # Nobody can tell which task killed the worker: each suspect gets a process of its own, once.
+            for index in sorted(suspects):
+                for _, outcome in _one_pool(function, tasks, [index], 1):
+                    yield index, _died(outcome)
+            pending = [index for index in pending if index not in suspects]
+
+
+def _died(outcome: Result | Exception) -> Result | Exception:
+    if isinstance(outcome, BrokenProcessPool):
+        return RuntimeError(
+            "its process died (killed, or out of memory); try fewer --jobs or a smaller area"
+        )
+    return outcome
+
+
+def _one_pool(
+    function: Callable[[Task], Result], tasks: Sequence[Task], indices: Sequence[int], jobs: int
+) -> Iterator[tuple[int, Result | Exception]]:
+    """Keep one task a worker in the pool, so that a broken pool has few suspects."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
+    waiting = list(indices)
+    running: dict[Future[Any], int] = {}
+    broken = False
+    try:
+        while (waiting and not broken) or running:
+            while waiting and not broken and len(running) < jobs:
+                index = waiting.pop(0)
+                running[pool.submit(_on_one_thread, function, tasks[index])] = index
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in sorted(ended, key=running.__getitem__):
+                outcome = _result_of(future)
+                broken = broken or isinstance(outcome, BrokenProcessPool)
+                yield running.pop(future), outcome
+    except BaseException:
+        _stop(pool)
+        raise
+    pool.shutdown(wait=True)
+
+
+def _result_of(future: Future[Any]) -> Any:
+    try:
+        return future.result()
+    except Exception as error:  # a result that cannot be pickled, or a broken pool
+        return error
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    """End the pool at once; after Ctrl-C nobody waits for a running area."""
+    processes = list((getattr(pool, "_processes", None) or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join()
+
+
+def _quiet_worker() -> None:
+    """Ctrl-C is the parent's affair."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _on_cluster(
+    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str
+) -> Iterator[tuple[int, Result | Exception]]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError as error:
+        raise ConfigError(
+            "--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'"
+        ) from error
+    with Client(scheduler, timeout="10s") as client:
+        futures = {
+            client.submit(_on_one_thread, function, task, pure=False): index
+            for index, task in enumerate(tasks)
+        }
+        for future in as_completed(list(futures)):
+            yield futures[future], _result_of(future)

@@ -1,0 +1,198 @@
+"""A whole build: the plan, the areas through the engine, the choice among all candidates, the catalogue.
+
+The choice is made over all areas at once, so that a seam between two areas has neither double nor missing points.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..atomic_files import check_output
+from ..catalog.hdf5 import write_catalog
+from ..catalog.schema import SCHEMA_VERSION
+from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from ..dem.consistency import warn_of_disagreements
+from ..dem.mosaic import DemSet
+from ..errors import AreaError, AreaFailedError, SunError
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.facet_file import law_file
+from ..terrain.terrain import Area, native_gsd_m
+from .area_job import AreaJob, Candidates, run_area
+from .areas import AreaGrid, AreaTask, plan_areas
+from .assembly import assemble, decisions
+from .checkpoints import Shards
+from .config import BuildConfig
+from .executor import run_tasks
+from .sweep import Conditions, law_of_build
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Build:
+    """A build that is decided down to its areas, and not yet run."""
+
+    config: BuildConfig
+    dem_paths: tuple[Path, ...]
+    region: Area
+    gsd_m: float
+    jobs: tuple[AreaJob, ...]
+    albedo: AlbedoMap | None = None
+
+    @classmethod
+    def plan(cls, dem_paths: tuple[Path, ...], config: BuildConfig) -> Build:
+        """Cut the region into areas. AreaError when the region has none."""
+        dems = DemSet.open(dem_paths, config.dem.product_order)
+        region = region_of(dems, config)
+        warn_of_disagreements(dems, region.bounds)
+        gsd_m = config.area.gsd_m or native_gsd_m(dems, region)
+        grid = AreaGrid.for_cell(gsd_m, config.model)
+        tasks = plan_areas(grid, region, gsd_m)
+        if not tasks:
+            raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
+        _require_sunlight(tasks, config)
+        law = law_of_build(config, region.lat_deg).model
+        spec = config.model.reflectance if law.file else law.name
+        lawful = replace(config, model=replace(config.model, reflectance=spec))
+        albedo = AlbedoMap.of(config.model)
+        if albedo:
+            albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
+        given = (grid, region, gsd_m, lawful, dem_paths, albedo)
+        jobs = tuple(AreaJob(task, *given) for task in tasks)
+        return cls(config, dem_paths, region, gsd_m, jobs, albedo)
+
+    @property
+    def files(self) -> list[Path]:
+        """Every file that the build reads, but its configuration."""
+        dems = [path for dem in DemSet.open(self.dem_paths).dems for path in dem.files]
+        law = law_file(self.config.model.reflectance)
+        return [*dems, *(self.albedo.files if self.albedo else ()), *([law] if law else ())]
+
+    def decisions(self) -> list[dict[str, Any]]:
+        """What is modelled, and why."""
+        cover = self.albedo.cover_of(self.region, self.gsd_m) if self.albedo else None
+        return decisions(self.config, self.gsd_m, self.region.lat_deg, self.albedo, cover)
+
+    def fingerprint(self) -> str:
+        """What decides the areas' content: version, configuration, and every file's bytes."""
+        sources = DemSet.open(self.dem_paths).sources()
+        config = replace(self.config, model=self.config.model.portable).to_toml()
+        facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
+        facts += [self.albedo.provenance()] if self.albedo else []
+        law = law_file(self.config.model.reflectance)
+        facts += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What a build did: points written, areas done, and the areas that failed with their one-line causes."""
+
+    points: int
+    areas: int
+    failed: dict[str, str]
+
+
+def region_of(dems: DemSet, config: BuildConfig) -> Area:
+    """The region of a configuration; the DEM's own bounds when it names none."""
+    area = config.area
+    if area.center_deg:
+        assert area.size_km is not None  # AreaConfig holds them together
+        return Area(area.center_deg[0], area.center_deg[1], area.size_km)
+    return Area.from_bounds(*(area.bounds_deg or tuple(dems.bounds)))
+
+
+def build_catalog(
+    build: Build,
+    output: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    keep_going: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> BuildReport:
+    """Run a build and write the catalogue.
+
+    Finished areas are kept beside the output until it is whole. A failed area ends the build with AreaFailedError unless
+    ``keep_going`` is set; then the catalogue is written without it.
+    """
+    check_output(output, overwrite)
+    shards = Shards.beside(output, build.fingerprint())
+    shards.begin(resume)
+    failed = _run_areas(build, shards, jobs, scheduler, keep_going, progress)
+    results = {
+        job.task.name: shards.read(job.task.name)
+        for job in build.jobs
+        if job.task.name not in failed
+    }
+    whole = {name: result for name, result in results.items() if result is not None}
+    if not whole:
+        raise AreaFailedError(
+            f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
+        )
+    catalog = assemble(
+        build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values()), build.albedo
+    )
+    write_catalog(catalog, output, overwrite=overwrite)
+    shards.remove()
+    return BuildReport(points=len(catalog.point_id), areas=len(whole), failed=failed)
+
+
+def _run_areas(
+    build: Build,
+    shards: Shards,
+    jobs: int,
+    scheduler: str | None,
+    keep_going: bool,
+    progress: Progress,
+) -> dict[str, str]:
+    """Compute the areas that no shard holds; the failed ones come back by name."""
+    todo = [job for job in build.jobs if shards.read(job.task.name) is None]
+    done, failed = len(build.jobs) - len(todo), {}
+    progress(done, len(build.jobs))
+    for index, outcome in run_tasks(run_area, todo, jobs, scheduler):
+        name = todo[index].task.name
+        if isinstance(outcome, Exception):
+            cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
+            if not keep_going:
+                raise AreaFailedError(
+                    f"{cause} (finished areas are kept: run again with --resume)"
+                ) from outcome
+            log.warning("%s", cause)
+            failed[name] = cause
+        else:
+            shards.write(name, _checked(outcome))
+        done += 1
+        progress(done, len(build.jobs))
+    return failed
+
+
+def _checked(outcome: Candidates) -> Candidates:
+    if not isinstance(outcome, Candidates):
+        raise TypeError(f"an area gave {type(outcome).__name__}")
+    return outcome
+
+
+def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
+    """SunError where the Sun never comes to any of the configured directions over the whole region."""
+    if any(Conditions.at(task.lat_deg, config).reachable.any() for task in tasks):
+        return
+    least = min(abs(task.lat_deg) for task in tasks)
+    highest = 90.0 - least + SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
+    lowest = min(config.sun.elevations_deg)
+    raise SunError(
+        f"the Sun never comes to the directions asked for: at latitude {least:.1f} deg it stands at most "
+        f"{min(highest, 90.0):.1f} deg high, the lowest of --sun-elevations is {lowest:g}; state lower ones"
+    )

@@ -1,0 +1,54 @@
+"""Which file says which sensor: CAMERA.json, USGS ISD JSON, or .tsai of the Ames Stereo Pipeline, told apart by content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import CameraError
+from .frame_camera import Camera, camera_from_json
+from .isd import AnySensor, is_isd, sensor_from_isd
+from .json_fields import parsed
+from .scanners import LineScanner
+from .tsai import camera_from_tsai, is_tsai
+
+
+def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
+    """The sensor that a camera file describes; CameraError names the file and the field that is wrong.
+
+    ``shape``: rows and columns of the image, where they are known; needed for a .tsai, which does not
+    say them. A file that says others is refused.
+    """
+    path = Path(path)
+    text = _text(path)
+    if is_tsai(text):
+        return camera_from_tsai(text, str(path), shape)
+    fields = parsed(text, str(path))
+    sensor = (
+        sensor_from_isd(fields) if is_isd(fields) else camera_from_json(fields.document, str(path))
+    )
+    if shape is not None and sensor.shape != tuple(shape):
+        raise CameraError(
+            f"{path}: is the camera of an image of {sensor.shape[1]} x {sensor.shape[0]} pixels, "
+            f"not of {shape[1]} x {shape[0]}"
+        )
+    return sensor
+
+
+def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:
+    """The framing camera that a camera file describes; CameraError for scanners as well, and all that `read_sensor` refuses."""
+    sensor = read_sensor(path, shape)
+    if not isinstance(sensor, Camera):
+        kind = "line scanner" if isinstance(sensor, LineScanner) else "push-frame camera"
+        raise CameraError(
+            f"{path}: is a {kind}; only framing cameras are rendered: give a CAMERA.json"
+        )
+    return sensor
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise CameraError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise CameraError(f"{path}: is not JSON: {error}") from error

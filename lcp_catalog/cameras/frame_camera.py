@@ -1,0 +1,254 @@
+"""Framing cameras: read, checked, points to pixels and pixels to rays.
+
+Camera axes are OpenCV's: X along rows (right), Y along columns (down), Z along the optical axis
+towards the scene. Pixel centres are at whole numbers, so an image of width w reaches from -0.5 to w
+- 0.5. The lens is OpenCV's [k1, k2, p1, p2, k3], or any other of `lens` (docs/sensors.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..errors import CameraError
+from ..geometry.frames import EnuFrame
+from ..geometry.rotations import by_vector
+from .distortion import Lens, NoLens, OpenCV, lens_from_json
+from .focal_plane import FocalPlane
+from .json_fields import LARGEST
+from .sensor import POSE, within_image
+
+Array = NDArray[np.float64]
+
+FARTHEST_M = 1e11
+"""No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
+
+SUN_NEAREST_M = 1e9
+"""A Sun nearer than that was meant in kilometres or as a direction."""
+
+_ROTATION_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A framing camera at a place; raises CameraError for one that cannot be.
+
+    ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding
+    (up to 1e-5) is made orthonormal. ``lens`` is one that ``distortion`` cannot say, in units of the
+    focal length; one of the two at most.
+    """
+
+    position_mcmf_m: Array
+    rotation_mcmf_to_camera: Array
+    focal_length_px: float
+    principal_point_px: tuple[float, float]
+    image_size_px: tuple[int, int]
+    distortion: Array = field(default_factory=lambda: np.zeros(5))
+    sun_position_mcmf_m: Array | None = None
+    time_utc: str | None = None
+    name: str = "camera"
+    lens: Lens | None = None
+
+    def __post_init__(self) -> None:
+        position = self._numbers("position_mcmf_m", (3,))
+        if np.linalg.norm(position) < 0.5 * MOON_RADIUS_M:
+            self._refuse("position_mcmf_m", "lies deep inside the Moon (are these metres?)")
+        if np.linalg.norm(position) > 1.1 * FARTHEST_M:
+            self._refuse("position_mcmf_m", f"lies beyond {FARTHEST_M / 1e3:g} km")
+        self._put("position_mcmf_m", position)
+        self._put("rotation_mcmf_to_camera", self._rotation())
+        self._put("focal_length_px", float(self._numbers("focal_length_px", ())))
+        if not self.focal_length_px > 0:
+            self._refuse("focal_length_px", "must be positive")
+        self._put("principal_point_px", tuple(self._numbers("principal_point_px", (2,)).tolist()))
+        size = self._numbers("image_size_px", (2,))
+        if (size < 1).any() or (size > 1_000_000).any() or (size != np.round(size)).any():
+            self._refuse("image_size_px", "must be two whole numbers, width and height")
+        self._put("image_size_px", (int(size[0]), int(size[1])))
+        self._put("distortion", self._numbers("distortion", (5,)))
+        if self.lens is not None and self.distortion.any():
+            self._refuse("distortion", "and a lens besides: state one of them")
+        if self.sun_position_mcmf_m is not None:
+            sun = self._numbers("sun_position_mcmf_m", (3,))
+            if np.linalg.norm(sun) < SUN_NEAREST_M:
+                self._refuse(
+                    "sun_position_mcmf_m",
+                    "is too near to be the Sun's, 150 million km away (are these metres?)",
+                )
+            self._put("sun_position_mcmf_m", sun)
+        if self.time_utc is not None and not isinstance(self.time_utc, str):
+            self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
+
+    def _put(self, key: str, value: Any) -> None:
+        object.__setattr__(self, key, value)
+
+    def _refuse(self, key: str, why: str) -> NoReturn:
+        raise CameraError(f"{self.name}: {key} {why}")
+
+    def _numbers(self, key: str, shape: tuple[int, ...]) -> Array:
+        try:
+            values = np.array(getattr(self, key), dtype=np.float64)
+        except (TypeError, ValueError):
+            self._refuse(key, "is not made of numbers")
+        if values.shape != shape or not (np.abs(values) <= LARGEST).all():
+            wanted = "x".join(map(str, shape)) if shape else "one"
+            self._refuse(key, f"must hold {wanted} finite number{'s' if shape else ''}")
+        values.flags.writeable = False
+        return values
+
+    def _rotation(self) -> Array:
+        given = self._numbers("rotation_mcmf_to_camera", (3, 3))
+        error = np.abs(given @ given.T - np.eye(3)).max()
+        if error > _ROTATION_TOLERANCE:
+            self._refuse(
+                "rotation_mcmf_to_camera", "is not a rotation: its rows are not orthonormal"
+            )
+        if np.linalg.det(given) < 0:
+            self._refuse("rotation_mcmf_to_camera", "is left-handed: it mirrors the scene")
+        if error < 1e-12:
+            return given
+        left, _, right = np.linalg.svd(given)
+        rotation: Array = left @ right
+        rotation.flags.writeable = False
+        return rotation
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.image_size_px[1], self.image_size_px[0]
+
+    @property
+    def has_sun(self) -> bool:
+        """Whether the camera states a Sun of its own, by position or by time."""
+        return self.sun_position_mcmf_m is not None or self.time_utc is not None
+
+    def to_json(self) -> dict[str, Any]:
+        """What CAMERA.json holds."""
+        document: dict[str, Any] = {
+            "position_mcmf_m": self.position_mcmf_m.tolist(),
+            "rotation_mcmf_to_camera": self.rotation_mcmf_to_camera.tolist(),
+            "focal_length_px": self.focal_length_px,
+            "principal_point_px": list(self.principal_point_px),
+            "image_size_px": list(self.image_size_px),
+        }
+        if self.lens is None:
+            document["distortion"] = self.distortion.tolist()
+        else:
+            document["lens"] = self.lens.to_json()
+        if self.sun_position_mcmf_m is not None:
+            document["sun_position_mcmf_m"] = self.sun_position_mcmf_m.tolist()
+        if self.time_utc is not None:
+            document["time_utc"] = self.time_utc
+        return document
+
+    @cached_property
+    def focal_plane(self) -> FocalPlane:
+        """Directions in camera axes to pixels, and back."""
+        bent = OpenCV(*self.distortion.tolist()) if self.distortion.any() else NoLens()
+        return FocalPlane(
+            self.focal_length_px, self.principal_point_px, bent if self.lens is None else self.lens
+        )
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What `moved` takes."""
+        return POSE
+
+    def moved(self, correction: ArrayLike) -> Camera:
+        """The camera shifted by three metres MCMF and turned about its own axes by a vector of three radians."""
+        six = np.asarray(correction, dtype=np.float64)
+        return replace(
+            self,
+            position_mcmf_m=self.position_mcmf_m + six[:3],
+            rotation_mcmf_to_camera=by_vector(six[3:]) @ self.rotation_mcmf_to_camera,
+        )
+
+    def project(self, points_mcmf_m: ArrayLike) -> Array:
+        """Pixels (..., 2), column then row, of MCMF points (..., 3); NaN for what is not in front
+        of the camera.
+
+        Far outside the image a distortion polynomial can fold back: such points get NaN as well
+        (see `in_image`).
+        """
+        points = np.asarray(points_mcmf_m, dtype=np.float64)
+        return self.focal_plane.pixels(
+            (points - self.position_mcmf_m) @ self.rotation_mcmf_to_camera.T
+        )
+
+    def towards(self, points_mcmf_m: ArrayLike) -> Array:
+        """Unit directions (..., 3) from points (..., 3) to the camera."""
+        away = self.position_mcmf_m - np.asarray(points_mcmf_m, dtype=np.float64)
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) lie within the image; False for NaN."""
+        return within_image(pixels, self.shape)
+
+    def rays(self, pixels: ArrayLike) -> Array:
+        """Unit MCMF directions (..., 3) in which pixels (..., 2) look.
+
+        Raises CameraError where the distortion cannot be undone within the image.
+        """
+        given = np.asarray(pixels, dtype=np.float64)
+        looking = self.focal_plane.directions(given)
+        if (np.isnan(looking).any(axis=-1) & np.isfinite(given).all(axis=-1)).any():
+            self._refuse("distortion", "cannot be undone within the image")
+        return looking @ self.rotation_mcmf_to_camera
+
+    def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
+        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look."""
+        directions = self.rays(pixels)
+        return np.broadcast_to(self.position_mcmf_m, directions.shape), directions
+
+    def rays_enu(self, frame: EnuFrame) -> tuple[Array, Array]:
+        """The camera's position (3,) and every pixel's unit direction (rows, columns, 3) in an ENU
+        frame.
+        """
+        rows, columns = self.shape
+        row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
+        directions = frame.direction_from_mcmf(self.rays(np.stack([column, row], axis=-1)))
+        return frame.from_mcmf(self.position_mcmf_m), directions
+
+
+def camera_from_json(document: Any, name: str = "camera") -> Camera:
+    """The camera in a CAMERA.json's content; fields that are not known are left alone."""
+    if not isinstance(document, Mapping):
+        raise CameraError(f"{name}: a camera file holds one JSON object")
+    needed = (
+        "position_mcmf_m",
+        "rotation_mcmf_to_camera",
+        "focal_length_px",
+        "principal_point_px",
+        "image_size_px",
+    )
+    missing = [key for key in needed if key not in document]
+    if missing:
+        raise CameraError(f"{name}: lacks {', '.join(missing)}")
+    known = {key: document[key] for key in needed}
+    optional = ("distortion", "sun_position_mcmf_m", "time_utc")
+    known |= {key: document[key] for key in optional if document.get(key) is not None}
+    if document.get("lens") is not None:
+        try:
+            known["lens"] = lens_from_json(document["lens"])
+        except ValueError as error:
+            raise CameraError(f"{name}: lens {error}") from error
+    return Camera(**known, name=name)
+
+
+def camera_on(plane: FocalPlane, **rest: Any) -> Camera:
+    """The camera with a focal plane; the other fields of `Camera` as they are."""
+    lens = plane.lens
+    if isinstance(lens, NoLens | OpenCV):
+        numbers = lens if isinstance(lens, OpenCV) else OpenCV()
+        rest["distortion"] = [numbers.k1, numbers.k2, numbers.p1, numbers.p2, numbers.k3]
+    else:
+        rest["lens"] = lens
+    return Camera(
+        focal_length_px=plane.focal_length_px, principal_point_px=plane.principal_point_px, **rest
+    )

@@ -1,0 +1,115 @@
+"""USGS image support data (ISD), the JSON that ALE writes for the CSM sensor models: framing cameras, line scanners and
+push-frame cameras of the Moon. What is read and by which conventions: docs/sensors.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frame_camera import Camera, camera_on
+from .isd_optics import CORNER_PX, plane_of_isd
+from .isd_tables import Tables
+from .json_fields import JsonFields
+from .scanners import BEYOND, LineScanner, PushFrame
+
+Array = NDArray[np.float64]
+AnySensor = Camera | LineScanner | PushFrame
+
+
+def is_isd(fields: JsonFields) -> bool:
+    """Whether a document is an ISD."""
+    return "name_model" in fields.document or "instrument_pointing" in fields.document
+
+
+def sensor_from_isd(fields: JsonFields) -> AnySensor:
+    """The sensor that an ISD describes; CameraError names the file and the field that is wrong."""
+    kinds: dict[str, Callable[[JsonFields, Tables], AnySensor]] = {
+        "USGS_ASTRO_FRAME_SENSOR_MODEL": _frame,
+        "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL": _line_scanner,
+        "USGS_ASTRO_PUSH_FRAME_SENSOR_MODEL": _push_frame,
+    }
+    model = fields.text("name_model")
+    if model not in kinds:
+        fields.refuse("name_model", f"is {model}; read are {', '.join(kinds)}")
+    tables = Tables(fields)
+    tables.check_body()
+    return kinds[model](fields, tables)
+
+
+def _common(fields: JsonFields, tables: Tables) -> dict[str, Any]:
+    return {
+        "sun_position_mcmf_m": tables.sun(),
+        "time_utc": tables.instant,
+        "name": fields.name,
+    }
+
+
+def _frame(fields: JsonFields, tables: Tables) -> Camera:
+    plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
+    trajectory = tables.trajectory.turned_by(axes)
+    return camera_on(
+        plane,
+        position_mcmf_m=trajectory.positions(np.zeros(1))[0],
+        rotation_mcmf_to_camera=trajectory.to_mcmf(np.zeros(3), np.eye(3)),
+        image_size_px=(fields.whole("image_samples"), fields.whole("image_lines")),
+        **_common(fields, tables),
+    )
+
+
+def _line_scanner(fields: JsonFields, tables: Tables) -> LineScanner:
+    lines, samples = fields.whole("image_lines"), fields.whole("image_samples")
+    times = _line_times(fields, lines)
+    tables.cover(times[BEYOND], times[-1 - BEYOND])
+    plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
+    return LineScanner(
+        shape=(lines, samples),
+        plane=plane,
+        trajectory=tables.trajectory.turned_by(axes),
+        times_s=times,
+        line_px=-CORNER_PX,  # usgscsm looks along the upper edge of the detector's line
+        **_common(fields, tables),
+    )
+
+
+def _line_times(fields: JsonFields, count: int) -> Array:
+    """The middle of every line's exposure, and of `BEYOND` lines before and after. Each row of ``line_scan_rate`` holds the
+    line (its centre at .5) from which it counts, the time at which that line's exposure began, and how long a line takes.
+    """
+    lines, starts, lasting = fields.numbers("line_scan_rate", (None, 3)).T
+    if not ((np.diff(lines) > 0.0).all() and (lasting > 0.0).all()):
+        fields.refuse("line_scan_rate", "must have rising lines, and times above 0 for a line")
+    line = np.arange(-BEYOND, count + BEYOND) + CORNER_PX
+    part = np.clip(np.searchsorted(lines, line, side="right") - 1, 0, None)
+    times = starts[part] + lasting[part] * (line - lines[part] + 0.5)
+    if not (np.diff(times) > 0.0).all():
+        fields.refuse("line_scan_rate", "has a later line at an earlier time")
+    return np.asarray(times)
+
+
+def _push_frame(fields: JsonFields, tables: Tables) -> PushFrame:
+    lines, samples = fields.whole("image_lines"), fields.whole("image_samples")
+    height = fields.positive("framelet_height") / fields.positive("detector_line_summing")
+    if height != round(height) or lines % height:
+        fields.refuse("framelet_height", f"does not divide {lines} lines into framelets")
+    step = fields.positive("interframe_delay")
+    first = fields.number("starting_ephemeris_time") - fields.number("center_ephemeris_time")
+    first += 0.5 * fields.number("exposure_duration")
+    last = first + step * (lines / height - 1.0)
+    tables.cover(first, last)
+    if fields.flag("framelet_order_reversed"):
+        first, step = last, -step
+    upside_down = int(height) if fields.flag("framelets_flipped") else None
+    plane, axes = plane_of_isd(fields, looks_back=tables.looks_back, upside_down=upside_down)
+    return PushFrame(
+        shape=(lines, samples),
+        plane=plane,
+        trajectory=tables.trajectory.turned_by(axes),
+        lines=int(height),
+        first_s=first,
+        step_s=step,
+        **_common(fields, tables),
+    )

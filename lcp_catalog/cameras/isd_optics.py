@@ -1,0 +1,89 @@
+"""The optics of an ISD: lens, focal plane, and which part of the detector the image is.
+
+An ISD counts a detector's lines and samples from the upper left corner of its first pixel, whose centre so lies at 0.5;
+pixels here have their centres at whole numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distortion import KaguyaLism, Lens, LroNac, NoLens, OpenCV, UsgsRadial
+from .focal_plane import FocalPlane, plane_of
+from .json_fields import JsonFields
+
+Array = NDArray[np.float64]
+
+CORNER_PX = 0.5
+"""From an ISD's lines and samples to pixels."""
+
+_SKEWEST = 1e3
+_BACK = np.diag([-1.0, 1.0, -1.0])
+
+
+def plane_of_isd(
+    fields: JsonFields, *, looks_back: bool, upside_down: int | None = None
+) -> tuple[FocalPlane, Array]:
+    """Directions to pixels of the image, of a framelet (whose first row is row 0), or of a line (whose upper edge is row -0.5);
+    and the rotation (3, 3) from the ISD's sensor frame to the axes of those directions.
+
+    ``looks_back``: the scene lies towards -z of the sensor frame. ``upside_down``: rows of a framelet that the image holds
+    with its last line first. CameraError for a field that is wrong.
+    """
+    matrix, origin = np.empty((2, 2)), np.empty(2)
+    for i, axis in enumerate(("sample", "line")):
+        summing = fields.positive(f"detector_{axis}_summing")
+        offset, *matrix[i] = fields.numbers(f"focal2pixel_{axis}s", (3,)) / summing
+        centre = fields.number(f"detector_center.{axis}")
+        start = fields.number(f"starting_detector_{axis}")
+        origin[i] = offset + (centre - start) / summing - CORNER_PX
+    if not np.linalg.cond(matrix) < _SKEWEST:
+        fields.refuse("focal2pixel_lines", "and focal2pixel_samples run the same way")
+    if upside_down is not None:
+        matrix[1], origin[1] = -matrix[1], upside_down - 1.0 - origin[1]
+    focal_mm = fields.positive("focal_length_model.focal_length")
+    column, row = origin.tolist()
+    plane, turn = plane_of(_lens(fields), focal_mm, matrix, (column, row), flipped=looks_back)
+    # turned half round about y the scene lies ahead; y / z has then changed its sign, x / z has not
+    return plane, turn @ _BACK if looks_back else turn
+
+
+def _lens(fields: JsonFields) -> Lens:
+    """The lens, in millimetres of the focal plane."""
+    stated = fields.need("optical_distortion")
+    kinds = {"radial": _radial, "radtan": _radtan, "lrolrocnac": _lro_nac, "kaguyalism": _kaguya}
+    if not isinstance(stated, dict) or len(stated) != 1 or not set(stated) <= set(kinds):
+        said = ", ".join(stated) if isinstance(stated, dict) else stated
+        fields.refuse("optical_distortion", f"is {said}; read is one of {', '.join(kinds)}")
+    return kinds[next(iter(stated))](fields)
+
+
+def _coefficients(fields: JsonFields, kind: str, most: int) -> list[float]:
+    path = f"optical_distortion.{kind}.coefficients"
+    numbers = fields.numbers(path, (None,)).tolist()
+    if any(numbers[most:]):
+        fields.refuse(path, f"has more than {most} numbers")
+    return [*numbers, *[0.0] * most][:most]
+
+
+def _radial(fields: JsonFields) -> Lens:
+    numbers = _coefficients(fields, "radial", 3)
+    return UsgsRadial(*numbers) if any(numbers) else NoLens()
+
+
+def _radtan(fields: JsonFields) -> Lens:
+    return OpenCV(*_coefficients(fields, "radtan", 5))
+
+
+def _lro_nac(fields: JsonFields) -> Lens:
+    return LroNac(*_coefficients(fields, "lrolrocnac", 1))
+
+
+def _kaguya(fields: JsonFields) -> Lens:
+    path = "optical_distortion.kaguyalism"
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = (
+        fields.numbers(f"{path}.{axis}", (4,)).tolist() for axis in ("x", "y")
+    )
+    x, y = (fields.number(f"{path}.boresight_{axis}") for axis in ("x", "y"))
+    return KaguyaLism((a0, a1, a2, a3), (b0, b1, b2, b3), x, y)

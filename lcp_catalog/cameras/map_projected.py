@@ -1,0 +1,188 @@
+"""An image that was projected on a map, as a sensor: its pixels are places, whatever their height.
+
+It stands for an orthoimage: relief is taken to have been removed, so `project` uses the place of a
+point and not its height. From where it was seen is not in it: straight from above, unless that is stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..errors import ImageError, LabelError
+from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.map_projection import MapProjection, map_projection
+from .sensor import ON_MAP, within_image
+
+Array = NDArray[np.float64]
+
+ORIGIN_HEIGHT_M = 100e3
+"""From how high above the sphere `looks` starts: above all ground of the Moon."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapImage:
+    """A map-projected image.
+
+    ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the upper left corner of
+    the image, to the map (x = a col + b row + c, y = d col + e row + f), as GDAL has it: pixel
+    centres, whole numbers here, lie at + 0.5.
+
+    ``shift_m``, east and north at the image's centre: its ground lies there from where the map puts
+    it. On the sphere that is a rotation which takes the centre so far in that direction, so that it
+    means the same beside a pole.
+
+    It was seen ``off_nadir_deg`` from each place's vertical, towards ``view_azimuth_deg`` (clockwise
+    from north), or from a position (``seen_from_mcmf_m``). Raises ImageError for a CRS that is not
+    the Moon's, and for a transform that maps nothing.
+    """
+
+    crs_wkt: str
+    transform: tuple[float, ...]
+    image_shape: tuple[int, int]
+    name: str = "map"
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    off_nadir_deg: float = 0.0
+    view_azimuth_deg: float = 0.0
+    seen_from_mcmf_m: Array | None = None
+    sun_position_mcmf_m: Array | None = None
+    time_utc: str | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.transform) != 6 or not np.isfinite(self.transform).all():
+            raise ImageError(f"{self.name}: its transform must hold 6 finite numbers")
+        if abs(np.linalg.det(self._linear)) == 0.0:
+            raise ImageError(f"{self.name}: its transform puts all pixels on one line")
+        if not 0.0 <= self.off_nadir_deg < 90.0:
+            raise ImageError(
+                f"{self.name}: was seen {self.off_nadir_deg:g} deg from the vertical; 0 to 90 is possible"
+            )
+        _ = self.projection
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.image_shape
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        return ON_MAP
+
+    @property
+    def projection(self) -> MapProjection:
+        """The map; ImageError for one that is not of the Moon."""
+        try:
+            return map_projection(self.crs_wkt)
+        except LabelError as error:
+            raise ImageError(f"{self.name}: {error}") from error
+
+    def project(self, points_mcmf_m: ArrayLike) -> Array:
+        """Pixels (..., 2) of MCMF points (..., 3); NaN for what the map cannot show."""
+        points = np.asarray(points_mcmf_m, dtype=np.float64)
+        lon, lat, _ = mcmf_to_lonlat(points @ self._turned if self._is_shifted else points)
+        x, y = self.projection.forward(lon, lat)
+        along = np.stack([x - self.transform[2], y - self.transform[5]], axis=-1)
+        return self._nearest_copy(along @ self._inverse_linear.T - 0.5)
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) lie within the image; False for NaN."""
+        return within_image(pixels, self.shape)
+
+    def ground(self, pixels: ArrayLike) -> Array:
+        """Unit MCMF vectors (..., 3) from the Moon's centre through what pixels (..., 2) show; NaN off the map."""
+        corner = np.asarray(pixels, dtype=np.float64) + 0.5
+        x, y = np.moveaxis(corner @ self._linear.T, -1, 0)
+        lon, lat = self.projection.inverse(x + self.transform[2], y + self.transform[5])
+        up = lonlat_to_mcmf(lon, lat) / MOON_RADIUS_M
+        return up @ self._turned.T if self._is_shifted else up
+
+    def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
+        """From `ORIGIN_HEIGHT_M` above the sphere straight down (both (..., 3)): what a pixel of an orthoimage
+        shows lies below its place, wherever it was seen from.
+        """
+        up = self.ground(pixels)
+        return up * (MOON_RADIUS_M + ORIGIN_HEIGHT_M), -up
+
+    def towards(self, points_mcmf_m: ArrayLike) -> Array:
+        """Unit directions (..., 3) from ground points (..., 3) to where they were seen from."""
+        points = np.asarray(points_mcmf_m, dtype=np.float64)
+        if self.seen_from_mcmf_m is not None:
+            return _unit(self.seen_from_mcmf_m - points)
+        up = _unit(points)
+        if self.off_nadir_deg == 0.0:
+            return up
+        lon, lat, _ = mcmf_to_lonlat(points)
+        return _from_enu(direction_enu(self.view_azimuth_deg, 90.0 - self.off_nadir_deg), lon, lat)
+
+    def moved(self, correction: ArrayLike) -> MapImage:
+        """The image with its ground moved (east, north) metres further from where the map puts it."""
+        east, north = np.asarray(correction, dtype=np.float64)
+        return replace(
+            self, shift_m=(self.shift_m[0] + float(east), self.shift_m[1] + float(north))
+        )
+
+    @cached_property
+    def center_deg(self) -> tuple[float, float]:
+        """Longitude (0..360) and latitude of the image's middle by its map, degrees; ImageError where that is off the map."""
+        rows, cols = self.shape
+        x, y = self._linear @ [cols / 2.0, rows / 2.0] + [self.transform[2], self.transform[5]]
+        lon, lat = self.projection.inverse(x, y)
+        if not np.isfinite(lat):
+            raise ImageError(f"{self.name}: the middle of the image lies off its map")
+        return float(lon) % 360.0, float(lat)
+
+    @property
+    def _is_shifted(self) -> bool:
+        return self.shift_m != (0.0, 0.0)
+
+    @cached_property
+    def _turned(self) -> Array:
+        """Rotation (3, 3) from where the map puts ground to where it lies (Rodrigues' formula)."""
+        east, north = self.shift_m
+        angle = float(np.hypot(east, north)) / MOON_RADIUS_M
+        if angle == 0.0:
+            return np.eye(3)
+        frame = enu_rotation(*self.center_deg)
+        axis = np.array([-north, east, 0.0]) / np.hypot(east, north) @ frame  # up x (east, north)
+        x, y, z = axis
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return np.asarray(
+            np.eye(3) + np.sin(angle) * cross + 2.0 * np.sin(angle / 2) ** 2 * cross @ cross
+        )
+
+    @cached_property
+    def _linear(self) -> Array:
+        a, b, _, d, e, _ = self.transform
+        return np.array([[a, b], [d, e]])
+
+    @cached_property
+    def _inverse_linear(self) -> Array:
+        return np.asarray(np.linalg.inv(self._linear))
+
+    def _nearest_copy(self, pixels: Array) -> Array:
+        """Of the copies of a place that a cylinder has, the one nearest to the image's middle."""
+        period = self.projection.period
+        if not np.isfinite(period):
+            return pixels
+        once_round = self._inverse_linear @ [period, 0.0]
+        rows, cols = self.shape
+        away = pixels - [(cols - 1) / 2.0, (rows - 1) / 2.0]
+        turns = np.round(away @ once_round / (once_round @ once_round))
+        return np.asarray(pixels - turns[..., None] * once_round)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _from_enu(enu: Array, lon_deg: Array, lat_deg: Array) -> Array:
+    """An ENU direction (3,) at places (...), in MCMF axes (..., 3)."""
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    zero = np.zeros_like(lon)
+    east = np.stack([-np.sin(lon), np.cos(lon), zero], axis=-1)
+    up = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+    return enu[0] * east + enu[1] * np.cross(up, east) + enu[2] * up

@@ -1,0 +1,256 @@
+"""Cameras that do not see their image at once: line scanners, and push-frame cameras, which put narrow frames together.
+
+A pixel is seen at its own time, from where the camera then was and as it then was turned; no frame stands in for it. Rows
+and columns have their centres at whole numbers, as everywhere. Times are seconds from one instant of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .focal_plane import FocalPlane
+from .sensor import POSE, Reduced, Sensor, within_image
+from .trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+CONVERGED = 1e-8
+"""The line that sees a point is found to this share of a line; positions' own rounding is 1e-9 of a line of 0.25 m."""
+
+BEYOND = 64
+"""Lines (or frames) before the first and after the last in which a scanner still seeks a point: it then lies out of the image."""
+
+_AT_ONCE = 1 << 17
+_KNOTS = 17
+_STEPS = 25
+_TURNED_ROUND_RAD = 3.0  # what jumps by more changes its sign behind the camera
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scanner:
+    """What both kinds share. ``trajectory`` turns MCMF to the axes of ``plane``: right, down, ahead."""
+
+    name: str
+    shape: tuple[int, int]
+    plane: FocalPlane
+    trajectory: Trajectory
+    sun_position_mcmf_m: Array | None = None
+    time_utc: str | None = None
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What `moved` takes."""
+        return POSE
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) lie within the image; False for NaN."""
+        return within_image(pixels, self.shape)
+
+    def moved(self, correction: ArrayLike) -> Self:
+        """The scanner with all its lines shifted by three metres MCMF and turned about the camera's own axes by a vector of
+        three radians.
+        """
+        six = np.asarray(correction, dtype=np.float64)
+        return replace(self, trajectory=self.trajectory.moved(six))
+
+    def project(self, points_mcmf_m: ArrayLike) -> Array:
+        """Pixels (..., 2) of MCMF points (..., 3); NaN for what is not seen, nor would be in `BEYOND` more lines."""
+        return _in_parts(lambda points: self._found(points)[0], points_mcmf_m)
+
+    def towards(self, points_mcmf_m: ArrayLike) -> Array:
+        """Unit directions (..., 3) from points (..., 3) to where the camera was when it saw them; NaN for what is not seen."""
+        return _in_parts(self._towards, points_mcmf_m)
+
+    def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
+        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look; NaN more than `BEYOND` lines out
+        of the image.
+        """
+        given = np.asarray(pixels, dtype=np.float64)
+        flat = given.reshape(-1, 2)
+        times, on_plane = self._exposed(flat)
+        directions = self.trajectory.to_mcmf(times, self.plane.directions(on_plane))
+        shape = (*given.shape[:-1], 3)
+        return self.trajectory.positions(times).reshape(shape), directions.reshape(shape)
+
+    def _towards(self, points: Array) -> Array:
+        away = self.trajectory.positions(self._found(points)[1]) - points
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+
+    def _found(self, points: Array) -> tuple[Array, Array]:
+        """Pixels (n, 2) and times (n,) of points (n, 3)."""
+        raise NotImplementedError
+
+    def _exposed(self, pixels: Array) -> tuple[Array, Array]:
+        """Times (n,) and pixels of ``plane`` (n, 2) of pixels (n, 2)."""
+        raise NotImplementedError
+
+    def _on_plane(self, times_s: Array, points: Array) -> Array:
+        """Pixels of ``plane`` (n, 2) on which points (n, 3) fall at times (n,)."""
+        return self.plane.pixels(self.trajectory.seen(times_s, points))
+
+    def _crossing(
+        self, time_of: Callable[[Array], Array], span: tuple[float, float], line_px: float, p: Array
+    ) -> Array:
+        """When points (n, 3) cross a line of ``plane``: the argument (n,) of ``time_of`` within ``span``, the first if there
+        are several, NaN for none. Bracketed by the angle along the track at a few times, then by secants.
+        """
+        start = self._bracketed(time_of, span, line_px, p)
+        found = np.full(len(p), np.nan)
+        active = np.flatnonzero(np.isfinite(start))
+        last = start[active]
+        here = np.where(last + 0.5 > span[1], last - 0.5, last + 0.5)
+        off_last = self._on_plane(time_of(last), p[active])[:, 1] - line_px
+        for _ in range(_STEPS):
+            off = self._on_plane(time_of(here), p[active])[:, 1] - line_px
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.where(off == 0.0, 0.0, -off * (here - last) / (off - off_last))
+            done = np.abs(step) <= CONVERGED
+            found[active[done]] = (here + step)[done]
+            step = np.clip(step, span[0] - here, span[1] - here)
+            going = ~done & np.isfinite(step) & (step != 0.0)  # 0: held back by the span's end
+            if not going.any():
+                break
+            last, off_last, active = here[going], off[going], active[going]
+            here = last + step[going]
+        return found
+
+    def _bracketed(
+        self, time_of: Callable[[Array], Array], span: tuple[float, float], line_px: float, p: Array
+    ) -> Array:
+        """Where points are about to cross a line, (n,), to a small part of the span; NaN for those that do not."""
+        knots = np.linspace(*span, _KNOTS)
+        times = time_of(knots)
+        middle = self.plane.directions(np.array([self.shape[1] / 2 - 0.5, line_px]))
+        level = np.arctan2(middle[1], middle[2])
+        angles = np.empty((_KNOTS, len(p)))
+        for k, position in enumerate(self.trajectory.positions(times)):
+            axes = self.trajectory.to_mcmf(np.repeat(times[k], 2), np.eye(3)[1:])
+            down, ahead = ((p - position) @ axis for axis in axes)
+            angles[k] = np.arctan2(down, ahead) - level
+        first, second = angles[:-1], angles[1:]
+        across = (first * second <= 0.0) & (np.abs(second - first) < _TURNED_ROUND_RAD)
+        at = np.argmax(across, axis=0)
+        a, b = (np.take_along_axis(part, at[None], axis=0)[0] for part in (first, second))
+        share = a / np.where(a == b, 1.0, a - b)
+        return np.where(across.any(axis=0), knots[at] + share * (knots[1] - knots[0]), np.nan)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineScanner(Scanner):
+    """One line of a detector, read at one time after another.
+
+    ``times_s`` (rows + 2 `BEYOND`,): the middle of every line's exposure, with as many lines before the first and after the
+    last; between them time runs evenly. ``line_px``: where on ``plane`` the line lies, in its rows.
+    """
+
+    times_s: Array
+    line_px: float
+
+    def _time(self, rows: Array) -> Array:
+        first, times = -float(BEYOND), self.times_s
+        return np.interp(rows, first + np.arange(len(times)), times, left=np.nan, right=np.nan)
+
+    def _found(self, points: Array) -> tuple[Array, Array]:
+        span = (-float(BEYOND), self.shape[0] - 1.0 + BEYOND)
+        rows = self._crossing(self._time, span, self.line_px, points)
+        times = self._time(rows)
+        columns = self._on_plane(times, points)[:, 0]
+        rows = np.where(np.isnan(columns), np.nan, rows)
+        return np.stack([columns, rows], axis=-1), np.where(np.isnan(rows), np.nan, times)
+
+    def _exposed(self, pixels: Array) -> tuple[Array, Array]:
+        on_plane = np.stack([pixels[:, 0], np.full(len(pixels), self.line_px)], axis=-1)
+        return self._time(pixels[:, 1]), on_plane
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PushFrame(Scanner):
+    """Framelets of ``lines`` rows, one under the other, each taken at once.
+
+    ``first_s``, ``step_s``: when the image's first framelet was taken (the middle of its exposure), and how much later each
+    next one was; negative where the image holds them in reverse. Rows of ``plane`` are rows within a framelet.
+
+    Framelets overlap on the ground. A point that several see is given in the one that has it nearest its middle; a point in
+    a gap between framelets, in none.
+    """
+
+    lines: int
+    first_s: float
+    step_s: float
+
+    @property
+    def framelets(self) -> int:
+        """How many the image has."""
+        return self.shape[0] // self.lines
+
+    def in_framelets(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+        """Pixels (n, 2) of MCMF points (n, 3) in the framelets that hold some pixels (n, 2), also over a framelet's edges; within a
+        row of an edge in the one of both that has the point nearer. NaN behind the camera.
+        """
+        points, near = (np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, pixels))
+        best = np.full(near.shape, np.nan)
+        for by in (0.0, -1.0, 1.0):
+            framelet = np.floor((np.nan_to_num(near[:, 1]) + by + 0.5) / self.lines)
+            framelet = np.clip(framelet, 0, self.framelets - 1)
+            there = self._on_plane(self._time(framelet), points)
+            there[:, 1] += framelet * self.lines
+            nearer = np.abs(there - near)[:, 1] < np.abs(best - near)[:, 1]
+            best = np.where((nearer | np.isnan(best[:, 1]))[:, None], there, best)
+        return best
+
+    def _time(self, framelets: Array) -> Array:
+        return np.asarray(self.first_s + self.step_s * framelets)
+
+    def _found(self, points: Array) -> tuple[Array, Array]:
+        count, middle = self.framelets, 0.5 * (self.lines - 1)
+        around = self._crossing(self._time, (-2.0, count + 1.0), middle, points)
+        nearest = np.clip(np.nan_to_num(np.round(around)), 0, count - 1)
+        best = np.full((len(points), 2), np.nan)
+        framelet = nearest
+        for step in (0, -1, 1):
+            other = np.clip(nearest + step, 0, count - 1)
+            there = self._on_plane(self._time(other), points)
+            with np.errstate(invalid="ignore"):
+                nearer = ~(np.abs(there[:, 1] - middle) >= np.abs(best[:, 1] - middle))
+            best, framelet = (
+                np.where(nearer[:, None], there, best),
+                np.where(nearer, other, framelet),
+            )
+        before = (best[:, 1] < -0.5) & (framelet > 0)
+        after = (best[:, 1] >= self.lines - 0.5) & (framelet < count - 1)
+        lost = np.isnan(around) | before | after
+        pixels = best + np.stack([np.zeros(len(points)), framelet * self.lines], axis=-1)
+        pixels = np.where(lost[:, None], np.nan, pixels)
+        return pixels, np.where(np.isnan(pixels[:, 1]), np.nan, self._time(framelet))
+
+    def _exposed(self, pixels: Array) -> tuple[Array, Array]:
+        framelet = np.clip(np.floor((pixels[:, 1] + 0.5) / self.lines), 0, self.framelets - 1)
+        within = pixels - np.stack([np.zeros(len(pixels)), framelet * self.lines], axis=-1)
+        return self._time(framelet), within
+
+
+def project_beside(sensor: Sensor, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+    """Pixels (n, 2) of points (n, 3) that were found at pixels (n, 2): `project`, but of a push-frame camera in the framelet in
+    which each was found. Near a framelet's edge `project` changes to the next one when the camera moves a little, and the pixel
+    jumps by as many rows as the framelets overlap: a least-squares solution would stop at that jump.
+    """
+    if isinstance(sensor, Reduced):
+        full = (np.asarray(pixels, dtype=np.float64) + 0.5) * sensor.factor - 0.5
+        return (project_beside(sensor.full, points_mcmf_m, full) + 0.5) / sensor.factor - 0.5
+    if isinstance(sensor, PushFrame):
+        return sensor.in_framelets(points_mcmf_m, pixels)
+    return sensor.project(points_mcmf_m)
+
+
+def _in_parts(answer: Callable[[Array], Array], points_mcmf_m: ArrayLike) -> Array:
+    """``answer`` for points (..., 3), so many at a time that memory stays small."""
+    points = np.asarray(points_mcmf_m, dtype=np.float64)
+    flat = points.reshape(-1, 3)
+    parts = [answer(flat[i : i + _AT_ONCE]) for i in range(0, max(len(flat), 1), _AT_ONCE)]
+    out = np.concatenate(parts)
+    return out.reshape(*points.shape[:-1], out.shape[-1])

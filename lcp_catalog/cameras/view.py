@@ -1,0 +1,234 @@
+"""From where an area is seen, and what of the Moon a camera sees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..dem.grid import Bounds
+from ..errors import CameraError
+from ..geometry import sphere_intersection as sphere_rays
+from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
+from .frame_camera import FARTHEST_M, Camera
+from .sensor import Sensor
+
+Array = NDArray[np.float64]
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """From where an area is seen: a direction (camera at infinity) or a position, in the area's ENU
+    frame.
+
+    ``camera`` limits what is visible to its image. Exactly one of direction and position is set.
+    ``towards`` beside a direction: where each point (..., 3) is seen from, of a sensor that moves while it
+    looks; brightness goes by that, what hides what by the one direction.
+    """
+
+    direction: Array | None = None
+    position_m: Array | None = None
+    camera: Camera | None = None
+    towards: Callable[[Array], Array] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.direction is None) == (self.position_m is None):
+            raise CameraError("a view is either a direction or a position")
+        where = np.asarray(self.position_m if self.direction is None else self.direction)
+        if not np.isfinite(where).all():
+            raise CameraError(f"no such view: {where.tolist()} is not finite")
+
+    def directions(self, points_m: Array) -> Array:
+        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up where the camera
+        itself stands.
+        """
+        if self.towards is not None:
+            return self.towards(points_m)
+        if self.direction is not None:
+            return np.broadcast_to(self.direction, points_m.shape)
+        assert self.position_m is not None
+        towards = self.position_m - points_m
+        distance = np.linalg.norm(towards, axis=-1, keepdims=True)
+        here = distance == 0.0
+        return np.where(here, _UP, towards / np.where(here, 1.0, distance))
+
+    def describe(self) -> dict[str, Any]:
+        """What a result says about the view: the camera file's content, or the ENU direction or
+        position.
+        """
+        if self.camera is not None:
+            return self.camera.to_json()
+        if self.direction is not None:
+            return {"direction_enu": self.direction.tolist()}
+        assert self.position_m is not None
+        return {"position_enu_m": self.position_m.tolist()}
+
+
+def camera_view(camera: Camera, frame: EnuFrame) -> View:
+    """The view of a camera on an area."""
+    return View(position_m=frame.from_mcmf(camera.position_mcmf_m), camera=camera)
+
+
+def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
+    """The view of any sensor on an area. A scanner sees every line from another place: each point has its own
+    direction, and what hides what goes by the one at the frame's origin.
+    """
+    if isinstance(sensor, Camera):
+        return camera_view(sensor, frame)
+
+    def towards(points_m: Array) -> Array:
+        return frame.direction_from_mcmf(sensor.towards(frame.to_mcmf(points_m)))
+
+    direction = towards(np.zeros(3))
+    if not np.isfinite(direction).all():
+        raise CameraError(f"{sensor.name}: does not see the middle of the area")
+    return View(direction=direction, towards=towards)
+
+
+def nadir_view() -> View:
+    """Straight down from infinity."""
+    return View(direction=_UP.copy())
+
+
+def oblique_view(
+    off_nadir_deg: float, view_azimuth_deg: float, altitude_m: float | None = None
+) -> View:
+    """A view of the frame's origin from an azimuth, ``off_nadir_deg`` measured there between the
+    vertical and the camera.
+
+    Without an altitude (above the reference sphere) the camera is at infinity. CameraError for
+    angles outside 0..90 (excluded) and for an altitude that is not positive or beyond
+    `camera.FARTHEST_M`.
+    """
+    if not 0.0 <= off_nadir_deg < 90.0 or not math.isfinite(view_azimuth_deg):
+        raise CameraError(f"no such view: {off_nadir_deg} deg off nadir must lie within 0..90")
+    direction = direction_enu(view_azimuth_deg, 90.0 - off_nadir_deg)
+    if off_nadir_deg == 0.0:
+        direction = _UP.copy()  # not rounded: nothing hides what is seen from above
+    if altitude_m is None:
+        return View(direction=direction)
+    if not (math.isfinite(altitude_m) and altitude_m > 0):
+        raise CameraError(f"no such view: the altitude {altitude_m} m must be positive")
+    if altitude_m > FARTHEST_M:
+        raise CameraError(
+            f"no such view: the altitude is above {FARTHEST_M / 1e3:g} km; "
+            "leave it out for a camera at infinity"
+        )
+    return View(position_m=slant_range_m(off_nadir_deg, altitude_m) * direction)
+
+
+def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:
+    """Distance from a point of the sphere to a camera at an altitude, seen ``off_nadir_deg`` from
+    the vertical there.
+    """
+    rise = MOON_RADIUS_M * math.cos(math.radians(off_nadir_deg))
+    climb = altitude_m * (2 * MOON_RADIUS_M + altitude_m)
+    return climb / (rise + math.sqrt(rise * rise + climb))
+
+
+def looking_camera(
+    frame: EnuFrame, position_m: ArrayLike, gsd_m: float, size_m: tuple[float, float]
+) -> Camera:
+    """A camera at an ENU position that looks at the frame's origin, north up in the image (away
+    from the camera's foot where it looks along north), with ``gsd_m`` a pixel there and an image
+    of ``size_m`` (width, height) across the line of sight.
+    """
+    position = np.asarray(position_m, dtype=np.float64)
+    distance = float(np.linalg.norm(position))
+    optical = -position / distance
+    right = np.cross(optical, [0.0, 1.0, 0.0])
+    if np.linalg.norm(right) < 1e-9:
+        right = np.cross(optical, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(optical, right), optical])
+    width, height = (max(1, round(extent / gsd_m)) for extent in size_m)
+    return Camera(
+        position_mcmf_m=frame.to_mcmf(position),
+        rotation_mcmf_to_camera=rotation @ frame.rotation,
+        focal_length_px=distance / gsd_m,
+        principal_point_px=((width - 1) / 2, (height - 1) / 2),
+        image_size_px=(width, height),
+        name="view",
+    )
+
+
+def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
+    """Bounds of what a sensor sees of the reference sphere; CameraError when it sees none of it,
+    or stands within.
+
+    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb (of
+    what is seen from one place) and the poles are looked at; between samples the bounds are short
+    by the sagitta of the border at most.
+    """
+    positions, directions = sensor.looks(_border_and_inside(sensor.shape, samples))
+    if (np.linalg.norm(positions, axis=-1) <= MOON_RADIUS_M).any():
+        raise CameraError(
+            f"{sensor.name}: the camera is below the reference sphere: state the area"
+        )
+    seen = [_on_sphere(positions, directions)]
+    if (positions == positions[0]).all():
+        seen.append(_limb(sensor, positions[0], 8 * samples))
+    poles = np.array([[0.0, 0.0, MOON_RADIUS_M], [0.0, 0.0, -MOON_RADIUS_M]])
+    above = np.einsum("ij,ij->i", sensor.towards(poles), poles) > 0.0
+    pole_seen = sensor.in_image(sensor.project(poles)) & above
+    points = np.concatenate([*seen, poles[pole_seen]])
+    if not len(points):
+        raise CameraError(f"{sensor.name}: the camera does not see the Moon")
+    lon, lat, _ = mcmf_to_lonlat(points)
+    if pole_seen.any():
+        return Bounds(-180.0, float(lat.min()), 180.0, float(lat.max()))
+    west, east = _shortest_arc(lon)
+    return Bounds(west, float(lat.min()), east, float(lat.max()))
+
+
+def _border_and_inside(shape: tuple[int, int], samples: int) -> Array:
+    height, width = shape
+    along = np.linspace(0.0, 1.0, samples)
+    inner = np.linspace(0.0, 1.0, max(9, samples // 4))
+    a, b = (grid.ravel() for grid in np.meshgrid(inner, inner))
+    ends = np.concatenate([np.zeros_like(along), np.ones_like(along)])
+    both = np.concatenate([along, along])
+    share = np.concatenate(
+        [np.stack([both, ends], -1), np.stack([ends, both], -1), np.stack([a, b], -1)]
+    )
+    return share * [width, height] - 0.5
+
+
+def _on_sphere(positions: Array, directions: Array) -> Array:
+    """Where rays (n, 3) first meet the reference sphere, MCMF (m, 3); without rays that miss, and without those of pixels that
+    see nothing.
+    """
+    looking = np.isfinite(directions).all(axis=-1)
+    distance, points = sphere_rays.hits(positions[looking], directions[looking])
+    return np.asarray(points[np.isfinite(distance)])
+
+
+def _limb(sensor: Sensor, position: Array, samples: int) -> Array:
+    """Points of the sphere's limb as seen from a position that fall into the image, MCMF (n, 3)."""
+    distance = np.linalg.norm(position)
+    axis = position / distance
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)[:, None]
+    level = MOON_RADIUS_M / distance
+    ring = math.sqrt(1 - level**2) * (np.cos(turn) * first + np.sin(turn) * second)
+    limb = MOON_RADIUS_M * (level * axis + ring)
+    return np.asarray(limb[sensor.in_image(sensor.project(limb))])
+
+
+def _shortest_arc(lon_deg: Array) -> tuple[float, float]:
+    """West and east end (west < 360, west <= east) of the shortest arc with all longitudes."""
+    ordered = np.sort(lon_deg)
+    gaps = np.diff(np.append(ordered, ordered[0] + 360.0))
+    widest = int(np.argmax(gaps))
+    west = ordered[(widest + 1) % ordered.size]
+    east = ordered[widest]
+    return float(west), float(east if east >= west else east + 360.0)

@@ -1,0 +1,1 @@
+"""The catalogue: schema, HDF5 file, checks, summary and report."""

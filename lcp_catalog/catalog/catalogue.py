@@ -1,0 +1,245 @@
+"""A catalogue in memory: its contents by name, in the schema's types, checked at birth."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..constants import FRAME, MOON_RADIUS_M
+from ..errors import CatalogError
+from .checks import first_few, shape_problems, value_problems
+from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Array, Values, centred, key
+from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION
+
+CONVENTIONS = "CF-1.11"
+SOFTWARE = "lcp-catalog"
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """A coarse raster of the region in the east-north-up frame of its centre, for maps."""
+
+    height: Array  # (y, x) float32 metres above the reference sphere; NaN: none
+    x: Array  # (x,) metres east, rising
+    y: Array  # (y,) metres north, falling
+    center_lon: float
+    center_lat: float
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Every spacing cell of the region: whether a point is near, or why there is none
+    (`schema.COVERAGE_STATUS`).
+    """
+
+    longitude: Array  # (cell,) degrees
+    latitude: Array
+    status: Array  # (cell,) uint8
+    spacing_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Catalog:
+    """A catalogue in memory: the variables of the file under their own names (units in
+    docs/catalogue.md).
+
+    n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays become the
+    schema's types; what does not fit together or is out of range is a CatalogError.
+    ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON text.
+    """
+
+    sun_elevation: Array  # (e,) degrees, rising
+    sun_azimuth: Array  # (a,) degrees, rising
+    view_off_nadir: Array  # (v,) degrees
+    view_azimuth: Array  # (v,) degrees
+    view_altitude: Array  # (v,) kilometres, inf: parallel rays
+    point_id: Array  # (n,) int64
+    longitude: Array  # (n,) degrees, 0..360
+    latitude: Array  # (n,) degrees
+    elevation: Array  # (n,) metres above the reference sphere
+    position_mcmf: Array  # (n, 3) metres
+    rotation_mcmf_to_enu: Array  # (n, 3, 3)
+    gsd: Array  # (n,) metres
+    dem_product: Array  # (n,) text
+    dem: Array  # (n, p, p) float32 metres
+    condition: Array  # (n, v, e, a) uint8
+    sun_elevation_min: Array  # (n, v, a) degrees, NaN: never usable
+    sun_elevation_max: Array  # (n, v, a)
+    harris_response: Array  # (n,)
+    localization_sigma: Array  # (n, 2) metres, major and minor
+    second_peak: Array  # (n,)
+    false_match_probability: Array  # (n,)
+    gsd_min: Array  # (n,) metres
+    gsd_max: Array  # (n,) metres
+    shadow_dependence: Array  # (n,)
+    occlusion_dependence: Array  # (n,)
+    config: str  # TOML
+    sources: list[dict[str, Any]]
+    scene_plan: Any
+    overview: Overview
+    coverage: Coverage
+    title: str = "Lunar control points"
+    product_version: str = "1"
+    software_version: str = __version__
+    schema_version: str = SCHEMA_VERSION  # of the file that was read; the present one is written
+    elevation_sigma: Array | None = None  # (n,) metres, NaN or None: unknown
+    dem_resolution: Array | None = None  # (n,) metres, NaN or None: unknown
+    albedo: Array | None = None  # (n, p, p) float32, NaN outside the map; None: no map
+    albedo_map: Any = None  # what ``albedo`` comes from: name, encoding, reference, files
+
+    def __post_init__(self) -> None:
+        for name in ADDED_IN_1_1:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(len(self.point_id), np.nan))
+        _require(
+            ""
+            if (self.albedo is None) == (self.albedo_map is None)
+            else "albedo and albedo_map go together"
+        )
+        for name in ("sources", "scene_plan", "albedo_map"):
+            value = getattr(self, name)
+            object.__setattr__(
+                self, name, _from_json(name, value) if isinstance(value, str) else value
+            )
+        values = self.values()
+        _require(first_few(shape_problems(values)))
+        _require(first_few(value_problems(values)))
+        for name in values.keys() & {f.name for f in dataclasses.fields(self)}:
+            object.__setattr__(self, name, values[name])
+
+    def __len__(self) -> int:
+        return len(self.point_id)
+
+    @property
+    def patch_nodes(self) -> int:
+        """Nodes along a patch's side."""
+        return int(np.shape(self.dem)[1])
+
+    def values(self) -> dict[str, Array]:
+        """Every dataset of the file by its name there, in the schema's types."""
+        found: dict[str, Any] = {
+            "point": np.arange(len(self.point_id)),
+            "view": np.arange(len(self.view_off_nadir)),
+        }
+        shape = np.shape(self.dem)
+        _require(
+            ""
+            if len(shape) == 3
+            else f"dem: {len(shape)} dimensions instead of (point, patch_row, patch_col)"
+        )
+        found |= {"patch_row": centred(shape[1]), "patch_col": centred(shape[2])}
+        found |= {name: np.arange(length) for name, length in FIXED.items()}
+        found["coverage/cell"] = np.arange(len(self.coverage.longitude))
+        for group, variables in GROUPS.items():
+            owner = getattr(self, group) if group else self
+            for short, variable in variables.items():
+                name = key(group, short)
+                if name in OPTIONAL and getattr(self, name) is None:
+                    continue
+                found[name] = _typed(
+                    name, found[name] if name in found else getattr(owner, short), variable.dtype
+                )
+        return found
+
+    def attributes(self) -> dict[str, Any]:
+        """The global attributes of the file, but for the digest of the content."""
+        return {
+            "Conventions": CONVENTIONS,
+            "title": self.title,
+            "product_version": self.product_version,
+            "schema_version": SCHEMA_VERSION,
+            "software": SOFTWARE,
+            "software_version": self.software_version,
+            "body": "MOON",
+            "frame": FRAME,
+            "reference_radius_m": MOON_RADIUS_M,
+            "config": self.config,
+            "sources": json.dumps(self.sources, sort_keys=True),
+            "scene_plan": json.dumps(self.scene_plan, sort_keys=True),
+        }
+
+    def optional_attributes(self) -> dict[str, Any]:
+        """Those that only some catalogues have, but for the digest of what only some have."""
+        if self.albedo_map is None:
+            return {}
+        return {"albedo_map": json.dumps(self.albedo_map, sort_keys=True)}
+
+    def group_attributes(self) -> dict[str, dict[str, float]]:
+        """Attributes of the groups by group and name."""
+        return {
+            group: {name: float(getattr(getattr(self, group), name)) for name in names}
+            for group, names in GROUP_ATTRIBUTES.items()
+        }
+
+
+def _require(problem: str) -> None:
+    if problem:
+        raise CatalogError(f"not a catalogue: {problem}")
+
+
+def _from_json(name: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise CatalogError(f"not a catalogue: {name} is no JSON: {error}") from error
+
+
+def _typed(name: str, value: Any, kind: str) -> Array:
+    """The array in the schema's type; whole numbers are not made of others."""
+    if kind == TEXT:
+        return np.array([str(text) for text in np.asarray(value).ravel()], dtype=object).reshape(
+            np.shape(value)
+        )
+    array = np.asarray(value)
+    target = np.dtype(kind)
+    _require("" if array.dtype.kind in "biuf" else f"{name}: holds {array.dtype}, not numbers")
+    if target.kind in "iu" and array.size:
+        info = np.iinfo(target)
+        _require(
+            "" if array.dtype.kind in "biu" else f"{name}: holds {array.dtype}, not whole numbers"
+        )
+        fits = info.min <= int(array.min()) and int(array.max()) <= info.max
+        _require("" if fits else f"{name}: does not fit into {kind}")
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array.astype(target))
+
+
+def catalog_of(
+    values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]
+) -> Catalog:
+    """The catalogue of what `Catalog.values`, `attributes` and `group_attributes` give."""
+    texts = {
+        name: attributes[name]
+        for name in (
+            "config",
+            "sources",
+            "scene_plan",
+            "title",
+            "product_version",
+            "software_version",
+            "schema_version",
+            "albedo_map",
+        )
+        if name in attributes
+    }
+    arrays: dict[str, Any] = {
+        f.name: values[f.name] for f in dataclasses.fields(Catalog) if f.name in values
+    }
+    overview = Overview(
+        height=values["overview/height"],
+        x=values["overview/x"],
+        y=values["overview/y"],
+        **groups["overview"],
+    )
+    coverage = Coverage(
+        longitude=values["coverage/longitude"],
+        latitude=values["coverage/latitude"],
+        status=values["coverage/status"],
+        **groups["coverage"],
+    )
+    return Catalog(**arrays, **texts, overview=overview, coverage=coverage)

@@ -1,0 +1,229 @@
+"""The checks of a catalogue's content: shapes that fit together, values in their ranges and in
+agreement, attributes that can be read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import FRAME, MOON_RADIUS_M
+from ..geometry.frames import enu_rotation, lonlat_to_mcmf
+from .flags import evaluated, summarise_usable, usable
+from .layout import FIXED, GROUPS, Values, centred, key
+from .schema import COVERAGE_STATUS, OPTIONAL, USABLE
+
+_PLACE_TOLERANCE_M = 1e-3
+_ROTATION_TOLERANCE = 1e-9
+_CENTRE_TOLERANCE_M = 0.01
+_ELEVATION_LIMIT_M = 20_000.0
+
+
+def first_few(lines: Iterable[str], count: int = 3) -> str:
+    """Problems as one line."""
+    lines = list(lines)
+    rest = f"; and {len(lines) - count} more" if len(lines) > count else ""
+    return "; ".join(lines[:count]) + rest
+
+
+def shape_problems(values: Values) -> list[str]:
+    """Dimensions that have different lengths in different variables, or a wrong number of
+    dimensions.
+    """
+    lines: list[str] = []
+    for group, variables in GROUPS.items():
+        lengths = dict(FIXED)
+        for short, variable in variables.items():
+            name = key(group, short)
+            if name in OPTIONAL and name not in values:
+                continue
+            array = values[name]
+            if array.ndim != len(variable.dims):
+                lines.append(
+                    f"{name}: {array.ndim} dimensions instead of ({', '.join(variable.dims)})"
+                )
+                continue
+            for dim, length in zip(variable.dims, array.shape, strict=True):
+                if lengths.setdefault(dim, length) != length:
+                    lines.append(f"{name}: {length} along {dim} where others have {lengths[dim]}")
+    return lines
+
+
+def value_problems(values: Values) -> list[str]:
+    """What is wrong with the values, one line each; the shapes must fit together already."""
+    return [line for check in _CHECKS for line in check(values)]
+
+
+def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
+    """Global attributes that are not the Moon's, or are no JSON where they should be."""
+    if (
+        attributes["reference_radius_m"] != MOON_RADIUS_M
+        or attributes["body"] != "MOON"
+        or attributes["frame"] != FRAME
+    ):
+        yield f"body, frame or reference_radius_m are not MOON, {FRAME}, {MOON_RADIUS_M:g}"
+    for name in ("sources", "scene_plan", "albedo_map"):
+        try:
+            json.loads(attributes.get(name, "null"))
+        except json.JSONDecodeError:
+            yield f"{name}: is no JSON"
+
+
+def _where(name: str, wrong: NDArray[np.bool_], text: str) -> list[str]:
+    """A line about the values of a variable that are wrong, if any."""
+    count = int(np.count_nonzero(wrong))
+    if not count:
+        return []
+    first = ", ".join(str(int(index[0])) for index in np.nonzero(wrong))
+    return [f"{name}: {text} ({count} of {wrong.size}; the first at [{first}])"]
+
+
+def _outside(values: Values, name: str, low: float, high: float) -> list[str]:
+    array = values[name]
+    return _where(name, ~((array >= low) & (array <= high)), f"not in {low:g}..{high:g}")
+
+
+def _check_axes(values: Values) -> Iterator[str]:
+    for name in ("point", "view", "coverage/cell", *FIXED):
+        if not np.array_equal(values[name], np.arange(len(values[name]))):
+            yield f"{name}: is not 0, 1, 2, ..."
+    for name in ("patch_row", "patch_col"):
+        if not np.array_equal(values[name], centred(len(values[name]))):
+            yield f"{name}: does not count from the patch's centre"
+    for name, sign in (
+        ("sun_elevation", 1),
+        ("sun_azimuth", 1),
+        ("overview/x", 1),
+        ("overview/y", -1),
+    ):
+        if not (np.isfinite(values[name]).all() and (np.diff(values[name]) * sign > 0).all()):
+            yield f"{name}: is not strictly {'rising' if sign > 0 else 'falling'}"
+    yield from _outside(values, "sun_elevation", 0.0, 90.0)
+    yield from _outside(values, "sun_azimuth", 0.0, 360.0)
+    yield from _outside(values, "view_off_nadir", 0.0, 90.0)
+    yield from _outside(values, "view_azimuth", 0.0, 360.0)
+    yield from _where("view_altitude", ~(values["view_altitude"] > 0.0), "not above 0")
+
+
+def _check_places(values: Values) -> Iterator[str]:
+    lon, lat, height = values["longitude"], values["latitude"], values["elevation"]
+    yield from _where("longitude", ~((lon >= 0.0) & (lon < 360.0)), "not in 0..360")
+    yield from _outside(values, "latitude", -90.0, 90.0)
+    yield from _outside(values, "elevation", -_ELEVATION_LIMIT_M, _ELEVATION_LIMIT_M)
+    repeated = len(values["point_id"]) - len(np.unique(values["point_id"]))
+    if repeated:
+        yield f"point_id: {repeated} numbers occur more than once"
+    away = np.abs(values["position_mcmf"] - lonlat_to_mcmf(lon, lat, height)).max(
+        axis=1, initial=0.0
+    )
+    wrong = ~(away <= _PLACE_TOLERANCE_M)
+    yield from _where(
+        "position_mcmf", wrong, "is not the place of longitude, latitude and elevation"
+    )
+
+
+def _check_rotations(values: Values) -> Iterator[str]:
+    rotation, places = values["rotation_mcmf_to_enu"], (values["longitude"], values["latitude"])
+    expected = np.array([enu_rotation(lon, lat) for lon, lat in zip(*places, strict=True)]).reshape(
+        -1, 3, 3
+    )
+    skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    turned = np.abs(rotation - expected).max(axis=(1, 2), initial=0.0)
+    yield from _where("rotation_mcmf_to_enu", ~(skew <= _ROTATION_TOLERANCE), "is not orthonormal")
+    wrong = ~(turned <= _ROTATION_TOLERANCE)
+    yield from _where("rotation_mcmf_to_enu", wrong, "is not the frame of longitude and latitude")
+
+
+def _check_patches(values: Values) -> Iterator[str]:
+    dem = values["dem"]
+    rows, cols = dem.shape[1:]
+    if not (rows == cols and rows % 2 == 1):
+        yield f"dem: patches of {rows} x {cols} nodes have no centre node"
+        return
+    yield from _where("dem", ~np.isfinite(dem), "not a number")
+    off = ~(np.abs(dem[:, rows // 2, cols // 2]) <= _CENTRE_TOLERANCE_M)
+    yield from _where("dem", off, "the centre node is not at 0")
+    yield from _where(
+        "dem_product", np.array([not text for text in values["dem_product"]], bool), "is empty"
+    )
+
+
+def _check_albedo(values: Values) -> Iterator[str]:
+    """Of every patch the whole or nothing is known, and no ground gives back less than nothing."""
+    if "albedo" not in values:
+        return
+    albedo = values["albedo"]
+    known = np.isfinite(albedo)
+    wrong = np.isinf(albedo) | np.asarray(known & (albedo < 0.0))
+    yield from _where("albedo", wrong, "not 0 or above")
+    part = np.asarray(known.any(axis=(1, 2)) & ~known.all(axis=(1, 2)))
+    yield from _where("albedo", part, "is known of a part of the patch only")
+
+
+def _check_resolutions(values: Values) -> Iterator[str]:
+    for name in ("gsd", "gsd_min", "gsd_max"):
+        yield from _where(
+            name, ~((values[name] > 0.0) & np.isfinite(values[name])), "not a positive number"
+        )
+    slack = 1.0 + 1e-9
+    yield from _where("gsd_min", values["gsd_min"] > values["gsd"] * slack, "above gsd")
+    yield from _where("gsd_max", values["gsd_max"] * slack < values["gsd"], "below gsd")
+
+
+def _check_conditions(values: Values) -> Iterator[str]:
+    condition = values["condition"]
+    yield from _where("condition", condition > USABLE, "has bits that mean nothing")
+    yield from _where(
+        "condition", (condition > 0) & ~evaluated(condition), "has flags without 'evaluated'"
+    )
+    summary = summarise_usable(condition, values["sun_elevation"])
+    for name, expected in zip(("sun_elevation_min", "sun_elevation_max"), summary, strict=True):
+        same = np.isclose(values[name], expected, rtol=0.0, atol=1e-9, equal_nan=True)
+        yield from _where(name, ~same, "does not agree with condition")
+
+
+def _check_figures(values: Values) -> Iterator[str]:
+    """Figures are numbers in their ranges; NaN is allowed for a point that is usable under no
+    condition.
+    """
+    some = usable(values["condition"]).any(axis=(1, 2, 3))
+    shares = ("false_match_probability", "shadow_dependence", "occlusion_dependence")
+    limits = {name: (0.0, 1.0) for name in shares} | {
+        "second_peak": (-1.0, 1.0),
+        "harris_response": (0.0, np.inf),
+        "localization_sigma": (0.0, np.inf),
+    }
+    for name, (low, high) in limits.items():
+        array = values[name]
+        known = some.reshape(-1, *[1] * (array.ndim - 1))
+        within = np.isfinite(array) & (array >= low - 1e-6) & (array <= high + 1e-6)
+        yield from _where(name, ~within & ~(np.isnan(array) & ~known), f"not in {low:g}..{high:g}")
+    sigma = values["localization_sigma"]
+    yield from _where(
+        "localization_sigma", sigma[:, 0] < sigma[:, 1], "the major axis is below the minor"
+    )
+
+
+def _check_groups(values: Values) -> Iterator[str]:
+    unknown = ~np.isin(values["coverage/status"], list(COVERAGE_STATUS))
+    yield from _where("coverage/status", unknown, "has no meaning")
+    yield from _outside(values, "coverage/latitude", -90.0, 90.0)
+    yield from _outside(values, "coverage/longitude", -360.0, 720.0)
+    yield from _where("overview/height", np.isinf(values["overview/height"]), "infinite")
+
+
+_CHECKS = (
+    _check_axes,
+    _check_places,
+    _check_rotations,
+    _check_patches,
+    _check_albedo,
+    _check_resolutions,
+    _check_conditions,
+    _check_figures,
+    _check_groups,
+)

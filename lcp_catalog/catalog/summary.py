@@ -1,0 +1,296 @@
+"""The summary of a catalogue: its figures as one model, for the page, for text and for JSON."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import FRAME
+from ..errors import CatalogError
+from ..plots.svg import number
+from .flags import evaluated, usable
+from .hdf5 import Catalog, read_catalog, verify
+from .schema import COVERAGE_STATUS
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Shares of usable conditions of a catalogue, from its flags."""
+
+    catalog: Catalog
+
+    @cached_property
+    def _usable(self) -> Array:
+        return usable(self.catalog.condition)
+
+    @cached_property
+    def _evaluated(self) -> Array:
+        return evaluated(self.catalog.condition)
+
+    def _share(self, axis: tuple[int, ...] | None) -> Array:
+        """Usable among evaluated conditions, summed over axes; NaN where nothing was evaluated."""
+        good, all_ = self._usable.sum(axis=axis), self._evaluated.sum(axis=axis)
+        return np.where(all_ > 0, good / np.maximum(all_, 1), np.nan)
+
+    @cached_property
+    def share(self) -> float:
+        """Of all points' evaluated conditions the share that is usable."""
+        return float(self._share(None))
+
+    @cached_property
+    def by_point(self) -> Array:
+        return self._share((1, 2, 3))
+
+    @cached_property
+    def by_view(self) -> Array:
+        return self._share((0, 2, 3))
+
+    @cached_property
+    def by_view_and_sun(self) -> Array:
+        """(view, sun_elevation, sun_azimuth)"""
+        return self._share((0,))
+
+    @cached_property
+    def by_point_and_sun(self) -> Array:
+        """(point, sun_elevation, sun_azimuth), over the views"""
+        return self._share((1,))
+
+    @cached_property
+    def suns(self) -> int:
+        """Sun cells that were evaluated for at least one point."""
+        return int(self._evaluated.any(axis=(0, 1)).sum())
+
+
+def describe(path: Path | str) -> dict[str, Any]:
+    """What is in a catalogue, and whether it is intact, as plain values; what cannot be read is
+    None.
+
+    Never raises for a bad file: ``intact`` is false then and ``problems`` say why. ``usable_share`` is the share of all evaluated
+    conditions (points x views x Suns) that are usable; ``bounds`` are those of the points, with west above east where they
+    cross the prime meridian.
+    """
+    problems = verify(path)
+    found: dict[str, Any] = {
+        "points": None,
+        "usable_share": None,
+        "intact": not problems,
+        "problems": problems,
+    }
+    found |= {"schema_version": None, "sources": None, "bounds": None}
+    try:
+        catalog = read_catalog(path)
+    except CatalogError as error:
+        if not problems:  # it changed meanwhile
+            found |= {"intact": False, "problems": [str(error)]}
+        return found
+    return found | summary(catalog)
+
+
+def summary(catalog: Catalog) -> dict[str, Any]:
+    """The figures of a catalogue as plain values, ready for JSON."""
+    statistics = Statistics(catalog)
+    return {
+        "points": len(catalog),
+        "usable_share": _plain(statistics.share),
+        "schema_version": catalog.schema_version,
+        "frame": FRAME,
+        "software": f"lcp-catalog {catalog.software_version}",
+        "sources": catalog.sources,
+        "albedo": _albedo(catalog),
+        "bounds": bounds(catalog.longitude, catalog.latitude),
+        "region": _region(catalog),
+        "spacing_m": catalog.coverage.spacing_m,
+        "patch_nodes": catalog.patch_nodes,
+        "gsd_m": _range(catalog.gsd),
+        "products": dict(sorted(Counter(catalog.dem_product.tolist()).items())),
+        "elevation_sigma_m": _known(catalog.elevation_sigma),
+        "dem_resolution_m": _known(catalog.dem_resolution),
+        "suns_evaluated": statistics.suns,
+        "sun_elevation_deg": _range(catalog.sun_elevation),
+        "views": _views(catalog, statistics),
+        "localization_sigma_m": _percentiles(catalog.localization_sigma[:, 0]),
+        "second_peak": _percentiles(catalog.second_peak),
+        "coverage": coverage_counts(catalog),
+    }
+
+
+def _albedo(catalog: Catalog) -> dict[str, Any] | None:
+    """The map of brightness with the range of its factors over the patches; None without one."""
+    if catalog.albedo is None:
+        return None
+    known = catalog.albedo[np.isfinite(catalog.albedo)]
+    off = np.isnan(catalog.albedo).any(axis=(1, 2))
+    return catalog.albedo_map | {"range": _range(known), "points_off_the_map": int(off.sum())}
+
+
+def bounds(lon_deg: Array, lat_deg: Array) -> dict[str, float] | None:
+    """The narrowest box of longitudes (0..360) and latitudes around points; None without any."""
+    if not len(lon_deg):
+        return None
+    lon = np.sort(np.asarray(lon_deg) % 360.0)
+    gaps = np.diff(np.append(lon, lon[0] + 360.0))
+    widest = int(np.argmax(gaps))
+    west, east = lon[(widest + 1) % len(lon)], lon[widest]
+    return {
+        "west": float(west),
+        "south": float(np.min(lat_deg)),
+        "east": float(east),
+        "north": float(np.max(lat_deg)),
+    }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _known(values: Array | None) -> list[float] | None:
+    """Least and greatest of the figures that are known; None without any."""
+    return None if values is None else _range(values[np.isfinite(values)])
+
+
+def _range(values: Array) -> list[float] | None:
+    return [float(values.min()), float(values.max())] if len(values) else None
+
+
+def _percentiles(values: Array) -> dict[str, float] | None:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
+    return {"p05": float(low), "median": float(middle), "p95": float(high)}
+
+
+def _region(catalog: Catalog) -> dict[str, float]:
+    view = catalog.overview
+    cell = abs(float(view.x[1] - view.x[0])) if len(view.x) > 1 else 0.0
+    return {
+        "center_lon": view.center_lon,
+        "center_lat": view.center_lat,
+        "width_km": len(view.x) * cell / 1e3,
+        "height_km": len(view.y) * cell / 1e3,
+    }
+
+
+def _views(catalog: Catalog, statistics: Statistics) -> list[dict[str, Any]]:
+    altitudes = catalog.view_altitude
+    return [
+        {
+            "off_nadir_deg": float(catalog.view_off_nadir[k]),
+            "azimuth_deg": float(catalog.view_azimuth[k]),
+            "altitude_km": _plain(altitudes[k]),
+            "usable_share": _plain(statistics.by_view[k]),
+        }
+        for k in range(len(altitudes))
+    ]
+
+
+def coverage_counts(catalog: Catalog) -> dict[str, int]:
+    """Spacing cells of each status."""
+    return {
+        name: int(np.count_nonzero(catalog.coverage.status == code))
+        for code, name in COVERAGE_STATUS.items()
+    }
+
+
+def view_name(view: dict[str, Any]) -> str:
+    """A viewpoint in words."""
+    where = "straight down"
+    if view["off_nadir_deg"]:
+        where = f"{view['off_nadir_deg']:g}° off nadir, camera at azimuth {view['azimuth_deg']:g}°"
+    high = "parallel rays" if view["altitude_km"] is None else f"{view['altitude_km']:g} km high"
+    return f"{where}, {high}"
+
+
+def latitude_name(lat_deg: float) -> str:
+    """A latitude for people."""
+    return f"{abs(lat_deg):.4f}° {'S' if lat_deg < 0.0 else 'N'}"
+
+
+def percent(share: float | None) -> str:
+    """A share for people; a dash for none."""
+    return "–" if share is None or not np.isfinite(share) else f"{100 * share:.1f} %"
+
+
+def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """A `summary` as names and lines for people."""
+    region, box, gsd = found["region"], found["bounds"], found["gsd_m"]
+    rows = [
+        ("points", str(found["points"])),
+        (
+            "region",
+            f"{region['width_km']:.4g} x {region['height_km']:.4g} km around {region['center_lon']:.4f}° E, "
+            f"{latitude_name(region['center_lat'])}",
+        ),
+    ]
+    if box:
+        around = (box["east"] - box["west"]) % 360.0 > 270.0  # about a pole
+        lon = "all around" if around else f"{box['west']:.4f} to {box['east']:.4f}° E"
+        text = f"{lon}, {latitude_name(box['south'])} to {latitude_name(box['north'])}"
+        rows.append(("points within", text))
+    cell = "" if gsd is None else f" of {' to '.join(dict.fromkeys(number(g, 4) for g in gsd))} m"
+    rows += [
+        ("patches", f"{found['patch_nodes']} x {found['patch_nodes']} nodes{cell}"),
+        ("spacing", f"{number(found['spacing_m'], 4)} m"),
+        ("DEM", ", ".join(f"{name} ({count})" for name, count in found["products"].items()) or "–"),
+        (
+            "heights",
+            f"1 sigma {_metres(found['elevation_sigma_m'])}, resolving {_metres(found['dem_resolution_m'])}",
+        ),
+        *_albedo_rows(found["albedo"]),
+        ("frame", f"{found['frame']}, mean Earth"),
+        ("Suns", _suns_line(found)),
+        (
+            "usable",
+            f"{percent(found['usable_share'])} of the evaluated conditions (points x views x Suns)",
+        ),
+    ]
+    rows += [
+        (f"  view {k}", f"{percent(v['usable_share'])}  {view_name(v)}")
+        for k, v in enumerate(found["views"])
+    ]
+    for name, key, unit in (
+        ("sigma", "localization_sigma_m", " m"),
+        ("second peak", "second_peak", ""),
+    ):
+        figures = found[key]
+        if figures:
+            low, middle, high = (number(figures[p]) for p in ("p05", "median", "p95"))
+            rows.append((name, f"{middle}{unit} in the median, 5..95 %: {low} to {high}{unit}"))
+    rows.append(
+        ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
+    )
+    return rows
+
+
+def _metres(span: list[float] | None) -> str:
+    if span is None:
+        return "unknown"
+    return f"{' to '.join(dict.fromkeys(number(value, 3) for value in span))} m"
+
+
+def _albedo_rows(albedo: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """No row for ground that is all alike."""
+    if albedo is None:
+        return []
+    text = f"{albedo['name']}, {albedo['encoding']}, over {number(albedo['reference'], 4)} ({albedo['reference_is']})"
+    if albedo["range"]:
+        text += f"; factors {' to '.join(number(value) for value in albedo['range'])}"
+    if albedo["points_off_the_map"]:
+        text += f"; {albedo['points_off_the_map']} points lie off it"
+    return [("albedo", text)]
+
+
+def _suns_line(found: dict[str, Any]) -> str:
+    low, high = found["sun_elevation_deg"]
+    return f"{found['suns_evaluated']} directions evaluated, elevations {low:g} to {high:g}°"
+
+
+# -- the page

@@ -1,0 +1,1 @@
+"""DEM products: files, grids, tiles, mosaics, coverage and checks."""

@@ -1,0 +1,258 @@
+"""A set of DEM files as a small map picture: which product is used where, overlaps, gaps, holes, graticule and legend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..plots.png import encode_png
+from .bitmap_font import HEIGHT_PX, LINE_PX, draw_text, width_px
+from .height_survey import Survey
+from .map_views import View, view_of
+from .mosaic import DemSet
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+PRODUCT_COLOURS: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (86, 180, 233),
+    (213, 94, 0),
+    (204, 121, 167),
+    (240, 228, 66),
+    (130, 90, 40),
+)
+"""Okabe and Ito's colours (2008), which colour-blind people tell apart, and a brown; by product in the order of the files."""
+GAP: Colour = (190, 190, 190)
+HOLE: Colour = (0, 0, 0)
+PAPER: Colour = (255, 255, 255)
+INK: Colour = (40, 40, 40)
+
+_HATCH = (7, 3)  # pixels from stripe to stripe, and of a stripe
+_MARGIN = (46, 46, 20, 22)  # left, right, top, bottom
+_PAD = 8
+_SWATCH = (18, 10)
+_CROWDED = 24  # pixels around a pole without meridians
+_MOST_PRODUCTS = 16
+_NO_FILE, _MISSING = -1, -2
+
+
+@dataclass(frozen=True)
+class _Legend:
+    entries: tuple[tuple[Picture, str], ...]
+    caption: str
+
+
+def set_map(dems: DemSet, surveys: Sequence[Survey] | None = None) -> bytes:
+    """The picture as PNG bytes; without ``surveys`` (one a file) holes are not shown."""
+    view = view_of([dem.grid for dem in dems.dems], dems.bounds)
+    used, striped = _uses(dems, view, surveys)
+    canvas = _coloured(dems, used, striped)
+    _graticule(canvas, view)
+    caption = view.caption + ("" if surveys is not None else ", missing pixels not looked for")
+    return encode_png(
+        _on_paper(canvas, view, _Legend(tuple(_entries(dems, used, striped)), caption))
+    )
+
+
+def _uses(
+    dems: DemSet, view: View, surveys: Sequence[Survey] | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """For every pixel (height, width) the file that is used, _NO_FILE or _MISSING; and whether two or more files are there."""
+    lon, lat = (places.ravel() for places in view.places())
+    inside = dems.candidates_at(lon, lat)
+    used = np.asarray(dems.product_at(lon, lat), np.int64)
+    if surveys is not None:
+        absent = [one.absent(lon, lat) for one in surveys]
+        used = _without_holes(used, inside, absent, [dem.gsd_m for dem in dems.dems])
+    shape = (view.height, view.width)
+    return used.reshape(shape), (inside.sum(axis=0) > 1).reshape(shape)
+
+
+def _coloured(dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]) -> Picture:
+    names = list(dict.fromkeys(dems.products))
+    colours = [_colour(names.index(product)) for product in dems.products]
+    out = np.array([*colours, HOLE, GAP], np.uint8)[used]  # -1 is the last, -2 the last but one
+    where = striped & _stripes(*used.shape)
+    out[where] = _lighter(out[where])
+    return out
+
+
+def _without_holes(
+    used: NDArray[np.int64],
+    inside: NDArray[np.bool_],
+    absent: list[NDArray[np.bool_]],
+    gsd_m: list[float],
+) -> NDArray[np.int64]:
+    """Who is used where the first has no pixels: the finest file that has some, else _MISSING."""
+    there = inside & ~np.array(absent)
+    lost = (used >= 0) & ~np.take_along_axis(there, np.maximum(used, 0)[None], axis=0)[0]
+    finest = np.argsort(gsd_m, kind="stable")
+    other = finest[there[finest].argmax(axis=0)]
+    return np.where(lost, np.where(there.any(axis=0), other, _MISSING), used)
+
+
+def _colour(number: int) -> Colour:
+    """Of a product: after eight they come again, darker."""
+    base, again = PRODUCT_COLOURS[number % len(PRODUCT_COLOURS)], number // len(PRODUCT_COLOURS)
+    red, green, blue = (round(value * 0.65**again) for value in base)
+    return red, green, blue
+
+
+def _lighter(pixels: Picture) -> Picture:
+    return (pixels + (255 - pixels.astype(np.int64)) * 55 // 100).astype(np.uint8)
+
+
+def _stripes(height: int, width: int) -> NDArray[np.bool_]:
+    return np.add.outer(np.arange(height), np.arange(width)) % _HATCH[0] < _HATCH[1]
+
+
+def _graticule(canvas: Picture, view: View) -> None:
+    """Lines of one pixel where a multiple of the step lies between two pixels; they let the ground show through."""
+    lon, lat = view.places()
+    near = np.zeros(lon.shape, np.bool_)
+    if view.pole:
+        column, row = view.pixel(0.0, 90.0 * view.pole)
+        x, y = np.meshgrid(np.arange(view.width) - column, np.arange(view.height) - row)
+        near = np.hypot(x, y) < _CROWDED
+    line = _steps(lat, view.graticule_deg[1]) | (_steps(lon, view.graticule_deg[0]) & ~near)
+    canvas[line] = (canvas[line] * 0.55 + 0.45 * np.array(INK)).astype(np.uint8)
+
+
+def _steps(values: Array, step: float) -> NDArray[np.bool_]:
+    part = np.floor(values / step)
+    out = np.zeros(values.shape, np.bool_)
+    out[:, :-1] |= part[:, 1:] != part[:, :-1]
+    out[:-1] |= part[1:] != part[:-1]
+    return out
+
+
+def _entries(
+    dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]
+) -> Iterator[tuple[Picture, str]]:
+    """All products, and of the other marks those that the map shows."""
+    names = list(dict.fromkeys(dems.products))
+    for number, name in enumerate(names[:_MOST_PRODUCTS]):
+        yield _swatch(_colour(number)), name
+    if len(names) > _MOST_PRODUCTS:
+        yield _swatch(PAPER), f"and {len(names) - _MOST_PRODUCTS} more products"
+    if striped.any():
+        swatch = _swatch(_colour(0))
+        where = _stripes(*swatch.shape[:2])
+        swatch[where] = _lighter(swatch[where])
+        yield swatch, "in two or more files"
+    for kind, colour, words in ((_NO_FILE, GAP, "in no file"), (_MISSING, HOLE, "pixels missing")):
+        if (used == kind).any():
+            yield _swatch(colour), words
+
+
+def _swatch(colour: Colour) -> Picture:
+    return np.full((_SWATCH[1], _SWATCH[0], 3), colour, np.uint8)
+
+
+def _on_paper(canvas: Picture, view: View, legend: _Legend) -> Picture:
+    """The map in its frame, with labels around it and the legend below."""
+    left, right, top, bottom = _MARGIN
+    column_px = max(width_px(text) for _, text in legend.entries) + _SWATCH[0] + 3 * _PAD
+    width = max(left + view.width + right, left + column_px, left + width_px(legend.caption) + _PAD)
+    columns = max(1, (width - left) // column_px)
+    lines = -(-len(legend.entries) // columns) + 1
+    height = top + view.height + bottom + _PAD + lines * (LINE_PX + 4) + _PAD
+    out = np.full((height, width, 3), PAPER, np.uint8)
+    out[top - 1 : top + view.height + 1, left - 1 : left + view.width + 1] = INK
+    out[top : top + view.height, left : left + view.width] = canvas
+    _labels(out, view)
+    y = top + view.height + bottom + _PAD
+    draw_text(out, left, y, legend.caption, INK)
+    for number, (swatch, text) in enumerate(legend.entries):
+        x, below = left + number % columns * column_px, y + (1 + number // columns) * (LINE_PX + 4)
+        out[below - 1 : below + _SWATCH[1] + 1, x - 1 : x + _SWATCH[0] + 1] = INK
+        out[below : below + _SWATCH[1], x : x + _SWATCH[0]] = swatch
+        draw_text(out, x + _SWATCH[0] + _PAD, below + 1, text, INK)
+    return out
+
+
+def _labels(out: Picture, view: View) -> None:
+    """Degrees where the graticule meets the frame; around a pole the latitudes stand along a meridian."""
+    left, _, top, _ = _MARGIN
+    step_lon, step_lat = view.graticule_deg
+    across, down = np.arange(view.width), np.arange(view.height)
+    for y, place in ((-1, top - 3 - HEIGHT_PX), (view.height, top + view.height + 4)):
+        lon, _ = view.lonlat(across, np.full(view.width, y))
+        if y > 0 or view.pole:
+            _row(out, [(left + x, _east(v)) for x, v in _met(lon, step_lon)], place)
+    for x in (-1, view.width):
+        lon, lat = view.lonlat(np.full(view.height, x), down)
+        values, step, words = (lon, step_lon, _east) if view.has_pole else (lat, step_lat, _north)
+        if x < 0 or view.pole:
+            _column(
+                out,
+                [(top + y, words(v)) for y, v in _met(values, step)],
+                left - 4 if x < 0 else None,
+                left + view.width + 4,
+            )
+    if view.has_pole:
+        _along_meridian(out, view)
+
+
+def _along_meridian(out: Picture, view: View) -> None:
+    left, _, top, _ = _MARGIN
+    for lat in np.arange(0.0, 90.0, view.graticule_deg[1]):
+        x, y = (
+            round(float(v)) for v in view.pixel(45.0 if view.pole > 0 else 135.0, view.pole * lat)
+        )
+        text = _north(view.pole * float(lat))
+        wide = width_px(text)
+        if not (0 <= x < view.width - wide - 2 and 0 <= y < view.height - HEIGHT_PX):
+            continue
+        part = out[top + y - 5 : top + y + 6, left + x - 2 : left + x + wide + 2]
+        part[:] = (part * 0.25 + 0.75 * 255).astype(np.uint8)
+        draw_text(out, left + x, top + y - 4, text, INK)
+
+
+def _met(values: Array, step: float) -> list[tuple[int, float]]:
+    """(pixel, multiple of the step) where one lies between two pixels; a jump by a turn of longitude is one at 180."""
+    part = np.floor(values / step)
+    found = []
+    for pixel in np.flatnonzero(np.diff(part)):
+        jump = abs(values[pixel + 1] - values[pixel]) > 180.0
+        found.append(
+            (int(pixel), 180.0 if jump else float(max(part[pixel], part[pixel + 1])) * step)
+        )
+    return found
+
+
+def _row(out: Picture, labels: list[tuple[int, str]], top: int) -> None:
+    """Labels beside each other, centred; one that would touch the one before is left out."""
+    free = 0
+    for x, text in labels:
+        start = x - width_px(text) // 2
+        if start >= free and start + width_px(text) < out.shape[1]:
+            draw_text(out, start, top, text, INK)
+            free = start + width_px(text) + 6
+
+
+def _column(out: Picture, labels: list[tuple[int, str]], right: int | None, left: int) -> None:
+    """Labels below each other that end at ``right``, or begin at ``left``."""
+    free = 0
+    for y, text in labels:
+        if y - 4 >= free:
+            draw_text(out, left if right is None else right - width_px(text), y - 3, text, INK)
+            free = y + HEIGHT_PX
+
+
+def _east(lon: float) -> str:
+    lon = (lon + 180.0) % 360.0 - 180.0
+    if abs(lon) in (0.0, 180.0):
+        return f"{abs(lon):g}°"
+    return f"{abs(lon):.6g}°{'E' if lon > 0 else 'W'}"
+
+
+def _north(lat: float) -> str:
+    return "0°" if abs(lat) < 1e-9 else f"{abs(lat):.6g}°{'N' if lat > 0 else 'S'}"

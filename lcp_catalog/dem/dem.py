@@ -1,0 +1,196 @@
+"""DEM products: one file's pixels, grid and name; heights above the sphere of 1 737 400 m."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..constants import MOON_RADIUS_M
+from ..errors import DemError, LabelError
+from ..pds.pds3 import Label, find_image
+from ..pds.pds4 import product_label
+from .georeferenced import Gridded
+from .grid import Grid
+from .products import ProductFacts, facts_of, product_name
+from .raster import Raster, open_dataset
+
+__all__ = ["Dem", "Statistics", "product_name"]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of a whole file: lowest and highest height (None when it holds none) and the share of pixels
+    without data.
+    """
+
+    min_m: float | None
+    max_m: float | None
+    nodata_share: float
+
+
+@dataclass(frozen=True)
+class Dem(Gridded):
+    """One product: its pixels, its grid and its name. Picklable; files are opened again where it
+    arrives.
+    """
+
+    path: Path
+    product: str
+    grid: Grid
+    raster: Raster
+    files: tuple[Path, ...]  # what the heights were read from: label and image
+
+    @classmethod
+    def open(cls, path: Path | str) -> Dem:
+        """A GeoTIFF with heights in metres, or a PDS3 or PDS4 product by its label or its image;
+        ``DemError`` or ``LabelError``.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise DemError(
+                f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}"
+            )
+        try:
+            label = product_label(path)
+        except LabelError:
+            if path.suffix.lower() != ".img":
+                raise
+            return cls._from_gdal_or(path)
+        if label is None:
+            return cls._from_gdal(path)
+        is_label = path == label.path and label.image_name != ""
+        return cls._from_pds(label, None if is_label else path)
+
+    @classmethod
+    def _from_gdal_or(cls, path: Path) -> Dem:
+        """An .IMG without a label: ERDAS Imagine perhaps, else the missing label is what the user
+        must hear of.
+        """
+        try:
+            open_dataset(path)
+        except DemError:
+            product_label(path)  # raises
+        return cls._from_gdal(path)
+
+    @classmethod
+    def _from_pds(cls, label: Label, image: Path | None) -> Dem:
+        if image is not None and label.image_name:
+            _refuse_other_kind(image, label)
+        image = image or find_image(label)
+        if image.suffix.lower() in (
+            ".tif",
+            ".tiff",
+        ):  # NAC DTMs: the GeoTIFF says everything itself
+            _compare_size(image, label)
+            return cls._from_gdal(image)
+        if label.compressed or image.suffix.lower() == ".jp2":
+            _compare_size(image, label)
+        else:
+            _compare_bytes(image, label)
+        raster = Raster(
+            path=image,
+            width=label.line_samples,
+            height=label.lines,
+            scale_m=label.height_scale_m,
+            missing=label.missing,
+            raw_dtype=label.sample_dtype,
+            raw_offset_bytes=label.image_offset_bytes,
+        )
+        try:
+            grid = Grid.from_label(label)
+        except LabelError as error:
+            raise LabelError(f"{label.path}: {error}") from error
+        files = (image,) if label.path == image else (label.path, image)
+        return cls(image, product_name(label.product_id), grid, raster, files)
+
+    @classmethod
+    def _from_gdal(cls, path: Path) -> Dem:
+        dataset = open_dataset(path)
+        if dataset.count != 1:
+            raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
+        if dataset.crs is None or dataset.transform.is_identity:
+            raise DemError(
+                f"{path}: has no map projection; a map-projected DEM of the Moon is wanted"
+            )
+        try:
+            grid = Grid.from_wkt(
+                dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
+            )
+        except LabelError as error:
+            raise DemError(f"{path}: {error}") from error
+        scale, offset = _gdal_scale(dataset, path)
+        nodata = dataset.nodatavals[0]
+        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
+        raster = Raster(path, dataset.width, dataset.height, scale, offset, missing)
+        return cls(path, product_name(path.stem), grid, raster, (path,))
+
+    @property
+    def abs_latitude_use(self) -> tuple[float, float] | None:
+        """Absolute latitudes for which the method takes this product; None for others."""
+        return self.facts.abs_latitude_use
+
+    @property
+    def facts(self) -> ProductFacts:
+        """What is published about the product: uncertainty, resolution, where the method takes it."""
+        return facts_of(self.product)
+
+    @property
+    def radius_m(self) -> float:
+        """Of the sphere above which heights are given; other spheres are refused when a file is
+        opened.
+        """
+        return MOON_RADIUS_M
+
+
+def _refuse_other_kind(image: Path, label: Label) -> None:
+    """A label that describes a .TIF or .JP2 says nothing of the bytes of an .IMG."""
+    if Path(label.image_name).suffix.lower() != image.suffix.lower():
+        raise DemError(
+            f"{image}: the label beside it, {label.path.name}, describes {label.image_name}; "
+            "put this image's own label beside it"
+        )
+
+
+def _compare_bytes(image: Path, label: Label) -> None:
+    """An image that is too long has a wrong label as surely as one that is too short; objects that
+    the label counts in its file's size may stand around it.
+    """
+    size, allowed = image.stat().st_size, max(label.image_bytes, label.claims.file_bytes or 0)
+    if size < label.image_bytes:
+        raise DemError(
+            f"{image}: has {size} bytes where its label {label.path.name} says {label.image_bytes}: "
+            "cut short; fetch it again"
+        )
+    if size > allowed:
+        raise DemError(
+            f"{image}: has {size} bytes, {size - allowed} more than its label {label.path.name} says: "
+            "one of them belongs to another product; fetch both again"
+        )
+
+
+def _compare_size(image: Path, label: Label) -> None:
+    dataset = open_dataset(image)
+    if (dataset.height, dataset.width) != (label.lines, label.line_samples):
+        raise DemError(
+            f"{image}: has {dataset.height} x {dataset.width} pixels where its label "
+            f"{label.path.name} says "
+            f"{label.lines} x {label.line_samples}; one of them belongs to another product"
+        )
+
+
+def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
+    """Factor and offset that make metres above the sphere; an offset that is the sphere's radius is
+    no term of height.
+    """
+    scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
+    unit = (dataset.units[0] or "").strip().lower()
+    metres = 1000.0 if unit in ("km", "kilometer", "kilometers", "kilometre", "kilometres") else 1.0
+    if abs(offset * 1000.0 - MOON_RADIUS_M) < 0.5:
+        metres, offset = 1000.0, 0.0
+    elif abs(offset * metres - MOON_RADIUS_M) < 0.5:
+        offset = 0.0
+    if dataset.dtypes[0] == "uint8" and scale == 1.0 and offset == 0.0:
+        raise DemError(f"{path}: 8-bit samples are an image, not heights")
+    return scale * metres, offset * metres

@@ -1,0 +1,300 @@
+"""Whether a DEM file is what its label says: sizes, extremes, sums, bounds, and heights that can be on the Moon.
+
+Every problem is one line that says what is wrong and what to do. Two things are not judged here: where the map lies on the
+ground, and whether the heights are good.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import LcpError
+from ..pds.pds3 import Label
+from ..pds.pds4 import product_label
+from .dem import Dem
+from .grid import Grid
+from .pixel_survey import POSSIBLE_M, Extreme, PixelSurvey, survey_pixels
+from .products import facts_of
+
+_AGAIN = "fetch both again"
+_APART_M, _REPEATED = 1000.0, 3
+"""An extreme value in so many pixels, so far from all others, is a sign for missing data and no ground."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one file: ``problems`` make it unfit, ``notes`` are worth knowing."""
+
+    path: str
+    product: str | None  # None when the file cannot be opened
+    problems: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        return not self.problems
+
+
+def check_dem(path: Path | str) -> Verdict:
+    """Open the file, read all its pixels once in strips, and hold them against the label.
+
+    Never raises for what is wrong with the file: that is the answer.
+    """
+    try:
+        dem = Dem.open(path)
+        label = _label_of(Path(path))
+    except (LcpError, OSError) as error:
+        return Verdict(str(path), None, (_line(error),))
+    problems, notes = _sizes(dem, label), _names(dem, label)
+    try:
+        survey = survey_pixels(dem.raster)
+    except (LcpError, OSError) as error:
+        return Verdict(str(path), dem.product, (*problems, _line(error)), tuple(notes))
+    problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
+    notes += _stripes(survey)
+    if label is not None:
+        wrong = [*_extremes(dem, label, survey), *_sums(dem, label, survey), *_map(dem, label)]
+        problems += [f"{label.path}: {text}" for text in wrong]
+    return Verdict(str(path), dem.product, tuple(problems), tuple(notes))
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+def _label_of(path: Path) -> Label | None:
+    """The product's label; of a GeoTIFF the one beside it that names it."""
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        return product_label(path)
+    for beside in sorted(path.parent.iterdir()):
+        if beside.name.lower() == f"{path.stem.lower()}.lbl":
+            label = Label.read(beside)
+            return label if label.image_name.lower() == path.name.lower() else None
+    return None
+
+
+def _is_geotiff(dem: Dem) -> bool:
+    return dem.path.suffix.lower() in (".tif", ".tiff")
+
+
+def _sizes(dem: Dem, label: Label | None) -> list[str]:
+    """The label's sizes; an image that is too short or too long was refused when it was opened."""
+    if label is None:
+        return []
+    if _is_geotiff(dem):
+        said, there = (label.lines, label.line_samples), (dem.grid.height, dem.grid.width)
+        text = f"has {there[0]} x {there[1]} pixels where its label {label.path.name} says {said[0]} x {said[1]}"
+        return [] if said == there else [f"{dem.path}: {text}; {_AGAIN}"]
+    if label.compressed:
+        return []
+    stated = label.claims.file_bytes
+    if stated is not None and stated < label.image_bytes:
+        return [
+            f"{label.path}: states a file of {stated} bytes, which cannot hold "
+            f"{label.lines} x {label.line_samples} samples ({label.image_bytes} bytes); fetch the label again"
+        ]
+    return []
+
+
+def _names(dem: Dem, label: Label | None) -> list[str]:
+    notes = []
+    if facts_of(dem.product).family == "unknown":
+        notes.append(
+            "the product is none that is known here: nothing is said of its accuracy or where to use it"
+        )
+    if label is not None and label.image_name and label.image_name.lower() != dem.path.name.lower():
+        notes.append(
+            f"the label calls its image {label.image_name}, the file is called {dem.path.name}"
+        )
+    return notes
+
+
+def _heights(dem: Dem, survey: PixelSurvey) -> list[str]:
+    """Problems of the pixels alone."""
+    if survey.lowest is None or survey.highest is None:
+        return ["every pixel is missing; fetch the file again"]
+    if survey.looks_swapped:
+        return [
+            "its bytes make ground only when they are swapped: the label's SAMPLE_TYPE is wrong, or the "
+            "image was converted; take LSB for MSB (or MSB for LSB) in the label, or fetch the image again"
+        ]
+    if survey.lowest.value == survey.highest.value and survey.zero_rows == dem.grid.height:
+        return ["every pixel is zero: a download that was never filled; fetch the file again"]
+    signs = [extreme for extreme in (survey.lowest, survey.highest) if _is_a_sign(dem, extreme)]
+    problems = [
+        f"the value {extreme.value:g} stands in {extreme.count} pixels ({extreme.count / survey.pixels:.2%}), "
+        f"{_apart(dem, extreme)}, and is not declared as missing; declare it (MISSING_CONSTANT in the label, nodata in a GeoTIFF)"
+        for extreme in signs
+    ]
+    explained = sum(e.count for e in signs if abs(_metres(dem, e.value)) > POSSIBLE_M)
+    if survey.impossible_at is not None and survey.impossible > explained:
+        row, column, height = survey.impossible_at
+        problems.append(
+            f"{survey.impossible} heights lie beyond {POSSIBLE_M:.0f} m, the first at row {row}, column {column} "
+            f"({height:g} m): its scale or unit is wrong, or the file is damaged"
+        )
+    return problems
+
+
+def _metres(dem: Dem, sample: float) -> float:
+    return sample * dem.raster.scale_m + dem.raster.offset_m
+
+
+def _is_a_sign(dem: Dem, extreme: Extreme) -> bool:
+    """Not ground but a sign for missing data: far from all other values, and repeated or impossible."""
+    far = extreme.gap * dem.raster.scale_m >= _APART_M and math.isfinite(extreme.gap)
+    return far and (extreme.count >= _REPEATED or abs(_metres(dem, extreme.value)) > POSSIBLE_M)
+
+
+def _apart(dem: Dem, extreme: Extreme) -> str:
+    return f"{extreme.gap * dem.raster.scale_m:.0f} m away from all others"
+
+
+def _stripes(survey: PixelSurvey) -> list[str]:
+    stripes = [
+        f"{n} {what}"
+        for n, what in ((survey.zero_rows, "rows"), (survey.zero_columns, "columns"))
+        if n
+    ]
+    notes = (
+        [f"{' and '.join(stripes)} hold nothing but zero: perhaps undeclared missing data"]
+        if stripes
+        else []
+    )
+    if survey.lowest is not None and survey.lowest == survey.highest and not stripes:
+        notes.append(f"all pixels hold the one value {survey.lowest.value:g}")
+    return notes
+
+
+def _extremes(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
+    """MINIMUM and MAXIMUM against the pixels, as samples or as metres (the archive writes samples).
+
+    One step is allowed: LDEM_4's own label is one count away from its pixels; a real number is rounded to 1 m. A JP2 is
+    lossy by a count more.
+    """
+    problems = []
+    step = 2.0 if label.compressed else 1.0
+    if dem.raster.raw_dtype is not None and np.dtype(dem.raster.raw_dtype).kind == "f":
+        step = 1.0 / dem.raster.scale_m
+    for key, said, found in (
+        ("MINIMUM", label.claims.minimum, survey.lowest),
+        ("MAXIMUM", label.claims.maximum, survey.highest),
+    ):
+        if said is None or found is None:
+            continue
+        as_samples, as_metres = (
+            abs(said - found.value),
+            abs(said / dem.raster.scale_m - found.value),
+        )
+        if min(as_samples, as_metres) > step * 1.001:
+            problems.append(
+                f"states {key} {said:g} where the pixels of {dem.path.name} have {found.value:g}; {_AGAIN}"
+            )
+    return problems
+
+
+def _sums(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
+    """MD5 of the image (of the pixels alone where the label is in front of them), and the sum of its samples."""
+    problems, claims = [], label.claims
+    if claims.md5 is not None:
+        digest = _md5(dem.path, label.image_offset_bytes if label.image_name == "" else 0)
+        if digest != claims.md5:
+            problems.append(
+                f"states the MD5 sum {claims.md5}, {dem.path.name} has {digest}; {_AGAIN}"
+            )
+    there = survey.sample_sum
+    if claims.checksum is not None and there is not None and claims.checksum % 2**32 != there:
+        problems.append(
+            f"states the CHECKSUM {claims.checksum}, the samples add up to {there}; {_AGAIN}"
+        )
+    return problems
+
+
+def _md5(path: Path, start: int) -> str:
+    digest = hashlib.md5(usedforsecurity=False)
+    with path.open("rb") as file:
+        file.seek(start)
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _map(dem: Dem, label: Label) -> list[str]:
+    """The label's bounds against its offsets and sizes, and against the GeoTIFF that it describes."""
+    grid = Grid.from_label(label)
+    wrong = _polar_bounds(grid, label) if grid.pole else _cylinder_bounds(grid, label)
+    problems = [
+        f"{text}: its offsets or its bounds are wrong; fetch the label again" for text in wrong
+    ]
+    if _is_geotiff(dem):
+        column, row = dem.grid.pixel(*grid.lonlat(0.0, 0.0))
+        away = math.hypot(float(column), float(row))
+        if (
+            grid.pole != dem.grid.pole
+            or not away <= 1.0
+            or abs(grid.pixel_m / dem.grid.pixel_m - 1.0) > 1e-4
+        ):
+            problems.append(
+                f"puts the north-west pixel {away:.1f} pixels away from where {dem.path.name} has it; {_AGAIN}"
+            )
+    return problems
+
+
+def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
+    """North and west were compared when the label was read."""
+    box, claims = grid.bounds, label.claims
+    pixel_deg = (box.north - box.south) / grid.height
+    wrong = []
+    if claims.south_deg is not None and abs(claims.south_deg - box.south) > 1.5 * pixel_deg:
+        wrong.append(
+            f"states MINIMUM_LATITUDE {claims.south_deg:g}, its last line ends at {box.south:.6g}"
+        )
+    if claims.east_deg is not None:
+        away = abs((claims.east_deg - box.east + 180.0) % 360.0 - 180.0)
+        if away > 1.5 * (box.east - box.west) / grid.width:
+            wrong.append(
+                f"states EASTERNMOST_LONGITUDE {claims.east_deg:g}, its last column ends at {box.east:.6g}"
+            )
+    return wrong
+
+
+def _polar_bounds(grid: Grid, label: Label) -> list[str]:
+    """The archive's labels give the latitude in the middle of an edge: it lies between the nearest edge and the
+    farthest corner; and a pole that is stated to be there must be.
+    """
+    column, row = np.meshgrid(
+        np.linspace(-0.5, grid.width - 0.5, 65), np.linspace(-0.5, grid.height - 0.5, 65)
+    )
+    edge = np.ones(column.shape, dtype=bool)
+    edge[1:-1, 1:-1] = False
+    away = 90.0 - grid.pole * grid.lonlat(column, row)[1]
+    claims = label.claims
+    inner, outer = (
+        (claims.south_deg, claims.north_deg)
+        if grid.pole < 0
+        else (claims.north_deg, claims.south_deg)
+    )
+    slack = 0.02 * float(away.max()) + 1e-3
+    wrong = []
+    has_pole = (
+        0.0 <= -grid.x0_m / grid.pixel_m + 0.5 <= grid.width
+        and 0.0 <= grid.y0_m / grid.pixel_m + 0.5 <= grid.height
+    )
+    if inner is not None and abs(inner) == 90.0 and not has_pole:
+        wrong.append(f"states latitude {inner:g}, but the pole lies outside its lines and samples")
+    if outer is not None:
+        said = 90.0 - grid.pole * outer
+        if not away[edge].min() - slack <= said <= away.max() + slack:
+            reach = (
+                grid.pole * (90.0 - float(away[edge].min())),
+                grid.pole * (90.0 - float(away.max())),
+            )
+            wrong.append(
+                f"states latitude {outer:g} for its edge, which lies between {reach[0]:.6g} and {reach[1]:.6g}"
+            )
+    return wrong

@@ -1,0 +1,304 @@
+"""The grid of a DEM product: longitude and latitude to fractional pixels and back, in closed form
+on the sphere.
+
+Pixel centres are at whole numbers, row 0 is north. The forms are those of Snyder (1987):
+equirectangular p. 90, polar
+stereographic on the sphere p. 157; tests hold them against PROJ. Codes of the authorities are
+unreliable for the Moon, so a
+CRS is read by its method, radius, origin and units.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..errors import LabelError
+from ..pds.pds3 import Label
+from .crs import Crs, Projection
+
+Array = NDArray[np.float64]
+
+EDGE_PX = 1e-6
+"""A place this far outside the outermost pixel lies on its edge, but for the last bits."""
+
+_DEGREE_M = math.radians(1.0) * MOON_RADIUS_M
+
+
+class Bounds(NamedTuple):
+    """Degrees; ``east`` is greater than ``west`` and may pass 180 or 360 when the antimeridian or
+    the prime meridian is crossed.
+    """
+
+    west: float
+    south: float
+    east: float
+    north: float
+
+    def __str__(self) -> str:
+        lon, lat = f"{self.west:.6g}..{self.east:.6g}", f"{self.south:.6g}..{self.north:.6g}"
+        return f"longitude {lon}, latitude {lat}"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Pixels of one product on the sphere of 1 737 400 m.
+
+    ``x0_m``, ``y0_m`` are the map coordinates of the centre of pixel (0, 0) relative to the
+    projection's origin: the
+    equator at ``center_lon_deg`` (cylinder), or the pole. ``true_lat_deg`` is the latitude of true
+    scale; at a pole its sign
+    says which pole, +-90 meaning true at the pole itself.
+    """
+
+    projection: Projection
+    width: int
+    height: int
+    pixel_m: float
+    x0_m: float
+    y0_m: float
+    center_lon_deg: float = 0.0
+    true_lat_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1 or not 0.0 < self.pixel_m < math.inf:
+            raise LabelError(
+                f"a grid of {self.width} x {self.height} pixels of {self.pixel_m:g} m is none"
+            )
+        if not (
+            math.isfinite(self.x0_m)
+            and math.isfinite(self.y0_m)
+            and math.isfinite(self.center_lon_deg)
+        ):
+            raise LabelError("the grid's origin is not a finite number")
+        if self.projection == "polar-stereographic" and self.true_lat_deg == 0.0:
+            raise LabelError("a polar grid needs a latitude of true scale other than the equator")
+        if self.projection == "equirectangular" and abs(self.true_lat_deg) >= 90.0:
+            raise LabelError("a cylinder cannot be true to scale at a pole")
+
+    @classmethod
+    def from_label(cls, label: Label) -> Grid:
+        """The grid that a PDS3 label describes."""
+        polar = label.projection == "polar-stereographic"
+        return cls(
+            projection="polar-stereographic" if polar else "equirectangular",
+            width=label.line_samples,
+            height=label.lines,
+            pixel_m=label.pixel_m,
+            x0_m=-label.sample_offset * label.pixel_m,
+            y0_m=label.line_offset * label.pixel_m,
+            center_lon_deg=label.center_lon_deg,
+            true_lat_deg=label.center_lat_deg,
+        )
+
+    @classmethod
+    def from_wkt(cls, wkt: str, affine: tuple[float, ...], width: int, height: int) -> Grid:
+        """The grid of a raster with a CRS and an affine transform (a, b, c, d, e, f) of pixel
+        corners.
+
+        ``LabelError`` says what is not supported: another body or radius, a rotated or sheared
+        grid, an oblique projection.
+        """
+        a, b, c, d, e, f = affine[:6]
+        if b != 0.0 or d != 0.0:
+            raise LabelError(
+                "a rotated or sheared grid is not supported; warp it to north-up first"
+            )
+        if not (a > 0.0 > e) or abs(a + e) > 1e-6 * a:
+            raise LabelError(f"square pixels with north up are wanted, not {a:g} x {e:g}")
+        crs = Crs(wkt)
+        unit = crs.unit_m
+        x0, y0 = (c + 0.5 * a) * unit - crs.false_m[0], (f + 0.5 * e) * unit - crs.false_m[1]
+        return cls(
+            crs.projection, width, height, a * unit, x0, y0, crs.center_lon_deg, crs.true_lat_deg
+        )
+
+    @property
+    def pole(self) -> int:
+        """+1 or -1 of a polar grid, 0 of a cylinder."""
+        return (
+            0
+            if self.projection == "equirectangular"
+            else int(math.copysign(1.0, self.true_lat_deg))
+        )
+
+    @property
+    def period(self) -> int:
+        """Pixels around the Moon of a cylinder that has a whole number of them, else 0."""
+        if self.pole:
+            return 0
+        exact = 360.0 * self._ring_m / self.pixel_m
+        whole = round(exact)
+        return whole if whole > 0 and abs(exact - whole) < 0.01 else 0
+
+    @property
+    def wraps(self) -> bool:
+        """True when the grid goes all the way around the Moon."""
+        return 0 < self.period <= self.width
+
+    @property
+    def _ring_m(self) -> float:
+        """Metres of the map in a degree of longitude (cylinder)."""
+        return _DEGREE_M * math.cos(math.radians(self.true_lat_deg))
+
+    @property
+    def _rho_m(self) -> float:
+        """Factor of tan(colatitude / 2) in the radius of a polar map."""
+        return MOON_RADIUS_M * (1.0 + math.sin(math.radians(abs(self.true_lat_deg))))
+
+    def pixel(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
+        """Fractional (column, row) of places; whole numbers are pixel centres.
+
+        On a cylinder the column lies within one turn east of the grid's west edge (less 1e-6
+        pixel). The other pole of a polar grid is
+        infinitely far away.
+        """
+        lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        if self.pole:
+            return self._polar_pixel(lon, lat)
+        turn = 360.0 * self._ring_m / self.pixel_m
+        column = ((lon - self.center_lon_deg) * self._ring_m - self.x0_m) / self.pixel_m
+        column = (column + 0.5 + EDGE_PX) % turn - 0.5 - EDGE_PX
+        row = (self.y0_m - lat * _DEGREE_M) / self.pixel_m
+        return np.broadcast_to(column, np.broadcast_shapes(column.shape, row.shape)), row
+
+    def _polar_pixel(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        away = np.radians(lon - self.center_lon_deg)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            rho = self._rho_m * np.tan(np.radians(90.0 - self.pole * lat) / 2.0)
+            column = (rho * np.sin(away) - self.x0_m) / self.pixel_m
+            row = (self.y0_m + self.pole * rho * np.cos(away)) / self.pixel_m
+        return column, row
+
+    def lonlat(self, column: ArrayLike, row: ArrayLike) -> tuple[Array, Array]:
+        """Longitude (0..360) and latitude, degrees, of fractional pixels; latitudes beyond a pole
+        come out beyond +-90.
+        """
+        x = self.x0_m + np.asarray(column, dtype=np.float64) * self.pixel_m
+        y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
+        if self.pole:
+            lat = self.pole * (90.0 - 2.0 * np.degrees(np.arctan2(np.hypot(x, y), self._rho_m)))
+            lon = self.center_lon_deg + np.degrees(np.arctan2(x, -self.pole * y))
+        else:
+            lat, lon = y / _DEGREE_M, self.center_lon_deg + x / self._ring_m
+        lon = lon % 360.0
+        return np.where(lon >= 360.0, 0.0, lon), lat
+
+    def cell_weight(self, column: ArrayLike, row: ArrayLike) -> Array:
+        """Ground area of pixels relative to a pixel at true scale (a cylinder's: at the equator);
+        broadcasts its arguments.
+
+        A polar map is 2 R / (k (1 + t^2)) long on the ground for its own length 1, where t is the
+        tangent of half the colatitude, x^2 + y^2 = (k t)^2 (Snyder 1987, p. 157).
+        """
+        y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
+        if self.pole:
+            x = self.x0_m + np.asarray(column, dtype=np.float64) * self.pixel_m
+            length = 2.0 * MOON_RADIUS_M / (self._rho_m * (1.0 + (x * x + y * y) / self._rho_m**2))
+            return np.asarray(length * length)
+        weight = np.cos(np.clip(y / MOON_RADIUS_M, -math.pi / 2, math.pi / 2)) + 0.0 * np.asarray(
+            column
+        )
+        return np.maximum(
+            weight, 1e-9
+        )  # beyond a pole there is no ground, and no division by zero either
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box of longitudes and latitudes that encloses all pixels to their outer edges."""
+        right, bottom = self.width - 0.5, self.height - 0.5
+        if not self.pole:
+            west = self.center_lon_deg + (self.x0_m - 0.5 * self.pixel_m) / self._ring_m
+            east = west + min(360.0, self.width * self.pixel_m / self._ring_m)
+            turns = (
+                360.0 * math.floor((west + 180.0 + 1e-9) / 360.0)
+                if not -180.0 <= west <= 360.0
+                else 0.0
+            )
+            _, (south, north) = self.lonlat(np.zeros(2), np.array([bottom, -0.5]))
+            return Bounds(
+                *map(_tidy, (west - turns, max(south, -90.0), east - turns, min(north, 90.0)))
+            )
+        along = np.linspace(0.0, 1.0, 65)
+        column = np.concatenate(
+            [
+                -0.5 + along * self.width,
+                np.full(65, right),
+                -0.5 + along * self.width,
+                np.full(65, -0.5),
+            ]
+        )
+        row = np.concatenate(
+            [
+                np.full(65, -0.5),
+                -0.5 + along * self.height,
+                np.full(65, bottom),
+                -0.5 + along * self.height,
+            ]
+        )
+        lon, lat = self.lonlat(column, row)
+        pole_column, pole_row = -self.x0_m / self.pixel_m, self.y0_m / self.pixel_m
+        if -0.5 <= pole_column <= right and -0.5 <= pole_row <= bottom:
+            low, high = (float(lat.min()), 90.0) if self.pole > 0 else (-90.0, float(lat.max()))
+            return Bounds(0.0, low, 360.0, high)
+        west, east = enclosing_arc(list(zip(lon, lon, strict=True)))
+        return Bounds(west, float(lat.min()), east, float(lat.max()))
+
+    def same_lattice(self, other: Grid) -> tuple[int, int] | None:
+        """(columns, rows) from this grid's pixel (0, 0) to the other's when both cut one endless
+        lattice, else None.
+        """
+        mine = dataclasses.replace(self, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0)
+        if mine != dataclasses.replace(
+            other, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0
+        ):
+            return None
+        if self.pole and self.center_lon_deg != other.center_lon_deg:
+            return None
+        turn = 0.0 if self.pole else (other.center_lon_deg - self.center_lon_deg) * self._ring_m
+        columns = (other.x0_m + turn - self.x0_m) / self.pixel_m
+        rows = (self.y0_m - other.y0_m) / self.pixel_m
+        if abs(columns - round(columns)) > 1e-3 or abs(rows - round(rows)) > 1e-3:
+            return None
+        return round(columns), round(rows)
+
+
+def enclosing_arc(arcs: list[tuple[float, float]]) -> tuple[float, float]:
+    """The shortest arc of longitudes (west, east >= west) that holds all of the given ones,
+    degrees.
+    """
+    if any(east - west >= 360.0 - 1e-9 for west, east in arcs):
+        return next((west, west + 360.0) for west, east in arcs if east - west >= 360.0 - 1e-9)
+    starts = sorted((west % 360.0, west % 360.0 + (east - west)) for west, east in arcs)
+    merged = [list(starts[0])]
+    for west, east in starts[1:]:
+        if west <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], east)
+        else:
+            merged.append([west, east])
+    gaps = [
+        (
+            merged[(i + 1) % len(merged)][0]
+            + (360.0 if i + 1 == len(merged) else 0.0)
+            - merged[i][1],
+            i,
+        )
+        for i in range(len(merged))
+    ]
+    gap, last = max(gaps)
+    west = merged[(last + 1) % len(merged)][0]
+    if gap <= 1e-9:
+        return west, west + 360.0
+    west = west - 360.0 if last + 1 < len(merged) and west >= 180.0 + 1e-9 else west
+    return west, west + 360.0 - gap
+
+
+def _tidy(value: float) -> float:
+    """Without the last bits, so that an edge at 30 deg is called 30."""
+    return round(value, 10) + 0.0

@@ -1,0 +1,323 @@
+"""Many DEM files as one: which product answers where, seams between them, heights above the sphere of 1 737 400 m.
+
+At every place the products are ranked: first the one whose latitudes of use (`products`) hold the place, then by finer pixel,
+then as given. Where two of them meet, heights are mixed by a smooth weight over a band (`seams`): centred on a latitude at which
+the ranking changes, inside the outer edge of a product that has another one beneath, and over a few pixels around its holes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..atomic_files import file_facts
+from ..constants import MOON_RADIUS_M
+from ..errors import AreaError, DemError
+from .blending import BAND_PX, BAND_SHARE, smoothstep
+from .dem import Dem
+from .grid import Bounds, enclosing_arc
+from .products import is_called
+from .tiles import Layer
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int16]
+Mask = NDArray[np.bool_]
+
+_DEGREE_M = np.radians(1.0) * MOON_RADIUS_M
+_SEAM_MAX_DEG = 1.0
+"""No seam between latitudes is wider."""
+
+
+class Zone(NamedTuple):
+    """Absolute latitudes, degrees, of one ranking, and the layers in its order; ``seam_deg``: width of the seam at its north."""
+
+    low: float
+    high: float
+    order: tuple[int, ...]
+    seam_deg: float
+
+
+@dataclass(frozen=True)
+class DemSet:
+    """Several files as one DEM. ``order``: products (by name, family or file name) that come before all others, everywhere;
+    ``cell_m``: instead of any other ranking, the coarsest product comes first whose pixels are not wider, metres.
+    """
+
+    dems: tuple[Dem, ...]
+    order: tuple[str, ...] = ()
+    cell_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.dems:
+            raise DemError("no DEM was given")
+        for name in self.order:
+            if not any(_is_meant(dem, name) for dem in self.dems):
+                given = ", ".join(dict.fromkeys(self.products))
+                raise DemError(
+                    f"--product-order: no given DEM is called {name}; there are {given} "
+                    "(families and file names do as well)"
+                )
+
+    @classmethod
+    def open(cls, paths: Sequence[Path | str], order: Sequence[str] | None = None) -> DemSet:
+        """Open every file; the first that cannot be opened ends it with its own error. No pixel is read."""
+        return cls(tuple(Dem.open(path) for path in paths), tuple(order or ()))
+
+    def for_cells(self, cell_m: float) -> DemSet:
+        """The same files for terrain far away, seen on cells of a width: of products that are as fine, the coarsest is enough,
+        and the least to read.
+        """
+        return replace(self, cell_m=cell_m)
+
+    @property
+    def products(self) -> tuple[str, ...]:
+        """Product name of each DEM, by index."""
+        return tuple(dem.product for dem in self.dems)
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """The box that holds all of them."""
+        boxes = [dem.grid.bounds for dem in self.dems]
+        if len(boxes) == 1:
+            return boxes[0]
+        west, east = enclosing_arc([(box.west, box.east) for box in boxes])
+        return Bounds(west, min(b.south for b in boxes), east, max(b.north for b in boxes))
+
+    # -- who answers where
+
+    @cached_property
+    def _members(self) -> tuple[tuple[int, ...], ...]:
+        """Indices of the files of each layer: those of one product that cut one lattice."""
+        found: list[list[int]] = []
+        for number, dem in enumerate(self.dems):
+            for layer in found:
+                first = self.dems[layer[0]]
+                if first.product == dem.product and first.grid.same_lattice(dem.grid) is not None:
+                    layer.append(number)
+                    break
+            else:
+                found.append([number])
+        return tuple(tuple(layer) for layer in found)
+
+    @cached_property
+    def layers(self) -> tuple[Layer[Dem], ...]:
+        """The files of one product on one lattice as one, in the order of their first file."""
+        return tuple(Layer(tuple(self.dems[i] for i in members)) for members in self._members)
+
+    @cached_property
+    def zones(self) -> tuple[Zone, ...]:
+        """The rankings from the equator to the poles; neighbours differ."""
+        spans = [dem.abs_latitude_use for dem in self.dems]
+        cuts = sorted({0.0, 90.0} | {lat for span in spans if span for lat in span})
+        zones: list[Zone] = []
+        for low, high in itertools.pairwise(cuts):
+            order = self._ranking((low + high) / 2.0)
+            if zones and zones[-1].order == order:
+                zones[-1] = zones[-1]._replace(high=high)
+                continue
+            if zones:
+                zones[-1] = zones[-1]._replace(seam_deg=self._seam_deg(zones[-1].order, order))
+            zones.append(Zone(low, high, order, 0.0))
+        return tuple(zones)
+
+    def _ranking(self, abs_lat_deg: float) -> tuple[int, ...]:
+        """Layers by rank at an absolute latitude inside a zone."""
+
+        def rank(layer: int) -> tuple[int, bool, float, int]:
+            dem, members = self.layers[layer].dems[0], self._members[layer]
+            if self.cell_m is not None:
+                fine = dem.gsd_m <= self.cell_m
+                return 0, not fine, -dem.gsd_m if fine else dem.gsd_m, members[0]
+            named = [
+                place
+                for place, name in enumerate(self.order)
+                if any(_is_meant(self.dems[i], name) for i in members)
+            ]
+            span = dem.abs_latitude_use
+            used = span is not None and span[0] <= abs_lat_deg <= span[1]
+            return min(named, default=len(self.order)), not used, dem.gsd_m, members[0]
+
+        return tuple(sorted(range(len(self.layers)), key=rank))
+
+    def _seam_deg(self, one: tuple[int, ...], other: tuple[int, ...]) -> float:
+        """Width of the seam between two rankings: by the coarsest layer that changes its rank."""
+        pixel_m = max(
+            max(self.layers[a].pixel_m, self.layers[b].pixel_m)
+            for a, b in zip(one, other, strict=True)
+            if a != b
+        )
+        return float(min(BAND_PX * pixel_m / _DEGREE_M, _SEAM_MAX_DEG))
+
+    @cached_property
+    def bands_m(self) -> tuple[float, ...]:
+        """Width of the seam at each layer's outer edge, metres: by the coarser of it and the next coarser one that it overlaps
+        (by the boxes), at most a share of its smaller side."""
+        found = []
+        for layer in self.layers:
+            below = [
+                other.pixel_m
+                for other in self.layers
+                if other is not layer
+                and other.pixel_m >= layer.pixel_m
+                and _boxes_overlap(layer, other)
+            ]
+            wanted = BAND_PX * min(below, default=layer.pixel_m)
+            found.append(min(wanted, BAND_SHARE * layer.smaller_side_m))
+        return tuple(found)
+
+    def candidates_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Mask:
+        """Whether each file's footprint holds each place, (files, n); geometry only, no pixel is read."""
+        lon, lat = _flat(lon_deg, lat_deg)
+        out = np.zeros((len(self.dems), lon.size), np.bool_)
+        for members, layer in zip(self._members, self.layers, strict=True):
+            out[list(members)] = layer.holds(lon, lat)
+        return out
+
+    def product_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Indices:
+        """Index (n,) of the first-ranked file whose footprint holds each place, -1 for none; geometry only, no pixel is read."""
+        lon, lat = _flat(lon_deg, lat_deg)
+        held, away = self.candidates_at(lon, lat), np.abs(lat)
+        index = np.full(lon.size, -1, np.int16)
+        for number, zone in enumerate(self.zones):
+            last = number == len(self.zones) - 1
+            here = (away >= zone.low) & (away <= zone.high if last else away < zone.high)
+            for layer in zone.order:
+                for file in self._members[layer]:
+                    index[here & held[file] & (index < 0)] = file
+        return index
+
+    def native_gsd_m(self, lon_deg: float, lat_deg: float) -> float:
+        """Pixel size of the DEM that answers at a place; ``AreaError`` when none has a height there."""
+        finest = min(dem.gsd_m for dem in self.dems)
+        _, index = self.heights([lon_deg], [lat_deg], finest)
+        if index[0] >= 0:
+            return self.dems[int(index[0])].gsd_m
+        raise AreaError(
+            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM "
+            f"covers {self.bounds}"
+        )
+
+    # -- heights
+
+    def heights(
+        self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float
+    ) -> tuple[Array, Indices]:
+        """Heights above the sphere, metres (NaN: none), and the index of the DEM with the greatest weight in each (-1: none).
+
+        Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's pixel or more, its pixels
+        are averaged in blocks first (``Dem.factor``), and along the parallel where a cylinder's pixels are narrow
+        (``layers.row_lengths``). A place's height does not depend on what else is asked.
+        """
+        shape = np.broadcast_shapes(np.shape(lon_deg), np.shape(lat_deg))
+        lon, lat = _flat(lon_deg, lat_deg)
+        if len(self.layers) == 1:
+            height, index, _ = self.layers[0].sample(lon, lat, gsd_m)
+            return height.reshape(shape), index.reshape(shape)
+        height, index = np.full(lon.size, np.nan), np.full(lon.size, -1, np.int16)
+        shares = self._zone_shares(np.abs(lat))
+        for zone, share in zip(self.zones, shares, strict=True):
+            if share.all() and share.min(initial=1.0) == 1.0:
+                height, index, _ = self._blend(zone.order, lon, lat, gsd_m)
+            elif (pure := np.flatnonzero(share == 1.0)).size:
+                height[pure], index[pure], _ = self._blend(zone.order, lon[pure], lat[pure], gsd_m)
+        mixed = np.flatnonzero(((shares > 0.0) & (shares < 1.0)).any(axis=0))
+        if mixed.size:
+            height[mixed], index[mixed] = self._mix(shares[:, mixed], lon[mixed], lat[mixed], gsd_m)
+        return height.reshape(shape), index.reshape(shape)
+
+    def _zone_shares(self, away_deg: Array) -> Array:
+        """Share of each zone's ranking at absolute latitudes, (zones, n); they sum to 1."""
+        shares = np.ones((len(self.zones), away_deg.size))
+        for number, zone in enumerate(self.zones[:-1]):
+            beyond = smoothstep((away_deg - zone.high) / zone.seam_deg + 0.5)
+            shares[number] *= 1.0 - beyond
+            shares[number + 1] *= beyond
+        return shares
+
+    def _mix(self, shares: Array, lon: Array, lat: Array, gsd_m: float) -> tuple[Array, Indices]:
+        """Places at a latitude where the ranking changes: both rankings' heights by their shares."""
+        height, weights = np.zeros(lon.size), np.zeros((len(self.dems), lon.size))
+        for zone, share in zip(self.zones, shares, strict=True):
+            here = np.flatnonzero(share > 0.0)
+            if not here.size:
+                continue
+            found, _, parts = self._blend(zone.order, lon[here], lat[here], gsd_m, True)
+            height[here] += share[here] * found
+            assert parts is not None
+            weights[:, here] += share[here] * parts
+        best = weights.argmax(axis=0).astype(np.int16)
+        return height, np.where(np.isnan(height), np.int16(-1), best)
+
+    def _blend(
+        self, order: tuple[int, ...], lon: Array, lat: Array, gsd_m: float, parted: bool = False
+    ) -> tuple[Array, Indices, Array | None]:
+        """Heights in one ranking: each layer takes its weight of what those before have left. ``parted``: also each file's share
+        of the height, (files, n).
+        """
+        count = lon.size
+        left, total, sum_of_weights = np.ones(count), np.zeros(count), np.zeros(count)
+        best, index = np.zeros(count), np.full(count, -1, np.int16)
+        parts = np.zeros((len(self.dems), count)) if parted else None
+        todo: NDArray[np.intp] | slice = slice(None)
+        for number in order:
+            found = self.layers[number].sample(lon[todo], lat[todo], gsd_m, self.bands_m[number])
+            if found.weight is None and isinstance(todo, slice) and parts is None:
+                return found.height, np.array(self._members[number], np.int16)[found.tile], None
+            weight = left[todo] if found.weight is None else left[todo] * found.weight
+            files = np.array([*self._members[number], -1], np.int16)[found.tile]
+            total[todo] += np.where(files >= 0, weight * found.height, 0.0)
+            sum_of_weights[todo] += weight
+            index[todo] = np.where(weight > best[todo], files, index[todo])
+            best[todo] = np.maximum(weight, best[todo])
+            if parts is not None:
+                parts[files, np.arange(count)[todo]] += weight  # of no file: weight 0
+            left[todo] -= weight
+            todo = np.flatnonzero(left > 0.0)
+            if not todo.size:
+                break
+        with np.errstate(invalid="ignore"):
+            height = total / sum_of_weights
+            parts = None if parts is None else np.nan_to_num(parts / sum_of_weights)
+        return height, index, parts
+
+    def sources(self) -> list[dict[str, Any]]:
+        """Name, size and SHA-256 of every file that heights come from, labels included; no folders,
+        in the given order.
+        """
+        return file_facts(dict.fromkeys(path for dem in self.dems for path in dem.files))
+
+
+def height_at(dem: Dem, lon_deg: float, lat_deg: float) -> float | None:
+    """Height at a place, metres, from one product's own pixels, never their means; None where it has none."""
+    height, _ = DemSet((dem,)).heights(lon_deg, lat_deg, 0.0)
+    return None if np.isnan(height) else round(float(height), 6)
+
+
+def _flat(lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
+    lon, lat = np.broadcast_arrays(
+        np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+    )
+    return lon.ravel(), lat.ravel()
+
+
+def _is_meant(dem: Dem, name: str) -> bool:
+    """Whether ``name`` is a DEM's product, its family or one of its files, with or without the ending."""
+    files = {text.upper() for path in (dem.path, *dem.files) for text in (path.name, path.stem)}
+    return is_called(dem.product, name) or name.upper() in files
+
+
+def _boxes_overlap(one: Layer[Dem], other: Layer[Dem]) -> bool:
+    return any(_overlap(a.grid.bounds, b.grid.bounds) for a in one.dems for b in other.dems)
+
+
+def _overlap(a: Bounds, b: Bounds) -> bool:
+    apart = (b.west - a.west) % 360.0
+    along = apart <= a.east - a.west or 360.0 - apart <= b.east - b.west
+    return along and a.south <= b.north and b.south <= a.north

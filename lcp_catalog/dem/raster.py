@@ -1,0 +1,151 @@
+"""Pixels of a DEM file as heights in metres: windows only, NaN where the file has nothing.
+
+Uncompressed PDS images are mapped straight from the label's description; GeoTIFF and JPEG 2000 are
+read by GDAL. Open files
+belong to a process and a thread and are found again by path, so that a ``Raster`` can be pickled
+and sent to a worker.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import warnings
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.windows import Window
+
+from ..errors import DemError
+
+Heights = NDArray[np.float32]
+
+HEIGHT_LIMIT_M = 20_000.0
+"""No ground of the Moon lies further from the sphere (lowest -9.1 km, highest 10.8 km): beyond it
+the samples are no heights.
+"""
+
+_OPEN_FILES = 16
+_local = threading.local()
+
+
+@dataclass(frozen=True)
+class Raster:
+    """One band of heights: ``height_m = sample * scale_m + offset_m`` where the sample is none of
+    ``missing``.
+    """
+
+    path: Path
+    width: int
+    height: int
+    scale_m: float = 1.0
+    offset_m: float = 0.0
+    missing: tuple[float, ...] = ()
+    raw_dtype: str | None = None  # None: read by GDAL
+    raw_offset_bytes: int = 0
+
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
+        """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
+        metres.
+        """
+        heights = self.heights_of(self.samples(row0, row1, col0, col1))
+        self._refuse_impossible(heights)
+        return heights.astype(np.float32)
+
+    def heights_of(self, samples: NDArray[Any]) -> NDArray[np.float64]:
+        """Heights of samples, metres, NaN where they mean "nothing here"; not judged."""
+        with np.errstate(invalid="ignore"):  # the bits of a signalling NaN are no reason to warn
+            heights = samples.astype(np.float64)
+        if self.scale_m != 1.0:
+            heights *= self.scale_m
+        if self.offset_m != 0.0:
+            heights += self.offset_m
+        bad = ~np.isfinite(heights)
+        for value in self.missing:
+            bad |= samples == samples.dtype.type(value) if _fits(value, samples.dtype) else False
+        heights[bad] = np.nan
+        return heights
+
+    def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+        """The numbers of a window as they are stored; ``DemError`` when they cannot be read."""
+        if self.raw_dtype is not None:
+            return self._mapped()[row0:row1, col0:col1]
+        try:
+            samples: NDArray[Any] = _dataset(self.path).read(
+                1, window=Window(col0, row0, col1 - col0, row1 - row0)
+            )
+        except (RasterioError, OSError) as error:
+            raise DemError(
+                f"{self.path}: cannot be read; the file is damaged or cut short ({_cause(error)})"
+            ) from error
+        return samples
+
+    def _mapped(self) -> NDArray[Any]:
+        try:
+            return np.memmap(
+                self.path,
+                self.raw_dtype or "<i2",
+                "r",
+                offset=self.raw_offset_bytes,
+                shape=(self.height, self.width),
+            )
+        except (OSError, ValueError) as error:
+            raise DemError(f"{self.path}: cannot be read ({error})") from error
+
+    def _refuse_impossible(self, heights: NDArray[np.float64]) -> None:
+        with np.errstate(invalid="ignore"):
+            wrong = np.abs(heights) > HEIGHT_LIMIT_M
+        if wrong.any():
+            value = float(heights[wrong][0])
+            raise DemError(
+                f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or "
+                "its value for missing data is not declared"
+            )
+
+
+def open_dataset(path: Path) -> Any:
+    """The file opened by GDAL (kept open for this thread); ``DemError`` when it is no raster."""
+    try:
+        return _dataset(path)
+    except (RasterioError, OSError) as error:
+        raise DemError(f"{path}: not a DEM that can be read here ({_cause(error)})") from error
+
+
+def _dataset(path: Path) -> Any:
+    """Open datasets of this process and thread, the latest used last; a file that changed is opened
+    anew.
+    """
+    if getattr(_local, "pid", None) != os.getpid():
+        _local.pid, _local.files = os.getpid(), OrderedDict()
+    files: OrderedDict[tuple[str, int, int], Any] = _local.files
+    stat = os.stat(path)
+    key = (str(path), stat.st_mtime_ns, stat.st_size)
+    if key not in files:
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", NotGeoreferencedWarning
+            )  # said in our words by whoever wants the grid
+            files[key] = rasterio.open(path)
+        if len(files) > _OPEN_FILES:
+            files.popitem(last=False)[1].close()
+    files.move_to_end(key)
+    return files[key]
+
+
+def _cause(error: BaseException) -> str:
+    """GDAL's own message, which rasterio hides behind its own."""
+    cause = error.__cause__ or error
+    return " ".join(str(cause).split())
+
+
+def _fits(value: float, dtype: np.dtype[Any]) -> bool:
+    if np.issubdtype(dtype, np.integer):
+        info = np.iinfo(dtype)
+        return bool(info.min <= value <= info.max)
+    return bool(abs(value) <= np.finfo(dtype).max)

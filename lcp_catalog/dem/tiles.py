@@ -1,0 +1,381 @@
+"""The files of one product on one lattice as one raster: heights (or whatever its pixels hold) at any place, and how far a
+place lies inside what they cover.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..kernels.resampling import heights as resample
+from . import block_cache
+from .blending import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
+from .georeferenced import Gridded
+from .grid import EDGE_PX, Grid
+from .raster import Heights
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int16]
+Places = NDArray[np.intp] | slice
+File = TypeVar("File", bound=Gridded)
+Box = tuple[tuple[float, float], tuple[float, float]]
+"""Least and greatest column, least and greatest row, on the first file's lattice."""
+
+_WINDOW_PIXELS = 32_000_000
+"""A window of more pixels is read in parts."""
+_MARGIN = 2
+"""Pixels beside a fractional one that cubic convolution reaches for."""
+HOLE_PX = 4.0
+"""Over so many pixels around missing ones a product gives way to the next."""
+_STRETCHED = 2.0
+"""From this ratio of a cell to the east-west size of a (block of) pixels on, these are averaged along their row."""
+_FULLY = 4.0
+"""From this ratio on they are averaged over the whole cell; the length grows steadily between the two."""
+_ARC_MAX = 2.0
+"""Radians of longitude beyond which no row is averaged: the last rows around a pole."""
+
+
+class Sample(NamedTuple):
+    """Of places (n,): heights (metres, NaN: none), which file of the layer gave it (-1: none), its weight in a blend (0..1)."""
+
+    height: Array
+    tile: Indices
+    weight: Array | None
+
+
+@dataclass(frozen=True)
+class Layer(Generic[File]):
+    """Files of one product that cut one lattice, in the order in which they are asked."""
+
+    dems: tuple[File, ...]
+
+    @property
+    def pixel_m(self) -> float:
+        """Pixel size at true scale."""
+        return self.dems[0].gsd_m
+
+    @cached_property
+    def _offsets(self) -> tuple[tuple[int, int], ...]:
+        """(columns, rows) from the first file's pixel (0, 0) to each one's."""
+        found = (self.dems[0].grid.same_lattice(dem.grid) for dem in self.dems)
+        return tuple(offset for offset in found if offset is not None)
+
+    @cached_property
+    def _tiles(self) -> tuple[Tile, ...]:
+        return tuple(
+            Tile(cols - 0.5, cols - 0.5 + dem.grid.width, rows - 0.5, rows - 0.5 + dem.grid.height)
+            for dem, (cols, rows) in zip(self.dems, self._offsets, strict=True)
+        )
+
+    @property
+    def _turn(self) -> float:
+        """Pixels around the Moon of a cylinder, whole or not; 0 of a polar map."""
+        grid = self.dems[0].grid
+        return 0.0 if grid.pole else 2.0 * math.pi * MOON_RADIUS_M * _true_cos(grid) / grid.pixel_m
+
+    @cached_property
+    def edges(self) -> tuple[Edge, ...]:
+        """The outer edges of what the files cover together, on the first one's lattice."""
+        grid, tiles = self.dems[0].grid, self._tiles
+        if grid.pole:
+            return outer_edges(tiles, 0.0, (False, False))
+        rows = np.array([min(t.top for t in tiles), max(t.bottom for t in tiles)])
+        _, (north, south) = grid.lonlat(np.zeros(2), rows)
+        period = float(grid.period) or self._turn
+        return outer_edges(tiles, period, (north > 90.0 - 1e-6, south < -90.0 + 1e-6))
+
+    @property
+    def smaller_side_m(self) -> float:
+        """Of the box around the files, on the map."""
+        wide = max(t.right for t in self._tiles) - min(t.left for t in self._tiles)
+        high = max(t.bottom for t in self._tiles) - min(t.top for t in self._tiles)
+        return min(wide, high) * self.pixel_m
+
+    def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
+        """Whether each file's footprint holds each place, (files, n); no pixel is read."""
+        return np.array([_inside(dem.grid, lon, lat)[0] for dem in self.dems])
+
+    def sample(self, lon: Array, lat: Array, gsd_m: float, band_m: float | None = None) -> Sample:
+        """Heights at places (n,), the first file that has one; with ``band_m``, the width of the seam at the outer edge, also
+        each place's weight.
+        """
+        count = lon.size
+        height, tile = np.full(count, np.nan), np.full(count, -1, np.int16)
+        clear = None if band_m is None else np.full(count, HOLE_PX)
+        todo: Places = slice(None)
+        boxes: list[Box] = []
+        for number in range(len(self.dems)):
+            boxes += self._fill(number, lon, lat, gsd_m, todo, height, tile, clear)
+            todo = np.flatnonzero(tile < 0)
+            if todo.size == 0:
+                break
+        if band_m is None or clear is None:
+            return Sample(height, tile, None)
+        all_found = not isinstance(todo, slice) and not todo.size
+        if all_found and self._all_whole(boxes, lat, clear, band_m):
+            return Sample(height, tile, None)
+        return Sample(height, tile, self._weights(lon, lat, tile >= 0, clear, band_m))
+
+    def _all_whole(self, boxes: list[Box], lat: Array, clear: Array, band_m: float) -> bool:
+        """Whether places inside boxes of pixels all have weight 1; where the boxes are too coarse to say, False."""
+        if clear.min(initial=HOLE_PX) < HOLE_PX:
+            return False
+        if not self.edges or not lat.size:
+            return True
+        stretch, grid = 1.0, self.dems[0].grid
+        if not grid.pole:
+            furthest = min(max(abs(float(lat.min())), abs(float(lat.max()))), 90.0)
+            stretch = math.cos(math.radians(furthest)) / _true_cos(grid)
+        band_px = band_m / self.pixel_m
+        return all(clear_of(self.edges, *box, stretch, self._turn, band_px) for box in boxes)
+
+    def _weights(
+        self, lon: Array, lat: Array, there: NDArray[np.bool_], clear: Array, band_m: float
+    ) -> Array:
+        """0 where there is no height; else above 0, 1 from one band inside the outer edge and some pixels beside a hole on."""
+        weight = np.zeros(lon.size)
+        places: Places = slice(None) if there.all() else np.flatnonzero(there)
+        if not there.any():
+            return weight
+        grid = self.dems[0].grid
+        found = np.ones(weight[places].size)
+        if self.edges:
+            column, row = grid.pixel(lon[places], lat[places])
+            stretch = 1.0 if grid.pole else np.cos(np.radians(lat[places])) / _true_cos(grid)
+            found = edge_weight(column, row, stretch, self.edges, self._turn, band_m / self.pixel_m)
+        if clear[places].min() < HOLE_PX:
+            found = found * smoothstep(clear[places] / HOLE_PX)
+        weight[places] = np.maximum(found, 1e-9)  # where nothing else is, it counts alone
+        return weight
+
+    def _fill(
+        self,
+        number: int,
+        lon: Array,
+        lat: Array,
+        gsd_m: float,
+        todo: Places,
+        height: Array,
+        tile: Indices,
+        clear: Array | None,
+    ) -> list[Box]:
+        """Heights of one file at the places ``todo``, written where it has some; the box of pixels asked for where that matters."""
+        grid = self.dems[number].grid
+        inside, u, v = _inside(grid, lon[todo], lat[todo])
+        if not inside.any():
+            return []
+        u, v = np.clip(u, -0.5, grid.width - 0.5), np.clip(v, -0.5, grid.height - 0.5)
+        places = todo
+        if not inside.all():
+            places = np.flatnonzero(inside) if isinstance(todo, slice) else todo[inside]
+            u, v = u[inside], v[inside]
+        box = [] if clear is None else [_box(u, v, self._offsets[number])]
+        factor = self.dems[number].factor(gsd_m)
+        if factor > 1:
+            u, v = (u - 0.5 * (factor - 1)) / factor, (v - 0.5 * (factor - 1)) / factor
+        found, away = np.empty(u.size), np.empty(0 if clear is None else u.size)
+        place = np.ascontiguousarray(u), np.ascontiguousarray(v)
+        self._sample_window(number, *place, factor, gsd_m, found, away)
+        height[places] = found
+        tile[places] = np.where(np.isnan(found), np.int16(-1), np.int16(number))
+        if clear is not None:
+            clear[places] = away
+        return box
+
+    def _sample_window(
+        self, number: int, u: Array, v: Array, factor: int, gsd_m: float, out: Array, away: Array
+    ) -> None:
+        """Interpolate at fractional pixels (of blocks), in halves while their window is too large."""
+        grid = self.dems[number].grid
+        period = grid.period // factor if grid.wraps else 0
+        margin = max(_MARGIN, int(HOLE_PX) + 2) if away.size else _MARGIN
+        col0, col1 = _span(u, period, margin)
+        row0, row1 = _span(v, 0, margin)
+        if (row1 - row0) * (col1 - col0) > _WINDOW_PIXELS and u.size > 1:
+            half = u.size // 2
+            for part in (slice(0, half), slice(half, None)):
+                self._sample_window(number, u[part], v[part], factor, gsd_m, out[part], away[part])
+            return
+        window = self._ground_window(number, (row0, row1, col0, col1), factor, gsd_m)
+        resample.sample(window, row0, col0, period, u, v, out)
+        if away.size and not np.isnan(window).any():
+            away[:] = HOLE_PX
+        elif away.size:
+            cover = self._cover(number, factor)
+            resample.clearance(window, row0, col0, period, cover, u, v, HOLE_PX, away)
+
+    def _cover(self, number: int, factor: int) -> tuple[int, int, int, int]:
+        """First and last row, first and last column (of blocks) of the box around all files, counted on one file's lattice;
+        endless around the Moon and over a pole.
+        """
+        column, row = self._offsets[number]
+        wide = any(edge.column for edge in self.edges)
+        tops = {edge.at for edge in self.edges if not edge.column}
+        top, bottom = min(t.top for t in self._tiles), max(t.bottom for t in self._tiles)
+        left, right = min(t.left for t in self._tiles), max(t.right for t in self._tiles)
+        endless = 1 << 40
+        return (
+            math.floor((top + 0.5 - row) / factor) if top in tops else -endless,
+            math.ceil((bottom + 0.5 - row) / factor) - 1 if bottom in tops else endless,
+            math.floor((left + 0.5 - column) / factor) if wide else -endless,
+            math.ceil((right + 0.5 - column) / factor) - 1 if wide else endless,
+        )
+
+    def _ground_window(
+        self, number: int, window: tuple[int, int, int, int], factor: int, gsd_m: float
+    ) -> Heights:
+        """A window of pixels (or of blocks), averaged along its rows where the cell is far wider than they are on the ground."""
+        row0, row1, col0, col1 = window
+        grid = self.dems[number].grid
+        if _widest_ratio(grid, row0, row1, factor, gsd_m) <= _STRETCHED:
+            return self._window(number, row0, row1, col0, col1, factor)
+        length, turn = row_lengths(grid, np.arange(row0 - 1, row1 + 1), factor, gsd_m)
+        pad = math.ceil((float(length.max()) - 1.0) / 2.0)
+        wide = self._window(number, row0 - 1, row1 + 1, col0 - pad, col1 + pad, factor)
+        out = np.empty((row1 - row0, col1 - col0), np.float32)
+        resample.row_means(wide, length, turn, pad, out)
+        return out
+
+    def _window(
+        self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
+    ) -> Heights:
+        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the
+        neighbouring tiles' pixels.
+        """
+        if factor == 1:
+            return self._pixels(number, row0, row1, col0, col1)
+        source = (self._identity, number)
+        return block_cache.window(
+            source,
+            factor,
+            row0,
+            row1,
+            col0,
+            col1,
+            lambda top, bottom, left, right: self._blocks(number, top, bottom, left, right, factor),
+        )
+
+    @cached_property
+    def _identity(self) -> tuple[Hashable, ...]:
+        """What the pixels depend on."""
+        return tuple(dem.identity for dem in self.dems)
+
+    def _blocks(
+        self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
+    ) -> Heights:
+        """Means of a window of blocks, from the pixels."""
+        grid = self.dems[number].grid
+        out = np.empty((row1 - row0, col1 - col0), np.float32)
+        strip = max(1, _WINDOW_PIXELS // (factor * factor * (col1 - col0)))
+        columns = np.arange(col0 * factor, col1 * factor) if grid.pole else np.zeros(1)
+        for top in range(row0, row1, strip):
+            bottom = min(top + strip, row1)
+            pixels = self._pixels(
+                number, top * factor, bottom * factor, col0 * factor, col1 * factor
+            )
+            rows = np.arange(top * factor, bottom * factor)[:, None]
+            weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
+            resample.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
+        return out
+
+    def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Heights:
+        """A window of one file's lattice; what is missing comes from the other files."""
+        pixels = self.dems[number].read(row0, row1, col0, col1)
+        column, row = self._offsets[number]
+        for other, dem in enumerate(self.dems):
+            if other == number:
+                continue
+            if not np.isnan(pixels).any():
+                break
+            columns, rows = self._offsets[other][0] - column, self._offsets[other][1] - row
+            period = dem.grid.period or 1 << 40
+            for turn in (-period, 0, period):
+                low, high = col0 - columns + turn, col1 - columns + turn
+                first, last = max(low, 0), min(high, dem.grid.width)
+                top, bottom = max(row0 - rows, 0), min(row1 - rows, dem.grid.height)
+                if first >= last or top >= bottom:
+                    continue
+                part = pixels[top - row0 + rows : bottom - row0 + rows, first - low : last - low]
+                gaps = np.isnan(part)
+                if gaps.any():
+                    part[gaps] = dem.read(top, bottom, first, last)[gaps]
+        return pixels
+
+
+def row_lengths(
+    grid: Grid, rows: NDArray[np.int64], factor: int, gsd_m: float
+) -> tuple[Array, Array]:
+    """Over how many (blocks of) pixels each row of a cylinder is averaged, and by how many rows its mean lies too near the
+    pole, (rows,) each.
+
+    The length is the cell's width over the pixel's on the ground, at least 1. The mean of cos(longitude) over the pixels of the
+    mean, weighted alike, is what a plane through the Moon's axis shrinks by there.
+    """
+    lat = (grid.y0_m - ((rows + 0.5) * factor - 0.5) * grid.pixel_m) / MOON_RADIUS_M
+    step = factor * grid.pixel_m / (MOON_RADIUS_M * _true_cos(grid))  # radians of longitude
+    cos = np.cos(lat)
+    ratio = gsd_m / (factor * grid.pixel_m * np.maximum(np.abs(cos), 1e-9) / _true_cos(grid))
+    rise = (_FULLY - 1.0) / (_FULLY - _STRETCHED)
+    length = np.where(ratio < _FULLY, 1.0 + (ratio - _STRETCHED) * rise, ratio)
+    length = np.clip(length, 1.0, max(1.0, _ARC_MAX / step))
+    whole = np.floor((length - 1.0) / 2.0)
+    part = (length - 1.0) / 2.0 - whole
+    shrunk = np.sin((whole + 0.5) * step) / math.sin(0.5 * step) + 2.0 * part * np.cos(
+        (whole + 1.0) * step
+    )
+    sin = np.where(length > 1.0, np.sin(lat), 1.0)
+    turn = (1.0 - shrunk / length) * cos / (sin * factor * grid.pixel_m / MOON_RADIUS_M)
+    return length, np.where(length > 1.0, turn, 0.0)
+
+
+def _widest_ratio(grid: Grid, row0: int, row1: int, factor: int, gsd_m: float) -> float:
+    """Greatest ratio of the cell to the east-west size of a window's (blocks of) pixels; 0 of a polar map."""
+    if grid.pole:
+        return 0.0
+    ends = (grid.y0_m - (row * factor - 0.5) * grid.pixel_m for row in (row0 - 1, row1 + 1))
+    narrow = min(math.cos(min(abs(y) / MOON_RADIUS_M, math.pi / 2.0)) for y in ends)
+    return gsd_m * _true_cos(grid) / (factor * grid.pixel_m * max(narrow, 1e-9))
+
+
+def _box(u: Array, v: Array, offset: tuple[int, int]) -> Box:
+    columns, rows = offset
+    return (
+        (float(u.min()) + columns, float(u.max()) + columns),
+        (float(v.min()) + rows, float(v.max()) + rows),
+    )
+
+
+def _true_cos(grid: Grid) -> float:
+    return math.cos(math.radians(grid.true_lat_deg))
+
+
+def _inside(grid: Grid, lon: Array, lat: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Which places a grid holds to the outer edge of its pixels, and their fractional pixels."""
+    u, v = grid.pixel(lon, lat)
+    right, bottom = grid.width - 0.5, grid.height - 0.5
+    inside = (u <= right + EDGE_PX) & (v >= -0.5 - EDGE_PX) & (v <= bottom + EDGE_PX)
+    if grid.pole:
+        inside &= u >= -0.5 - EDGE_PX
+    inside &= np.abs(lat) <= 90.0
+    return inside, u, v
+
+
+def _span(values: Array, period: int, margin: int) -> tuple[int, int]:
+    """Half-open range of whole pixels within ``margin`` of fractional ones; at most ``period`` of them."""
+    whole = np.floor(values).astype(np.int64)
+    low, high = int(whole.min()), int(whole.max())
+    if period and high - low > period // 2:
+        turned = (whole + period // 2) % period
+        if int(turned.max()) - int(turned.min()) < high - low:
+            low, high = int(turned.min()) - period // 2, int(turned.max()) - period // 2
+    low, high = low - margin + 1, high + margin + 1
+    if period and high - low >= period:
+        return 0, period
+    return low, high

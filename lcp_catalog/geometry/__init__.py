@@ -1,0 +1,1 @@
+"""Frames, rotations, map projections, boxes of longitude and latitude, spheres."""

@@ -1,0 +1,110 @@
+"""Longitude and latitude to the coordinates of a map and back, for any projection that PROJ knows, on the Moon."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property, lru_cache
+
+import numpy as np
+import pyproj
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..errors import LabelError
+
+Array = NDArray[np.float64]
+
+RADIUS_RANGE_M = (1_730_000.0, 1_742_000.0)
+"""Axes that are taken for the Moon's: figures of 1735 to 1738.1 km are in use."""
+
+_CYLINDERS = ("cylindrical", "plate carr", "equirectangular", "mercator")
+_NO_CYLINDERS = ("transverse", "oblique")
+
+
+class MapProjection:
+    """A CRS of the Moon. Longitudes and latitudes are planetocentric degrees, whatever the CRS's own figure: a sphere of another
+    radius keeps them, an ellipsoid's geodetic latitudes are converted.
+
+    Raises LabelError for what is no CRS, is neither geographic nor projected, or stands on a figure that
+    is not the Moon's.
+    """
+
+    def __init__(self, wkt: str) -> None:
+        try:
+            self.crs = pyproj.CRS.from_wkt(wkt)
+        except pyproj.exceptions.CRSError as error:
+            raise LabelError(f"the CRS is not understood: {error}") from error
+        if not (self.crs.is_geographic or self.crs.is_projected):
+            raise LabelError(f"the CRS {self.crs.name!r} is neither geographic nor projected")
+        ellipsoid = self.crs.ellipsoid
+        assert ellipsoid is not None  # every such CRS has one
+        major, minor = float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
+        low, high = RADIUS_RANGE_M
+        if not (low <= minor <= high and low <= major <= high):
+            raise LabelError(
+                f"the CRS stands on radii {major:.10g}/{minor:.10g} m; that is not the Moon, "
+                f"whose sphere has {MOON_RADIUS_M:.10g} m"
+            )
+        self.radius_m, self._axis_ratio = major, minor / major
+
+    @cached_property
+    def _transformer(self) -> pyproj.Transformer:
+        """From longitude and geodetic latitude in degrees, from the prime meridian of the Moon, to the map."""
+        major, minor = self.radius_m, self.radius_m * self._axis_ratio
+        longlat = pyproj.CRS.from_dict({"proj": "longlat", "a": major, "b": minor})
+        return pyproj.Transformer.from_crs(longlat, self.crs, always_xy=True)
+
+    def forward(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
+        """Map coordinates x, y of places, in the CRS's unit; NaN for what the map cannot show."""
+        lon, lat = np.broadcast_arrays(
+            np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        )
+        if self._axis_ratio != 1.0:
+            lat = np.degrees(np.arctan(np.tan(np.radians(lat)) / self._axis_ratio**2))
+        x, y = self._transformer.transform(lon, lat)
+        return _finite(x, y)
+
+    def inverse(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+        """Longitude (-180..360) and latitude, degrees, of map coordinates; NaN for what lies off the map."""
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        lon, lat = self._transformer.transform(x, y, direction="INVERSE")
+        lon, lat = _finite(lon, lat)
+        if self._axis_ratio != 1.0:
+            lat = np.degrees(np.arctan(np.tan(np.radians(lat)) * self._axis_ratio**2))
+        return _finite(lon, np.where(np.abs(lat) <= 90.0 + 1e-9, lat, np.nan))
+
+    @cached_property
+    def is_cylinder(self) -> bool:
+        """Whether meridians are parallel lines, so that the map repeats itself from side to side."""
+        if self.crs.is_geographic:
+            return True
+        operation = self.crs.coordinate_operation
+        method = "" if operation is None else operation.method_name.lower()
+        return any(name in method for name in _CYLINDERS) and not any(
+            name in method for name in _NO_CYLINDERS
+        )
+
+    @cached_property
+    def period(self) -> float:
+        """By how much x grows once round the Moon, in the CRS's unit; infinite where the map does not repeat itself."""
+        if not self.is_cylinder:
+            return math.inf
+        if self.crs.is_geographic:
+            return float(2.0 * math.pi / self.crs.axis_info[0].unit_conversion_factor)
+        middle, _ = self.inverse(0.0, 0.0)
+        lon = middle + np.array([-60.0, 60.0])
+        x, _ = self.forward(lon, np.zeros(2))
+        return float(abs(x[1] - x[0]) * 3.0)
+
+
+@lru_cache(maxsize=64)
+def map_projection(wkt: str) -> MapProjection:
+    """The projection of a CRS, made once: an image that is moved keeps its map."""
+    return MapProjection(wkt)
+
+
+def _finite(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """PROJ says infinity for what it cannot; NaN in both then."""
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    known = np.isfinite(x) & np.isfinite(y)
+    return np.where(known, x, np.nan), np.where(known, y, np.nan)

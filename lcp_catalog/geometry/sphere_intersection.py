@@ -1,0 +1,172 @@
+"""Camera rays and the reference sphere: ground or sky, how far, where, and how much of a pixel the
+limb leaves.
+
+Positions are metres, MCMF or any axes whose origin is the sphere's centre; directions have any
+length. The numbers are taken as exact: ranges are good to a few 1e-16 of themselves from any
+height, inside or outside, and up to the limb; a ray counts as sky only if it misses the sphere (by
+more than 1e-20 of its radius; `kernels.sphere_rays`). After the geometry of "camera imaging with a
+sphere model" (seeds/003), whose discriminant cancels.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cameras.frame_camera import Camera
+from ..constants import MOON_RADIUS_M
+from ..kernels import sphere_rays as kernel
+from .frames import mcmf_to_lonlat
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+COVERAGE_ERROR = 2e-4
+"""Share of a pixel by which a limb pixel's coverage may be wrong: measured against a brute force."""
+
+_CELLS_LEAST, _CELLS_MOST = 4, 64
+_CORNERS_AT_ONCE = 1 << 20
+
+
+def ranges(position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
+    """Distances (...) in metres along rays to the sphere, from one position (3,) or as many as
+    directions (..., 3); NaN is sky.
+
+    From outside the nearer crossing, from inside the far wall. On the sphere itself: 0 for a ray
+    that goes down, sky for one that does not. ValueError for what is not finite, and for a
+    direction of length 0.
+    """
+    rays = np.ascontiguousarray(directions, dtype=np.float64)
+    starts = np.ascontiguousarray(position_m, dtype=np.float64)
+    if rays.shape[-1:] != (3,) or starts.shape not in ((3,), rays.shape):
+        raise ValueError(f"no rays: {starts.shape} positions, {rays.shape} directions")
+    flat = _scaled(rays.reshape(-1, 3))
+    if not (np.isfinite(starts).all() and math.isfinite(radius_m)):
+        raise ValueError("no rays: a position or the radius is not finite")
+    out = np.empty(len(flat))
+    kernel.ranges(starts.reshape(-1, 3), flat, float(radius_m), out)
+    return out.reshape(rays.shape[:-1])
+
+
+def _scaled(rays: Array) -> Array:
+    """Rays (n, 3); those whose squares would over- or underflow times a power of two. ValueError for
+    one that is not finite, or has no length.
+    """
+    least, most = kernel.longest_components(rays)
+    if least > 1e-100 and most < 1e100:
+        return rays
+    largest = np.abs(rays).max(axis=-1, initial=0.0)
+    if not (np.isfinite(largest).all() and (largest > 0.0).all()):
+        raise ValueError("no rays: a direction has no length, or is not finite")
+    _, exponent = np.frexp(largest)
+    return np.asarray(np.ldexp(rays, -exponent[:, None]))
+
+
+def heights(positions_m: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
+    """Heights (...) in metres of positions (..., 3) over the sphere, good to the last bits (|p| - R is
+    good to 0.2 nm only).
+    """
+    points = np.ascontiguousarray(positions_m, dtype=np.float64)
+    out = np.empty(points.size // 3)
+    kernel.heights(points.reshape(-1, 3), float(radius_m), out)
+    return out.reshape(points.shape[:-1])
+
+
+def hits(
+    position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M
+) -> tuple[Array, Array]:
+    """Ranges (...) and the points (..., 3) that rays meet, put onto the sphere; NaN is sky."""
+    rays = np.ascontiguousarray(directions, dtype=np.float64)
+    rays = _scaled(rays.reshape(-1, 3)).reshape(rays.shape)
+    found = ranges(position_m, rays, radius_m)
+    along = found / np.sqrt(np.einsum("...i,...i", rays, rays))
+    return found, on_sphere(np.asarray(position_m) + along[..., None] * rays, radius_m)
+
+
+def on_sphere(points_m: Array, radius_m: float = MOON_RADIUS_M) -> Array:
+    """Points (..., 3) moved along their vertical onto the sphere."""
+    away = np.sqrt(np.einsum("...i,...i", points_m, points_m))
+    return np.asarray(points_m * (radius_m / away)[..., None])
+
+
+def lonlat(points_m: ArrayLike) -> tuple[Array, Array]:
+    """Longitudes (0..360) and latitudes of points (..., 3), degrees."""
+    lon, lat, _ = mcmf_to_lonlat(points_m)
+    return lon, lat
+
+
+def nadir_angles(position_m: Array, directions: Array) -> Array:
+    """Angles (...) between directions (..., 3) and the one to the sphere's centre, radians."""
+    across = np.linalg.norm(np.cross(directions, position_m), axis=-1)
+    return np.arctan2(across, -(directions @ position_m))
+
+
+def limb_angle(position_m: Array, radius_m: float = MOON_RADIUS_M) -> float:
+    """Angle between the limb and the direction to the sphere's centre, radians; pi / 2 on the
+    sphere. ValueError from inside, where there is no limb.
+    """
+    height = float(heights(position_m, radius_m))
+    if height < 0.0:
+        raise ValueError(f"{-height:g} m under the sphere there is no limb")
+    return math.atan2(radius_m, math.sqrt(height * (height + 2.0 * radius_m)))
+
+
+def coverage(
+    camera: Camera, columns: ArrayLike, rows: ArrayLike, radius_m: float = MOON_RADIUS_M
+) -> tuple[Array, Array]:
+    """Share (n,) of pixels' area that shows the sphere, and the middles (n, 2), column and row in
+    the image, of that part; NaN where it is nothing.
+
+    Each pixel is cut into cells across which the limb is nearly straight: as many as its curvature
+    in the image asks for. ValueError from inside.
+    """
+    pixels = np.stack(np.broadcast_arrays(columns, rows), axis=-1).astype(np.float64).reshape(-1, 2)
+    position, limb = camera.position_mcmf_m, limb_angle(camera.position_mcmf_m, radius_m)
+    cells = _cells(camera.focal_length_px * math.tan(limb))
+    steps = np.arange(cells + 1) / cells - 0.5
+    off = np.stack(np.meshgrid(steps, steps), axis=-1)
+    shares, middles = np.empty(len(pixels)), np.empty((len(pixels), 2))
+    at_once = max(1, _CORNERS_AT_ONCE // off[..., 0].size)
+    for first in range(0, len(pixels), at_once):
+        part = slice(first, first + at_once)
+        directions = camera.rays(pixels[part, None, None] + off)
+        kernel.covered(limb - nadir_angles(position, directions), shares[part], middles[part])
+    middles = np.where(shares[:, None] > 0.0, pixels + middles, np.nan)
+    return shares, middles
+
+
+def _cells(curvature_px: float) -> int:
+    """Cells a side, for a limb whose radius of curvature in the image is so many pixels. A chord
+    across a cell of 1 / k pixels cuts off 1 / (12 r k^3) pixels^2, and k chords cross a pixel.
+    """
+    wanted = math.sqrt(1.0 / (6.0 * max(curvature_px, 1e-3) * COVERAGE_ERROR))
+    return min(max(math.ceil(wanted), _CELLS_LEAST), _CELLS_MOST)
+
+
+def pixel_angle(camera: Camera) -> float:
+    """Greatest angle between opposite corners of a pixel, radians, over the image."""
+    width, height = camera.image_size_px
+    column, row = (np.unique(np.linspace(0, n - 1, 33).round())[None, :] for n in (width, height))
+    corners = camera.rays(np.stack(np.broadcast_arrays(*_corner_grid(column[0], row[0])), axis=-1))
+    first = np.linalg.norm(corners[:, :, 1, 1] - corners[:, :, 0, 0], axis=-1)
+    second = np.linalg.norm(corners[:, :, 1, 0] - corners[:, :, 0, 1], axis=-1)
+    return 2.0 * math.asin(min(1.0, 0.5 * float(np.maximum(first, second).max())))
+
+
+def _corner_grid(columns: Array, rows: Array) -> tuple[Array, Array]:
+    """Columns and rows of the four corners of pixels, (rows, columns, 2, 2)."""
+    half = np.array([-0.5, 0.5])
+    return (
+        columns[None, :, None, None] + half[None, None, None, :],
+        rows[:, None, None, None] + half[None, None, :, None],
+    )
+
+
+def limb_pixels(camera: Camera, directions: Array, pixel_rad: float) -> NDArray[np.bool_]:
+    """Which pixels, by their middles' directions (..., 3), the limb may cross; ``pixel_rad``:
+    `pixel_angle`.
+    """
+    off = nadir_angles(camera.position_mcmf_m, directions) - limb_angle(camera.position_mcmf_m)
+    return np.asarray(np.abs(off) <= pixel_rad)

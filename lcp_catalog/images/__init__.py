@@ -1,0 +1,1 @@
+"""Images as missions deliver them: pixels, masks and labels."""

@@ -1,0 +1,1 @@
+"""Templates, correlation and sub-pixel fits."""

@@ -1,0 +1,234 @@
+"""Least squares between drawings and a photograph: the shift to a fraction of a pixel, its covariance, and the way back."""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from .point_spread import see, unveil
+
+NUMBERS = 10
+"""What `refine` says of each drawing: shift right and down, correlation, covariance xx, xy, yy (px^2), gain, noise, pixels,
+correlation of neighbouring residuals."""
+
+_STEPS = 8
+_SETTLED_PX = 0.01
+_LAST_STEP_PX = 0.05
+_FARTHEST_PX = 1.5
+_LAGS = 7
+"""Residuals farther apart than this, in pixels, are taken as independent."""
+_MISMATCH = 3.0
+"""By how much the variance grows, times the correlation of neighbouring residuals. What a render has wrong is smooth over more than
+the lags, and part of it looks like a shift and leaves no residual: measured (docs/matching.md).
+"""
+_FEWEST = 12
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve3(a, b, c, d, e, f, r0, r1, r2):
+    """Solution of the symmetric system [[a, b, c], [b, d, e], [c, e, f]] x = r; NaN when singular."""
+    m00, m01, m02 = d * f - e * e, c * e - b * f, b * e - c * d
+    det = a * m00 + b * m01 + c * m02
+    m11, m12, m22 = a * f - c * c, b * c - a * e, a * d - b * b
+    scale = abs(a * d * f)
+    inverse = 1.0 / det if abs(det) > 1e-12 * scale and scale > 0.0 else math.nan
+    return (
+        (m00 * r0 + m01 * r1 + m02 * r2) * inverse,
+        (m01 * r0 + m11 * r1 + m12 * r2) * inverse,
+        (m02 * r0 + m12 * r1 + m22 * r2) * inverse,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weights(seen, weight, least, row0, col0, out):
+    """What each pixel of a template counts in the photograph, into out (rows, cols); their sum."""
+    total = 0.0
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            i, j = row0 + r, col0 + c
+            inside = 0 <= i < weight.shape[0] and 0 <= j < weight.shape[1]
+            w = weight[i, j] if inside and seen[3, r, c] >= least else 0.0
+            out[r, c] = w
+            total += w
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _centre(values, w, total):
+    """Take the weighted mean out of values (rows, cols), in place."""
+    mean = 0.0
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            mean += w[r, c] * values[r, c]
+    mean /= total
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            values[r, c] -= mean
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _dot(a, b, w):
+    total = 0.0
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            total += w[r, c] * (a[r, c] * b[r, c])
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(seen, light, w):
+    """One step of Gauss-Newton from a centred template, its slopes and the centred photograph: right, down, the gain, and the
+    correlation before it; NaN where there is none.
+    """
+    t, gx, gy = seen[0], seen[1], seen[2]
+    tt, ti, ii = _dot(t, t, w), _dot(t, light, w), _dot(light, light, w)
+    if not (tt > 0.0 and ii > 0.0):
+        return math.nan, math.nan, math.nan, math.nan
+    right, down, gain = _solve3(
+        _dot(gx, gx, w), _dot(gx, gy, w), _dot(gx, t, w), _dot(gy, gy, w), _dot(gy, t, w), tt,
+        _dot(gx, light, w), _dot(gy, light, w), ti,
+    )  # fmt: skip
+    if not gain > 0.0:
+        return math.nan, math.nan, math.nan, math.nan
+    return right / gain, down / gain, gain, ti / math.sqrt(tt * ii)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(image, row0, col0, seen, w, light, total):
+    """The photograph's pixels that count, into light; its mean, and those of the template and its slopes, taken out."""
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            light[r, c] = image[row0 + r, col0 + c] if w[r, c] > 0.0 else 0.0
+    for k in range(3):
+        _centre(seen[k], w, total)
+    _centre(light, w, total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out):
+    """Gauss-Newton on shift, gain and offset from the template at (row0, col0); False where it does not settle nearby.
+
+    Leaves the centred template and its slopes in ``seen``, the centred photograph in ``light``, the weights in w, and in out
+    the shift, correlation and gain. The last step, too small to matter, is taken without looking again.
+    """
+    dx, dy, size = start[0], start[1], math.inf
+    for _ in range(_STEPS):
+        see(drawn, known, sub, sigma, dx, dy, True, seen)
+        total = _weights(seen, weight, least, row0, col0, w)
+        if total < _FEWEST:
+            return False
+        _gather(image, row0, col0, seen, w, light, total)
+        right, down, out[6], out[2] = _step(seen, light, w)
+        size = math.hypot(right, down)
+        short = 1.0 / max(size, 1.0)
+        dx, dy = dx + right * short, dy + down * short
+        out[0], out[1] = dx, dy
+        if (
+            not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX
+        ):  # also where there was no step
+            return False
+        if size < _SETTLED_PX:
+            return True
+    return size < _LAST_STEP_PX
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _at_lag(w, rest, gx, gy, down, right):
+    """Sums over pairs of pixels at a lag: of weights, of residuals, and of the slopes' products xx, xy (both ways, halved), yy."""
+    rows, cols = w.shape
+    c0, c1 = max(0, -right), cols - max(0, right)
+    pairs = both = xx = xy = yy = 0.0
+    for r in range(rows - down):
+        wa, ra, xa, ya = w[r, c0:c1], rest[r, c0:c1], gx[r, c0:c1], gy[r, c0:c1]
+        r2, d0, d1 = r + down, c0 + right, c1 + right
+        wb, rb, xb, yb = w[r2, d0:d1], rest[r2, d0:d1], gx[r2, d0:d1], gy[r2, d0:d1]
+        for c in range(wa.size):
+            pairs += wa[c] * wb[c]
+            both += ra[c] * rb[c]
+            xx += xa[c] * xb[c]
+            xy += xa[c] * yb[c] + ya[c] * xb[c]
+            yy += ya[c] * yb[c]
+    return pairs, both, xx, 0.5 * xy, yy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _covariance(seen, light, w, out):
+    """Covariance of the shift, into out[3:6], the noise of a pixel, out[7], and pixels used, out[8].
+
+    M^-1 B M^-1, M the sum of a a^T over the pixels, a the slopes after what they share with gain and offset is taken out; B
+    the same sum over pairs of pixels up to `_LAGS` apart, each weighed with the covariance of the residuals at that lag
+    (Newey and West 1987, in two dimensions), tapered. Never less than for white residuals.
+    """
+    rows, cols = w.shape
+    t, gx, gy = seen[0], seen[1], seen[2]
+    tt = _dot(t, t, w)
+    gain = _dot(t, light, w) / tt
+    share_x, share_y = _dot(gx, t, w) / tt, _dot(gy, t, w) / tt
+    rest = np.zeros((rows, cols))
+    count = 0
+    for r in range(rows):
+        for c in range(cols):
+            gx[r, c] = (gx[r, c] - share_x * t[r, c]) * gain * w[r, c]
+            gy[r, c] = (gy[r, c] - share_y * t[r, c]) * gain * w[r, c]
+            rest[r, c] = (light[r, c] - gain * t[r, c]) * w[r, c]
+            count += w[r, c] > 0.0
+    bxx = bxy = byy = 0.0
+    white = near = 0.0
+    for down in range(_LAGS + 1):
+        for right in range(-_LAGS if down else 0, _LAGS + 1):
+            pairs, both, xx, xy, yy = _at_lag(w, rest, gx, gy, down, right)
+            if pairs <= 0.0:
+                continue
+            taper = (1.0 - abs(right) / (_LAGS + 1.0)) * (1.0 - down / (_LAGS + 1.0))
+            here = both / pairs
+            if down == 0 and right == 0:
+                white = here * count / max(count - 4.0, 1.0)
+                mxx, mxy, myy = xx, xy, yy
+                bxx, bxy, byy = white * xx, white * xy, white * yy
+            else:
+                if down + abs(right) == 1:
+                    near += 0.5 * here
+                bxx += 2.0 * taper * here * xx
+                bxy += 2.0 * taper * here * xy
+                byy += 2.0 * taper * here * yy
+    det = mxx * myy - mxy * mxy
+    if not det > 1e-9 * mxx * myy:
+        out[3] = out[4] = out[5] = math.nan
+        return
+    ixx, ixy, iyy = myy / det, -mxy / det, mxx / det
+    pxx, pxy = ixx * bxx + ixy * bxy, ixx * bxy + ixy * byy
+    pyx, pyy = ixy * bxx + iyy * bxy, ixy * bxy + iyy * byy
+    out[3], out[4] = pxx * ixx + pxy * ixy, pxx * ixy + pxy * iyy
+    out[5] = pyx * ixy + pyy * iyy
+    if not (out[3] > white * ixx and out[5] > white * iyy and out[3] * out[5] > out[4] * out[4]):
+        out[3], out[4], out[5] = white * ixx, white * ixy, white * iyy
+    likeness = near / white if white > 0.0 else 0.0
+    grow = 1.0 + _MISMATCH * min(max(likeness, 0.0), 1.0)
+    out[3], out[4], out[5] = out[3] * grow, out[4] * grow, out[5] * grow
+    out[7], out[8], out[9] = math.sqrt(max(white, 0.0)), count, likeness
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def refine(fine, sub, sigma, least, image, weight, places, starts, out):
+    """Place n drawings in a photograph to a fraction of a pixel, from whole pixels ``places`` (n, 2: column and row of the
+    template's first pixel) and shifts ``starts`` (n, 2); out (n, `NUMBERS`), NaN for what does not settle.
+
+    image (rows, cols) float32 without NaN, weight (rows, cols) 0..1.
+    """
+    n = fine.shape[0]
+    rows, cols = fine.shape[1] // sub, fine.shape[2] // sub
+    for k in prange(n):
+        seen = np.empty((4, rows, cols), np.float32)
+        drawn = np.empty((rows * sub, sub * cols), np.float32)
+        known = np.empty_like(drawn)
+        unveil(fine[k], sub, drawn, known)
+        light, w = np.empty((rows, cols)), np.empty((rows, cols))
+        out[k] = np.nan
+        out[k, 0], out[k, 1] = starts[k, 0], starts[k, 1]
+        col0, row0 = places[k, 0], places[k, 1]
+        if _fit(
+            drawn, known, sub, sigma, least, image, weight, row0, col0, starts[k], seen, light, w, out[k],
+        ):  # fmt: skip
+            _covariance(seen, light, w, out[k])
+        else:
+            out[k] = np.nan

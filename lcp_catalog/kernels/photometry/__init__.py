@@ -1,0 +1,1 @@
+"""Laws of reflection evaluated on arrays."""

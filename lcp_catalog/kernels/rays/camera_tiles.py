@@ -1,0 +1,326 @@
+"""Camera rays in tiles: what a tile's rays have in common is looked up once, and each ray starts near
+the terrain that it meets.
+
+All rays leave one point. Those of a tile that go down are held in a cone: ranges of the cells east
+and south that they go per metre of fall. At a height h the tile's rays lie in the rectangle that
+the cone has there, and between two heights in the box around the rectangles of both. If no node of
+any cell that the box touches is higher than its lower end, no ray of the tile meets anything in
+between; if the highest is M, none does above M. So one look into the max pyramid moves the height
+down to which the tile is clear (`_clear_height`): first for a block of tiles, then on from there
+for each tile. Rays of a tile need not be neighbours for this to hold, only for it to help: nothing
+is assumed of the camera, its roll or its distortion.
+
+Each ray then goes on from the cell it is in at that height, cell by cell as if it were alone: first
+all rays of a tile together (`_walk`), then those that are left one by one (`tracing.met`). Where a
+ray starts changes no bit of where it ends.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from .bundles import approach, hit_from, on_grid
+from .tracing import NEVER, PATIENCE, UNDERGROUND_M, entered, inverse_of, met, met_in_cell
+
+TILE = 8
+TILES = 8
+"""Tiles along a block's side."""
+
+LOOKS = 24
+"""Looks for a block or tile at most."""
+
+LOOSE = 2048.0
+"""A bundle of rays wider than this (in cells) is not worth a look."""
+
+READS = 16
+"""Values of the pyramid that one look reads at most, but on its top level."""
+
+SMALL_CELLS, SMALL = 1e-6, 1e-12
+"""What rounding may move a ray by: cells, and a share of all the lengths that go into its place."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cone(directions, gsd, i0, i1, j0, j1):
+    """Least and greatest cells east, then south, per metre of fall, of the rays that fall; an empty
+    range (inf, -inf) when none does.
+    """
+    a0, a1, b0, b1 = math.inf, -math.inf, math.inf, -math.inf
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            east, north, up = directions[i, j, 0], directions[i, j, 1], directions[i, j, 2]
+            if up < 0.0 and math.isfinite(east + north + up):
+                inverse = -1.0 / (up * gsd)
+                a, b = east * inverse, -north * inverse
+                a0, a1 = min(a0, a), max(a1, a)
+                b0, b1 = min(b0, b), max(b1, b)
+    return a0, a1, b0, b1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(pyramid, u0, u1, v0, v1):
+    """Highest node of the cells that a box of positions touches, or of some more; -inf off the
+    raster.
+    """
+    levels, offsets, widths, heights = pyramid
+    if u1 < 0.0 or v1 < 0.0 or u0 > widths[0] or v0 > heights[0]:
+        return -math.inf
+    c0, c1 = int(max(u0, 0.0)), int(min(u1, widths[0] - 1.0))
+    r0, r1 = int(max(v0, 0.0)), int(min(v1, heights[0] - 1.0))
+    c0, r0 = min(c0, c1), min(r0, r1)
+    level, top = 1, widths.size - 1
+    while (
+        level < top
+        and ((c1 >> level) - (c0 >> level) + 1) * ((r1 >> level) - (r0 >> level) + 1) > READS
+    ):
+        level += 1
+    found = np.float32(-math.inf)
+    for r in range(r0 >> level, (r1 >> level) + 1):
+        start = offsets[level] + r * widths[level]
+        for c in range(start + (c0 >> level), start + (c1 >> level) + 1):
+            found = max(found, levels[c])
+    return np.float64(found)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clear_height(pyramid, ou, ov, oz, cone, height):
+    """A height down to which no terrain lies above any ray of the cone, given one (``height``)."""
+    a0, a1, b0, b1 = cone
+    reach = max(abs(a0), abs(a1), abs(b0), abs(b1))
+    spread = max(a1 - a0, b1 - b0)
+    if not spread * (oz - height) < LOOSE:
+        return height
+    step = (spread * (oz - height) + 2.0) / (reach + 1e-9)
+    fails = 0
+    for _ in range(LOOKS):
+        near, far = oz - height, oz - height + step
+        slack = SMALL_CELLS + SMALL * (abs(ou) + abs(ov) + reach * (abs(oz) + abs(height) + step))
+        highest = _highest(
+            pyramid,
+            ou + min(a0 * near, a0 * far) - slack,
+            ou + max(a1 * near, a1 * far) + slack,
+            ov + min(b0 * near, b0 * far) - slack,
+            ov + max(b1 * near, b1 * far) + slack,
+        )
+        below = height - step
+        if highest < height:
+            height = max(highest, below)
+        else:
+            fails += 1
+        if highest <= below:
+            step *= 2.0
+        else:
+            step *= 0.5
+        if fails > 1:
+            break
+    return height
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
+    """`approach` of every ray of a tile into queue (11, rays). Nothing in it branches, so that the
+    compiler takes several rays at once.
+    """
+    k = 0
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            queue[0, k], queue[1, k] = directions[i, j, 0], directions[i, j, 1]
+            queue[2, k] = directions[i, j, 2]
+            k += 1
+    a, b, c, d, e, f = queue[0], queue[1], queue[2], queue[3], queue[4], queue[5]
+    g, h, o, m, n = queue[6], queue[7], queue[8], queue[9], queue[10]
+    for q in range(k):
+        a[q], b[q], c[q], d[q], e[q], f[q], g[q], h[q], o[q], m[q], n[q] = approach(
+            rows, cols, summit, ou, ov, oz, a[q], b[q], c[q], gsd
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start(z, summit, clear, queue, count, place, walk, alive):
+    """Put the rays that come in from above and are clear down to ``clear`` into their first cells:
+    row and column into place (2, rays), parameter into walk (2, rays), their numbers into alive.
+    Returns how many; the others keep walk[1] = NaN.
+    """
+    rows, cols = z.shape
+    walking = 0
+    for q in range(count):
+        du, dv, dz, inverse_u, inverse_v = (
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
+        )  # fmt: skip
+        inverse_z, length, first = queue[5, q], queue[6, q], queue[7, q]
+        u, v, height = queue[8, q], queue[9, q], queue[10, q]
+        falls = (dz < 0.0) & (clear < height) & (height + UNDERGROUND_M >= summit)
+        plain = falls & (length > 0.0) & (not math.isnan(first))
+        walk[1, q] = math.nan
+        s_clear = (clear - height) * inverse_z if plain else 0.0
+        col, in_u = entered(u if plain else 0.0, du, inverse_u, cols - 1, 0, s_clear)
+        row, in_v = entered(v if plain else 0.0, dv, inverse_v, rows - 1, 0, s_clear)
+        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
+        place[0, q], place[1, q], walk[0, q] = row, col, max(in_u, in_v, 0.0)
+        if plain:
+            walk[1, q] = -1.0
+        alive[walking] = q
+        walking += 1 if plain & inside else 0
+    return walking
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(z, queue, place, walk, alive, walking):
+    """One cell on for every ray that walks: walk[1] is where it meets the surface there, else -1.
+    Returns how many walk on.
+
+    No way is chosen by what a ray meets, so that the processor works on many rays at once: waiting
+    for one ray's cell to know where it ends cost more than all arithmetic.
+    """
+    rows, cols = z.shape
+    on = 0
+    for k in range(walking):
+        q = alive[k]
+        du, dv, dz, inverse_u, inverse_v = (
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
+        )  # fmt: skip
+        u, v, height = queue[8, q], queue[9, q], queue[10, q]
+        row, col, s = place[0, q], place[1, q], walk[0, q]
+        right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
+        s_u = (col + right - u) * inverse_u if du != 0.0 else NEVER
+        s_v = (row + down - v) * inverse_v if dv != 0.0 else NEVER
+        s_out = max(min(s_u, s_v), s)
+        s_diagonal = ((col - row) - (u - v)) * inverse_of(du - dv)
+        by_u = s_u < s_v
+        found = met_in_cell(
+            z, row, col, u, v, height, du, dv, dz, s, s_diagonal, s_out, NEVER, by_u
+        )
+        walk[1, q], walk[0, q] = found, s_out
+        col += (2 * right - 1) if by_u else 0
+        row += 0 if by_u else (2 * down - 1)
+        place[0, q], place[1, q] = row, col
+        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
+        alive[on] = q
+        on += 1 if (found < 0.0) & inside else 0
+    return on
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tile_solid(
+    z, pyramid, summit, oz, clear, queue, place, walk, alive, out,
+    i0, i1, j0, j1,
+):  # fmt: skip
+    """Trace a tile's rays over a raster without nodata: together for some cells, then those that
+    are left each by itself.
+    """
+    count = max(i1 - i0, 0) * max(j1 - j0, 0)  # tiles beside the image have no ray
+    walking = _start(z, summit, clear, queue, count, place, walk, alive)
+    for _ in range(PATIENCE):
+        if walking == 0:
+            break
+        walking = _walk(z, queue, place, walk, alive, walking)
+    for k in range(walking):
+        q = alive[k]
+        walk[1, q] = met(
+            z, False, pyramid, summit, queue[8, q], queue[9, q], queue[10, q],
+            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q], walk[0, q], 0,
+        )  # fmt: skip
+    k = 0
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            met_at = walk[1, k]
+            if not math.isnan(met_at):
+                out[i, j] = (queue[7, k] + met_at) / queue[6, k] if met_at >= 0.0 else math.nan
+            else:
+                out[i, j] = hit_from(
+                    z, False, pyramid, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                    queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
+                    queue[8, k], queue[9, k], queue[10, k],
+                )  # fmt: skip
+            k += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
+    """The same over one with nodata: a copy, so that the compiler makes a function of each."""
+    k = 0
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            out[i, j] = hit_from(
+                z, True, pyramid, summit, oz, clear, queue[0, k], queue[1, k], queue[2, k],
+                queue[3, k], queue[4, k], queue[5, k], queue[6, k], queue[7, k],
+                queue[8, k], queue[9, k], queue[10, k],
+            )  # fmt: skip
+            k += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _block(
+    z,
+    holes,
+    pyramid,
+    summit,
+    ou,
+    ov,
+    oz,
+    gsd,
+    directions,
+    out,
+    i0,
+    j0,
+    tile_rows,
+    tile_cols,
+):
+    """A block of TILES x TILES tiles."""
+    rows, cols = out.shape
+    cones = np.empty((TILES * TILES, 4))
+    queue, walk = np.empty((11, TILE * TILE)), np.empty((2, TILE * TILE))
+    place, alive = np.empty((2, TILE * TILE), np.int64), np.empty(TILE * TILE, np.int64)
+    whole = (math.inf, -math.inf, math.inf, -math.inf)
+    for k in range(TILES * TILES):
+        i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
+        cone = _cone(directions, gsd, i, min(i + tile_rows, rows), j, min(j + tile_cols, cols))
+        cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3] = cone
+        whole = (
+            min(whole[0], cone[0]), max(whole[1], cone[1]),
+            min(whole[2], cone[2]), max(whole[3], cone[3]),
+        )  # fmt: skip
+    top = min(oz, summit)
+    useful = pyramid[2].size > 1 and math.isfinite(top)
+    common = _clear_height(pyramid, ou, ov, oz, whole, top) if useful else top
+    for k in range(TILES * TILES):
+        i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
+        clear = math.inf
+        if useful and cones[k, 0] <= cones[k, 1]:
+            clear = _clear_height(
+                pyramid,
+                ou,
+                ov,
+                oz,
+                (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3]),
+                common,
+            )
+            clear += SMALL_CELLS + SMALL * (abs(oz) + abs(clear))
+        i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
+        _approach(*z.shape, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
+        if holes:
+            _tile_holed(z, pyramid, summit, oz, clear, queue, out, i, i1, j, j1)
+        else:
+            _tile_solid(
+                z, pyramid, summit, oz, clear, queue, place, walk, alive,
+                out, i, i1, j, j1,
+            )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
+    """First hits of rays along ENU directions (rows, cols, 3) that leave one point, into out (rows,
+    cols): `rays.first_hits`, faster where neighbours in the array are neighbours in the sky.
+    """
+    ou, ov = on_grid(ou, ov)
+    rows, cols = out.shape
+    tile_rows = min(TILE, rows)
+    tile_cols = TILE * TILE // tile_rows
+    down, across = tile_rows * TILES, tile_cols * TILES
+    blocks_across = (cols + across - 1) // across
+    blocks = (rows + down - 1) // down * blocks_across
+    for block in prange(blocks):
+        i0, j0 = block // blocks_across * down, block % blocks_across * across
+        _block(
+            z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
+        )  # fmt: skip

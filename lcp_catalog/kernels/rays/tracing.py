@@ -1,0 +1,325 @@
+"""Exact rays over the triangulated surface: a max-mipmap traversal whose leaf compares the ray with
+the edges it crosses.
+
+Between two edge crossings the profile of the surface under a ray is linear, and so is the ray: the
+surface rises above the ray if and only if it does so at a crossing. Every existing triangle is
+entered and left through its own edges, so testing each crossed edge that belongs to an existing
+triangle is complete; no bias or lift is needed, and there are no cracks.
+
+Rays live in cell units: u = column, v = row (down), z in metres: (ou, ov, oz) + s (du, dv, dz) with
+max(|du|, |dv|) = 1, so that crossings along an axis or a diagonal are computed without rounding.
+Cell steps after Amanatides and Woo 1987, hierarchy after Tevs, Ihrke and Seidel 2008 (maximum
+mipmaps).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .surface import edge_height, edge_height_careful, facet_height, stretch_exists, stretch_height
+
+NEVER = 1e300
+PATIENCE = 6
+"""Cells that a ray which starts near the ground goes before it looks at larger ones."""
+
+AT_ONCE = 1e-300
+"""Less than any crossing but one at the start itself."""
+UNDERGROUND_M = 1e-6
+"""A camera less than this below the surface stands on it; further down it is under the ground and
+sees nothing.
+"""
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def inverse_of(rate):
+    """1 / rate; `NEVER` for 0."""
+    return 1.0 / rate if rate != 0.0 else NEVER
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def unit(value):
+    """A value moved into 0..1."""
+    return min(max(value, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def edge_at(z, holes, i, j, i2, j2, f):
+    if holes:
+        return edge_height_careful(z, i, j, i2, j2, f)
+    return edge_height(z, i, j, i2, j2, f)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
+    """Where between s and s_below, one stretch of cell (i, j), a ray comes through the surface;
+    ``below`` (< 0) is its height at s_below.
+
+    NEVER when the ray was under no triangle before: it has come under the surface from the side,
+    through a hole.
+    """
+    x, y = unit(ou + du * s - j), unit(ov + dv * s - i)
+    if holes:
+        middle = 0.5 * (s + s_below)
+        mid_x, mid_y = unit(ou + du * middle - j), unit(ov + dv * middle - i)
+        if not stretch_exists(z, i, j, mid_x, mid_y):
+            return NEVER
+        height = stretch_height(z, i, j, x, y, mid_x, mid_y)
+    else:
+        height = facet_height(z, i, j, x, y)
+    above = max(
+        oz + dz * s - height, 0.0
+    )  # below 0 only by rounding: the last crossing was passed above
+    return s + (s_below - s) * (above / (above - below))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
+    """Where a ray first comes through the surface in cell (i, j), whose nodes all have heights,
+    between s and s_out; -1 where it does not.
+
+    What `_trace` and `_meeting` do else, with choices of values in place of branches: which edge a
+    ray meets is not to be guessed, and guessing wrong costs more than both edges.
+    """
+    z00, z01 = np.float64(z[i, j]), np.float64(z[i, j + 1])
+    z10, z11 = np.float64(z[i + 1, j]), np.float64(z[i + 1, j + 1])
+    parted = (s < s_diagonal) & (s_diagonal < s_out) & (s_diagonal <= s_end)
+    f = unit(ou + du * s_diagonal - j)
+    gap_diagonal = oz + dz * s_diagonal - (z00 + (z11 - z00) * f if f < 1.0 else z11)
+    gap_diagonal = gap_diagonal if parted else 0.0
+    right, down = du > 0.0, dv > 0.0
+    start_u, end_u = (z01 if right else z00), (z11 if right else z10)
+    start_v, end_v = (z10 if down else z00), (z11 if down else z01)
+    start, end = (start_u if by_u else start_v), (end_u if by_u else end_v)
+    u, v = ou + du * s_out - j, ov + dv * s_out - i
+    f = unit(v if by_u else u)
+    gap = oz + dz * s_out - (start + (end - start) * f if f < 1.0 else end)
+    gap = gap if (s_out > 0.0) & (s_out <= s_end) else 0.0
+    early = gap_diagonal < 0.0
+    below, s_below = (gap_diagonal if early else gap), (s_diagonal if early else s_out)
+    s = s_diagonal if parted & (not early) else s
+    x, y = unit(ou + du * s - j), unit(ov + dv * s - i)
+    upper = x >= y
+    corner = z01 if upper else z10
+    along, across = (x if upper else y), (y if upper else x)
+    height = z00 + (corner - z00) * along + (z11 - corner) * across
+    above = max(oz + dz * s - height, 0.0)
+    met_at = s + (s_below - s) * (above / (above - below))
+    return met_at if (gap_diagonal < 0.0) | (gap < 0.0) else -1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def first_cell(rows, cols, ou, ov, du, dv):
+    """(column, row) of the cell that a ray from (ou, ov), inside the raster, goes through first."""
+    col = min(max(math.floor(ou), 0), cols - 2)
+    row = min(max(math.floor(ov), 0), rows - 2)
+    if du < 0.0 and ou == col and col > 0:
+        col -= 1
+    if dv < 0.0 and ov == row and row > 0:
+        row -= 1
+    return col, row
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def child_at(u, v, du, dv, col, row, level):
+    """(column, row) of the block of ``level`` that a ray at (u, v) goes on through, of the four in
+    block (col, row) of the next level.
+    """
+    c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
+    r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
+    if du < 0.0 and c > 2 * col and u <= (c << level):
+        c -= 1
+    if dv < 0.0 and r > 2 * row and v <= (r << level):
+        r -= 1
+    return c, r
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def entered(start, rate, inverse, size, level, s):
+    """The block of 2^level cells along an axis that a ray is in once it has crossed every grid line
+    whose crossing is not behind s, and the crossing at which it came into it.
+
+    -1 or ``size`` (blocks of this level) where it has left the raster. The position only gives a
+    first guess; crossings, computed as `_trace` does, decide.
+    """
+    block = int(min(max(start + rate * s, 0.0), (size << level) - 1.0)) >> level
+    if rate > 0.0:
+        if ((block << level) - start) * inverse > s and block > 0:
+            block -= 1
+        if (((block + 1) << level) - start) * inverse <= s:
+            block += 1
+        return block, ((block << level) - start) * inverse
+    if rate < 0.0:
+        if (((block + 1) << level) - start) * inverse > s and block < size - 1:
+            block += 1
+        if ((block << level) - start) * inverse <= s:
+            block -= 1
+        return block, (((block + 1) << level) - start) * inverse
+    return block, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registers)
+    z, holes, first_hit, pyramid, summit, ou, ov, oz, du, dv, dz,
+    inverse_u, inverse_v, s_clear, s_end, level,
+):  # fmt: skip
+    """Follow a ray from (ou, ov), inside the raster, until it leaves it, rises above ``summit`` or
+    passes s_end.
+
+    ``first_hit`` false: 1 as soon as a crossing with 0 < s <= s_end lies strictly above the ray,
+    else -1. ``first_hit`` true, for a ray that starts on or above the surface: the s at which it
+    first meets the surface, else -1. ``holes`` and ``first_hit`` are literals of the callers: the
+    compiler makes one function of each pair.
+
+    With ``first_hit`` the way may begin at s_clear > 0, up to which no crossing lies above the ray,
+    and the bits of the answer depend neither on that nor on the level: a child is chosen by
+    comparing crossings, so that the cells and the s of every crossing are those of a walk from cell
+    to cell. (Crossings of one s: the row's line comes first.)
+    """
+    levels, offsets, widths, heights = pyramid
+    rows, cols = z.shape
+    right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
+    step_u, step_v = (1 if du > 0.0 else -1), (1 if dv > 0.0 else -1)
+    across = du - dv
+    inverse_across = inverse_of(across)
+    start_across = ou - ov
+    if dz > 0.0:
+        s_end = min(s_end, (summit - oz) / dz)
+    elif dz == 0.0 and oz >= summit:
+        return -1.0
+    top = widths.size - 1
+    col, row = first_cell(rows, cols, ou, ov, du, dv)
+    level = min(level, top)
+    col, row, s = col >> level, row >> level, 0.0
+    walked = 0 if s_clear > 0.0 else PATIENCE
+    if first_hit and s_clear > 0.0:
+        col, in_u = entered(ou, du, inverse_u, widths[level], level, s_clear)
+        row, in_v = entered(ov, dv, inverse_v, heights[level], level, s_clear)
+        if col < 0 or row < 0 or col >= widths[level] or row >= heights[level]:
+            return -1.0
+        s = max(in_u, in_v, 0.0)
+    while True:
+        s_u = (((col + right) << level) - ou) * inverse_u if du != 0.0 else NEVER
+        s_v = (((row + down) << level) - ov) * inverse_v if dv != 0.0 else NEVER
+        s_out = max(min(s_u, s_v), s)
+        if level > 0:
+            lowest = oz + dz * (s if dz > 0.0 else s_out)
+            if levels[offsets[level] + row * widths[level] + col] > lowest:
+                level -= 1
+                if first_hit:
+                    c, r = 2 * col + 1, 2 * row + 1
+                    passed_u = ((c << level) - ou) * inverse_u < max(s, AT_ONCE)
+                    passed_v = ((r << level) - ov) * inverse_v <= s
+                    if passed_u != (du >= 0.0):
+                        c -= 1
+                    if passed_v != (dv >= 0.0):
+                        r -= 1
+                else:
+                    c, r = child_at(ou + du * s, ov + dv * s, du, dv, col, row, level)
+                col, row = min(c, widths[level] - 1), min(r, heights[level] - 1)
+                continue
+        elif first_hit and not holes:
+            s_diagonal = ((col - row) - start_across) * inverse_across
+            found = met_in_cell(
+                z, row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, s_u < s_v
+            )
+            if found >= 0.0:
+                return found
+        else:
+            before = s
+            s_diagonal = ((col - row) - start_across) * inverse_across
+            if s < s_diagonal < s_out and s_diagonal <= s_end:
+                f = unit(ou + du * s_diagonal - col)
+                gap = oz + dz * s_diagonal - edge_at(z, holes, row, col, row + 1, col + 1, f)
+                if gap < 0.0:
+                    if not first_hit:
+                        return 1.0
+                    met = _meeting(z, holes, row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, gap)
+                    if met < NEVER:
+                        return met
+                    if gap < -UNDERGROUND_M:
+                        return -1.0
+                before = s_diagonal
+            if s_u < s_v:
+                edge, f = col + right, unit(ov + dv * s_out - row)
+                gap = oz + dz * s_out - edge_at(z, holes, row, edge, row + 1, edge, f)
+            else:
+                edge, f = row + down, unit(ou + du * s_out - col)
+                gap = oz + dz * s_out - edge_at(z, holes, edge, col, edge, col + 1, f)
+            if gap < 0.0 and 0.0 < s_out <= s_end:
+                if not first_hit:
+                    return 1.0
+                met = _meeting(z, holes, row, col, ou, ov, oz, du, dv, dz, before, s_out, gap)
+                if met < NEVER:
+                    return met
+                if gap < -UNDERGROUND_M:
+                    return -1.0
+        s = s_out
+        if s >= s_end:
+            return -1.0
+        if s_u < s_v:
+            old, col = col, col + step_u
+            if col < 0 or col >= widths[level]:
+                return -1.0
+            climb = ((col ^ old) >> 1) != 0
+        else:
+            old, row = row, row + step_v
+            if row < 0 or row >= heights[level]:
+                return -1.0
+            climb = ((row ^ old) >> 1) != 0
+        if first_hit:
+            walked += 1
+            climb = climb and walked > PATIENCE
+        if climb and level < top:
+            level, col, row = level + 1, col >> 1, row >> 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blocked_solid(
+    z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
+):  # fmt: skip
+    return _trace(
+        z, False, False, pyramid, summit, ou, ov, oz, du, dv, dz,
+        inverse_of(du), inverse_of(dv), 0.0, s_end, level,
+    ) > 0.0  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blocked_holed(
+    z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
+):  # fmt: skip
+    return _trace(
+        z, True, False, pyramid, summit, ou, ov, oz, du, dv, dz,
+        inverse_of(du), inverse_of(dv), 0.0, s_end, level,
+    ) > 0.0  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def blocked(
+    z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
+):  # fmt: skip
+    """Whether an existing triangle rises strictly above the ray at 0 < s <= s_end; (du, dv) must
+    not both be 0.
+    """
+    if holes:
+        return _blocked_holed(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level)
+    return _blocked_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def met(
+    z, holes, pyramid, summit, ou, ov, oz, du, dv, dz,
+    inverse_u, inverse_v, s_clear, level,
+):  # fmt: skip
+    """Where a ray that starts on or above the surface first meets it; -1 where it never does, or
+    comes under it through a hole. Nothing must lie above it up to s_clear (0: not known).
+    """
+    if holes:
+        return _trace(
+            z, True, True, pyramid, summit, ou, ov, oz, du, dv, dz,
+            inverse_u, inverse_v, s_clear, NEVER, level,
+        )  # fmt: skip
+    return _trace(
+        z, False, True, pyramid, summit, ou, ov, oz, du, dv, dz,
+        inverse_u, inverse_v, s_clear, NEVER, level,
+    )  # fmt: skip

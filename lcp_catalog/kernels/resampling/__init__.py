@@ -1,0 +1,1 @@
+"""Area means and interpolated heights."""

@@ -1,0 +1,1 @@
+"""Shadows of parallel light, by scan lines and proved bounds."""

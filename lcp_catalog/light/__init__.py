@@ -1,0 +1,1 @@
+"""Light sources: the solar disc, the Earth, and environment maps."""

@@ -1,0 +1,194 @@
+"""An environment as one equirectangular image: how bright it is in every direction.
+
+The image is twice as wide as high. Its top row is the zenith of the area's east-north-up frame, its
+bottom row the nadir; its middle looks towards ``azimuth_deg`` (clockwise from north; 0: north), and
+what lies right of the middle lies clockwise of it: for azimuth 0 the quarter right of the middle is
+the east. A pixel has one luminance all over its rectangle of azimuth and elevation; integrals over
+it are exact.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ImageError
+from .hdr_image import read_picture
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Panorama:
+    """Luminance (rows, 2 rows), any linear unit, and where its middle looks. ImageError for another
+    shape, for luminance that is negative or not finite, and for one that is 0 everywhere.
+    """
+
+    luminance: Array
+    azimuth_deg: float = 0.0
+    name: str = "panorama"
+    encoded: bool = False
+    """Whether it came from samples encoded for a display, which cannot hold a Sun."""
+
+    def __post_init__(self) -> None:
+        luminance = np.ascontiguousarray(self.luminance, dtype=np.float64)
+        shape = luminance.shape
+        if luminance.ndim != 2 or shape[0] < 2 or shape[1] != 2 * shape[0]:
+            size = " x ".join(map(str, shape[::-1]))
+            raise ImageError(
+                f"{self.name}: {size} pixels; a panorama of all directions is twice as wide as high"
+            )
+        if not np.isfinite(luminance).all() or (luminance < 0.0).any():
+            raise ImageError(f"{self.name}: luminance must be finite and 0 or more")
+        if not luminance.any():
+            raise ImageError(f"{self.name}: the panorama is black: it lights nothing")
+        if not math.isfinite(self.azimuth_deg):
+            raise ImageError(f"{self.name}: no azimuth: {self.azimuth_deg}")
+        object.__setattr__(self, "luminance", luminance)
+
+    @property
+    def rows(self) -> int:
+        return self.luminance.shape[0]
+
+    @property
+    def cols(self) -> int:
+        return self.luminance.shape[1]
+
+    @property
+    def pixel_rad(self) -> float:
+        """Height and width of a pixel in elevation and azimuth."""
+        return math.pi / self.rows
+
+    @cached_property
+    def elevations(self) -> Array:
+        """Of the rows' middles, radians (rows,), from the zenith down."""
+        return np.asarray(math.pi / 2.0 - (np.arange(self.rows) + 0.5) * self.pixel_rad)
+
+    @cached_property
+    def azimuths(self) -> Array:
+        """Of the columns' middles, radians (cols,), clockwise from north, not reduced."""
+        return self.column_azimuth(np.arange(self.cols) + 0.5)
+
+    def column_azimuth(self, place: ArrayLike) -> Array:
+        """Azimuth (radians) of places counted in columns from the image's left edge."""
+        turn = math.radians(self.azimuth_deg) - math.pi
+        return np.asarray(place, dtype=np.float64) * self.pixel_rad + turn
+
+    @cached_property
+    def solid_angles(self) -> Array:
+        """Of a pixel of each row, sr (rows,): (sin upper - sin lower) x width."""
+        half = 0.5 * self.pixel_rad
+        return 2.0 * np.cos(self.elevations) * math.sin(half) * self.pixel_rad
+
+    @cached_property
+    def levels(self) -> Array:
+        """Integral of the sine of elevation over a pixel of each row, sr (rows,): what a
+        horizontal plane sees of it, seen from above; negative under the horizon.
+        """
+        sine = np.sin(2.0 * self.elevations) * math.sin(self.pixel_rad)
+        return 0.5 * sine * self.pixel_rad
+
+    def moments(self, row: NDArray[np.int64], col: NDArray[np.int64]) -> Array:
+        """Integral of the unit direction (east, north, up) over pixels (n,), sr (n, 3)."""
+        half = 0.5 * self.pixel_rad
+        level = half + 0.5 * math.sin(2.0 * half) * np.cos(2.0 * self.elevations[row])
+        level *= 2.0 * math.sin(half)
+        azimuth = self.azimuths[col]
+        east, north = level * np.sin(azimuth), level * np.cos(azimuth)
+        return np.stack([east, north, self.levels[row]], axis=-1)
+
+    @cached_property
+    def above(self) -> Array:
+        """Share of each row above the horizontal plane, (rows,): 1 or 0, and 1/2 of the middle row
+        of an odd number.
+        """
+        return np.clip(0.5 * self.rows - np.arange(self.rows), 0.0, 1.0)
+
+    @cached_property
+    def power(self) -> float:
+        """Integral of luminance over the sphere."""
+        return float(self.luminance.sum(axis=1) @ self.solid_angles)
+
+    @cached_property
+    def power_above(self) -> float:
+        """Integral of luminance over the sphere above the horizontal plane."""
+        solid = self.solid_angles * self.above
+        return float(self.luminance.sum(axis=1) @ solid)
+
+    @cached_property
+    def horizontal_irradiance(self) -> float:
+        """Of a horizontal plane, from above: integral of luminance times the sine of elevation."""
+        half = 0.5 * self.pixel_rad
+        middle = 0.5 * math.sin(half) ** 2 * self.pixel_rad  # what half a row over 0 gives
+        levels = np.where(self.above == 0.5, middle, self.levels * (self.above == 1.0))
+        return float(self.luminance.sum(axis=1) @ levels)
+
+    @property
+    def middle_above(self) -> Array:
+        """Unit direction (3,) to the centroid of the power above the horizontal plane; the zenith
+        where that is nowhere.
+        """
+        rows = np.arange((self.rows + 1) // 2)
+        along = self.luminance[rows] @ np.stack([np.sin(self.azimuths), np.cos(self.azimuths)], 1)
+        level = self.moments(rows, np.zeros_like(rows))
+        level = np.hypot(level[:, 0], level[:, 1]) * self.above[rows]
+        east, north = level @ along
+        found = np.array([east, north, self.horizontal_irradiance])
+        length = float(np.linalg.norm(found))
+        return found / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+    @property
+    def dynamic_range(self) -> float:
+        """Brightest pixel over the dimmest that is not black."""
+        return _range(self.luminance)
+
+    @property
+    def dynamic_range_above(self) -> float:
+        """The same above the horizon; NaN where all is black there."""
+        return _range(self.luminance[: self.rows // 2])
+
+    def at(self, directions: ArrayLike) -> Array:
+        """Luminance (...) in directions (..., 3), linear between pixel middles; over the poles the
+        nearest row goes on.
+        """
+        east, north, up = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+        azimuth = np.arctan2(east, north) - self.azimuths[0]
+        col = (azimuth / self.pixel_rad) % self.cols
+        elevation = np.arctan2(up, np.hypot(east, north))
+        row = np.clip((self.elevations[0] - elevation) / self.pixel_rad, 0.0, self.rows - 1.0)
+        left, top = np.floor(col).astype(np.int64) % self.cols, np.floor(row).astype(np.int64)
+        right, below = (left + 1) % self.cols, np.minimum(top + 1, self.rows - 1)
+        x, y = col - np.floor(col), row - top
+        light = self.luminance
+        upper = light[top, left] * (1.0 - x) + light[top, right] * x
+        lower = light[below, left] * (1.0 - x) + light[below, right] * x
+        return np.asarray(upper * (1.0 - y) + lower * y)
+
+    def times(self, factor: float) -> Panorama:
+        """Of another unit."""
+        return replace(self, luminance=self.luminance * factor)
+
+
+def read_panorama(path: Path | str, azimuth_deg: float = 0.0) -> Panorama:
+    """The panorama in an image file (`image_file.read_picture`); ImageError for what is none."""
+    picture = read_picture(path)
+    if picture.encoded:
+        log.warning(
+            "%s: its samples are encoded for a display and were taken as sRGB: bright sources in it "
+            "are cut off at white",
+            picture.name,
+        )
+    return Panorama(picture.luminance, azimuth_deg, picture.name, picture.encoded)
+
+
+def _range(luminance: Array) -> float:
+    lit = luminance[luminance > 0.0]
+    return float(lit.max() / lit.min()) if lit.size else math.nan

@@ -1,0 +1,123 @@
+"""Pictures as light: read by OpenCV, brought to linear luminance.
+
+Float samples (Radiance, PFM, TIFF) are taken as linear. Integer samples (PNG, JPEG, TIFF of 8 or 16
+bits) are taken as encoded for a display and decoded with the sRGB curve (IEC 61966-2-1); they hold
+no more than 3294 : 1 (8 bits). Luminance is that of Rec. 709 primaries, 0.2126 R + 0.7152 G + 0.0722 B;
+a Radiance file's own PRIMARIES, EXPOSURE and COLORCORR are not looked at: they scale, or tint.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ImageError
+
+Array = NDArray[np.float64]
+
+REC_709 = (0.2126, 0.7152, 0.0722)
+"""Luminance of red, green and blue (ITU-R BT.709)."""
+
+_FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
+_FLOATS = ("float32", "float64")
+_TAIL = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Linear luminance (rows, cols); ``encoded``: it came from samples encoded for a display, whose
+    white is 1.
+    """
+
+    luminance: Array
+    encoded: bool
+    name: str
+
+
+def read_picture(path: Path | str) -> Picture:
+    """The luminance of an image file; ImageError for one that is not there, not readable, negative
+    or not finite. An alpha channel is left aside.
+    """
+    name = Path(path).name
+    samples = _samples(path)
+    kind = samples.dtype.name
+    if kind not in _FULL_SCALE and kind not in _FLOATS:
+        raise ImageError(f"{path}: samples are {kind}; give 8 or 16 bits, or floats")
+    encoded = kind in _FULL_SCALE
+    planes = samples[:, :, None] if samples.ndim == 2 else samples
+    weights = REC_709[::-1] if planes.shape[2] >= 3 else (1.0,)  # OpenCV's order is blue first
+    luminance = np.zeros(planes.shape[:2])
+    for channel, weight in enumerate(weights):
+        plane = planes[:, :, channel].astype(np.float64)
+        luminance += weight * (_linear(plane / _FULL_SCALE[kind]) if encoded else plane)
+        _require_light(path, planes[:, :, channel])
+    return Picture(luminance, encoded, name)
+
+
+def resized(values: Array, shape: tuple[int, int]) -> Array:
+    """Values on another raster of the same extent: averages where it is coarser, linear between
+    pixel centres where it is finer.
+    """
+    if values.shape == shape:
+        return values
+    coarser = shape[0] < values.shape[0]
+    how = cv2.INTER_AREA if coarser else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(values, shape[::-1], interpolation=how), dtype=np.float64)
+
+
+def _linear(encoded: Array) -> Array:
+    """Light of sRGB values 0..1."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def _samples(path: Path | str) -> NDArray[Any]:
+    """What OpenCV reads, (rows, cols) or (rows, cols, channels)."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(2)
+            file.seek(-min(_TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
+            end = file.read()
+    except OSError as error:
+        raise ImageError(f"{path}: {error.strerror or error}") from error
+    # OpenCV fills what is missing of a JPEG with grey and says nothing
+    cut_short = start == b"\xff\xd8" and b"\xff\xd9" not in end
+    samples = None if cut_short else _decoded(path)
+    if samples is None:
+        hint = "; OpenEXR is not built in: convert to .hdr, .pfm or float .tif"
+        exr = os.fspath(path).lower().endswith(".exr")
+        raise ImageError(f"{path}: no whole picture that OpenCV reads{hint if exr else ''}")
+    return samples
+
+
+def _decoded(path: Path | str) -> NDArray[Any] | None:
+    """None for what OpenCV cannot read; what it would say of that on stderr, our error says."""
+    logging = cv2.utils.logging
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        return np.asarray(found) if (found := _imread(path)) is not None else None
+    finally:
+        logging.setLogLevel(before)
+
+
+def _imread(path: Path | str) -> NDArray[Any] | None:
+    try:
+        return cv2.imread(os.fspath(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+
+
+def _require_light(path: Path | str, plane: NDArray[Any]) -> None:
+    if plane.dtype.name not in _FLOATS:
+        return
+    bad = int(np.count_nonzero(~np.isfinite(plane)))
+    if bad:
+        raise ImageError(f"{path}: {bad} samples are not finite")
+    below = int(np.count_nonzero(plane < 0))
+    if below:
+        raise ImageError(f"{path}: {below} samples are negative; light is not")

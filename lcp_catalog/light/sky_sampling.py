@@ -1,0 +1,257 @@
+"""The light of a panorama's remainder on terrain, by samples of equal power.
+
+Importance sampling, stratified: azimuth is cut into strata of equal power, each stands for one
+azimuth, the median of its power; elevations follow each stratum's own power, their order shifted from
+stratum to stratum (van der Corput), so that no two strata sample alike. Every sample has the same
+irradiance, the power over their number. All elevations of an azimuth share one pass over the terrain
+(`shadows.occluded_sweep`): in draft and standard a draft, whose wrong nodes cost less than the samples
+leave, above that an exact one. No random numbers: the same panorama gives the same bits.
+
+What lies below the horizontal plane of the panorama is a picture of ground: it lights nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS, Accuracy
+from ..cameras.view import View
+from ..kernels.photometry import sky as kernel
+from ..photometry.laws import Reflectance
+from ..terrain.heightfield import Window
+from ..terrain.horizons import Points
+from ..terrain.occlusion import occluded_sweep
+from ..terrain.relief_bounds import nodes_enu
+from ..terrain.terrain import Terrain
+from .environment_map import Panorama
+
+Array = NDArray[np.float64]
+
+SAMPLES = {"draft": (16, 8), "standard": (32, 8), "high": (64, 16), "reference": (128, 32)}
+"""Azimuths, and elevations of each, of a tier."""
+
+SHADOWS = {"draft": "draft", "standard": "draft", "high": "high", "reference": "high"}
+"""The tier of a tier's shadows."""
+
+SKY_RMS = {"draft": 0.006, "standard": 0.004, "high": 0.0015, "reference": 0.0006}
+"""Bound on the rms error over natural terrain, as a share of the mean radiance under the sky; measured
+against more samples and exact shadows (docs/lighting.md), held by tests/test_panorama_sky.py.
+"""
+
+BETWEEN_NODES_RMS = 0.009
+"""The same of what draft and standard add between nodes, where a camera's pixels see the ground: there a point
+sees as much of the sky as its triangle's nodes do.
+"""
+
+SKY_FLOOR_RAD = math.radians(1.0)
+"""Beyond an area's own cells no terrain is looked for that stays lower: a uniform sky gives sin^2 = 0.03 % of
+its light to a plain from below that.
+"""
+
+_BLOCK_NODES = 1 << 22
+
+
+def sky_rms(accuracy: Accuracy, in_camera_plane: bool = False) -> float:
+    """What the samples, and in a camera's plane what lies between nodes, may cost."""
+    between = in_camera_plane and SHADOWS[accuracy.tier] == "draft"
+    return math.hypot(SKY_RMS[accuracy.tier], BETWEEN_NODES_RMS if between else 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SkySamples:
+    """Directions that stand for a sky: azimuths (a,) and elevations (a, e), radians; ``irradiance``
+    of each, of a surface held square to it.
+    """
+
+    azimuths: Array
+    elevations: Array
+    irradiance: float
+
+    def __len__(self) -> int:
+        return self.elevations.size
+
+    def directions(self, azimuth: int) -> Array:
+        """Unit ENU vectors (e, 3) of one azimuth's samples."""
+        elevation, turn = self.elevations[azimuth], self.azimuths[azimuth]
+        level = np.cos(elevation)
+        east, north = level * math.sin(turn), level * math.cos(turn)
+        return np.stack([east, north, np.sin(elevation)], axis=-1)
+
+
+def samples_of(panorama: Panorama, accuracy: Accuracy) -> SkySamples:
+    """As many as the tier takes."""
+    return sky_samples(panorama, *SAMPLES[accuracy.tier])
+
+
+def sky_samples(panorama: Panorama, azimuths: int, elevations: int) -> SkySamples:
+    """Samples of equal power of what stands above the horizontal plane; none of a black sky."""
+    power = panorama.luminance * (panorama.solid_angles * panorama.above)[:, None]
+    total = float(power.sum())
+    if not total > 0.0:
+        return SkySamples(np.zeros(0), np.zeros((0, elevations)), 0.0)
+    columns = np.append(0.0, np.cumsum(power.sum(axis=0)))
+    cuts = _places(columns, np.arange(azimuths + 1) / azimuths)
+    middles = _places(columns, (np.arange(azimuths) + 0.5) / azimuths)
+    inside = np.zeros((azimuths, panorama.rows))
+    for k in range(azimuths):
+        inside[k] = _between(power, cuts[k], cuts[k + 1])
+    rise = np.empty((azimuths, elevations))
+    for k in range(azimuths):
+        offset = _van_der_corput(k) + 0.5 / azimuths
+        shares = (np.arange(elevations) + offset) / elevations
+        rows = _places(np.append(0.0, np.cumsum(inside[k])), shares)
+        rise[k] = _elevation(panorama, rows)
+    irradiance = total / (azimuths * elevations)
+    return SkySamples(panorama.column_azimuth(middles), rise, irradiance)
+
+
+def sky_at_nodes(
+    terrain: Terrain,
+    panorama: Panorama,
+    view: View,
+    model: Reflectance,
+    accuracy: Accuracy,
+    shadows: bool = True,
+) -> NDArray[np.float32]:
+    """Radiance of the core's nodes under the sky alone, (rows, cols), for those that face the view;
+    NaN without a normal. ``shadows=False``: terrain hides nothing of the sky.
+    """
+    row0, row1, col0, col1 = terrain.core
+    out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
+    samples = samples_of(panorama, accuracy)
+    hiding = TIERS[SHADOWS[accuracy.tier]] if shadows else None
+    step = max(1, _BLOCK_NODES // max(1, col1 - col0))
+    for row in range(row0, row1, step):
+        window = (row, min(row + step, row1), col0, col1)
+        block = out[row - row0 : window[1] - row0]
+        lights = _over_nodes(terrain, samples, window, hiding)
+        normals, law = terrain.field.normals(window), (model.code, model.numbers)
+        if view.direction is not None and accuracy.tier != "reference":
+            planes, camera = _planes(normals), np.asarray(view.direction, dtype=np.float64)
+            for directions, dark in lights:
+                how = directions, dark, samples.irradiance, *law
+                kernel.add_to_planes(planes, camera, *how, block)
+            block[np.isnan(planes[0])] = np.nan
+            continue
+        cameras = _cameras(view, nodes_enu(terrain.field, window))
+        total = np.zeros(block.size)
+        for directions, dark in lights:
+            how = directions, dark.reshape(len(dark), -1), samples.irradiance, *law
+            kernel.add_to_nodes(normals.reshape(-1, 3), cameras, *how, total)
+        block[...] = total.reshape(block.shape)
+    return out
+
+
+def sky_at_points(
+    terrain: Terrain,
+    panorama: Panorama,
+    points_m: Array,
+    normals: Array,
+    towards: Array,
+    model: Reflectance,
+    accuracy: Accuracy,
+    shadows: bool = True,
+) -> Array:
+    """The same at ENU points (n, 3) of the surface, with their normals and directions to the camera
+    (n, 3), (n,). In draft and standard what a point sees of the sky is interpolated between the nodes
+    around it, else traced from the point itself.
+    """
+    total = np.zeros(len(points_m))
+    if not len(points_m):
+        return total
+    samples, law = samples_of(panorama, accuracy), (model.code, model.numbers)
+    facing = np.ascontiguousarray(normals), np.ascontiguousarray(towards)
+    if shadows and SHADOWS[accuracy.tier] == "draft":
+        field = terrain.field
+        u = (points_m[:, 0] - field.x0_m) / field.gsd_m
+        v = (field.y0_m - points_m[:, 1]) / field.gsd_m
+        window = (*_span(v, field.shape[0]), *_span(u, field.shape[1]))
+        place = u - window[2], v - window[0]
+        for directions, dark in _over_nodes(terrain, samples, window, TIERS["draft"]):
+            lights = directions, dark, samples.irradiance
+            kernel.add_to_points(*place, *facing, *lights, *law, total)
+        return total
+    points = Points(terrain.field, points_m, terrain.far)
+    for k in range(len(samples.azimuths)):
+        directions = samples.directions(k)
+        dark = np.zeros((len(directions), len(points)), dtype=np.uint8)
+        for n, direction in enumerate(directions if shadows else ()):
+            dark[n] = points.occluded(direction)
+        kernel.add_to_nodes(*facing, directions, dark, samples.irradiance, *law, total)
+    return total
+
+
+def _planes(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Components of normals (rows, cols, 3), each a raster."""
+    return np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+
+
+def _cameras(view: View, points_m: Array) -> Array:
+    """Directions to the camera: one for all (1, 3), or of each point (..., 3) its own (n, 3)."""
+    towards = view.directions(points_m) if view.direction is None else view.direction
+    return np.ascontiguousarray(towards, dtype=np.float64).reshape(-1, 3)
+
+
+def _over_nodes(
+    terrain: Terrain, samples: SkySamples, window: Window, hiding: Accuracy | None
+) -> Iterator[tuple[Array, NDArray[np.uint8]]]:
+    """Azimuth by azimuth: directions (e, 3) and what terrain keeps from the window's nodes,
+    (e, rows, cols); None: nothing.
+    """
+    row0, row1, col0, col1 = window
+    nothing = np.zeros((samples.elevations.shape[1], row1 - row0, col1 - col0), dtype=np.uint8)
+    for k, azimuth in enumerate(samples.azimuths):
+        dark = nothing
+        if hiding is not None:
+            sky = float(azimuth), samples.elevations[k], hiding
+            dark = occluded_sweep(terrain.field, *sky, window, terrain.far)
+        yield samples.directions(k), np.ascontiguousarray(dark)
+
+
+def _span(places: Array, count: int) -> tuple[int, int]:
+    """First node, and the one behind the last, of the cells that hold some places."""
+    first = min(max(math.floor(float(places.min())), 0), count - 2)
+    return first, min(max(math.floor(float(places.max())) + 2, first + 2), count)
+
+
+def _places(sums: Array, shares: Array) -> Array:
+    """Where running sums (n + 1,), linear between their steps, come to shares of the last."""
+    goals = shares * sums[-1]
+    step = np.clip(np.searchsorted(sums, goals, side="right") - 1, 0, sums.size - 2)
+    size = sums[step + 1] - sums[step]
+    into = np.divide(goals - sums[step], size, out=np.zeros_like(goals), where=size > 0.0)
+    return np.asarray(step + np.clip(into, 0.0, 1.0))
+
+
+def _between(power: Array, left: float, right: float) -> Array:
+    """Power of each row between two places counted in columns, (rows,)."""
+    first, last = math.floor(left), min(math.floor(right), power.shape[1] - 1)
+    if first == last:
+        return np.asarray(power[:, first] * (right - left))
+    whole = power[:, first + 1 : last].sum(axis=1)
+    ends = power[:, first] * (first + 1 - left) + power[:, last] * (right - last)
+    return np.asarray(whole + ends)
+
+
+def _elevation(panorama: Panorama, rows: Array) -> Array:
+    """Elevations (radians) at places counted in rows from the zenith, by solid angle within a row,
+    of which only what stands above the plane counts.
+    """
+    row = np.minimum(rows.astype(np.int64), panorama.rows - 1)
+    upper = np.sin(panorama.elevations[row] + 0.5 * panorama.pixel_rad)
+    lower = np.maximum(np.sin(panorama.elevations[row] - 0.5 * panorama.pixel_rad), 0.0)
+    return np.arcsin(np.clip(upper - (rows - row) * (upper - lower), 0.0, 1.0))
+
+
+def _van_der_corput(number: int) -> float:
+    """The digits of a number to the base 2, mirrored at the point."""
+    out, digit = 0.0, 0.5
+    while number:
+        out += digit * (number & 1)
+        number, digit = number >> 1, 0.5 * digit
+    return out

@@ -1,0 +1,293 @@
+"""The finite Sun: the share of the limb-darkened solar disc that stands above the terrain's horizon.
+
+The disc is cut into vertical strips of equal width. One exact horizon is found for each strip, at
+the azimuth of the strip's middle (its flux's centroid), and the flux of the strip above that height
+is exact: a horizon that is level across the disc costs one strip and no error. Only nodes that may
+lie in a penumbra get horizons. Directions are unit ENU vectors, angles radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..accuracy import Accuracy
+from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
+from ..kernels.rays import bundles as rays
+from ..kernels.rays import horizon
+from ..sun.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
+from ..terrain import occlusion as shadows
+from ..terrain.far_terrain import FarTerrain
+from ..terrain.heightfield import Heightfield, Window
+from ..terrain.horizons import Nodes, Points, on_rim
+
+Array = NDArray[np.float64]
+
+STRIPS = {"draft": 1, "standard": 3, "high": 9}
+"""Strips of a tier. ``reference`` doubles them from `FIRST_STRIPS` until no node changes by
+`CONVERGED`, or up to `MOST_STRIPS`.
+"""
+
+SHARE_RMS = {"draft": 0.07, "standard": 0.002, "high": 0.0005, "reference": 1e-4}
+"""Bound on the rms error over all nodes of natural terrain, against ``reference``; over those in a
+penumbra alone 0.2, 0.005, 0.0006. Measured (docs/solar-disc.md); tests/test_solar_disc.py holds it.
+"""
+
+TRACE = 1e-5
+"""A share smaller than this is none: three times what the tables' steps can make of none."""
+
+FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
+STEEP_RAD = math.radians(88.0)
+"""Nearer to the zenith, vertical planes fan out over the disc: there it is sampled by directions."""
+
+LEAN_MAX = 0.4
+"""So is a large disc from where on its limbs' planes lean so far (the Earth's: 87.5 deg)."""
+
+SAMPLES = {"draft": 16, "standard": 128, "high": 512, "reference": 2048}
+CHUNK = 1 << 16
+
+
+@dataclass(frozen=True)
+class SolarDisc:
+    """A disc of angular radius ``radius_rad``, the Sun's or the Earth's, and its limb darkening."""
+
+    radius_rad: float = SOLAR_RADIUS_RAD
+    limb_darkening: LimbDarkening = VISIBLE
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius_rad < math.radians(2.0):
+            raise ValueError(f"a disc has a radius below two degrees, not {self.radius_rad} rad")
+
+
+MEAN_SUN = SolarDisc()
+
+
+def radius_at(distance_m: float) -> float:
+    """Angular radius of the solar disc from a distance in metres: asin(R / d), with the R that
+    `SOLAR_RADIUS_RAD` means at one astronomical unit. ValueError inside the Sun.
+    """
+    ratio = math.sin(SOLAR_RADIUS_RAD) * ASTRONOMICAL_UNIT_M / distance_m
+    if not 0.0 < ratio < 1.0:
+        raise ValueError(f"the Sun is not {distance_m} m away")
+    return math.asin(ratio)
+
+
+def penumbra_m(
+    distance_m: ArrayLike, elevation_rad: float, radius_rad: float = SOLAR_RADIUS_RAD
+) -> Array:
+    """Horizontal width of the penumbra that an edge throws on level ground, metres.
+
+    The edge stands H = d tan(e) above the ground where the shadow of the disc's middle ends, d
+    metres off. Its upper and lower limb's shadows end at H cot(e + r) and H cot(e - r):
+    w = d tan(e) sin(2 r) / (sin(e - r) sin(e + r)), nearly 2 r d / (sin(e) cos(e)). Infinite where
+    the disc touches the horizontal plane or stands below it. Relief of height H: d = H / tan(e).
+    """
+    distance = np.asarray(distance_m, dtype=np.float64)
+    if elevation_rad <= radius_rad:
+        return np.full(distance.shape, np.inf)
+    low, high = math.sin(elevation_rad - radius_rad), math.sin(elevation_rad + radius_rad)
+    return distance * (math.tan(elevation_rad) * math.sin(2.0 * radius_rad) / (low * high))
+
+
+@dataclass(frozen=True)
+class _Sun:
+    """A disc in the sky over cells of ``gsd_m``."""
+
+    disc: SolarDisc
+    azimuth: float
+    elevation: float
+    gsd_m: float
+
+    @property
+    def radius(self) -> float:
+        return math.tan(self.disc.radius_rad)
+
+    @property
+    def steep(self) -> bool:
+        lean = self.radius * math.tan(min(abs(self.elevation), STEEP_RAD))
+        return abs(self.elevation) > STEEP_RAD or lean > LEAN_MAX
+
+    def directions(self, points: Array) -> Array:
+        """Unit vectors (n, 3) to points (n, 2) of the tangent plane: right and up, in disc radii."""
+        sa, ca = math.sin(self.azimuth), math.cos(self.azimuth)
+        se, ce = math.sin(self.elevation), math.cos(self.elevation)
+        middle, right = np.array([sa * ce, ca * ce, se]), np.array([ca, -sa, 0.0])
+        up = np.array([-sa * se, -ca * se, ce])
+        ahead = middle + self.radius * (points[:, :1] * right + points[:, 1:] * up)
+        return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
+
+    def planes(self, cut: Strips) -> tuple[Array, Array]:
+        """What `horizon.node_horizons` wants of the strips' vertical planes (k, 4), and each
+        strip's tangent of a unit slope in the middle plane (k,).
+
+        A vertical plane turned by t from the disc's middle meets the tangent plane at height y at
+        the elevation tan(h) = cos(t) tan(e + atan(y tan r)).
+        """
+        turn = np.arctan(self.radius * cut.middle / math.cos(self.elevation))
+        out, tangents = np.empty((turn.size, 4)), np.empty(turn.size)
+        for k, t in enumerate(turn):
+            azimuth = self.azimuth + t
+            du, dv, _, _ = rays.scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)
+            tangents[k] = 1.0 / (self.gsd_m * math.hypot(du, dv) * math.cos(t))
+            low, high = (
+                math.tan(self.elevation + math.atan(y * self.radius)) / tangents[k]
+                for y in (cut.low[k], cut.high[k])
+            )
+            out[k] = du, dv, low, high
+        return out, tangents
+
+    def limits(self, gradient: float) -> tuple[float, float]:
+        """Elevations in the middle's azimuth: a horizon not above the first hides nothing of the
+        disc, one above the second all of it, where no skyline rises or falls faster than
+        ``gradient``.
+
+        A skyline's tangent of elevation changes with azimuth by at most the surface's steepest
+        gradient: for a fixed distance s, d(h / s) / d(azimuth) is the slope across. So the disc is
+        clear of a horizon T where T + gradient |t| stays below its limb at every turn t.
+        """
+        around = np.linspace(0.0, 2.0 * math.pi, 1441)
+        ahead = self.directions(np.stack([np.cos(around), np.sin(around)], axis=-1) * (1.0 + 1e-4))
+        tangent = ahead[:, 2] / np.hypot(ahead[:, 0], ahead[:, 1])
+        turn = np.arctan2(ahead[:, 0], ahead[:, 1]) - self.azimuth
+        slack = gradient * abs((turn + math.pi) % (2.0 * math.pi) - math.pi)
+        most = math.radians(89.9)
+        low, high = math.atan(np.min(tangent - slack)), math.atan(np.max(tangent + slack))
+        return max(low, -most), min(high, most)
+
+
+def _share(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
+    """By ``count`` strips."""
+    lean = sun.radius * math.tan(sun.elevation)
+    if count < FIRST_STRIPS:
+        lean = round(lean, 2)  # worth less than 5e-4 of a share, and most Suns share their tables
+    cut = strips(sun.disc.limb_darkening, count, lean)
+    planes, tangents = sun.planes(cut)
+    out = np.empty(len(observers))
+    horizon.flux_above(
+        observers.horizons(planes),
+        tangents,
+        math.sin(sun.elevation),
+        math.cos(sun.elevation),
+        sun.radius,
+        cut.flux,
+        out,
+    )
+    return out
+
+
+def _converged(observers: Nodes | Points, sun: _Sun) -> Array:
+    """By as many strips as it takes."""
+    out = _share(observers, sun, FIRST_STRIPS)
+    open_, count = np.arange(len(observers)), FIRST_STRIPS
+    while open_.size and count < MOST_STRIPS:
+        count *= 2
+        finer = _share(observers[open_], sun, count)
+        moved = abs(finer - out[open_]) > CONVERGED
+        out[open_] = finer
+        open_ = open_[moved]
+    return out
+
+
+def _sampled(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
+    """By directions of equal flux."""
+    out = np.zeros(len(observers))
+    for direction in sun.directions(sun.disc.limb_darkening.samples(count)):
+        out += ~observers.occluded(direction)
+    return out / count
+
+
+def _rule(sun: _Sun, accuracy: Accuracy) -> Callable[[Nodes | Points], Array]:
+    if sun.steep:
+        return lambda seen: _sampled(seen, sun, SAMPLES[accuracy.tier])
+    if accuracy.tier in STRIPS:
+        return lambda seen: _share(seen, sun, STRIPS[accuracy.tier])
+    return lambda seen: _converged(seen, sun)
+
+
+def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
+    out, rule = np.empty(len(observers)), _rule(sun, accuracy)
+    for first in range(0, len(observers), CHUNK):
+        part = slice(first, first + CHUNK)
+        out[part] = rule(observers[part])
+    # what the tables leave of nothing is nothing, and all is all: lit means more than no light
+    out[out < TRACE] = 0.0
+    out[out > 1.0 - TRACE] = 1.0
+    return out
+
+
+def disc_directions(direction: ArrayLike, disc: SolarDisc, accuracy: Accuracy) -> Array:
+    """Unit ENU vectors (n, 3) of equal flux over a disc around a direction, as many as the tier takes."""
+    points = disc.limb_darkening.samples(SAMPLES[accuracy.tier])
+    return _sun(direction, disc, 1.0).directions(points)
+
+
+def _sun(direction: ArrayLike, disc: SolarDisc, gsd_m: float) -> _Sun:
+    east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
+    if not math.isfinite(east + north + up) or east == north == up == 0.0:
+        raise ValueError(f"no direction: {direction!r}")
+    return _Sun(disc, math.atan2(east, north), math.atan2(up, math.hypot(east, north)), gsd_m)
+
+
+def sunlit_share(
+    field: Heightfield,
+    sun: ArrayLike,
+    accuracy: Accuracy,
+    window: Window | None = None,
+    disc: SolarDisc = MEAN_SUN,
+    far: FarTerrain | None = None,
+) -> NDArray[np.float32]:
+    """Share of the disc's flux above the terrain's horizon at each node of the window, float32
+    (rows, cols), 0..1; ``sun`` (3,): towards the disc's middle.
+
+    Cast shadow only, as in `Heightfield.occluded_nodes`: nodata is 1. Rms error against
+    ``reference``: `SHARE_RMS`. ``far``: terrain beyond the field. ValueError for no direction or a
+    window that is not inside.
+    """
+    row0, row1, col0, col1 = field.checked_window(window)
+    source = _sun(sun, disc, field.gsd_m)
+    out = np.ones((row1 - row0, col1 - col0), dtype=np.float32)
+    if not field.is_surface or out.size == 0:
+        return out
+    gradient = field.steepest_tangent
+    lowest = source.elevation - disc.radius_rad
+    if far is not None:
+        # at a level's inner edge the skyline's distance changes with azimuth, too: by its tangent
+        gradient = max(gradient, far.steepest_tangent) + math.tan(max(lowest, 0.0))
+    elif not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
+        return out  # a convex area without holes shows no horizon steeper than its steepest facet
+    if accuracy.tier == "reference" or source.steep:
+        undecided = np.isfinite(field.z_m[row0:row1, col0:col1])
+    else:
+        limits = source.limits(gradient)
+        touched, dark = shadows.occluded_sweep(
+            field, source.azimuth, limits, accuracy, (row0, row1, col0, col1), far
+        ).view(np.bool_)
+        out[dark] = 0.0
+        undecided = (touched & ~dark) | on_rim(field, (row0, row1, col0, col1))
+    rows, cols = np.nonzero(undecided)
+    out[rows, cols] = _shares(Nodes(field, rows + row0, cols + col0, far), source, accuracy)
+    return out
+
+
+def share_at_points(
+    field: Heightfield,
+    points_m: ArrayLike,
+    sun: ArrayLike,
+    accuracy: Accuracy,
+    disc: SolarDisc = MEAN_SUN,
+    far: FarTerrain | None = None,
+) -> Array:
+    """The same at points (n, 3) of the surface (a camera's hits), float64 (n,).
+
+    Points within 1 mm of the surface are put on it (`Heightfield.occluded_points`), those further
+    below see nothing; NaN and points off the raster see all.
+    """
+    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
+    source = _sun(sun, disc, field.gsd_m)
+    if not field.is_surface or len(points) == 0:
+        return np.ones(len(points))
+    return _shares(Points(field, points, far), source, accuracy)

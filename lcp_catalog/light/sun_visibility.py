@@ -1,0 +1,83 @@
+"""The Sun over a place among its terrain: the horizon under it, and how much of its disc stands above that."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS
+from ..dem.mosaic import DemSet
+from ..errors import AreaError
+from ..geometry.frames import EnuFrame, direction_enu
+from ..kernels.rays.bundles import scaled
+from ..sun.table import SunTable, sun_table
+from ..sun.times import Times
+from ..terrain.horizons import Points
+from ..terrain.surroundings import build_surrounded, surroundings
+from ..terrain.terrain import Area, NodeWindow, Terrain, native_gsd_m
+from .solar_disc import SolarDisc, share_at_points
+
+Array = NDArray[np.float64]
+
+_LOWEST_DEG = -7.0
+"""Deeper than this below the horizontal no summit of the Moon sees the horizon (6.4 deg from 10.8 km)."""
+
+
+def sun_over_ground(
+    dems: DemSet,
+    lon_deg: float,
+    lat_deg: float,
+    times: Times,
+    above_m: float = 0.0,
+    gsd_m: float | None = None,
+) -> SunTable:
+    """`sun_table` of a place ``above_m`` over the ground of a DEM, with ``horizon_deg`` and ``terrain_share``.
+
+    Terrain is seen on cells of ``gsd_m`` (none: the DEM's own) near by, on coarser ones beyond
+    (`surroundings`). ``AreaError`` where the DEM has no height.
+    """
+    if above_m < 0.0:
+        raise AreaError(f"{above_m:g} m above the ground is under it")
+    if gsd_m is None:
+        gsd_m = native_gsd_m(dems, Area(lon_deg, lat_deg, 1e-3))
+    height, index = dems.heights(lon_deg, lat_deg, gsd_m)
+    if index < 0:
+        raise AreaError(
+            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM covers {dems.bounds}"
+        )
+    table = sun_table(EnuFrame(lon_deg, lat_deg, float(height) + above_m), times)
+    lowest = float(np.min(table.elevation_deg - table.disc_radius_deg, initial=90.0))
+    tangent = math.tan(math.radians(min(max(lowest, _LOWEST_DEG), 89.0)))
+    place = (dems, EnuFrame(lon_deg, lat_deg), NodeWindow(0, 1, 0, 1), gsd_m)
+    terrain = build_surrounded(*place, surroundings(*place, tangent))
+    return among_terrain(table, terrain, above_m)
+
+
+def among_terrain(table: SunTable, terrain: Terrain, above_m: float) -> SunTable:
+    """A table with the horizon and the share of the disc over it, seen from ``above_m`` over the origin of a terrain's frame."""
+    ground = terrain.field.heights_at(0.0, 0.0)
+    point = np.array([[0.0, 0.0, float(ground) + above_m]])
+    observer = Points(terrain.field, point, terrain.far)
+    planes, lengths = _planes(np.radians(table.azimuth_deg), terrain.field.gsd_m)
+    horizon = np.degrees(np.arctan(observer.horizons(planes)[0] / lengths))
+    shares = np.empty(len(table))
+    for k in range(len(table)):
+        sun = direction_enu(table.azimuth_deg[k], table.elevation_deg[k])
+        disc = SolarDisc(math.radians(table.disc_radius_deg[k]))
+        shares[k] = share_at_points(
+            terrain.field, point, sun, TIERS["high"], disc, far=terrain.far
+        )[0]
+    return dataclasses.replace(table, horizon_deg=horizon, terrain_share=shares)
+
+
+def _planes(azimuth_rad: Array, gsd_m: float) -> tuple[Array, Array]:
+    """Vertical planes (k, 4) of `horizons` from the nadir up, and metres along each for a unit of its direction."""
+    planes, lengths = np.empty((azimuth_rad.size, 4)), np.empty(azimuth_rad.size)
+    for k, azimuth in enumerate(azimuth_rad):
+        du, dv, _, _ = scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)
+        lengths[k] = gsd_m * math.hypot(du, dv)
+        planes[k] = du, dv, -lengths[k] * 1e3, lengths[k] * 1e3
+    return planes, lengths

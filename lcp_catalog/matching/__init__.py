@@ -1,0 +1,1 @@
+"""Control points found in an image, and the camera position that follows."""

@@ -1,0 +1,201 @@
+"""Where a whole photograph lies from where its sensor puts it, when that may be hundreds of pixels: the correlations of all points
+added up over one grid of offsets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cameras.sensor import pixel_size_m
+from ..catalog.catalogue import Catalog
+from ..images.image import Photo
+from ..kernels.matching import correlation as correlate
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .search_image import SearchImage, reduction
+from .templates import POINT_SPREAD_PX, render_patches
+
+Array = NDArray[np.float64]
+Float = NDArray[np.float32]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_GRID_PX = 64
+"""Reach of the grid, in its own pixels: the photograph is reduced to this, or until templates are `_SMALLEST_PX` a side."""
+_SMALLEST_PX = 8
+_CHUNK = 64
+_CHUNK_OFFSETS = 4_000_000
+"""Points whose maps are kept at once, at most, and the offsets of all of them."""
+_MOST_POINTS = 400
+_LEAST_REAL = 0.7
+_LEAST_SHARE = 0.3
+"""Offsets at which fewer than this share of the points can be looked at are left out."""
+_LEAST_CELLS = 100
+"""With fewer offsets than this outside of a peak nothing can be said of it."""
+_LEVELS = 4096
+_PLATEAU = 0.05
+
+
+@dataclass(frozen=True)
+class CoarseShift:
+    """The offset on which most points agree, in pixels of the image as it came. ``log10_false_alarms``: how many offsets, in
+    powers of ten, would show as high an agreement by chance in an area as large; ``rival_log10``: the same of the
+    best offset elsewhere.
+    """
+
+    offset_px: tuple[float, float]
+    log10_false_alarms: float
+    rival_log10: float
+    precision_px: float  # the grid's own pixel, and the slack
+    points: int
+
+
+def coarse_shift(
+    catalog: Catalog,
+    photo: Photo,
+    model: Reflectance = DEFAULT_MODEL,
+    reach_px: float = 500.0,
+    *,
+    points: ArrayLike,
+    offset_px: ArrayLike | Callable[[Index], Array] | None = None,
+    slack_px: float = 0.0,
+    grid_px: int = _GRID_PX,
+    psf_sigma_px: float = POINT_SPREAD_PX,
+    share: float = 1.0,
+) -> CoarseShift | None:
+    """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where too little can be
+    looked at.
+
+    ``offset_px``: what is added to each point's place before ((2,), (n, 2), or a function of the rows). ``slack_px``: how far
+    single points may lie from the common offset, as a turned or scaled image has them.
+
+    Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank / offsets). By chance a vote is
+    exponential with mean 1 whatever the map looks like, and the sum of n votes has Gamma(n)'s tail; times the number of offsets it
+    is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent, or, where their patches
+    overlap, as so many: ``share`` of their number (`consensus.independent_share`), with the same mean vote.
+    """
+    rows = _thinned(np.asarray(points, dtype=np.int64))
+    if not len(rows):
+        return None
+    factor, size = _scale(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
+    image = SearchImage.of(photo.reduced(factor))
+    offset = offset_px(rows) if callable(offset_px) else offset_px
+    offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
+    offset = np.broadcast_to(offset, (len(rows), 2)) / image.factor
+    reach, slack = max(1, math.ceil(reach_px / image.factor)), round(slack_px / image.factor)
+    votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)
+    count = max(1, min(_CHUNK, _CHUNK_OFFSETS // votes.size))
+    for start in range(0, len(rows), count):
+        part = slice(start, start + count)
+        maps = correlation_maps(
+            catalog, image, model, rows[part], offset[part], reach, psf_sigma_px
+        )
+        for score in maps:
+            known = np.isfinite(score)
+            if known.any():
+                voters += known
+                votes += _vote(score, known, slack)
+    return _peak(votes, voters, image.factor, slack, 0.5 * size + 2 * slack, share)
+
+
+def correlation_maps(
+    catalog: Catalog,
+    image: SearchImage,
+    model: Reflectance,
+    rows: Index,
+    offset: Array,
+    reach: int,
+    psf_sigma_px: float = POINT_SPREAD_PX,
+) -> Float:
+    """Correlations of points (rows (n,) of the catalogue) at every whole offset within ``reach`` of where the image's sensor, plus
+    ``offset`` (n, 2) rounded, has them, (n, 2 reach + 1, 2 reach + 1), rows before columns; NaN where there is none. Pixels of
+    the image that is searched.
+    """
+    suns = image.photo.sun_directions(catalog.position_mcmf[rows])
+    sensor = image.photo.sensor
+    templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
+    maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    origin = templates.origin + np.round(offset).astype(np.int64)
+    correlate.maps(
+        image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
+    )
+    return maps
+
+
+def _scale(
+    catalog: Catalog, photo: Photo, rows: Index, reach: float, grid_px: int
+) -> tuple[int, float]:
+    """By what the photo is reduced, and the side of the templates then, in pixels."""
+    pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
+    size = float(np.median(catalog.gsd[rows])) * catalog.patch_nodes / pixel
+    factor = max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
+    return factor, size / factor
+
+
+def _thinned(rows: Index) -> Index:
+    """At most so many, evenly from the list."""
+    if len(rows) <= _MOST_POINTS:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(np.int64)]
+
+
+def _vote(score: Float, known: Mask, slack: int) -> Array:
+    """-ln of the share of a map's offsets that correlate as highly or better, within ``slack`` of each; 0 where there is none."""
+    level = np.where(known, np.clip(score, -1.0, 1.0), -1.0)
+    level = ((level + 1.0) * (0.5 * (_LEVELS - 1))).astype(np.int64)
+    level = _highest_near(level, slack) if slack else level
+    count = np.bincount(level[known], minlength=_LEVELS)
+    as_high = np.maximum(np.cumsum(count[::-1])[::-1], 1)
+    return np.where(known, np.log(known.sum() / as_high)[level], 0.0)
+
+
+def _highest_near(values: Index, reach: int) -> Index:
+    """The highest value within ``reach`` rows and columns."""
+    out = values
+    for axis in (0, 1):
+        padded = np.pad(out, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)])
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=axis)
+        out = windows.max(axis=-1)
+    return out
+
+
+def _peak(
+    votes: Array, voters: Index, factor: int, slack: int, zone: float, share: float
+) -> CoarseShift | None:
+    """The best offset, and the best one farther from it than ``zone``; None where too few are left outside."""
+    known = (voters > 0) & (voters >= _LEAST_SHARE * voters.max())
+    clear = np.where(known, (votes - voters) / np.sqrt(np.maximum(voters, 1)), -np.inf)
+    row, col = (int(k) for k in np.unravel_index(int(np.argmax(clear)), clear.shape))
+    down, right = np.ogrid[-row : clear.shape[0] - row, -col : clear.shape[1] - col]
+    near = down**2 + right**2 <= zone**2
+    others = known & ~near
+    if others.sum() < _LEAST_CELLS:
+        return None
+    away = np.unravel_index(int(np.argmax(np.where(others, clear, -np.inf))), clear.shape)
+    # a slack makes a plateau of the peak: its middle
+    top = near & known & (clear >= clear[row, col] - _PLATEAU * max(float(clear[row, col]), 0.0))
+    middle = np.argwhere(top).mean(axis=0) - (clear.shape[0] // 2)
+    alarms = [
+        math.log10(known.sum()) + _log10_gamma_tail(int(voters[at]), float(votes[at]), share)
+        for at in ((row, col), away)
+    ]
+    offset = (float(middle[1] * factor), float(middle[0] * factor))
+    return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), int(voters.max()))
+
+
+def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:
+    """log10 of the chance that n exponential votes of mean 1 add up to more than t: e^-t times the sum of t^k / k!, k < n. Of votes
+    that depend on each other a share counts, rounded down, with the same mean.
+    """
+    if total <= 0.0:
+        return 0.0
+    count = max(1, math.floor(share * n))
+    total *= count / n
+    k = np.arange(count)
+    terms = k * math.log(total) - np.array([math.lgamma(v + 1.0) for v in k])
+    top = float(terms.max())
+    return (top + math.log(float(np.exp(terms - top).sum())) - total) / math.log(10.0)

@@ -1,0 +1,328 @@
+"""Which matches agree on one place of the sensor, and whether that could be chance.
+
+Sets of one to m matches (2 m >= the number of unknowns) each give a correction, with the prior as weak weights; the
+one that most matches agree with is refined on all of them. A match agrees when it lies within its gate: 3 sigma of
+its own covariance, which is widened by a tolerance for what covariances do not know.
+
+That k of n agree is held against a background of false matches, each anywhere in its own search area alike (a
+contrario: Desolneux, Moisan and Morel 2000; for geometry Moisan and Stival 2004). Match i agrees by chance with p_i =
+area of its gate / its search area. The expected number of solutions as good as the one found is at most the number of
+minimal sets times the chance of such agreement,
+
+    NFA <= C(n, m) exp( min_t  sum_all log(1 - p_i + p_i^(1-t))  +  t sum_agreeing log p_i ),   0 < t < 1
+
+Chernoff's bound for the sum of the agreeing matches' -log p_i, of which the m largest are left out: they chose the
+solution. Matches whose patches overlap see the same ground and err together: the exponent is multiplied by k_eff / k,
+k_eff = k^2 / sum_ij (shared area of patches i and j, 0..1). docs/pose.md says what was measured.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cameras.sensor import Sensor, Uncertainty
+from ..errors import PoseError
+from .pose import Pose, jacobian, residuals_px, solve
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+SIGNIFICANT = -6.0
+"""log10 of the number of false alarms below which an agreement is no chance: one frame in a million."""
+
+GATE = 3.0
+"""Sigmas within which a match agrees."""
+
+_SETS = 2000
+_CHUNK = 500
+_KEPT = 5
+_LOOKED_AT = 200
+_ROUNDS = 10
+_FARTHEST = 5.0
+"""A correction of more than this many of the prior's sigmas is not looked at."""
+_EXPONENTS = np.linspace(0.02, 0.98, 49)
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """The largest agreement among n matches, and the largest among those that have no part in it."""
+
+    inliers: Mask  # (n,)
+    pose: Pose | None  # None: nothing agrees
+    log10_false_alarms: float
+    rival_log10: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is no chance, and no other solution is nearly as good."""
+        return self.log10_false_alarms < SIGNIFICANT and self.rival_log10 > min(
+            SIGNIFICANT, 0.5 * self.log10_false_alarms
+        )
+
+
+def agree(
+    sensor: Sensor,
+    points_mcmf_m: ArrayLike,
+    found_px: ArrayLike,
+    covariance_px2: ArrayLike,
+    uncertainty: Uncertainty,
+    reach_px: ArrayLike,
+    *,
+    tolerance_px: float = 1.0,
+    width_px: float = 0.0,
+    seed: int = 0,
+) -> Consensus:
+    """What matches of points (n, 3) found at pixels (n, 2) with covariances (n, 2, 2) agree on; NaN is no match.
+
+    Each was sought within +-``reach_px`` (a number or (n,)) of where the sensor has it. ``width_px``: side of a patch
+    in the image, for how much neighbours share; 0: nothing.
+    """
+    points, found, covariance = (
+        np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, found_px, covariance_px2)
+    )
+    reach = np.broadcast_to(np.asarray(reach_px, dtype=np.float64), points.shape[:1])
+    valid = np.isfinite(found).all(-1) & np.isfinite(covariance).all((-1, -2))
+    valid &= np.isfinite(sensor.project(points)).all(-1)
+    table = _Table(
+        sensor,
+        uncertainty,
+        points[valid],
+        found[valid],
+        widened(covariance[valid], tolerance_px),
+        reach[valid],
+        width_px,
+        seed,
+    )
+    best, score = table.best()
+    if best is None:
+        return Consensus(np.zeros(len(points), dtype=bool), None, score, score)
+    rest = table.only(~table.agreeing(best.sensor, 2.0 * GATE))
+    inliers = np.zeros(len(points), dtype=bool)
+    inliers[valid] = best.used
+    residual = residuals_px(best.sensor, points, found)
+    pose = replace(best, used=inliers, residual_px=residual)
+    return Consensus(inliers, pose, score, rest.best()[1])
+
+
+def log10_false_alarms(
+    chance: ArrayLike, agrees: ArrayLike, minimal: int, share: float = 1.0
+) -> float:
+    """The formula above: p_i and who agrees (both (n,)), m, and k_eff / k. Never above log10 C(n, m)."""
+    p = np.clip(np.asarray(chance, dtype=np.float64), 1e-300, 1.0)
+    evidence = np.sort(-np.log(p[np.asarray(agrees, dtype=bool)]))[: -minimal or None].sum()
+    tests = math.lgamma(len(p) + 1) - math.lgamma(minimal + 1) - math.lgamma(len(p) - minimal + 1)
+    t = _EXPONENTS[:, None]
+    bound = np.log1p(p ** (1.0 - t) - p).sum(-1) - _EXPONENTS * evidence
+    return float((tests + share * min(0.0, bound.min())) / math.log(10.0))
+
+
+def agreeing(
+    sensor: Sensor,
+    points_mcmf_m: Array,
+    found_px: Array,
+    covariance_px2: Array,
+    tolerance_px: float,
+    gate: float = GATE,
+) -> Mask:
+    """Which of n matches lie within their gates of where a sensor has them, (n,); False for NaN."""
+    covariance = widened(covariance_px2, tolerance_px)
+    return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= gate**2
+
+
+def widened(covariance_px2: Array, tolerance_px: float) -> Array:
+    """Covariances (n, 2, 2) whose gates are wider by a tolerance, by root of sum of squares."""
+    return np.asarray(covariance_px2 + (tolerance_px / GATE) ** 2 * np.eye(2))
+
+
+def independent_share(places_px: Array, width_px: float) -> float:
+    """k_eff / k of patches of one width about places (k, 2): 1 where none overlap."""
+    if width_px <= 0.0 or not len(places_px):
+        return 1.0
+    off = np.abs(places_px[:, None] - places_px[None])
+    shared = np.clip(1.0 - off / width_px, 0.0, None).prod(-1)
+    return float(len(places_px) / shared.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Matches that were found, with their covariances already widened."""
+
+    sensor: Sensor
+    uncertainty: Uncertainty
+    points: Array
+    found: Array
+    covariance: Array
+    reach: Array
+    width: float
+    seed: int
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def only(self, rows: Mask) -> _Table:
+        return replace(
+            self,
+            points=self.points[rows],
+            found=self.found[rows],
+            covariance=self.covariance[rows],
+            reach=self.reach[rows],
+        )
+
+    @property
+    def minimal(self) -> int:
+        """Matches that decide the unknowns."""
+        return -(-int((self.uncertainty.sigmas(self.sensor) > 0.0).sum()) // 2)
+
+    def agreeing(self, sensor: Sensor, gate: float = GATE) -> Mask:
+        """Which lie within their gates of where a sensor has them."""
+        off = residuals_px(sensor, self.points, self.found)
+        return _squared(off, self.covariance) <= gate**2
+
+    def score(self, agrees: Mask) -> float:
+        """log10 of the number of false alarms."""
+        area = math.pi * GATE**2 * np.sqrt(np.linalg.det(self.covariance))
+        chance = np.minimum(1.0, area / (2.0 * self.reach + 1.0) ** 2)
+        share = independent_share(self.found[agrees], self.width)
+        return log10_false_alarms(chance, agrees, self.minimal, share)
+
+    def best(self) -> tuple[Pose | None, float]:
+        """The most meaningful agreement; (None, 0.0) where there is none."""
+        if len(self) <= self.minimal:
+            return None, 0.0
+        solutions = [self.refined(start) for start in self.starts()]
+        scored = [(self.score(pose.used), pose) for pose in solutions if pose is not None]
+        if not scored:
+            return None, 0.0
+        log10, pose = min(scored, key=lambda pair: pair[0])
+        return pose, log10
+
+    def refined(self, agrees: Mask) -> Pose | None:
+        """Solved from those who agree, and asked again who agrees, until that stands; None where fewer than a minimal
+        set are left.
+        """
+        pose = None
+        for _ in range(_ROUNDS):
+            if agrees.sum() <= self.minimal:
+                return None
+            try:
+                pose = solve(
+                    self.sensor, self.points, self.found, self.covariance, self.uncertainty, agrees
+                )
+            except PoseError:
+                return None
+            before, agrees = agrees, self.agreeing(pose.sensor)
+            if (before == agrees).all():
+                return pose
+        return pose
+
+    def starts(self) -> list[Mask]:
+        """The agreements, under the linearised sensor, that are worth refining: the best of all sets tried, none
+        twice. Of a sensor that is held as it is, those who agree with it.
+        """
+        if not self.minimal:
+            return [self.agreeing(self.sensor)]
+        linear = _Linear.of(self)
+        subsets = list(_subsets(len(self), self.minimal, self.seed))
+        corrections = np.concatenate([linear.corrections(rows) for rows in subsets])
+        corrections = corrections[(np.abs(corrections) <= _FARTHEST).all(-1)]
+        chunks = [corrections[i : i + _CHUNK] for i in range(0, len(corrections), _CHUNK)]
+        gains = np.concatenate([linear.gains(chunk) for chunk in chunks]) if chunks else np.zeros(0)
+        found: list[Mask] = []
+        for row in np.argsort(-gains, kind="stable")[:_LOOKED_AT]:
+            if len(found) == _KEPT or gains[row] < 0.3 * gains.max():
+                break
+            agrees = linear.agreeing(corrections[row])
+            if _is_new(agrees, found):
+                agrees = linear.grown(agrees)
+                found += [agrees] if _is_new(agrees, found) else []
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The matches' offsets as a linear function of the free corrections, these counted in the prior's sigmas."""
+
+    slope: Array  # (n, 2, f)
+    offset: Array  # (n, 2)
+    inverse: Array  # (n, 2, 2) of the covariances, widened by what is not linear
+
+    @classmethod
+    def of(cls, table: _Table) -> _Linear:
+        sigmas = table.uncertainty.sigmas(table.sensor)
+        free = sigmas > 0.0
+        slope = jacobian(table.sensor, table.points)
+        expected = table.sensor.project(table.points)
+        bent = np.zeros((len(table), 2, 2))
+        draws = np.random.default_rng(table.seed).normal(size=(8, len(sigmas))) * sigmas
+        for draw in draws:
+            off = np.nan_to_num(
+                table.sensor.moved(draw).project(table.points) - expected - slope @ draw
+            )
+            bent += off[:, :, None] * off[:, None, :] / len(draws)
+        inverse = np.asarray(np.linalg.inv(table.covariance + bent), dtype=np.float64)
+        return cls(slope[..., free] * sigmas[free], table.found - expected, inverse)
+
+    def corrections(self, rows: Index) -> Array:
+        """Of each set of rows (s, m): the correction (s, f) that it and the prior want."""
+        weighted = np.einsum("nia,nij->naj", self.slope, self.inverse)
+        matrix = np.einsum("naj,njb->nab", weighted, self.slope)[rows].sum(1)
+        right = np.einsum("naj,nj->na", weighted, self.offset)[rows].sum(1)
+        eye = np.eye(matrix.shape[-1])
+        return np.asarray(np.linalg.solve(matrix + eye, right[..., None])[..., 0])
+
+    def squared(self, corrections: Array) -> Array:
+        """Squared distances (s, n), in sigmas, of every match under corrections (s, f)."""
+        off = self.offset - np.einsum("nia,sa->sni", self.slope, corrections)
+        return np.asarray(np.einsum("sni,nij,snj->sn", off, self.inverse, off, optimize=True))
+
+    def gains(self, corrections: Array) -> Array:
+        """How much each correction explains, (s,): the sum of what is left of the squared gate."""
+        return np.asarray(np.clip(GATE**2 - self.squared(corrections), 0.0, None).sum(-1))
+
+    def agreeing(self, correction: Array) -> Mask:
+        """Who agrees with a correction (f,)."""
+        return np.asarray(self.squared(correction[None])[0] <= GATE**2)
+
+    def grown(self, agrees: Mask) -> Mask:
+        """Who agrees with the correction that those who agree want, until that stands."""
+        for _ in range(_ROUNDS):
+            if not agrees.any():
+                break
+            before = agrees
+            agrees = self.agreeing(self.corrections(np.flatnonzero(agrees)[None])[0])
+            if (agrees == before).all():
+                break
+        return agrees
+
+
+def _is_new(agrees: Mask, others: list[Mask]) -> bool:
+    """Whether less than half of a set lies in each of the others."""
+    return all((agrees & other).sum() <= 0.5 * agrees.sum() for other in others)
+
+
+def _subsets(count: int, most: int, seed: int) -> list[Index]:
+    """Sets of one to ``most`` of ``count`` rows, for each size (s, size): all of them, or `_SETS` at random."""
+    dice = np.random.default_rng(seed)
+    found = []
+    for size in range(1, most + 1):
+        if math.comb(count, size) <= _SETS:
+            sets = list(itertools.combinations(range(count), size))
+        else:
+            sets = dice.random((_SETS, count)).argpartition(size, axis=1)[:, :size].tolist()
+        found.append(np.array(sets, dtype=np.int64).reshape(-1, size))
+    return found
+
+
+def _squared(off: Array, covariance: Array) -> Array:
+    """Squared distances (n,) in sigmas; infinite for NaN."""
+    known = np.isfinite(off).all(-1) & np.isfinite(covariance).all((-1, -2))
+    solved = np.linalg.solve(covariance[known], off[known, :, None])[..., 0]
+    squared = np.full(len(off), np.inf)
+    squared[known] = (off[known] * solved).sum(-1)
+    return squared

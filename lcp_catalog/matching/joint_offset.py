@@ -1,0 +1,334 @@
+"""Where an image lies whose points are too faint to be found one by one: what all of them together say.
+
+At one offset of the whole image every point's correlation is a little higher than elsewhere, though no point alone is
+sure of it. The votes of `coarse_match.coarse_shift`, taken at the searched photograph's own pixels, show that offset
+and count how often chance would show one as clear. The place is where the mean of z = artanh(correlation) is highest,
+sought again with the corrected sensor until it stands; its covariance is that of points drawn anew (bootstrap, Efron
+1979), over the share of them that is independent.
+
+Ground under a wrong Sun shows, too, some pixels off. So the stated Sun is held against others all around: one under
+which z is higher by two sigmas of its mean over the points refutes it. docs/pose.md has the figures.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.sensor import Sensor, Uncertainty
+from ..catalog.catalogue import Catalog
+from ..images.image import Photo
+from ..photometry.laws import Reflectance
+from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
+from .consensus import GATE, SIGNIFICANT, independent_share, widened
+from .pose import Pose, jacobian, solve
+from .search_area import SearchArea, slack_px
+from .search_image import SearchImage, reduction
+from .subpixel import peaks
+from .sun_check import with_sun
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SHOWS = -3.0
+"""log10 of the number of false alarms below which an image is not said to be of another place."""
+
+FEWEST = 10
+"""Fewer points than this are too few to be drawn anew."""
+
+MOST_SLACK_PX = 0.5
+"""Searched pixels, 1 sigma, by which points may lie off a common offset, for it to be their place."""
+
+TURNS_DEG = ((20.0, 0.0), (-20.0, 0.0), (45.0, 0.0), (-45.0, 0.0), (90.0, 0.0), (-90.0, 0.0), (180.0, 0.0),
+             (0.0, 10.0), (0.0, -10.0))  # fmt: skip
+"""Suns that the stated one is held against; raised ones are only a doubt: a lower Sun is liked by all faint ground."""
+
+SUN_SIGMAS = 2.0
+
+_MOST_POINTS = 200
+_MOST_UNDER_SUNS = 100
+_CHUNK = 64
+_NEAR_PX = 6
+_SUN_PX = 3
+_DRAWS = 200
+_AT_EDGE = 0.1
+"""Share of the draws whose peak may lie at the edge of what is looked at."""
+_MOST_SIGMA_PX = 2.0
+_FLOOR_PX = 0.02
+_PASSES = 4
+_STILL = 0.1
+_LOOSEST = 0.5
+"""Slack as a share of the reach above which a common offset says nothing."""
+_FARTHEST_PX = 64
+"""Searched pixels, beyond which this would take too long; `locate` shifts the whole image first."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeGround:
+    """What n points together say. ``pose`` has one place, that of all of them, for its point; where there is none
+    ``reason`` says why.
+    """
+
+    points: int
+    log10_false_alarms: float
+    rival_log10: float
+    pose: Pose | None = None
+    reason: str = ""
+
+    @property
+    def shows(self) -> bool:
+        """Whether this may well be the place."""
+        return self.log10_false_alarms < SHOWS
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the mean of z is highest, from where the sensor has the ground, in searched pixels."""
+
+    shift: Array  # (2,)
+    covariance: Array  # (2, 2), NaN where points drawn anew agree on no place nearby
+
+
+def whole_ground(
+    catalog: Catalog,
+    photo: Photo,
+    given: Sensor,
+    uncertainty: Uncertainty,
+    model: Reflectance,
+    area: SearchArea,
+    width_px: float,
+    *,
+    common_px: float = 0.0,
+    check_sun: bool = True,
+) -> WholeGround | None:
+    """What the points of an area say together of a photograph that is searched; ``given`` is the sensor of the image as
+    it came, ``width_px`` the side of a patch, ``common_px`` 1 sigma of what all may be off alike, both in its pixels.
+    None where a common offset says nothing: fewer points than `FEWEST`, too few offsets, or an uncertainty that turns
+    and scales the image by more than half of how far it is sought, or leaves it more than 64 searched pixels.
+    """
+    if len(area) < FEWEST:
+        return None
+    some = area.only(_evenly(np.arange(len(area)), _MOST_POINTS))
+    search = _Search(
+        catalog, photo, given, uncertainty, model, some, width_px, common_px, check_sun
+    )
+    return search.found()
+
+
+def _evenly(rows: Index, most: int) -> Index:
+    """At most so many of the rows, evenly from the list."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    catalog: Catalog
+    photo: Photo
+    given: Sensor
+    uncertainty: Uncertainty
+    model: Reflectance
+    area: SearchArea
+    width_px: float
+    common_px: float
+    check_sun: bool
+
+    @property
+    def factor(self) -> int:
+        return reduction(self.photo.sensor)
+
+    @cached_property
+    def share(self) -> float:
+        """How many of the points count as one each."""
+        places = self.given.project(self.catalog.position_mcmf[self.area.points])
+        return independent_share(places, self.width_px)
+
+    def found(self) -> WholeGround | None:
+        slack = slack_px(self.given, self.catalog.position_mcmf[self.area.points], self.uncertainty)
+        loose = slack > MOST_SLACK_PX * self.factor
+        reach = max(float(np.median(self.area.reach_px)), self.width_px)
+        if slack > _LOOSEST * reach or reach > _FARTHEST_PX * self.factor:
+            return None
+        shift = self.shift(reach, slack if loose else 0.0)
+        if shift is None:
+            return None
+        log10 = shift.log10_false_alarms + self.area.log10_places
+        whole = WholeGround(shift.points, log10, shift.rival_log10)
+        if log10 >= SIGNIFICANT:
+            return replace(whole, reason="too little to tell its place by")
+        if shift.rival_log10 <= min(SIGNIFICANT, 0.5 * log10):
+            return replace(whole, reason="another place shows about as well")
+        if loose:
+            turned = "the stated uncertainty turns and scales the image by"
+            return replace(whole, reason=f"{turned} {slack:.1f} px: too much to tell its place by")
+        return self.placed(whole, np.array(shift.offset_px))
+
+    def shift(self, reach_px: float, slack: float) -> CoarseShift | None:
+        return coarse_shift(
+            self.catalog,
+            self.photo,
+            self.model,
+            reach_px,
+            points=self.area.points,
+            offset_px=self.area.offset_px,
+            slack_px=slack,
+            grid_px=_FARTHEST_PX,
+            share=self.share,
+        )
+
+    def placed(self, whole: WholeGround, offset_px: Array) -> WholeGround:
+        """With the pose, if the place is sure and the Sun fits."""
+        found = self.given.project(self.ground) + self.area.offset_px[self.middle] + offset_px
+        shown, covariance = found, self.factor**2 * np.eye(2)
+        pose = self.solved(found, covariance)
+        for _ in range(_PASSES):
+            before, place = pose, self.place(self.at(pose))
+            covariance = self.factor**2 * place.covariance + self.unlike
+            if not np.diag(covariance).max() <= (_MOST_SIGMA_PX * self.factor) ** 2:
+                return replace(whole, reason="its place is not sure to two pixels")
+            found = pose.sensor.project(self.ground) + self.factor * place.shift
+            pose = self.solved(found, covariance)
+            if (np.abs(pose.correction - before.correction) <= _STILL * pose.sigma).all():
+                break
+        if self.is_beyond(found - shown, covariance + self.factor**2 * np.eye(2)):
+            return replace(whole, reason="its place is not sure: its points' ranks show another")
+        off = found - pose.sensor.project(self.ground)
+        if self.is_beyond(off, covariance):
+            away = float(np.hypot(*off))
+            return replace(whole, reason=f"it lies {away:.1f} px from where the sensor can have it")
+        complaint, doubt = self.sun(self.at(pose)) if self.check_sun else ("", 0.0)
+        if complaint:
+            return replace(whole, reason=complaint)
+        return replace(whole, pose=self.solved(found, covariance, doubt))
+
+    @cached_property
+    def middle(self) -> int:
+        """The point nearest to the middle of all: where it lies stands for all of them."""
+        places = self.catalog.position_mcmf[self.area.points]
+        return int(np.linalg.norm(places - places.mean(axis=0), axis=-1).argmin())
+
+    @property
+    def ground(self) -> Array:
+        """That point's place, (3,)."""
+        return np.asarray(self.catalog.position_mcmf[self.area.points[self.middle]])
+
+    @cached_property
+    def unlike(self) -> Array:
+        """Covariance (2, 2) of how much further than the mean of all points the one that stands for them may be moved."""
+        places = self.catalog.position_mcmf[self.area.points]
+        slope = jacobian(self.given, places)
+        apart = slope[self.middle] - slope.mean(axis=0)
+        return np.asarray(apart @ np.diag(self.uncertainty.sigmas(self.given) ** 2) @ apart.T)
+
+    def solved(self, found_px: Array, covariance_px2: Array, doubt_px: float = 0.0) -> Pose:
+        """The sensor corrected by the one place."""
+        return solve(
+            self.given,
+            self.ground[None],
+            found_px[None],
+            covariance_px2[None],
+            self.uncertainty,
+            [True],
+            common_px=math.hypot(self.common_px, doubt_px),
+        )
+
+    def is_beyond(self, off_px: Array, covariance_px2: Array) -> bool:
+        """Whether an offset is outside its gate, which is widened by a searched pixel."""
+        wide = widened(covariance_px2, float(self.factor))
+        return bool(off_px @ np.linalg.solve(wide, off_px) > GATE**2)
+
+    def at(self, pose: Pose) -> Photo:
+        """The searched photograph with a corrected sensor."""
+        return self.photo.with_sensor(self.photo.sensor.moved(pose.correction))
+
+    def place(self, photo: Photo) -> _Place:
+        """The peak near where a photograph's sensor has the ground, by all points and by points drawn anew."""
+        z = self.z_maps(photo, self.area.points, _NEAR_PX)
+        z = z[_whole_middle(z)]
+        nowhere = _Place(np.full(2, np.nan), np.full((2, 2), np.nan))
+        if len(z) < FEWEST:
+            return nowhere
+        shift, _ = _summit(z)
+        drawn = np.random.default_rng(0).multinomial(
+            len(z), np.full(len(z), 1.0 / len(z)), size=_DRAWS
+        )
+        column, row, _ = peaks(np.moveaxis(_mean(z, drawn.astype(np.float64)), 0, -1))
+        inside = np.isfinite(column)
+        if inside.mean() < 1.0 - _AT_EDGE or not np.isfinite(shift).all():
+            return nowhere
+        scale = len(z) / (len(z) - 1.0) / self.share
+        covariance = scale * np.cov(column[inside], row[inside]) + _FLOOR_PX**2 * np.eye(2)
+        return _Place(shift, covariance)
+
+    def z_maps(self, photo: Photo, rows: Index, reach: int) -> Array:
+        """artanh of the correlations of points about where a photograph's sensor has them, (n, 2 reach + 1, 2 reach + 1)."""
+        image = replace(self.image, photo=photo)
+        parts = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
+        found = [
+            correlation_maps(self.catalog, image, self.model, part, np.zeros((len(part), 2)), reach)
+            for part in parts
+        ]
+        return np.arctanh(np.clip(np.concatenate(found).astype(np.float64), -0.99, 0.99))
+
+    @cached_property
+    def image(self) -> SearchImage:
+        return SearchImage.of(self.photo)
+
+    def sun(self, photo: Photo) -> tuple[str, float]:
+        """What speaks against the stated Sun, empty where nothing does; and how far, in pixels of the image as it came,
+        another one that does as well or better moves the place.
+        """
+        rows, z = self.area.points, self.z_maps(photo, self.area.points, _SUN_PX)
+        some = _evenly(np.flatnonzero(_whole_middle(z)), _MOST_UNDER_SUNS)
+        if len(some) < FEWEST:
+            return "too few points are there to hold other Suns against the stated one", 0.0
+        rows, z = rows[some], z[some]
+        ground = self.catalog.position_mcmf[rows]
+        stated, own = _summit(z)
+        worst, complaint, doubt = SUN_SIGMAS, "", 0.0
+        for turn, up in TURNS_DEG:
+            shift, z = _summit(self.z_maps(with_sun(photo, ground, turn, up), rows, _SUN_PX))
+            gain = (z - own)[np.isfinite(z - own)]
+            if len(gain) < FEWEST or gain.mean() <= 0.0:
+                continue
+            clear = float(gain.mean() / gain.std(ddof=1) * math.sqrt(len(gain) * self.share))
+            doubt = max(doubt, float(np.nan_to_num(np.hypot(*(shift - stated)))))
+            if turn and clear > worst:
+                worst, complaint = clear, _complaint(turn, clear)
+        return complaint, self.factor * doubt
+
+
+def _complaint(turn_deg: float, sigmas: float) -> str:
+    return (
+        "the stated Sun does not fit the image: the ground as a whole correlates better, "
+        f"by {sigmas:.1f} sigma, under one turned by {turn_deg:+.0f} deg"
+    )
+
+
+def _whole_middle(z: Array) -> NDArray[np.bool_]:
+    """Which of maps (n, m, m) have all their values next to the middle, (n,): what comes and goes at a gap would move a peak."""
+    middle = z.shape[1] // 2
+    near = np.s_[:, middle - 1 : middle + 2, middle - 1 : middle + 2]
+    return np.asarray(np.isfinite(z[near]).all(axis=(1, 2)))
+
+
+def _mean(z: Array, weights: Array) -> Array:
+    """Means (k, m, m) of maps z (n, m, m) with weights (k, n); what is missing speaks for nothing, 0."""
+    flat = np.nan_to_num(z.reshape(len(z), -1))
+    mean = weights @ flat / weights.sum(axis=1, keepdims=True)
+    return np.asarray(mean.reshape(-1, *z.shape[1:]))
+
+
+def _summit(z: Array) -> tuple[Array, Array]:
+    """The (column, row), from the middle, of where maps (n, m, m) are highest on average, NaN at the edge; and each
+    one's value at the whole offset next to it.
+    """
+    mean = _mean(z, np.ones((1, len(z))))
+    column, row, _ = peaks(np.moveaxis(mean, 0, -1))
+    at = np.unravel_index(int(mean[0].argmax()), mean[0].shape)
+    return np.array([column[0], row[0]]), z[:, at[0], at[1]]

@@ -1,0 +1,289 @@
+"""A catalogue's points sought in a photograph: each patch is rendered as the image must show it, searched by correlation, placed
+to a fraction of a pixel with a covariance, and sought backwards (docs/matching.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cameras.sensor import pixel_size_m
+from ..catalog.catalogue import Catalog
+from ..images.image import Photo
+from ..kernels.matching import search
+from ..kernels.matching import subpixel_fit as register
+from ..kernels.matching.backward_search import seek_back
+from ..landmarks.uniqueness import effective_samples, false_match_probability
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .coarse_offset import CoarseShift, coarse_shift
+from .matches import CODE, Matches
+from .point_choice import usable_now, working_photo
+from .search_image import SearchImage, full_pixels
+from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
+
+__all__ = [
+    "CoarseShift",
+    "Criteria",
+    "coarse_shift",
+    "match",
+    "points_in_view",
+    "usable_now",
+    "working_photo",
+]
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.uint8]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_CHUNK = 128
+_CHUNK_PX = 2_000_000
+"""Points rendered at once, at most, and the pixels of their templates: drawings, about 100 bytes a pixel, are kept only so long."""
+_HALVED_FROM = 144
+"""Templates of fewer pixels are searched at full resolution: too little is left of them at half."""
+_INNER = 0.6
+"""Share of a template's sides that is sought backwards."""
+_BACK_REACH = 0.2
+"""How far, as a share of a template's longer side; there must be `_BACK_COVER` of its pixels."""
+_BACK_COVER = 0.8
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What a match must be. Shares are of the template's pixels; correlations are centred and normalised."""
+
+    psf_sigma_px: float = POINT_SPREAD_PX
+    min_correlation: float = 0.3
+    max_false_match: float = 0.2  # chance that the second peak is the true one
+    min_lit_share: float = 0.3
+    min_contrast: float = 0.005  # standard deviation of the render over its mean
+    min_pixels: int = 36
+    min_real_share: float = 0.7
+    min_area_share: float = 0.3  # of the search area that lies in the image
+    max_emission_deg: float = 80.0
+    max_back_px: float = 1.5
+    floor_px: float = 0.02  # 1 sigma that no match is better than
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is the same for all points of a call."""
+
+    catalog: Catalog
+    image: SearchImage
+    model: Reflectance
+    criteria: Criteria
+    whole_search: bool
+
+
+def match(
+    catalog: Catalog,
+    photo: Photo,
+    model: Reflectance = DEFAULT_MODEL,
+    reach_px: ArrayLike = 64.0,
+    *,
+    points: ArrayLike | None = None,
+    offset_px: ArrayLike | None = None,
+    criteria: Criteria = Criteria(),
+    whole_search: bool = False,
+) -> Matches:
+    """Seek points (rows of the catalogue; default: `points_in_view`) within ``reach_px`` (one or (n,)) pixels of where the sensor,
+    plus ``offset_px`` (2,) or (n, 2), puts them.
+
+    Pixels are always those of the image as it came, though the photo be a reduced one; the covariance too. ``whole_search``
+    correlates every place at full resolution: slower, and the same but for peaks that half resolution does not
+    show (docs/matching.md). ValueError where the photo has no valid pixel.
+    """
+    task = _Task(catalog, SearchImage.of(photo), model, criteria, whole_search)
+    rows = points_in_view(catalog, photo) if points is None else np.asarray(points, dtype=np.int64)
+    factor = task.image.factor
+    reach = np.broadcast_to(np.asarray(reach_px, np.float64) / factor, rows.shape)
+    offset = np.zeros(2) if offset_px is None else np.asarray(offset_px, np.float64)
+    offset = np.broadcast_to(offset / factor, (len(rows), 2))
+    count = _at_once(catalog, photo, rows)
+    parts = [slice(start, start + count) for start in range(0, max(len(rows), 1), count)]
+    found = [_match_chunk(task, rows[part], reach[part], offset[part]) for part in parts]
+    names = Matches.__dataclass_fields__
+    return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
+
+
+def _at_once(catalog: Catalog, photo: Photo, rows: Index) -> int:
+    """How many points are rendered at once."""
+    pixels = pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
+    sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)
+    largest = float(np.max(1.5 * sides, initial=1.0)) ** 2
+    return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
+
+
+def points_in_view(catalog: Catalog, photo: Photo, most: int | None = None) -> Index:
+    """Rows of the points that the sensor puts into the image, on the side of the Moon that it sees, (n,), rising.
+
+    Of more than ``most`` those stay that are usable under the image's Sun and view (`usable_now`), then others, each evenly over
+    the catalogue.
+    """
+    pixels = photo.sensor.project(catalog.position_mcmf)
+    inside = photo.sensor.in_image(pixels)
+    facing = np.zeros(len(catalog), dtype=np.bool_)
+    towards = photo.sensor.towards(catalog.position_mcmf[inside])
+    facing[inside] = np.sum(towards * catalog.rotation_mcmf_to_enu[inside, 2], axis=-1) > 0.0
+    rows = np.flatnonzero(facing)
+    if most is None or len(rows) <= most:
+        return rows
+    good = usable_now(catalog, photo, rows)
+    first = _evenly(rows[good], most)
+    return np.sort(np.concatenate([first, _evenly(rows[~good], most - len(first))]))
+
+
+def _evenly(rows: Index, most: int) -> Index:
+    """At most so many of the rows, evenly from the list."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)] if most else rows[:0]
+
+
+def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Matches:
+    suns = task.image.photo.sun_directions(task.catalog.position_mcmf[rows])
+    code = _unlit_unseen(task, rows, suns)
+    templates = render_patches(
+        task.catalog,
+        rows,
+        task.image.photo.sensor,
+        suns,
+        task.model,
+        psf_sigma_px=task.criteria.psf_sigma_px,
+    )
+    _judge_templates(templates, task.criteria, code)
+    start = templates.origin + np.round(offset).astype(np.int64)
+    found = _sought(task, templates, start, reach, code)
+    _judge_search(task, templates, start, found, code)
+    sought = np.isfinite(found[:, 2]) & (code == 0)
+    places = start + np.where(sought[:, None], found[:, :2], 0.0).astype(np.int64)
+    precise = _refined(task, templates, places, sought)
+    _judge_places(task, templates, found, precise, code)
+    back = _sought_back(task, templates, places, precise, code)
+    _mark(code, ~(back <= task.criteria.max_back_px), "not confirmed")
+    shift = precise[:, :2] + (places - templates.origin)
+    return _as_matches(task, templates, found, precise, shift, back, code)
+
+
+def _as_matches(
+    task: _Task,
+    templates: Templates,
+    found: Array,
+    precise: Array,
+    shift: Array,
+    back: Array,
+    code: Codes,
+) -> Matches:
+    """In pixels of the image as it came."""
+    f = task.image.factor
+    covariance = precise[:, [3, 4, 4, 5]].reshape(-1, 2, 2)
+    return Matches(
+        templates.point,
+        full_pixels(templates.predicted_px, f),
+        full_pixels(templates.predicted_px + shift, f),
+        (covariance + task.criteria.floor_px**2 * np.eye(2)) * f**2,
+        np.where(np.isfinite(precise[:, 2]), precise[:, 2], found[:, 2]),
+        found[:, 3],
+        back * f,
+        code,
+    )
+
+
+def _mark(code: Codes, where: ArrayLike, reason: str) -> None:
+    """Say why of those nothing has been said of yet: their code is 0, which will mean found."""
+    code[np.asarray(where) & (code == 0)] = CODE[reason]
+
+
+def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Codes:
+    """Codes of points on which the Sun has not risen, or which the camera sees edge-on; else 0."""
+    up = task.catalog.rotation_mcmf_to_enu[rows, 2]
+    towards = task.image.photo.sensor.towards(task.catalog.position_mcmf[rows])
+    code = np.zeros(len(rows), np.uint8)
+    _mark(code, ~(np.sum(up * suns, axis=-1) > 0.0), "not lit")
+    level = math.cos(math.radians(task.criteria.max_emission_deg))
+    _mark(code, ~(np.sum(up * towards, axis=-1) > level), "not seen")
+    return code
+
+
+def _judge_templates(templates: Templates, criteria: Criteria, code: Codes) -> None:
+    size = templates.mask.sum(axis=(1, 2))
+    _mark(code, size == 0, "not seen")
+    _mark(code, templates.lit_share < criteria.min_lit_share, "not lit")
+    count = np.maximum(size, 1)
+    mean = templates.values.sum(axis=(1, 2), dtype=np.float64) / count
+    square = np.square(templates.values, dtype=np.float64).sum(axis=(1, 2)) / count
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+    plain = ~(deviation > criteria.min_contrast * mean)
+    _mark(code, (size < criteria.min_pixels) | plain, "low contrast")
+
+
+def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Codes) -> Array:
+    """What `search.seek` says of the templates that nothing has been said of, (n, `search.NUMBERS`)."""
+    image, size = task.image, templates.mask.sum(axis=(1, 2))
+    found = np.full((len(code), search.NUMBERS), np.nan)
+    search.seek(
+        image.fine, image.weight, image.half, image.half_weight,
+        templates.values, templates.mask & (code == 0)[:, None, None], start,
+        np.ceil(reach).astype(np.int64), 0.5 * np.sqrt(size), task.criteria.min_real_share,
+        (size >= _HALVED_FROM) & (not task.whole_search), found,
+    )  # fmt: skip
+    return found
+
+
+def _judge_search(
+    task: _Task, templates: Templates, start: Index, found: Array, code: Codes
+) -> None:
+    _mark(code, found[:, 4] < task.criteria.min_area_share, "out of frame")
+    few = found[:, 5] < task.criteria.min_real_share
+    if few.any():
+        middle = start + np.array(templates.shape[::-1]) // 2
+        _mark(code, few & task.image.is_saturated(middle, templates.shape), "saturated")
+    _mark(code, few, "no data")
+    _mark(code, ~np.isfinite(found[:, 2]), "weak")
+
+
+def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> Array:
+    """What `register.refine` says of the templates that were sought, (n, `register.NUMBERS`)."""
+    out = np.full((len(sought), register.NUMBERS), np.nan)
+    part = np.full((int(sought.sum()), register.NUMBERS), np.nan)
+    register.refine(
+        templates.drawing[sought], templates.sub, templates.sigma_px, LEAST_COVER, task.image.fine,
+        task.image.weight, places[sought], np.zeros((len(part), 2)), part,
+    )  # fmt: skip
+    out[sought] = part
+    return out
+
+
+def _judge_places(
+    task: _Task, templates: Templates, found: Array, precise: Array, code: Codes
+) -> None:
+    correlation = precise[:, 2]
+    settled = np.isfinite(precise).all(axis=1)
+    _mark(code, ~(settled & (correlation >= task.criteria.min_correlation)), "weak")
+    rival = np.isfinite(found[:, 3]) & (code == 0)
+    patches = np.where(templates.mask[rival], templates.values[rival], np.float32(np.nan))
+    chance = np.zeros(len(code))
+    chance[rival] = false_match_probability(
+        correlation[rival], found[rival, 3], effective_samples(patches)
+    )
+    _mark(code, ~(chance <= task.criteria.max_false_match), "ambiguous")
+
+
+def _sought_back(
+    task: _Task, templates: Templates, places: Index, precise: Array, code: Codes
+) -> Array:
+    """How far from where it was found each point comes back to, working pixels (n,); NaN where nothing was found."""
+    back = np.full(len(code), np.nan)
+    good = code == 0
+    found = np.full((int(good.sum()), 3), np.nan)
+    reach = max(2, int(_BACK_REACH * max(templates.shape)))
+    seek_back(
+        templates.values[good], templates.mask[good], task.image.fine, task.image.weight,
+        places[good], _INNER, reach, _BACK_COVER, found,
+    )  # fmt: skip
+    back[good] = np.hypot(*(found[:, :2] + precise[good, :2]).T)
+    return back

@@ -1,0 +1,389 @@
+"""A sensor's place from points found in its image: weighted least squares with a prior, and how far to believe it.
+
+The unknowns c are the sensor's own corrections (`Sensor.moved`), so that a framing camera, a scanner and a map are
+all solved alike. What is minimised, over c and counted from the sensor as it was given,
+
+    sum_i  rho( (found_i - project_c(X_i))^T  C_i^-1  (found_i - project_c(X_i)) )  +  sum_j (c_j / sigma_j)^2
+
+with C_i the covariance of a place in the image and sigma_j the prior's: Gauss-Newton with Levenberg's damping. The
+Jacobian is taken by central differences over a tenth of a pixel, which for a pinhole leaves a relative error of (0.1
+px / f)^2, below 1e-6 from f = 100 px on. docs/pose.md has the figures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cameras.scanners import project_beside
+from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
+from ..errors import CameraError, PoseError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STEP_PX = 0.1
+"""Corrections are varied by what moves the image by about this much."""
+
+HUBER = 2.5
+"""Places further off than this many of their own sigmas count linearly, not squared, where nobody has said which
+agree.
+"""
+
+_STEPS = 40
+_CONVERGED = 1e-4
+"""A step that moves no unknown by more than this share of its own sigma is the last."""
+_CONDITION = 1e13
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A sensor corrected by k numbers, from n points.
+
+    ``covariance`` is that of the correction, in metres and radians squared, with zero rows for what was held. It is
+    the formal one times ``scale`` as far as it comes from the points: where residuals are larger than the points' own
+    covariances say (``normalised_error`` > 1) the points are believed that much less; where they are smaller nothing
+    is made better.
+    """
+
+    sensor: Sensor
+    correction: Array  # (k,)
+    covariance: Array  # (k, k)
+    solved: Mask  # (k,)
+    used: Mask  # (n,)
+    residual_px: (
+        Array  # (n, 2) found minus where the corrected sensor has them; of all, used or not
+    )
+    chi2: float  # of the used points' residuals, with their own covariances
+    dof: float  # its expectation: 2 a point, less what the points decided
+    overlap: float = 1.0  # places that share pixels err together: so many count as one
+
+    @property
+    def normalised_error(self) -> float:
+        """chi2 / dof, 1 where the stated covariances are right; NaN where too few points leave nothing to judge by."""
+        return self.chi2 / self.dof if self.dof >= 1.0 else float("nan")
+
+    @property
+    def scale(self) -> float:
+        """By which the points' covariances were multiplied."""
+        return self.overlap * _scale(self.chi2, self.dof)
+
+    @property
+    def sigma(self) -> Array:
+        """1 sigma of each correction, (k,); 0 for what was held."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def position_sigma_m(self) -> float:
+        """1 sigma of the position, all directions together: the root of its covariance's trace."""
+        length = 3 if len(self.correction) == len(POSE) else len(self.correction)
+        return float(np.sqrt(np.trace(self.covariance[:length, :length])))
+
+
+@dataclass(frozen=True)
+class Split:
+    """An error of position, or its sigma, in metres: whole, across the line of sight (both directions together),
+    along it.
+    """
+
+    whole_m: float
+    across_m: float
+    along_m: float
+
+
+@dataclass(frozen=True)
+class PositionError:
+    """A solved position against a known one. ``squared`` is the error squared in units of the stated covariance, of
+    which 3 is expected.
+    """
+
+    error: Split
+    sigma: Split
+    squared: float
+
+
+def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
+    """How the pixels (n, 2) of ground points (n, 3) follow the sensor's k corrections: (n, 2, k), pixels per metre
+    and per radian; NaN for points that it cannot have seen.
+    """
+    points = np.asarray(points_mcmf_m, dtype=np.float64)
+    here = sensor.project(points)
+    columns = []
+    for step in np.diag(_steps(sensor, points)):
+        ahead, behind = (sensor.moved(sign * step).project(points) for sign in (1.0, -1.0))
+        columns.append(mean_step(ahead - here, here - behind) / step.sum())
+    return np.stack(columns, axis=-1)
+
+
+def spread_px2(sensor: Sensor, points_mcmf_m: ArrayLike, covariance: ArrayLike) -> Array:
+    """Covariance (n, 2, 2) of where points (n, 3) lie in the image, for a covariance (k, k) of the sensor's
+    corrections; to first order.
+    """
+    slope = jacobian(sensor, points_mcmf_m)
+    return np.asarray(slope @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(slope, -1, -2))
+
+
+def solve(
+    sensor: Sensor,
+    points_mcmf_m: ArrayLike,
+    found_px: ArrayLike,
+    covariance_px2: ArrayLike,
+    uncertainty: Uncertainty,
+    inliers: ArrayLike | None = None,
+    overlap: float = 1.0,
+    common_px: float = 0.0,
+) -> Pose:
+    """The sensor corrected by points (n, 3) found at pixels (n, 2), each with its covariance (n, 2, 2).
+
+    ``inliers`` (n,): which points count; all of those alike. None: all, with Huber's weights. An infinite sigma in
+    the uncertainty is no prior at all; one of 0 holds. Raises PoseError where nothing is left to solve with, or the
+    points do not decide what has no prior.
+
+    ``overlap``: so many places share their pixels that they count as one. ``common_px``: 1 sigma of an error of place
+    that is the same for all, in either coordinate; it adds to the covariance and changes nothing else.
+    """
+    problem = _problem(
+        sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers
+    )
+    first = last = problem.solved()
+    scale = first.scale * overlap
+    if scale > 1.0:
+        problem = replace(problem, whitening=problem.whitening / np.sqrt(scale))
+        last = problem.solved(first.unknown)
+    corrected = problem.corrected(last.unknown)
+    return Pose(
+        sensor=corrected,
+        correction=problem.correction(last.unknown),
+        covariance=problem.covariance(last.matrix) + problem.shared(last, common_px),
+        solved=problem.sigmas > 0.0,
+        used=problem.used,
+        residual_px=residuals_px(corrected, points_mcmf_m, found_px),
+        chi2=first.chi2,
+        dof=first.dof,
+        overlap=overlap,
+    )
+
+
+def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:
+    """Found minus expected, pixels (n, 2), of points (n, 3) found at pixels (n, 2); NaN where not found, or behind the sensor. A
+    push-frame camera is asked in the framelets where they were found (`scanners.project_beside`).
+    """
+    return np.asarray(found_px) - project_beside(sensor, points_mcmf_m, found_px)
+
+
+def _scale(chi2: float, dof: float) -> float:
+    return max(1.0, chi2 / dof) if dof >= 1.0 else 1.0
+
+
+def _steps(sensor: Sensor, points: Array) -> Array:
+    """By how much each correction is varied, (k,): what moves the image by `STEP_PX`."""
+    ground_m = float(np.nanmedian(pixel_size_m(sensor, points)))
+    if not np.isfinite(ground_m):
+        raise PoseError(f"{sensor.name}: none of the {len(points)} points lies before it")
+    if sensor.corrections != POSE:
+        return np.full(len(sensor.corrections), STEP_PX * ground_m)
+    rows, cols = sensor.shape
+    origin, _ = sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+    range_m = float(np.median(np.linalg.norm(points - origin, axis=-1)))
+    return np.repeat([STEP_PX * ground_m, STEP_PX * ground_m / range_m], 3)
+
+
+def _problem(
+    sensor: Sensor,
+    points_mcmf_m: ArrayLike,
+    found_px: ArrayLike,
+    covariance_px2: ArrayLike,
+    sigmas: Array,
+    inliers: ArrayLike | None,
+) -> _Problem:
+    points, found, covariance = (
+        np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, found_px, covariance_px2)
+    )
+    used = np.asarray(np.isfinite(found).all(-1) & np.isfinite(covariance).all((-1, -2)))
+    used &= np.isfinite(sensor.project(points)).all(-1)
+    if inliers is not None:
+        used &= np.asarray(inliers, dtype=bool)
+    if not used.any():
+        raise PoseError(f"{sensor.name}: no point was found, so its place cannot be solved for")
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance[used]))
+    huber = HUBER if inliers is None else np.inf
+    return _Problem(sensor, points[used], found[used], whitening, sigmas, huber, used)
+
+
+class _Solved(NamedTuple):
+    """The unknowns (f,), the points' normal matrix (f, f), and chi2 with its expectation."""
+
+    unknown: Array
+    matrix: Array
+    chi2: float
+    dof: float
+
+    @property
+    def scale(self) -> float:
+        """By which the points' covariances have to grow; 1 where they need not."""
+        return _scale(self.chi2, self.dof)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Least squares over the free corrections, each counted in its own steps of about `STEP_PX`."""
+
+    sensor: Sensor
+    points: Array  # (m, 3) the used ones
+    found: Array  # (m, 2)
+    whitening: Array  # (m, 2, 2) inverse Cholesky factors of the covariances
+    sigmas: Array  # (k,)
+    huber: float
+    used: Mask  # (n,)
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        return np.flatnonzero(self.sigmas > 0.0)
+
+    @cached_property
+    def steps(self) -> Array:
+        """Metres or radians of one unit of each free unknown."""
+        return _steps(self.sensor, self.points)[self.free]
+
+    @cached_property
+    def prior(self) -> Array:
+        """Inverse variance of each free unknown, in its units; 0 for none."""
+        return (self.steps / self.sigmas[self.free]) ** 2
+
+    def corrected(self, unknown: Array) -> Sensor:
+        return self.sensor.moved(self.correction(unknown))
+
+    def correction(self, unknown: Array) -> Array:
+        full = np.zeros(len(self.sigmas))
+        full[self.free] = unknown * self.steps
+        return full
+
+    def residual(self, unknown: Array) -> Array:
+        """Whitened residuals (m, 2); NaN for what the sensor would no longer see, and all where it would be no camera: a step
+        too long may end deep inside the Moon.
+        """
+        try:
+            sensor = self.corrected(unknown)
+        except CameraError:
+            return np.full(self.found.shape, np.nan)
+        off = residuals_px(sensor, self.points, self.found)
+        return np.asarray(np.einsum("nij,nj->ni", self.whitening, off))
+
+    def weights(self, residual: Array) -> Array:
+        """Huber's, (m,)."""
+        far = np.linalg.norm(residual, axis=-1)
+        return np.minimum(1.0, self.huber / np.maximum(far, 1e-300))
+
+    def cost(self, unknown: Array, residual: Array) -> float:
+        """Huber's loss and the prior; infinite where a point is lost from sight."""
+        far = np.linalg.norm(residual, axis=-1)
+        with np.errstate(invalid="ignore"):
+            linear = 2.0 * self.huber * far - self.huber**2
+            loss = np.where(far <= self.huber, far**2, linear)
+        total = float(loss.sum() + (self.prior * unknown**2).sum())
+        return total if np.isfinite(total) else np.inf
+
+    def slope(self, unknown: Array) -> Array:
+        """d(residual) / d(unknown), whitened, (m, 2, f), by central differences of one unit."""
+        ahead, behind = (
+            np.stack([self.residual(unknown + s * e) for e in np.eye(len(unknown))], axis=-1)
+            for s in (1.0, -1.0)
+        )
+        return np.asarray((ahead - behind) / 2.0)
+
+    def normal(self, unknown: Array, residual: Array) -> tuple[Array, Array]:
+        """The points' own normal matrix (f, f) and the gradient of half the cost (f,)."""
+        slope = self.slope(unknown)
+        weight = self.weights(residual)
+        matrix = np.einsum("n,nia,nib->ab", weight, slope, slope)
+        gradient = np.einsum("n,nia,ni->a", weight, slope, residual) + self.prior * unknown
+        return matrix, gradient
+
+    def solved(self, start: Array | None = None) -> _Solved:
+        """The unknowns at the least cost: Levenberg's damping grows where a step made it worse. The last step is too
+        small to be worth another Jacobian.
+        """
+        unknown = np.zeros(len(self.free)) if start is None else start
+        residual, damping = self.residual(unknown), 0.0
+        cost = self.cost(unknown, residual)
+        if not np.isfinite(cost):
+            raise PoseError(f"{self.sensor.name}: not all points lie before it")
+        matrix = np.zeros((len(unknown),) * 2)
+        for _ in range(_STEPS if len(unknown) else 0):
+            matrix, gradient = self.normal(unknown, residual)
+            covariance = self.inverse(matrix)
+            damped = matrix + np.diag(self.prior + damping * np.diag(matrix))
+            tried = unknown - np.linalg.solve(damped, gradient)
+            off = self.residual(tried)
+            worth = self.cost(tried, off)
+            small = (np.abs(tried - unknown) <= _CONVERGED * np.sqrt(np.diag(covariance))).all()
+            if worth <= cost:
+                unknown, residual, cost, damping = tried, off, worth, damping / 10.0
+            else:
+                damping = max(1e-4, damping * 10.0)
+            if small:
+                break
+        return self._judged(unknown, residual, matrix)
+
+    def _judged(self, unknown: Array, residual: Array, matrix: Array) -> _Solved:
+        """With the points' chi2 and its expectation, 2 m - trace(covariance times the points' normal matrix).
+
+        Of the residuals of a maximum a posteriori, whose covariance is C (C + J P J^T)^-1 C, that is exact for a
+        linear problem and a right prior; without a prior it is the usual 2 m - f.
+        """
+        weight = self.weights(residual)
+        chi2 = float((weight * (residual**2).sum(-1)).sum())
+        decided = float(np.trace(self.inverse(matrix) @ matrix)) if len(unknown) else 0.0
+        return _Solved(unknown, matrix, chi2, 2.0 * float(weight.sum()) - decided)
+
+    def inverse(self, matrix: Array) -> Array:
+        """Covariance (f, f) of the unknowns by the points' normal matrix and the prior."""
+        whole = matrix + np.diag(self.prior)
+        size = np.sqrt(np.diag(whole))
+        if not (size > 0.0).all() or np.linalg.cond(whole / np.outer(size, size)) > _CONDITION:
+            raise PoseError(
+                f"{self.sensor.name}: {len(self.points)} points do not decide what has no prior; state an uncertainty, or give more"
+            )
+        return np.asarray(np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size))
+
+    def shared(self, last: _Solved, common_px: float) -> Array:
+        """What an error that all places have in common, 1 sigma of either coordinate, adds to the covariance (k, k)."""
+        full = np.zeros((len(self.sigmas),) * 2)
+        if common_px > 0.0 and len(self.free):
+            weight = self.weights(self.residual(last.unknown))
+            pull = np.einsum("n,nia,nij->aj", weight, self.slope(last.unknown), self.whitening)
+            gain = common_px * self.steps[:, None] * (self.inverse(last.matrix) @ pull)
+            full[np.ix_(self.free, self.free)] = gain @ gain.T
+        return full
+
+    def covariance(self, matrix: Array) -> Array:
+        """Covariance (k, k) of the corrections in metres and radians; zero for what is held."""
+        full = np.zeros((len(self.sigmas),) * 2)
+        if len(self.free):
+            scale = np.outer(self.steps, self.steps)
+            full[np.ix_(self.free, self.free)] = self.inverse(matrix) * scale
+        return full
+
+
+def position_error(pose: Pose, known: Sensor) -> PositionError:
+    """Where a solved camera stands against where it is known to stand; of a scanner its middle line. ValueError for a
+    map, which stands nowhere.
+    """
+    if pose.sensor.corrections != POSE:
+        raise ValueError(f"{known.name}: a map-projected image has no position")
+    rows, cols = known.shape
+    middle = [(cols - 1) / 2.0, (rows - 1) / 2.0]
+    (stands, _), (stood, ahead) = (s.looks(middle) for s in (pose.sensor, known))
+    off, covariance = stands - stood, pose.covariance[:3, :3]
+    along = float(off @ ahead)
+    variance = float(ahead @ covariance @ ahead)
+    total = float(np.trace(covariance))
+    return PositionError(
+        Split(float(np.linalg.norm(off)), float(np.linalg.norm(off - along * ahead)), abs(along)),
+        Split(np.sqrt(total), np.sqrt(max(total - variance, 0.0)), np.sqrt(variance)),
+        float(off @ np.linalg.pinv(covariance) @ off),
+    )

@@ -1,0 +1,153 @@
+"""Which of a catalogue's points can be in an image whose sensor is only roughly known, and how far from where it puts
+them.
+
+A point's reach is so many sigmas of its place in the image, by the sensor's Jacobian: to first order in the
+uncertainty. Where that is too far to be searched point by point, the whole image's offset is sought first
+(`coarse_match.coarse_shift`); what it leaves open is the uncertainty given that offset, a Kalman step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.sensor import Sensor, Uncertainty
+from ..catalog.catalogue import Catalog
+from ..images.image import Photo
+from ..photometry.laws import Reflectance
+from .coarse_offset import coarse_shift
+from .pose import jacobian
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_FARTHEST = 2.0
+"""Points that a sensor puts further than this many images, and as many reaches of its middle, from the middle are out
+of any doubt: that far a pinhole's linear reach means nothing.
+"""
+_NOBODY = np.zeros(0, dtype=np.int64)
+_ROUGH = 2
+"""Pixels of the coarse grid by which its offset may be wrong beyond its own precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchArea:
+    """Points (rows of the catalogue, (n,)), each sought within ``reach_px`` (n,) of where the sensor has it plus
+    ``offset_px`` (n, 2). Pixels of the image as it came. ``log10_places``: among how many areas as large these were
+    chosen, a power of ten.
+    """
+
+    points: Index
+    offset_px: Array
+    reach_px: Array
+    log10_places: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def at_least(self, least_px: float) -> SearchArea:
+        """With no reach below a least one."""
+        return replace(self, reach_px=np.maximum(self.reach_px, least_px))
+
+    def only(self, rows: NDArray[np.bool_] | Index) -> SearchArea:
+        """Some of its points."""
+        return replace(
+            self,
+            points=self.points[rows],
+            offset_px=self.offset_px[rows],
+            reach_px=self.reach_px[rows],
+        )
+
+
+def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
+    """Those of the rows on whose side of the Moon the sensor is."""
+    up = catalog.rotation_mcmf_to_enu[rows, 2]
+    return np.asarray(rows[(sensor.towards(catalog.position_mcmf[rows]) * up).sum(-1) > 0.0])
+
+
+def in_view(catalog: Catalog, sensor: Sensor) -> Index:
+    """Rows of the points that a sensor has in its image."""
+    pixels = sensor.project(catalog.position_mcmf)
+    return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
+
+
+def perhaps_in_view(
+    catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float
+) -> SearchArea:
+    """The points that may be in the image, each with its reach, so many ``sigmas`` of its place."""
+    height, width = sensor.shape
+    middle = np.array([(width - 1) / 2.0, (height - 1) / 2.0])
+    prior = np.diag(uncertainty.sigmas(sensor) ** 2)
+    off = np.abs(sensor.project(catalog.position_mcmf) - middle)
+    away = np.nan_to_num(off, nan=np.inf).max(axis=-1, initial=0.0)
+    nothing = SearchArea(_NOBODY, np.zeros((0, 2)), np.zeros(0))
+    if not np.isfinite(away).any():
+        return nothing
+    central = jacobian(sensor, catalog.position_mcmf[[int(np.argmin(away))]])
+    farthest = _FARTHEST * (max(height, width) + float(_reach(central, prior, sigmas)[0]))
+    rows = facing(catalog, sensor, np.flatnonzero(away < farthest))
+    if not len(rows):
+        return nothing
+    reach = _reach(jacobian(sensor, catalog.position_mcmf[rows]), prior, sigmas)
+    kept = (off[rows] <= np.array([width, height]) / 2.0 + reach[:, None]).all(-1)
+    return SearchArea(rows[kept], np.zeros((int(kept.sum()), 2)), reach[kept])
+
+
+def narrowed(
+    area: SearchArea,
+    catalog: Catalog,
+    photo: Photo,
+    sensor: Sensor,
+    uncertainty: Uncertainty,
+    model: Reflectance,
+    sigmas: float,
+    least_px: float,
+) -> tuple[SearchArea, float, float]:
+    """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how
+    far, in pixels, single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and no
+    doubt, where nothing can be said of the whole image. ``photo`` is the one that is searched, ``sensor`` that of the
+    image as it came.
+    """
+    prior = np.diag(uncertainty.sigmas(sensor) ** 2)
+    slope = jacobian(sensor, catalog.position_mcmf[area.points])
+    common = slope.mean(axis=0)
+    slack = _slack(slope, prior)
+    shift = coarse_shift(
+        catalog,
+        photo,
+        model,
+        float(np.median(area.reach_px)),
+        points=area.points,
+        slack_px=slack,
+    )
+    if shift is None:
+        return area, -math.inf, slack
+    noise = (_ROUGH * shift.precision_px) ** 2 * np.eye(2)
+    gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)
+    correction = gain @ np.array(shift.offset_px)
+    left = prior - gain @ common @ prior
+    reach = np.maximum(_reach(slope, left, sigmas), least_px)
+    reach = np.minimum(reach, area.reach_px)
+    places = 2.0 * math.log10(float(np.median(area.reach_px)) / float(np.median(reach)))
+    narrow = SearchArea(area.points, slope @ correction, reach, max(places, 0.0))
+    return narrow, shift.log10_false_alarms, slack
+
+
+def slack_px(sensor: Sensor, points_mcmf_m: Array, uncertainty: Uncertainty) -> float:
+    """How far, in pixels, ground points (n, 3) may lie from an offset that is common to all of them, as an uncertainty
+    turns and scales the image: the median of 1 sigma.
+    """
+    return _slack(jacobian(sensor, points_mcmf_m), np.diag(uncertainty.sigmas(sensor) ** 2))
+
+
+def _slack(slope: Array, covariance: Array) -> float:
+    return float(np.median(_reach(slope - slope.mean(axis=0), covariance, 1.0)))
+
+
+def _reach(slope: Array, covariance: Array, sigmas: float) -> Array:
+    """So many sigmas of the worse of a place's two coordinates, (n,)."""
+    variance = np.einsum("nia,ab,nib->ni", slope, covariance, slope).max(-1, initial=0.0)
+    return np.asarray(sigmas * np.sqrt(np.maximum(variance, 0.0)))

@@ -1,0 +1,118 @@
+"""A photograph made ready to be searched: without gaps, with its weights, and at half resolution as well."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.sensor import Reduced, Sensor
+from ..images.image import Photo
+from ..landmarks.corners import fill_missing
+
+Array = NDArray[np.float64]
+Float = NDArray[np.float32]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_FILL_PX = 33
+"""Missing pixels hold the mean of the valid ones around them, this far at first."""
+
+
+LEAST_LIKENESS = 0.3
+"""Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchImage:
+    """``fine`` (rows, cols) is the signal less its mean, filled; ``weight`` (rows, cols) 0..1; ``factor``: pixels of the image as
+    it came along the side of one of these.
+    """
+
+    photo: Photo
+    fine: Float
+    weight: Float
+    factor: int
+
+    @classmethod
+    def of(cls, photo: Photo) -> SearchImage:
+        """ValueError where nothing of it is valid."""
+        valid = photo.valid
+        if not valid.any():
+            raise ValueError(f"{photo.name}: no pixel of it is valid")
+        signal = np.where(valid, photo.signal, np.float32(np.nan)).astype(np.float32)
+        signal -= np.float32(np.nanmean(signal, dtype=np.float64))
+        if not valid.all():
+            signal = fill_missing(signal, _FILL_PX)
+        weight = np.where(valid, photo.weight, 0.0).astype(np.float32)
+        return cls(photo, np.ascontiguousarray(signal), weight, reduction(photo.sensor))
+
+    @cached_property
+    def half(self) -> Float:
+        """Means of 2 x 2 pixels; an odd last row or column left out."""
+        return _halved(self.fine)
+
+    @cached_property
+    def half_weight(self) -> Float:
+        return _halved(self.weight)
+
+    def is_saturated(self, middle: Index, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Whether most of what does not count around pixels (n, 2) is a signal that is too strong, rather than none."""
+        high, wide = (n // 2 for n in shape)
+        lost = self.weight <= 0.0
+        bright = lost & np.isfinite(self.photo.signal)
+        out = np.zeros(len(middle), dtype=np.bool_)
+        for k, (col, row) in enumerate(middle):
+            box = np.s_[max(row - high, 0) : row + high + 1, max(col - wide, 0) : col + wide + 1]
+            out[k] = bright[box].sum() > 0.5 * lost[box].sum()
+        return out
+
+
+def _halved(values: Float) -> Float:
+    rows, cols = (n // 2 for n in values.shape)
+    blocks = values[: 2 * rows, : 2 * cols].reshape(rows, 2, cols, 2)
+    return np.ascontiguousarray(blocks.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)
+
+
+def reduction(sensor: Sensor) -> int:
+    """Pixels of the image as it came along the side of one of a sensor's."""
+    factor = 1
+    while isinstance(sensor, Reduced):
+        factor, sensor = factor * sensor.factor, sensor.full
+    return factor
+
+
+def full_pixels(pixels: Array, factor: int) -> Array:
+    """Pixels of a reduced image in those of the image as it came."""
+    return (pixels + 0.5) * factor - 0.5
+
+
+def nothing_in(photo: Photo) -> str | None:
+    """What an image lacks for anything to be found in it; None where it lacks nothing."""
+    valid = photo.valid
+    if not valid.any():
+        return "the image has no valid pixel"
+    signal = photo.signal
+    likeness = max(
+        _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
+        _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),
+    )
+    if not likeness > LEAST_LIKENESS:
+        return (
+            "the image is blank or nothing but noise: "
+            f"neighbouring pixels correlate by {likeness:.2f}"
+        )
+    return None
+
+
+def _correlation(a: NDArray[np.float32], b: NDArray[np.float32], both: Mask) -> float:
+    """Centred and normalised, of the pixels that count in both; 0 where one of them is the same everywhere."""
+    if not both.any():
+        return 0.0
+    one, other = (v[both].astype(np.float64) for v in (a, b))
+    one, other = one - one.mean(), other - other.mean()
+    norm = math.sqrt(float(one @ one) * float(other @ other))
+    return float(one @ other) / norm if norm > 0.0 else 0.0

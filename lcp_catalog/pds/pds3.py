@@ -1,0 +1,394 @@
+"""PDS3 labels of lunar DEM products: what they say about the pixels and the map.
+
+Heights are taken from here and never from a reader's own idea of scale, offset and nodata: GDAL
+3.10-3.12 gives scale 1 for
+LOLA JP2 products (0.5 m counts), the sphere's radius as an offset of height, and a nodata value
+that no label states.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..constants import MOON_RADIUS_M
+from ..errors import LabelError
+from . import pvl
+from .declared_statistics import Claims
+from .pvl import Pvl, Quantity
+from .samples import Samples
+
+log = logging.getLogger(__name__)
+_MAX_LABEL_BYTES = 262_144
+_CYLINDRICAL = {"SIMPLE CYLINDRICAL", "EQUIRECTANGULAR", "EQUIDISTANT CYLINDRICAL"}
+_MATERIAL_SHIFT_PX = 0.1
+"""A MAP_SCALE that moves the far edge by less than this share of a pixel is only rounded, and
+nobody needs to hear of it.
+"""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader
+    of rasters.
+
+    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of
+    height. Pixel (row,
+    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y =
+    (line_offset - row) *
+    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at
+    the pole.
+    """
+
+    path: Path
+    product_id: str
+    projection: str  # "equirectangular" | "polar-stereographic"
+    center_lon_deg: float
+    center_lat_deg: float  # standard parallel of the cylinder, or +-90
+    pixel_m: float
+    line_offset: float
+    sample_offset: float
+    lines: int
+    line_samples: int
+    height_scale_m: float
+    missing: tuple[float, ...]
+    sample_dtype: str | None  # None: the compressed file itself says it
+    image_name: str
+    image_offset_bytes: int
+    compressed: bool
+    claims: Claims = field(default_factory=Claims)
+
+    @property
+    def image_bytes(self) -> int:
+        """Size that an uncompressed image file must have at least."""
+        size = int((self.sample_dtype or "i2")[-1])
+        return self.image_offset_bytes + self.lines * self.line_samples * size
+
+    @classmethod
+    def read(cls, path: Path) -> Label:
+        """The label in ``path``: detached, or attached in front of an image; ``LabelError`` says
+        what is wrong with it.
+        """
+        text = read_label_text(path)
+        if text is None:
+            raise LabelError(f"{path}: not a PDS3 label (it does not begin with PDS_VERSION_ID)")
+        return cls.from_text(text, path)
+
+    @classmethod
+    def from_text(cls, text: str, path: Path) -> Label:
+        """The label of ``text``; ``path`` is where it stood."""
+        try:
+            return _Interpreter(pvl.parse_pvl(text), path).label()
+        except LabelError as error:
+            raise LabelError(f"{path}: {error}") from None
+
+
+def read_label_text(path: Path) -> str | None:
+    """Text of the PDS3 label that ``path`` is or begins with; None for anything else."""
+    with path.open("rb") as file:
+        head = file.read(_MAX_LABEL_BYTES)
+    if not head.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"PDS_VERSION_ID"):
+        return None
+    return head.decode("latin-1")
+
+
+def find_label(image: Path) -> Path:
+    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there
+    is none.
+
+    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid
+    (0..360 against -180..180).
+    """
+    if read_label_text(image) is not None:
+        return image
+    beside = {p.name.lower(): p for p in sorted(image.parent.iterdir())}
+    stem, ending = image.stem.lower(), image.suffix.lower().lstrip(".")
+    for name in (f"{stem}_{ending}.lbl", f"{stem}.lbl"):
+        label = beside.get(name)
+        if label is not None and (ending != "jp2" or _describes_compressed(label)):
+            return label
+    wanted = f"{image.stem}_JP2.LBL" if ending == "jp2" else f"{image.stem}.LBL"
+    why = (
+        "a bare JP2 does not say its heights' scale"
+        if ending == "jp2"
+        else "an .IMG is bare numbers"
+    )
+    raise LabelError(
+        f"{image}: its label {wanted} is missing ({why}); put the product's label beside it"
+    )
+
+
+def find_image(label: Label) -> Path:
+    """The file that holds the label's pixels, whatever the case of its name."""
+    if label.image_name == "":
+        return label.path
+    for path in sorted(label.path.parent.iterdir()):
+        if path.name.lower() == label.image_name.lower():
+            return path
+    raise LabelError(
+        f"{label.path}: the image that it describes, {label.image_name}, is not beside it; put it there"
+    )
+
+
+def _describes_compressed(path: Path) -> bool:
+    return "COMPRESSED_FILE" in pvl.parse_pvl(read_label_text(path) or "")
+
+
+class _Interpreter:
+    """Turns a label's statements into a ``Label``; every refusal is a ``LabelError`` without the
+    path.
+    """
+
+    def __init__(self, statements: Pvl, path: Path) -> None:
+        self.root, self.path = statements, path
+        compressed = statements.get("COMPRESSED_FILE")
+        plain = statements.get("UNCOMPRESSED_FILE", statements)
+        self.compressed: Pvl | None = compressed if isinstance(compressed, dict) else None
+        self.file: Pvl = plain if isinstance(plain, dict) else statements
+        self.image: Pvl = pvl.table(self.file, "IMAGE") or pvl.table(statements, "IMAGE") or {}
+        self.map: Pvl = pvl.table(statements, "IMAGE_MAP_PROJECTION") or {}
+        self.samples = Samples(self.image, self.compressed)
+
+    def label(self) -> Label:
+        if not self.map:
+            raise LabelError("the label has no IMAGE_MAP_PROJECTION; a map-projected DEM is wanted")
+        self._refuse_foreign_maps()
+        projection = self._projection()
+        lines, samples = self._size()
+        name, offset = self._image_file()
+        line_offset = pvl.wanted(self.map, "LINE_PROJECTION_OFFSET")
+        sample_offset = pvl.wanted(self.map, "SAMPLE_PROJECTION_OFFSET")
+        far = max(
+            abs(x)
+            for x in (line_offset, line_offset - lines, sample_offset, sample_offset - samples)
+        )
+        label = Label(
+            path=self.path,
+            product_id=self._product_id(name),
+            projection=projection,
+            center_lon_deg=pvl.wanted(self.map, "CENTER_LONGITUDE"),
+            center_lat_deg=pvl.wanted(self.map, "CENTER_LATITUDE"),
+            pixel_m=self._pixel_m(projection, far),
+            line_offset=line_offset,
+            sample_offset=sample_offset,
+            lines=lines,
+            line_samples=samples,
+            height_scale_m=self._height_scale_m(),
+            missing=tuple(self.samples.missing()),
+            sample_dtype=None if self.compressed else self.samples.dtype(),
+            image_name=name,
+            image_offset_bytes=offset,
+            compressed=self.compressed is not None,
+            claims=Claims.from_pvl(self.root, self.file, self.image, self.compressed, self.map),
+        )
+        self._compare_with_bounds(label)
+        return label
+
+    def _refuse_foreign_maps(self) -> None:
+        target = pvl.text(self.root, "TARGET_NAME")
+        if target not in ("", "MOON"):
+            raise LabelError(f"the label's target is {target}; only the Moon is catalogued")
+        if not target and pvl.number(self.map, "A_AXIS_RADIUS") is None:
+            raise LabelError("neither TARGET_NAME nor A_AXIS_RADIUS says that this is the Moon")
+        for key in ("A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"):
+            self._refuse_foreign_radius(key, self._radius_m(key))
+        if pvl.text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
+            raise LabelError("longitudes that grow to the west are not supported")
+        if (pvl.number(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
+            raise LabelError(
+                f"a map rotated by {pvl.number(self.map, 'MAP_PROJECTION_ROTATION'):g} deg "
+                "is not supported"
+            )
+        if any(key.startswith("OBLIQUE_PROJ") for key in self.map):
+            raise LabelError("an oblique map projection is not supported")
+
+    def _radius_m(self, key: str) -> float | None:
+        value = self.map.get(key)
+        number = pvl.number(self.map, key)
+        if number is None:
+            return None
+        unit = value.unit if isinstance(value, Quantity) else ("KM" if number < 10_000.0 else "M")
+        return number * pvl.metres(unit, key)
+
+    @staticmethod
+    def _refuse_foreign_radius(key: str, radius_m: float | None) -> None:
+        if radius_m is not None and abs(radius_m - MOON_RADIUS_M) > 0.5:
+            raise LabelError(
+                f"{key} is {radius_m:.10g} m; heights are wanted above the sphere of "
+                f"{MOON_RADIUS_M:.0f} m"
+            )
+
+    def _projection(self) -> str:
+        name = pvl.text(self.map, "MAP_PROJECTION_TYPE").replace("_", " ")
+        latitude = pvl.wanted(self.map, "CENTER_LATITUDE")
+        if name in _CYLINDRICAL:
+            return "equirectangular"
+        if name in ("POLAR STEREOGRAPHIC", "STEREOGRAPHIC") and abs(latitude) == 90.0:
+            return "polar-stereographic"
+        if name in ("POLAR STEREOGRAPHIC", "STEREOGRAPHIC"):
+            raise LabelError(
+                f"an oblique stereographic map (centre latitude {latitude:g}) is not supported"
+            )
+        raise LabelError(
+            f"map projection {name or '(none)'} is not supported; cylindrical and polar "
+            "stereographic are"
+        )
+
+    def _size(self) -> tuple[int, int]:
+        lines, samples = pvl.number(self.image, "LINES"), pvl.number(self.image, "LINE_SAMPLES")
+        lines = pvl.wanted(self.map, "LINE_LAST_PIXEL") if lines is None else lines
+        samples = pvl.wanted(self.map, "SAMPLE_LAST_PIXEL") if samples is None else samples
+        if lines < 1 or samples < 1 or (pvl.number(self.image, "BANDS") or 1.0) != 1.0:
+            raise LabelError(f"an image of {lines:g} x {samples:g} pixels with one band is wanted")
+        return int(lines), int(samples)
+
+    def _image_file(self) -> tuple[str, int]:
+        """Name of the image's file ("" when the label is attached to it) and the byte at which its
+        pixels begin.
+        """
+        if self.compressed is not None:
+            return str(self.compressed.get("FILE_NAME", "")), 0
+        pointer = self.file.get("^IMAGE", self.root.get("^IMAGE"))
+        parts = pointer if isinstance(pointer, list) else [pointer]
+        name = next((p for p in parts if isinstance(p, str)), "")
+        place = next((p for p in parts if isinstance(p, float | Quantity)), 1.0)
+        if pointer is None:
+            raise LabelError("the label does not say where its image is (^IMAGE)")
+        if isinstance(place, Quantity):
+            return name, int(place.value) - (1 if place.value > 0 else 0)
+        record = (
+            pvl.number(self.file, "RECORD_BYTES") or pvl.number(self.root, "RECORD_BYTES") or 0.0
+        )
+        return name, int((place - 1.0) * record)
+
+    def _product_id(self, image_name: str) -> str:
+        stem = Path(image_name).stem or self.path.stem
+        return str(self.root.get("PRODUCT_ID") or stem)
+
+    def _height_scale_m(self) -> float:
+        for table in self.samples.tables():
+            factor, radius = pvl.number(table, "SCALING_FACTOR"), pvl.number(table, "OFFSET")
+            unit = pvl.text(table, "UNIT")
+            if (factor is None and not unit and not radius) or self._is_of_other_samples(table):
+                continue
+            if factor is not None and factor <= 0.0:
+                raise LabelError(f"SCALING_FACTOR is {factor:g}")
+            metres = pvl.metres(unit, "UNIT") if unit else self._unstated_unit_m(factor, radius)
+            if radius:
+                self._refuse_foreign_radius("OFFSET", radius * metres)
+            return metres if factor is None else factor * metres
+        if self.compressed is not None:
+            # SLDEM2015's JP2 labels are silent; the archive's JP2 files are all int16 counts of
+            # half a metre
+            log.warning(
+                "%s: the label gives no SCALING_FACTOR; LOLA's JP2 counts of 0.5 m are assumed",
+                self.path,
+            )
+            return 0.5
+        return 1.0  # WAC GLD100 and NAC DTM labels give neither unit nor scale: metres
+
+    def _is_of_other_samples(self, table: Pvl) -> bool:
+        """A JP2 holds integers: the scale of an uncompressed image of real numbers is not its own."""
+        return (
+            self.compressed is not None
+            and table is self.image
+            and "REAL" in pvl.text(table, "SAMPLE_TYPE")
+        )
+
+    def _unstated_unit_m(self, factor: float | None, radius: float | None) -> float:
+        """Metres in the unit of a scale without UNIT: the sphere's radius shows it, and whole numbers
+        that are not scaled are metres (ISIS writes SCALING_FACTOR = 1, OFFSET = 0); else nobody knows.
+        """
+        if radius:
+            return 1000.0 if radius < 10_000.0 else 1.0
+        if factor == 1.0 and "REAL" not in pvl.text(self.image, "SAMPLE_TYPE"):
+            return 1.0
+        raise LabelError(
+            "SCALING_FACTOR has no UNIT, and no OFFSET shows it: metres or kilometres? Add UNIT to the label"
+        )
+
+    def _pixel_m(self, projection: str, far_px: float) -> float:
+        """Pixel size on the map, metres; ``far_px`` is the distance of the far edge from the map's
+        origin.
+
+        A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is rebuilt from
+        MAP_RESOLUTION and the
+        radius. A polar map's MAP_RESOLUTION is the rounded one (1516.17 pix/deg at 20 m).
+        """
+        scale = self._map_scale_m()
+        resolution = pvl.number(self.map, "MAP_RESOLUTION")
+        if resolution is not None and resolution <= 0.0:
+            raise LabelError(f"MAP_RESOLUTION is {resolution:g}")
+        rebuilt = None if resolution is None else math.radians(1.0) * MOON_RADIUS_M / resolution
+        if rebuilt is None:
+            if scale is None:
+                raise LabelError("the label gives neither MAP_RESOLUTION nor MAP_SCALE")
+            return scale
+        if scale is None:
+            return rebuilt
+        if abs(scale / rebuilt - 1.0) > 1e-3:
+            raise LabelError(
+                f"MAP_SCALE says {scale:.8g} m a pixel, MAP_RESOLUTION {rebuilt:.8g} m: "
+                "one of them is wrong"
+            )
+        if projection == "polar-stereographic":
+            return scale
+        shift = abs(scale / rebuilt - 1.0) * far_px
+        if shift > _MATERIAL_SHIFT_PX:
+            log.warning(
+                "%s: MAP_SCALE %.9g m is rounded (%.2f pixel at the far edge); %.9g m is "
+                "used, rebuilt from MAP_RESOLUTION",
+                self.path,
+                scale,
+                shift,
+                rebuilt,
+            )
+        return rebuilt
+
+    def _map_scale_m(self) -> float | None:
+        """MAP_SCALE in metres; without a unit it decides nothing as long as MAP_RESOLUTION is there
+        (GDAL takes km).
+        """
+        value = self.map.get("MAP_SCALE")
+        number = pvl.number(self.map, "MAP_SCALE")
+        if number is None:
+            return None
+        if number <= 0.0:
+            raise LabelError(f"MAP_SCALE is {number:g}")
+        if isinstance(value, Quantity):
+            return number * pvl.metres(value.unit.split("/")[0].strip(), "MAP_SCALE")
+        resolution = pvl.number(self.map, "MAP_RESOLUTION")
+        if resolution is None:
+            raise LabelError(
+                "MAP_SCALE has no unit and there is no MAP_RESOLUTION: metres or kilometres?"
+            )
+        rebuilt = math.radians(1.0) * MOON_RADIUS_M / resolution
+        return min((number, number * 1000.0), key=lambda metres: abs(math.log(metres / rebuilt)))
+
+    def _compare_with_bounds(self, label: Label) -> None:
+        """Refuse a cylinder whose offsets contradict its latitudes or longitudes (older LROC labels
+        turn the sign).
+        """
+        if label.projection != "equirectangular":
+            return
+        degree_m = math.radians(1.0) * MOON_RADIUS_M
+        ring_m = degree_m * math.cos(math.radians(label.center_lat_deg))
+        north = (label.line_offset + 0.5) * label.pixel_m / degree_m
+        west = label.center_lon_deg - (label.sample_offset + 0.5) * label.pixel_m / ring_m
+        said_north, said_west = (
+            pvl.number(self.map, "MAXIMUM_LATITUDE"),
+            pvl.number(self.map, "WESTERNMOST_LONGITUDE"),
+        )
+        tolerance = 1.5 * label.pixel_m / ring_m
+        if said_north is not None and abs(north - said_north) > tolerance:
+            raise LabelError(
+                f"LINE_PROJECTION_OFFSET puts the north edge at {north:.6g} deg, "
+                f"MAXIMUM_LATITUDE at {said_north:g}"
+            )
+        if said_west is not None and abs((west - said_west + 180.0) % 360.0 - 180.0) > tolerance:
+            raise LabelError(
+                f"SAMPLE_PROJECTION_OFFSET puts the west edge at {west:.6g} deg, "
+                f"WESTERNMOST_LONGITUDE at {said_west:g}"
+            )

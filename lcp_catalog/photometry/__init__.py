@@ -1,0 +1,1 @@
+"""Laws of reflection, their published parameters, and maps of albedo."""

@@ -1,0 +1,242 @@
+"""How bright the ground is, from a map: a factor on what the law of reflection says (docs/albedo.md).
+
+The factor is the map's value over a reference, its own mean over the ground unless stated. Values are resampled exactly like
+heights (`layers`): area means where a cell is coarser than the map's pixels, the same interpolation where it is finer.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..atomic_files import file_facts
+from ..build.config import ALBEDO_ENCODINGS, ModelConfig
+from ..constants import MOON_RADIUS_M
+from ..dem.grid import Bounds
+from ..dem.raster import open_dataset
+from ..dem.tiles import Layer
+from ..errors import AlbedoError
+from ..geometry.frames import EnuFrame, mcmf_to_lonlat
+from ..kernels.resampling import heights as resample
+from ..terrain.relief_bounds import nodes_enu
+from ..terrain.terrain import Area, Terrain
+from .albedo_raster import AlbedoPixels, mean_value, open_pixels
+
+Array = NDArray[np.float64]
+Factors = NDArray[np.float32]
+
+log = logging.getLogger(__name__)
+
+_UNIT = 1024.0
+"""Factors are sampled in 1/1024: means along a row are summed in steps of 1/8192 (`kernels.resample`)."""
+
+_BLOCK_ROWS = 256
+_SAMPLE_NODES = 256
+"""A side of the sample of an area's nodes over which contrast and coverage are measured."""
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Of an area: the share of it that a map covers, least and greatest factor, and their contrast:
+    standard deviation over mean. Without any cover the figures are NaN.
+    """
+
+    share: float
+    lowest: float = math.nan
+    highest: float = math.nan
+    contrast: float = math.nan
+
+    @classmethod
+    def of(cls, factors: Array, there: NDArray[np.bool_]) -> Cover:
+        """Of the factors (NaN: none) at places that are there."""
+        found = factors[there & np.isfinite(factors)]
+        if not found.size:
+            return cls(0.0)
+        mean = float(found.mean())
+        spread = float(found.std()) / mean if mean > 0.0 else 0.0
+        return cls(found.size / int(there.sum()), float(found.min()), float(found.max()), spread)
+
+
+@dataclass(frozen=True)
+class AlbedoMap:
+    """A map of relative brightness. Picklable, small; pixels are read where they are asked for."""
+
+    pixels: AlbedoPixels
+    reference: float
+    """The value whose factor is 1."""
+    reference_is_mean: bool
+    """Whether it is the map's own mean, or was stated."""
+
+    @classmethod
+    def open(
+        cls, path: Path | str, encoding: str | None = None, reference: float | None = None
+    ) -> AlbedoMap:
+        """A raster that GDAL reads, in a lunar CRS (cylindrical, polar stereographic or degrees), by
+        its first band; ``encoding`` is one of `config.ALBEDO_ENCODINGS` (None: linear, with a warning for what
+        looks like a picture). ``AlbedoError`` says what cannot be used.
+
+        Without a ``reference`` every pixel is read once for the mean.
+        """
+        if encoding is not None and encoding not in ALBEDO_ENCODINGS:
+            raise AlbedoError(
+                f"no albedo encoding {encoding!r}; there are {', '.join(ALBEDO_ENCODINGS)}"
+            )
+        if reference is not None and not 0.0 < reference < math.inf:
+            raise AlbedoError(f"an albedo reference of {reference:g} is none; it must be above 0")
+        pixels = open_pixels(Path(path), encoding)
+        value = mean_value(pixels) if reference is None else float(reference)
+        raster = replace(pixels.raster, unit=_UNIT / value)
+        return cls(replace(pixels, raster=raster), value, reference is None)
+
+    @classmethod
+    def of(cls, model: ModelConfig) -> AlbedoMap | None:
+        """The map of a build's configuration, if it names one."""
+        if model.albedo is None:
+            return None
+        return cls.open(model.albedo, model.albedo_encoding, model.albedo_reference)
+
+    @property
+    def name(self) -> str:
+        """The file's name, without folders."""
+        return self.pixels.path.name
+
+    @property
+    def encoding(self) -> str:
+        """One of `config.ALBEDO_ENCODINGS`."""
+        return self.pixels.raster.encoding
+
+    @property
+    def gsd_m(self) -> float:
+        """Width of its pixels at true scale."""
+        return self.pixels.gsd_m
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box of longitudes and latitudes around the map."""
+        return self.pixels.grid.bounds
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that GDAL reads the map from: of a virtual raster also those it stands for."""
+        found = (Path(name) for name in open_dataset(self.pixels.path).files)
+        return tuple(dict.fromkeys((self.pixels.path, *(path for path in found if path.is_file()))))
+
+    def describe(self) -> dict[str, Any]:
+        """What a result says of its albedo; no folders."""
+        how = "mean of the map" if self.reference_is_mean else "stated"
+        return {
+            "name": self.name,
+            "encoding": self.encoding,
+            "reference": self.reference,
+            "reference_is": how,
+        }
+
+    def provenance(self) -> dict[str, Any]:
+        """`describe`, with name, size and SHA-256 of every file it was read from."""
+        return self.describe() | {"files": file_facts(self.files)}
+
+    def __str__(self) -> str:
+        return json.dumps(self.describe(), sort_keys=True)
+
+    # -- factors
+
+    @cached_property
+    def _layer(self) -> Layer[AlbedoPixels]:
+        return Layer((self.pixels,))
+
+    def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> Array:
+        """Factors at places on cells of a width, of the arguments' broadcast shape; NaN where the
+        map has nothing. Never negative: cubic convolution may dip below 0 beside bright ground.
+        """
+        lon, lat = np.broadcast_arrays(
+            np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        )
+        found = self._layer.sample(lon.ravel(), lat.ravel(), gsd_m).height
+        return np.maximum(found, 0.0).reshape(lon.shape) / _UNIT
+
+    def at_enu(self, frame: EnuFrame, points_m: ArrayLike, gsd_m: float) -> Array:
+        """Factors at ENU points (..., 3) of a frame, (...); NaN where there is no point or no map."""
+        points = np.asarray(points_m, dtype=np.float64)
+        x, y, z = (np.ascontiguousarray(points[..., k]).ravel() for k in range(3))
+        lon, lat = np.empty(x.size), np.empty(x.size)
+        up_m = MOON_RADIUS_M + frame.height_m
+        resample.enu_to_lonlat(x, y, z, frame.rotation, up_m, lon, lat)
+        return self.at(np.degrees(lon), np.degrees(lat), gsd_m).reshape(points.shape[:-1])
+
+    def known_nodes(self, terrain: Terrain) -> Factors:
+        """Factors at the core window's nodes, (rows, cols); NaN where the map, or the ground, has
+        nothing.
+        """
+        field, (row0, row1, col0, col1) = terrain.field, terrain.core
+        out = np.empty((row1 - row0, col1 - col0), np.float32)
+        for row in range(row0, row1, _BLOCK_ROWS):
+            window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
+            points = nodes_enu(field, window)
+            out[row - row0 : window[1] - row0] = self.at_enu(terrain.frame, points, field.gsd_m)
+        return out
+
+    def at_nodes(self, terrain: Terrain) -> Factors:
+        """Factors at the core window's nodes, (rows, cols); 1 where the map has nothing."""
+        return neutral(self.known_nodes(terrain))
+
+    def at_points(self, terrain: Terrain, points: Array) -> Factors:
+        """Factors at ENU points (n, 3) of the surface, (n,); 1 where the map has nothing."""
+        return neutral(self.at_enu(terrain.frame, points, terrain.field.gsd_m).astype(np.float32))
+
+    def patch(self, frame: EnuFrame, z_m: Factors, gsd_m: float) -> Factors:
+        """Factors at the nodes of a square patch around a frame's origin, (n, n); row 0 is north,
+        column 0 west. NaN where the map has nothing.
+        """
+        step = (np.arange(len(z_m)) - len(z_m) // 2) * gsd_m
+        x, y = np.meshgrid(step, -step)
+        return self.at_enu(frame, np.stack([x, y, z_m], axis=-1), gsd_m).astype(np.float32)
+
+    # -- what it covers
+
+    def cover(self, terrain: Terrain) -> Cover:
+        """Of a sample of the core's nodes that have a height."""
+        step = max(1, max(terrain.product_index.shape) // _SAMPLE_NODES)
+        points = nodes_enu(terrain.field, terrain.core, step)
+        factors = self.at_enu(terrain.frame, points, terrain.field.gsd_m)
+        return Cover.of(factors, np.isfinite(points[..., 2]))
+
+    def cover_of(self, area: Area, gsd_m: float) -> Cover:
+        """Of a lattice of places on the sphere, before there is a terrain."""
+        x0, x1, y0, y1 = area.extent_m
+        side = 129
+        x, y = np.meshgrid(np.linspace(x0, x1, side), np.linspace(y0, y1, side))
+        away2 = np.minimum(x * x + y * y, MOON_RADIUS_M**2)
+        z = np.sqrt(MOON_RADIUS_M**2 - away2) - MOON_RADIUS_M
+        lon, lat, _ = mcmf_to_lonlat(area.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+        inside = area.contains(lon, lat)
+        return Cover.of(self.at(lon, lat, gsd_m), inside)
+
+    def check_cover(self, cover: Cover, where: object) -> Cover:
+        """The cover again; ``AlbedoError`` when it is none or black, a warning when it is not whole."""
+        if cover.share == 0.0:
+            raise AlbedoError(
+                f"{self.pixels.path}: does not cover the area ({where}); it covers {self.bounds}"
+            )
+        if cover.highest == 0.0:
+            raise AlbedoError(f"{self.pixels.path}: is 0 all over the area ({where})")
+        if cover.share < 1.0:
+            log.warning(
+                "%s: does not cover %.2g %% of the area; the factor is 1 there, and an edge in "
+                "brightness runs along the map's",
+                self.pixels.path,
+                max(100.0 * (1.0 - cover.share), 0.01),
+            )
+        return cover
+
+
+def neutral(factors: Factors) -> Factors:
+    """Factors with 1 for what is not known."""
+    return np.where(np.isnan(factors), np.float32(1.0), factors)

@@ -1,0 +1,212 @@
+"""A brightness map's pixels: linear values of its first band, and their mean over the ground.
+
+Display images are decoded by the transfer function of sRGB (IEC 61966-2-1:1999, 5.2): a code C of full scale 1 is
+C / 12.92 up to 0.04045 and ((C + 0.055) / 1.055)^2.4 above.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import MOON_RADIUS_M
+from ..dem.georeferenced import Gridded
+from ..dem.grid import Grid
+from ..dem.products import facts_of, product_name
+from ..dem.raster import Raster, open_dataset
+from ..errors import AlbedoError, DemError, LabelError
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+_STRIP_PIXELS = 4_000_000
+_COLOURS = ("red", "green", "blue", "cyan", "magenta", "yellow", "hue", "saturation", "palette")
+_LENGTHS = ("m", "km", "meter", "meters", "metre", "metres", "kilometer", "kilometers", "kilometre")
+
+
+@dataclass(frozen=True)
+class Brightness:
+    """Linear values of a file's first band, times ``unit``."""
+
+    raster: Raster
+    encoding: str
+    full: float  # the code that means 1 in a display image
+    masked: bool  # an alpha band or a mask of the file says what is there
+    unit: float = 1.0
+
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[np.float32]:
+        """Values of a window inside the raster, float32, NaN where there are none."""
+        return (self.linear(row0, row1, col0, col1) * self.unit).astype(np.float32)
+
+    def linear(self, row0: int, row1: int, col0: int, col1: int) -> Array:
+        """The map's own values, decoded; ``AlbedoError`` for one that no brightness has."""
+        samples = self.raster.samples(row0, row1, col0, col1)
+        values = self.raster.heights_of(samples)
+        if self.masked:
+            window = ((row0, row1), (col0, col1))
+            values[open_dataset(self.raster.path).read_masks(1, window=window) == 0] = np.nan
+        self._refuse_impossible(values)
+        return values if self.encoding == "linear" else decode_srgb(values / self.full)
+
+    def _refuse_impossible(self, values: Array) -> None:
+        with np.errstate(invalid="ignore"):
+            wrong = values < 0.0
+            if wrong.any():
+                raise AlbedoError(
+                    f"{self.raster.path}: has the value {values[wrong][0]:g}, and brightness is "
+                    "never below 0: this is a DEM, or its value for missing data is not declared "
+                    "(gdal_translate -a_nodata)"
+                )
+            wrong = values > self.full
+        if self.encoding == "srgb" and wrong.any():
+            raise AlbedoError(
+                f"{self.raster.path}: has the value {values[wrong][0]:g}; the codes of a display "
+                f"image end at {self.full:g}: take --albedo-encoding linear"
+            )
+
+
+@dataclass(frozen=True)
+class AlbedoPixels(Gridded):
+    """One map: its file, its grid and its values. Picklable; the file is opened again where it
+    arrives.
+    """
+
+    path: Path
+    grid: Grid
+    raster: Brightness
+
+    @property
+    def identity(self) -> Hashable:
+        """What the values depend on: the file, and how it is read."""
+        return (super().identity, self.raster.encoding, self.raster.unit)
+
+
+def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
+    """The first band of a raster with a lunar CRS; ``AlbedoError`` says what is wrong with it.
+
+    Without an ``encoding`` the values are taken as linear, with a warning where they look like
+    those of a display image.
+    """
+    if not path.is_file():
+        kind = "is a folder, not an albedo map" if path.is_dir() else "there is no such file"
+        raise AlbedoError(f"{path}: {kind}")
+    try:
+        dataset = open_dataset(path)
+    except DemError as error:
+        raise AlbedoError(str(error).replace("not a DEM", "not an albedo map")) from error
+    _refuse_heights(dataset, path)
+    _refuse_colours(dataset, path)
+    grid, (scale, offset) = _grid(dataset, path), (dataset.scales[0], dataset.offsets[0])
+    plain = scale == 1.0 and offset == 0.0
+    if encoding == "srgb" and not plain:
+        raise AlbedoError(
+            f"{path}: has a scale and an offset, which the codes of a display image have not: "
+            "take --albedo-encoding linear"
+        )
+    if encoding is None and plain and dataset.dtypes[0] == "uint8":
+        log.warning(
+            "%s: 8-bit samples are taken as linear brightness; where they are those of a picture "
+            "for the eye, say --albedo-encoding srgb",
+            path,
+        )
+    nodata = dataset.nodatavals[0]
+    missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
+    raster = Raster(path, dataset.width, dataset.height, float(scale), float(offset), missing)
+    full = float(np.iinfo(dataset.dtypes[0]).max) if "int" in dataset.dtypes[0] else 1.0
+    return AlbedoPixels(
+        path, grid, Brightness(raster, encoding or "linear", full, _masked(dataset))
+    )
+
+
+def decode_srgb(codes: Array) -> Array:
+    """Linear light of codes of full scale 1 (IEC 61966-2-1:1999, 5.2); NaN stays."""
+    steep = ((codes + 0.055) / 1.055) ** 2.4
+    return np.where(codes <= 0.04045, codes / 12.92, steep)
+
+
+def mean_value(pixels: AlbedoPixels) -> float:
+    """Mean of the values that are there, by their area on the ground; ``AlbedoError`` when there
+    are none, or nothing but 0. Every pixel is read once, in strips.
+    """
+    total = weight = 0.0
+    for rows, columns, values in _strips(pixels):
+        there = np.isfinite(values)
+        values[~there] = 0.0
+        total += _by_area(pixels.grid, rows, columns, values)
+        weight += _by_area(pixels.grid, rows, columns, there)
+    if weight == 0.0:
+        raise AlbedoError(f"{pixels.path}: holds no value at all; every pixel is missing")
+    if total == 0.0:
+        raise AlbedoError(f"{pixels.path}: every value is 0; this is no map of brightness")
+    return total / weight
+
+
+def _by_area(
+    grid: Grid, rows: tuple[int, int], columns: tuple[int, int], values: NDArray[Any]
+) -> float:
+    """Sum of a window's values, each times its pixel's area; those of a cylinder's row are alike."""
+    row = np.arange(*rows)[:, None]
+    if grid.pole:
+        return float(np.sum(grid.cell_weight(np.arange(*columns)[None, :], row) * values))
+    return float(np.sum(grid.cell_weight(np.zeros((1, 1)), row)[:, 0] * values.sum(axis=1)))
+
+
+def _strips(
+    pixels: AlbedoPixels,
+) -> Iterator[tuple[tuple[int, int], tuple[int, int], Array]]:
+    """All pixels of a map once, each place of the ground once, in whole blocks of the file."""
+    grid, (high, wide) = pixels.grid, open_dataset(pixels.path).block_shapes[0]
+    width = min(grid.width, grid.period) if grid.wraps else grid.width
+    across = max(1, min(width, _STRIP_PIXELS // high) // wide) * wide
+    down = max(1, _STRIP_PIXELS // (min(across, width) * high)) * high
+    for row in range(0, grid.height, down):
+        rows = (row, min(row + down, grid.height))
+        for column in range(0, width, across):
+            columns = (column, min(column + across, width))
+            yield rows, columns, pixels.raster.linear(*rows, *columns)
+
+
+def _grid(dataset: Any, path: Path) -> Grid:
+    if dataset.crs is None or dataset.transform.is_identity:
+        raise AlbedoError(f"{path}: has no map projection; a map of the Moon is wanted")
+    try:
+        return Grid.from_wkt(
+            dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
+        )
+    except LabelError as error:
+        raise AlbedoError(f"{path}: {error}") from error
+
+
+def _refuse_heights(dataset: Any, path: Path) -> None:
+    """What says of itself that it is a DEM; a DEM that does not has heights below the sphere."""
+    unit, offset = (dataset.units[0] or "").strip().lower(), float(dataset.offsets[0])
+    known = facts_of(product_name(path.stem)).family != "unknown"
+    if known or unit in _LENGTHS or offset in (MOON_RADIUS_M, MOON_RADIUS_M / 1e3):
+        raise AlbedoError(f"{path}: holds heights; an albedo map of brightness is wanted")
+
+
+def _refuse_colours(dataset: Any, path: Path) -> None:
+    names = [kind.name for kind in dataset.colorinterp]
+    colours = [name for name in names if name in _COLOURS]
+    if colours:
+        raise AlbedoError(
+            f"{path}: is a colour image ({', '.join(dict.fromkeys(colours))}); albedo is one band "
+            f"of brightness: make one first (gdal_translate "
+            f"{'-expand gray' if 'palette' in colours else '-b 1'})"
+        )
+    more = [name for name in names[1:] if name != "alpha"]
+    if more:
+        log.warning("%s: has %d bands; the first is taken", path, len(more) + 1)
+
+
+def _masked(dataset: Any) -> bool:
+    """Whether something besides the samples' values says what is missing."""
+    return any(flag.name in ("per_dataset", "alpha") for flag in dataset.mask_flag_enums[0])

@@ -1,0 +1,304 @@
+"""The two-component facet model of a measured surface: what a law of it consists of, and its numbers for the kernels.
+
+L. V. Labunets, A. B. Borzov, I. M. Akhmetov, "Regularised parametric model of the indicatrix of the brightness coefficient of
+a rough surface" (in Russian), Opticheskii Zhurnal 86 (10), 20-29, 2019, doi 10.17586/1023-5086-2019-86-10-20-29. What follows
+the paper, what is ours and what it leaves open: docs/facet-model.md. Angles are degrees here and radians in the kernels.
+
+The paper's intensities are relative to the specular one of the same incidence: how bright the surface is from incidence to
+incidence is lost. A model's ``albedo`` (directional-hemispherical reflectance, the same at every incidence) stands for it, or
+``levels``, where absolute values were measured.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError
+from ..kernels.photometry import facet as kernel
+
+Array = NDArray[np.float64]
+
+ALBEDO = 0.12
+"""Of the Moon's kind, as the Lambert law here has it; a measured surface wants its own."""
+
+LARGEST_EMISSION_DEG = 80.0
+"""Where the paper's measurements end (its figure 3)."""
+
+_QUADRATURE, _PER_SIGMA = (40, 500), 5.0
+"""Least and most nodes of a quadrature over emission and over half a turn of azimuth, and how many
+there are for a lobe of scale 1: the reflectance is within 0.5 % of the albedo (test_facet).
+"""
+
+
+def _require(condition: bool, text: str) -> None:
+    if not condition:
+        raise ConfigError(text)
+
+
+def _check_finite(group: Any) -> None:
+    for f in fields(group):
+        _require(math.isfinite(getattr(group, f.name)), f"{f.name} must be a finite number")
+
+
+class Node(NamedTuple):
+    """The six parameters at one angle of incidence (the paper's U): weight, shift and scale of the directional lobe, then of
+    the diffuse one. A positive shift of the first moves it beyond the specular direction; of the second, away from the source.
+    """
+
+    incidence_deg: float
+    w_b: float
+    shift_b_deg: float
+    sigma_b: float
+    w_d: float
+    shift_d_deg: float
+    sigma_d: float
+
+
+PARAMETERS = Node._fields[1:]
+
+LIMITS = {
+    "incidence_deg": (0.0, 89.9),
+    "w_b": (0.0, 1e6),
+    "shift_b_deg": (-60.0, 60.0),
+    "sigma_b": (0.01, 100.0),
+    "w_d": (0.0, 1e6),
+    "shift_d_deg": (-40.0, 40.0),
+    "sigma_d": (0.05, 20.0),
+}
+"""What a node may hold; beyond these a lobe is narrower than the quadrature resolves, or none of the paper's kind."""
+
+
+@dataclass(frozen=True)
+class Optics:
+    """A facet's complex refractive index n + i kappa, and the light's polarisation: degree D_P and angle xi of the electric
+    vector to the plane of incidence.
+    """
+
+    n: float = 1.5
+    kappa: float = 0.0
+    polarisation: float = 0.0
+    polarisation_angle_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_finite(self)
+        _require(0.1 <= self.n <= 100.0, f"refractive index n must lie in 0.1..100, not {self.n}")
+        _require(0.0 <= self.kappa <= 100.0, f"kappa must lie in 0..100, not {self.kappa}")
+        _require(self.at_normal > 1e-9, "refractive index 1 reflects nothing")
+        _require(0.0 <= self.polarisation <= 1.0, "polarisation is a degree, 0..1")
+
+    @property
+    def at_normal(self) -> float:
+        """R(0), without polarisation, which does not matter there."""
+        return ((self.n - 1.0) ** 2 + self.kappa**2) / ((self.n + 1.0) ** 2 + self.kappa**2)
+
+
+@dataclass(frozen=True)
+class Shadowing:
+    """Constants of eq. (3). The paper does not print its own. These are OURS: the least squares of P_S, P_M and P over the
+    shadows counted on Gaussian profiles of rms slope 0.25 (rms error 0.013 of a probability, 0.043 at most), the slope at which
+    the paper's own tables give I_rel(psi, -psi) = 1. Recipe: docs/facet-model.md, tests/twins_facet.py.
+
+    For another rms slope s, sigma_p = 0.127 s^2.
+    """
+
+    sigma_c: float = 0.43
+    sigma_p: float = 0.0080
+    u_p: float = -0.80
+    v_p: float = 0.45
+
+    def __post_init__(self) -> None:
+        _check_finite(self)
+        _require(self.sigma_c >= 0.0 and self.sigma_p >= 0.0, "sigma_c, sigma_p are not negative")
+        _require(self.u_p >= -1.0 and self.v_p > 0.0, "u_p must be at least -1, v_p positive")
+
+
+def _check_node(node: Node) -> None:
+    for name, value in node._asdict().items():
+        low, high = LIMITS[name]
+        where = "" if name == "incidence_deg" else f" at incidence {node.incidence_deg:g} deg"
+        _require(
+            low <= value <= high, f"{name} must lie in {low:g}..{high:g}, not {value:g}{where}"
+        )
+    _require(
+        node.w_b + node.w_d > 0.0, f"both weights are 0 at incidence {node.incidence_deg:g} deg"
+    )
+
+
+@dataclass(frozen=True)
+class FacetModel:
+    """A measured surface: nodes by rising incidence, optics, shadowing, and how bright it is.
+
+    Between the nodes the parameters are shape-preserving cubics over cos(incidence), beyond them they are held; beyond
+    ``largest_emission_deg`` the brightness is held (eq. 2 falls to 0 or rises steeply there, where nobody has measured).
+    ``levels``: the brightness coefficient that I_rel / cos(theta) = 1 stands for, one a node; none: see ``albedo``.
+    """
+
+    name: str
+    nodes: tuple[Node, ...]
+    optics: Optics = field(default_factory=Optics)
+    shadowing: Shadowing = field(default_factory=Shadowing)
+    largest_emission_deg: float = LARGEST_EMISSION_DEG
+    albedo: float = ALBEDO
+    levels: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        _require(len(self.nodes) > 0, "a facet model wants at least one angle of incidence")
+        for node in self.nodes:
+            _check_node(node)
+        angles = [node.incidence_deg for node in self.nodes]
+        _require(
+            all(b - a >= 0.01 for a, b in itertools.pairwise(angles)),
+            "angles of incidence must rise",
+        )
+        _require(5.0 <= self.largest_emission_deg <= 89.0, "largest_emission_deg must lie in 5..89")
+        _require(0.0 < self.albedo <= 1.0, f"albedo must lie in 0..1, not {self.albedo}")
+        if self.levels is not None:
+            _require(len(self.levels) == len(self.nodes), "levels wants one value a node")
+            _require(all(0.0 < v < 1e3 for v in self.levels), "levels must be positive")
+
+    @cached_property
+    def law(self) -> Array:
+        """The model's numbers as `kernels.facet` wants them, (n,)."""
+        start = self._curved
+        emissions, weights, azimuths = self._rule()
+        cosines = 1.0 - np.linspace(0.0, 1.0, kernel.TABLE) ** 2
+        whole = np.array(
+            [kernel.hemisphere(start, c, emissions, weights, azimuths) for c in cosines]
+        )
+        scale = self.albedo / whole if self.levels is None else self._absolute(cosines, whole)
+        mean = np.empty(kernel.TABLE)
+        kernel.around_normal(start, cosines, azimuths, mean)
+        return np.concatenate([start, scale, scale[0] * mean])
+
+    def parameters(self, incidence_deg: float) -> Node:
+        """The six parameters at an incidence."""
+        row = kernel.parameters(self._curved, math.cos(math.radians(incidence_deg)))
+        w_b, shift_b, sigma_b, w_d, shift_d, sigma_d = row
+        return Node(
+            incidence_deg, w_b, math.degrees(shift_b), sigma_b, w_d, math.degrees(shift_d), sigma_d
+        )
+
+    def intensity(
+        self, incidence_deg: float, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0
+    ) -> Array:
+        """I_rel of eq. (1) in directions of one shape; theta = +incidence, phi = 0 is back at the source."""
+        return lobes(self.parameters(incidence_deg), self._head, theta_deg, phi_deg)
+
+    def brightness(
+        self, incidence_deg: float, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0
+    ) -> Array:
+        """Brightness coefficient r of eq. (2); not held at grazing emission, infinite or 0/0 at 90 deg."""
+        return self.intensity(incidence_deg, theta_deg, phi_deg) / np.cos(np.radians(theta_deg))
+
+    def reflectance(self, incidence_deg: ArrayLike) -> Array:
+        """Directional-hemispherical reflectance, by quadrature."""
+        mu, weights, azimuths = self._rule()
+        cosines = np.cos(np.radians(np.atleast_1d(np.asarray(incidence_deg, dtype=np.float64))))
+        whole = np.array(
+            [kernel.hemisphere(self._curved, c, mu, weights, azimuths) for c in cosines]
+        )
+        return whole * np.array([kernel.scale(self.law, c) for c in cosines])
+
+    @cached_property
+    def _head(self) -> Array:
+        head = constants(self.optics, self.shadowing)
+        head[kernel.NODES] = len(self.nodes)
+        head[kernel.COS_HELD] = math.cos(math.radians(self.largest_emission_deg))
+        return head
+
+    @cached_property
+    def _curved(self) -> Array:
+        return np.concatenate([self._head, self._curves()])
+
+    def _curves(self) -> Array:
+        """Nodes over rising cosine, then values and slopes of each parameter."""
+        cosines, columns = curves(self.nodes)
+        return np.concatenate(
+            [cosines, *(np.concatenate([v, kernel.pchip_slopes(cosines, v)]) for v in columns)]
+        )
+
+    def _absolute(self, cosines: Array, whole: Array) -> Array:
+        """The measured levels over the cosine; no more light than came."""
+        assert self.levels is not None  # the caller has looked
+        nodes, values = curves(self.nodes)[0], np.array(self.levels[::-1])
+        slopes = kernel.pchip_slopes(nodes, values)
+        level = [kernel.hermite(nodes, values, slopes, c) for c in cosines]
+        return np.minimum(level, 1.0 / whole)
+
+    def _rule(self) -> tuple[Array, Array, int]:
+        """Emission cosines, weights and a number of azimuths that resolve the narrowest lobe:
+        Gauss-Legendre in the angle up to where the brightness is held, one node for the rest.
+        """
+        least, most = _QUADRATURE
+        narrowest = min(node.sigma_b for node in self.nodes)
+        count = min(max(math.ceil(_PER_SIGMA / narrowest), least), most)
+        points, weights = np.polynomial.legendre.leggauss(count)
+        held = math.radians(self.largest_emission_deg)
+        angles = 0.5 * held * (points + 1.0)
+        parts = 0.5 * held * weights * np.sin(2.0 * angles)
+        rest = math.cos(held)
+        return np.append(np.cos(angles), rest), np.append(parts, rest * rest), count
+
+
+def constants(optics: Optics, shadowing: Shadowing) -> Array:
+    """The head of a law without what its nodes say."""
+    head = np.zeros(kernel.HEAD)
+    twice = 2.0 * math.radians(optics.polarisation_angle_deg)
+    head[kernel.INDEX_N], head[kernel.INDEX_K] = optics.n, optics.kappa
+    head[kernel.AT_NORMAL] = optics.at_normal
+    head[kernel.POLAR_COS] = optics.polarisation * math.cos(twice)
+    head[kernel.POLAR_SIN] = optics.polarisation * math.sin(twice)
+    head[kernel.SIGMA_C : kernel.V_P + 1] = [getattr(shadowing, f.name) for f in fields(shadowing)]
+    return head
+
+
+def lobes(node: Node, head: Array, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0) -> Array:
+    """I_rel of eq. (1) under a node's own incidence and parameters, in directions of one shape."""
+    theta, phi = np.broadcast_arrays(np.radians(theta_deg), np.radians(phi_deg))
+    out = np.empty(theta.size)
+    psi, *row = node_radians(node)
+    kernel.intensities(head, tuple(row), psi, theta.ravel(), phi.ravel(), out)
+    return out.reshape(theta.shape)
+
+
+def shadowing_share(shadowing: Shadowing, incidence_deg: float, theta_deg: ArrayLike) -> Array:
+    """P of eq. (3) in the plane of incidence: the share of the facets that mirror the light there
+    which are neither shadowed nor masked.
+    """
+    head = constants(Optics(), shadowing)
+    psi, angles = math.radians(incidence_deg), np.radians(theta_deg)
+    cosine = math.cos(psi)
+    found = [
+        kernel.attenuation(head, cosine, math.sin(psi), math.cos(t), math.sin(t), 1.0, 0.0)[0]
+        * (cosine * math.cos(t))
+        for t in angles.ravel()
+    ]
+    return np.array(found).reshape(angles.shape)
+
+
+def node_radians(node: Node) -> tuple[float, ...]:
+    """A node with its angles in radians, in the kernels' order."""
+    psi, w_b, shift_b, sigma_b, w_d, shift_d, sigma_d = (float(v) for v in node)
+    return (
+        math.radians(psi),
+        w_b,
+        math.radians(shift_b),
+        sigma_b,
+        w_d,
+        math.radians(shift_d),
+        sigma_d,
+    )
+
+
+def curves(nodes: Sequence[Node]) -> tuple[Array, Array]:
+    """Cosines of incidence, rising (n,), and the parameters at them in radians (6, n)."""
+    rows = np.array([node_radians(node) for node in reversed(nodes)])
+    return np.cos(rows[:, 0]), np.ascontiguousarray(rows[:, 1:].T)

@@ -1,0 +1,205 @@
+"""Goniophotometer measurements from a CSV: what a surface sends where, under each angle of incidence.
+
+One header line and one line a measurement; lines that begin with ``#`` are remarks. Columns, in any order:
+``incidence_deg`` (0..90); ``emission_deg``, signed in the plane of incidence: positive on the source's side, the specular
+direction at -incidence (the paper's sign); optionally ``azimuth_deg`` (-180..180, default 0) of a direction out of that plane,
+counted from the source; and one of
+
+- ``intensity``: luminous or radiant intensity, in any unit (Lambert's falls as the cosine of emission);
+- ``brightness``: brightness coefficient or radiance, in any unit (Lambert's is constant);
+- ``radiance_factor``: I/F = pi L / E, absolute, E square to the source (Lambert's is A cos(incidence)).
+
+Separated by comma, semicolon or tab; with the last two a decimal comma is understood.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MeasurementError
+
+Array = NDArray[np.float64]
+
+QUANTITIES = ("intensity", "brightness", "radiance_factor")
+LEAST_POINTS = 7
+"""One more than the model has parameters."""
+
+_RANGES = {
+    "incidence_deg": (0.0, 89.9),
+    "emission_deg": (-89.9, 89.9),
+    "azimuth_deg": (-180.0, 180.0),
+}
+_SEPARATORS = ";\t,"
+_LEVEL_DEG = 0.5
+"""So near to the plane of incidence counts as in it."""
+_GAP_DEG = 20.0
+"""No value is interpolated across more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The measurements of one incidence: signed emission, azimuth (degrees) and intensity, (n,) each, divided by ``level``."""
+
+    incidence_deg: float
+    emission_deg: Array
+    azimuth_deg: Array
+    intensity: Array
+    level: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.intensity)
+
+    def scaled(self) -> Sample:
+        """The same relative to the specular direction, where the intensity is 1. MeasurementError when nothing was measured
+        on both sides of it, or no light.
+        """
+        value = self.in_plane(-self.incidence_deg)
+        if value is None or not value > 0.0:
+            raise MeasurementError(
+                f"incidence {self.incidence_deg:g} deg: no intensity around the specular direction, emission "
+                f"{-self.incidence_deg:g}; measure there, or take the intensities as they are (--normalize none)"
+            )
+        where = self.incidence_deg, self.emission_deg, self.azimuth_deg
+        return Sample(*where, self.intensity / value, self.level * value)
+
+    def in_plane(self, emission_deg: float) -> float | None:
+        """Intensity in a direction of the plane of incidence, linear between neighbours; None without close ones."""
+        emission, values = self.level_values()
+        k = int(np.searchsorted(emission, emission_deg))
+        if k < len(emission) and emission[k] == emission_deg:
+            return float(values[emission == emission_deg].mean())
+        if k in (0, len(emission)) or emission[k] - emission[k - 1] > _GAP_DEG:
+            return None
+        return float(np.interp(emission_deg, emission[k - 1 : k + 1], values[k - 1 : k + 1]))
+
+    def level_values(self) -> tuple[Array, Array]:
+        """Signed emissions, rising, and intensities of what lies in the plane of incidence."""
+        front = np.abs(self.azimuth_deg) <= _LEVEL_DEG
+        back = np.abs(np.abs(self.azimuth_deg) - 180.0) <= _LEVEL_DEG
+        emission = np.where(back, -self.emission_deg, self.emission_deg)[front | back]
+        order = np.argsort(emission, kind="stable")
+        return emission[order], self.intensity[front | back][order]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """A whole file: one sample an incidence, rising; which quantity it held; its name and checksum."""
+
+    samples: tuple[Sample, ...]
+    quantity: str
+    name: str
+    sha256: str
+
+    @property
+    def largest_emission_deg(self) -> float:
+        """As far from the normal as anything was measured."""
+        return max(float(np.abs(sample.emission_deg).max()) for sample in self.samples)
+
+    @property
+    def absolute(self) -> bool:
+        return self.quantity == "radiance_factor"
+
+
+def read_measurements(path: Path | str) -> Measurements:
+    """Read and check a CSV. MeasurementError, one line, that names file and line."""
+    try:
+        raw = Path(path).read_bytes()
+        text = raw.decode("utf-8-sig")
+    except OSError as error:
+        raise MeasurementError(f"{path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise MeasurementError(f"{path}: not a text file in UTF-8") from error
+    try:
+        quantity, rows = _table(text)
+        samples = tuple(_samples(quantity, rows))
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from error
+    return Measurements(samples, quantity, Path(path).name, hashlib.sha256(raw).hexdigest())
+
+
+def _table(text: str) -> tuple[str, Array]:
+    """Which quantity was measured, and rows (n, 4): incidence, emission, azimuth, value."""
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise MeasurementError("empty; the first line must name the columns")
+    separator = max(_SEPARATORS, key=lines[0][1].count)
+    header = [name.strip().lower() for name in _cells(lines[0][1], separator)]
+    columns, quantity = _columns(header)
+    rows = [_row(number, line, separator, len(header), columns) for number, line in lines[1:]]
+    if not rows:
+        raise MeasurementError("no measurements below the header")
+    return quantity, np.array(rows)
+
+
+def _columns(header: list[str]) -> tuple[dict[str, int], str]:
+    """Where each column that matters stands, the azimuth maybe nowhere."""
+    for name in ("incidence_deg", "emission_deg"):
+        if name not in header:
+            raise MeasurementError(f"no column {name}; there are {', '.join(header)}")
+    found = [name for name in QUANTITIES if name in header]
+    if len(found) != 1:
+        said = f"both {found[0]} and {found[1]}" if found else f"none ({', '.join(header)})"
+        raise MeasurementError(f"wants one column of {', '.join(QUANTITIES)}; there is {said}")
+    twice = [name for name in (*_RANGES, *found) if header.count(name) > 1]
+    if twice:
+        raise MeasurementError(f"column {twice[0]} appears twice")
+    wanted = [name for name in (*_RANGES, *found) if name in header]
+    return {name: header.index(name) for name in wanted}, found[0]
+
+
+def _row(
+    number: int, line: str, separator: str, width: int, columns: dict[str, int]
+) -> tuple[float, ...]:
+    cells = _cells(line, separator)
+    if len(cells) != width:
+        raise MeasurementError(f"line {number} has {len(cells)} values; the header names {width}")
+    values = {}
+    for name, place in columns.items():
+        cell = cells[place].strip()
+        try:
+            values[name] = float(cell.replace(",", ".") if separator != "," else cell)
+        except ValueError:
+            raise MeasurementError(f"line {number}: {name} is not a number: {cell!r}") from None
+        low, high = _RANGES.get(name, (0.0, math.inf))
+        if not low <= values[name] <= high or math.isinf(values[name]):
+            limits = f"{low:g}..{high:g}" if high < math.inf else "0 or more, and finite"
+            raise MeasurementError(f"line {number}: {name} {cell} is not within {limits}")
+    return (
+        values.pop("incidence_deg"),
+        values.pop("emission_deg"),
+        values.pop("azimuth_deg", 0.0),
+        *values.values(),
+    )
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator))
+
+
+def _samples(quantity: str, rows: Array) -> Iterator[Sample]:
+    """Samples by rising incidence, as intensities."""
+    for incidence in np.unique(rows[:, 0]):
+        _, emission, azimuth, values = rows[rows[:, 0] == incidence].T
+        if len(values) < LEAST_POINTS:
+            raise MeasurementError(
+                f"incidence {incidence:g} deg has {len(values)} measurements; a fit of six parameters wants {LEAST_POINTS}"
+            )
+        if not values.any():
+            raise MeasurementError(f"incidence {incidence:g} deg: every value is 0")
+        if quantity != "intensity":
+            values = values * np.cos(np.radians(emission))
+        if quantity == "radiance_factor":
+            values = values / math.cos(math.radians(incidence))
+        yield Sample(float(incidence), emission, azimuth, values)

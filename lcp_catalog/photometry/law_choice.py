@@ -1,0 +1,179 @@
+"""Which law of reflection a scene needs: what a cheaper one costs there against Hapke's.
+
+The cost is the rms of what is left of Hapke's image when the other law's is laid over it with the
+best gain and offset, as a share of the mean signal: sqrt(1 - r^2) of the contrast, r the correlation
+of the two images. A navigator correlates, so gain and offset cost nothing; the rest is noise to it,
+and adds (in squares) to the noise that an image has anyway, 0.13 to 0.2 of the mean signal where it
+was measured (`PointConfig.image_noise`). The images are those of random relief: facets
+whose slopes are normally distributed, the same in every direction, all lit and seen ones taken
+(shadows are the same under any law). Where one image looks at many phases (a wide camera), one gain
+and offset serve them all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .laws import Reflectance, radiance_under, reflectance_model
+
+Array = NDArray[np.float64]
+
+AUTO = "auto"
+"""The name of no law: the scene decides."""
+
+LAWS = ("lommel-seeliger", "lunar-lambert", "hapke")
+"""From the cheapest to the judge (times: docs/reflectance.md)."""
+
+LEFT_OVER = {"draft": 0.1, "standard": 0.05, "high": 0.01, "reference": 0.0}
+"""By tier, the greatest cost at which a law is taken for Hapke's: it lengthens a noise of 0.15 by a
+fifth, a twentieth, 0.2 % and nothing.
+"""
+
+SLOPE_RMS = math.tan(math.radians(8.0))
+"""Rms slope in one direction where no terrain is known. Measured on GLD100 over 118 and 474 m: 6.0
+deg (Taurus-Littrow) to 8.1 deg (far-side highlands)."""
+
+_QUADRATURE = 31
+_NO_CONTRAST = 1e-24  # a variance that is rounding
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a law costs against another: ``left_over`` of the mean signal in the worst image, whose
+    ``contrast`` is the standard deviation over the mean; it has phases ``phase_deg`` and incidences
+    ``incidence_deg`` (lowest, highest) on level ground; ``images`` were tried.
+    """
+
+    left_over: float
+    contrast: float
+    phase_deg: tuple[float, float]
+    incidence_deg: tuple[float, float]
+    images: int
+
+    @property
+    def correlation(self) -> float:
+        """Of the worst image under the two laws; 1 where there is nothing to see."""
+        share = self.left_over / self.contrast if self.contrast > 0.0 else 0.0
+        return math.sqrt(max(0.0, 1.0 - share**2))
+
+
+def cost(
+    model: Reflectance,
+    judge: Reflectance,
+    suns: Array,
+    cameras: Array,
+    slope_rms: float = SLOPE_RMS,
+) -> Cost:
+    """The worst of images (k, n): suns, cameras (k, n, 3) are unit vectors from level ground, n
+    pairs of them in one image.
+    """
+    up, down = _facets(slope_rms)
+    worst = Cost(-1.0, 0.0, (0.0, 0.0), (0.0, 0.0), len(suns))
+    for sun, camera in zip(suns, cameras, strict=True):
+        left, contrast = _left_over(model, judge, sun, camera, up, down)
+        if left > worst.left_over:
+            phase = np.degrees(np.arccos(np.clip(np.sum(sun * camera, axis=-1), -1.0, 1.0)))
+            incidence = np.degrees(np.arccos(np.clip(sun[:, 2], -1.0, 1.0)))
+            worst = Cost(left, contrast, _ends(phase), _ends(incidence), len(suns))
+    return worst
+
+
+def _facets(slope_rms: float) -> tuple[Array, Array]:
+    """Normals (m, 3) and weights (m,) of facets of random relief, by Gauss-Hermite quadrature."""
+    at, weight = np.polynomial.hermite_e.hermegauss(_QUADRATURE)
+    east, north = (g.ravel() for g in np.meshgrid(slope_rms * at, slope_rms * at))
+    normals = np.stack([-east, -north, np.ones_like(east)], axis=-1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, np.outer(weight, weight).ravel() / weight.sum() ** 2
+
+
+def _left_over(
+    model: Reflectance,
+    judge: Reflectance,
+    suns: Array,
+    cameras: Array,
+    normals: Array,
+    share: Array,
+) -> tuple[float, float]:
+    """What is left of one image of facets under pairs of Sun and camera, and its contrast, both as
+    shares of its mean.
+    """
+    ours, theirs, weights = [], [], []
+    for sun, camera in zip(suns, cameras, strict=True):
+        looked = (normals @ sun > 0.0) & (normals @ camera > 0.0)
+        seen, lit = normals[looked], np.ones(int(looked.sum()), dtype=np.bool_)
+        ours.append(radiance_under(seen, sun, camera, lit, model))
+        theirs.append(radiance_under(seen, sun, camera, lit, judge))
+        # facets of equal share of the ground fill an image in proportion to their area as seen
+        weights.append(share[looked] * (seen @ camera) / seen[:, 2])
+    a, b, w = (np.concatenate(part) for part in (ours, theirs, weights))
+    if not (w * b).sum() > 0.0:
+        return 0.0, 0.0
+    w = w / w.sum()
+    a, b = a / (w * a).sum() - 1.0, b / (w * b).sum() - 1.0
+    gain = (w * a * b).sum() / max((w * a * a).sum(), _NO_CONTRAST)
+    return math.sqrt((w * (b - gain * a) ** 2).sum()), math.sqrt((w * b * b).sum())
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The law of a scene: the one ``asked`` for, or chosen; what Lommel-Seeliger costs there
+    (``cost``), and the law itself (``own``), against Hapke; and the tier's limit.
+    """
+
+    model: Reflectance
+    asked: bool
+    cost: Cost
+    own: Cost
+    limit: float
+
+    @property
+    def reason(self) -> str:
+        """In words, for the plan."""
+        low, high = self.cost.phase_deg
+        phase = f"{low:.0f} deg" if high - low < 1.0 else f"{low:.0f} to {high:.0f} deg"
+        text = (
+            f"{self.model.name}, {'as asked' if self.asked else 'chosen'}: at a phase of {phase} "
+            f"Lommel-Seeliger differs from Hapke by {_percent(self.cost.left_over)} of the mean signal, "
+            f"gain and offset left free (correlation {self.cost.correlation:.4f}, the worst of "
+            f"{self.cost.images} images of random relief); a law is chosen up to {_percent(self.limit)}"
+        )
+        if self.own.left_over not in (0.0, self.cost.left_over):
+            text += f"; {self.model.name} differs by {_percent(self.own.left_over)}"
+        return text
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def choose(
+    tier: str,
+    suns: Array,
+    cameras: Array,
+    slope_rms: float = SLOPE_RMS,
+    asked: Reflectance | None = None,
+) -> Choice:
+    """The law that was asked for; else the cheapest of `LAWS` whose cost stays within the tier's
+    `LEFT_OVER`. Directions as in `cost`.
+    """
+    laws = [reflectance_model(name) for name in LAWS]
+    first, limit = cost(laws[0], laws[-1], suns, cameras, slope_rms), LEFT_OVER[tier]
+    for model in [asked] if asked else laws:
+        own = first if model == laws[0] else cost(model, laws[-1], suns, cameras, slope_rms)
+        if own.left_over <= limit:
+            break
+    return Choice(model, asked is not None, first, own, limit)
+
+
+def named(spec: str) -> Reflectance | None:
+    """The law of a name; None for `AUTO`. ConfigError for a name that is none."""
+    return None if spec == AUTO else reflectance_model(spec)

@@ -1,0 +1,233 @@
+"""The laws of reflection, as radiance factor I/F (the radiance relative to a perfect white surface lit
+head-on), by name.
+
+mu0 and mu are the cosines of incidence and emission; g, the phase, is the angle between the
+directions to the source and to the camera, never their sum. docs/reflectance.md has figures.
+
+``lommel-seeliger``: w/4 mu0 / (mu0 + mu), isotropic scattering, single-scattering albedo w = 0.21 (Hapke 2012,
+*Theory of Reflectance and Emittance Spectroscopy*, ch. 8 and 10). Without a phase function: right
+relatively within an image whose phase varies little, not between images. ``lommel-seeliger:rolo``
+has that of the Moon's disc. ``lambert``: A mu0, A = 0.12. ``lunar-lambert``: McEwen (1996),
+f(g) (2 L mu0 / (mu0 + mu) + (1 - L) mu0), L a cubic in g; f of Yokota et al. (2011). ``minnaert``: A mu0 (mu0 mu)^(k-1), Minnaert
+(1941), k = 0.5 or what follows the colon; cosines below sin 2 deg count as that. ``hapke``: Hapke (2012), `hapke_sets`.
+``facet``: a measured surface as two lobes, Labunets et al. (2019), `facet`; a table of the paper or a MODEL.toml.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError
+from ..kernels.photometry import images as shading
+from ..kernels.photometry import laws as kernel
+from .facet_file import facet_model, law_file
+from .hapke_parameters import DEFAULT_SET, HapkeSet, hapke_set
+from .phase_functions import DEFAULT_SURFACE, disc_law, surface_law
+
+Array = NDArray[np.float64]
+
+SINGLE_SCATTERING_ALBEDO = 0.21
+LAMBERT_ALBEDO = 0.12
+MINNAERT_ALBEDO = 0.12
+MINNAERT_K = 0.5
+"""The exponent that leaves the disc even at opposition, as the Moon's is."""
+MINNAERT_FLOOR = math.sin(math.radians(2.0))
+"""mu^(k-1) has a pole at grazing angles, where the law was never meant to hold. With this floor no
+k sends back more light than arrives."""
+
+
+@dataclass(frozen=True)
+class Reflectance:
+    """A law of reflection: the name that was asked for, without folders; the law's code and its
+    numbers; the file they were read from.
+    """
+
+    name: str
+    code: int
+    law: tuple[float, ...]
+    file: Path | None = None
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The law's numbers as the kernels want them, (n,)."""
+        return np.array(self.law, dtype=np.float64)
+
+    @classmethod
+    def of_hapke(cls, parameters: HapkeSet) -> Reflectance:
+        """Hapke's law with any parameters."""
+        return cls(f"hapke:{parameters.name}", kernel.HAPKE, parameters.law)
+
+
+def _lommel_seeliger(which: str) -> tuple[int, tuple[float, ...]]:
+    law = disc_law(which) if which else (SINGLE_SCATTERING_ALBEDO,)
+    return kernel.LOMMEL_SEELIGER, law
+
+
+def _lambert(which: str) -> tuple[int, tuple[float, ...]]:
+    if which:
+        raise ConfigError(f"lambert has no parameters, not {which!r}")
+    return kernel.LAMBERT, (LAMBERT_ALBEDO,)
+
+
+def _lunar_lambert(which: str) -> tuple[int, tuple[float, ...]]:
+    return kernel.LUNAR_LAMBERT, surface_law(which or DEFAULT_SURFACE)
+
+
+def _minnaert(which: str) -> tuple[int, tuple[float, ...]]:
+    try:
+        k = float(which) if which else MINNAERT_K
+    except ValueError:
+        k = math.nan
+    if not 0.0 <= k <= 1.0:
+        raise ConfigError(f"minnaert:K wants an exponent from 0 to 1, not {which!r}")
+    return kernel.MINNAERT, (MINNAERT_ALBEDO, k, MINNAERT_FLOOR)
+
+
+def _hapke(which: str) -> tuple[int, tuple[float, ...]]:
+    return kernel.HAPKE, hapke_set(which or DEFAULT_SET).law
+
+
+def _facet(which: str) -> tuple[int, tuple[float, ...]]:
+    return kernel.FACET, tuple(facet_model(which).law.tolist())
+
+
+_LAWS: dict[str, Callable[[str], tuple[int, tuple[float, ...]]]] = {
+    "lommel-seeliger": _lommel_seeliger,
+    "lambert": _lambert,
+    "lunar-lambert": _lunar_lambert,
+    "minnaert": _minnaert,
+    "hapke": _hapke,
+    "facet": _facet,
+}
+
+MODELS = tuple(_LAWS)
+"""Names of the laws; what may follow a colon, a parameter set or a file, is each law's own."""
+
+
+def reflectance_model(spec: str) -> Reflectance:
+    """The law of a name, with what may follow a colon: ``hapke:wac-643-mare``, ``minnaert:0.7``.
+    ConfigError for a name that is none.
+    """
+    name, colon, which = spec.partition(":")
+    if name not in _LAWS:
+        raise ConfigError(f"no reflectance model {name!r}; there are {', '.join(MODELS)}")
+    if colon and not which:
+        raise ConfigError(f"{spec}: nothing follows the colon")
+    file = law_file(spec)
+    return Reflectance(f"{name}:{file.name}" if file else spec, *_LAWS[name](which), file)
+
+
+DEFAULT_MODEL = reflectance_model("lommel-seeliger")
+
+
+def radiance_factor(
+    model: Reflectance, incidence: ArrayLike, emission: ArrayLike, phase: ArrayLike
+) -> Array:
+    """I/F of a lit and seen facet by its angles in radians, broadcast against each other; 0 where
+    the incidence is 90 deg or more.
+
+    A phase that no azimuth gives (below |i - e| or above i + e) counts as the nearest that one gives
+    where a law asks for the azimuth.
+    """
+    angles = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (incidence, emission, phase)))
+    mu0, mu, cos_g = (np.cos(np.ascontiguousarray(a).ravel()) for a in angles)
+    values = kernel.factors(mu0, mu, cos_g, model.code, model.numbers)
+    return np.asarray(values.reshape(angles[0].shape))
+
+
+class Photometry(NamedTuple):
+    """Radiance factor and photometric angles (radians), one array each, of one shape."""
+
+    radiance: Array
+    incidence: Array
+    emission: Array
+    phase: Array
+
+
+def photometry(
+    normals: NDArray[np.floating],
+    sun: Array,
+    cameras: Array,
+    lit: NDArray[np.bool_],
+    seen: NDArray[np.bool_],
+    model: Reflectance = DEFAULT_MODEL,
+) -> Photometry:
+    """Radiance and angles of points: normals (..., 3), directions to the Sun (3,) and to the camera
+    (3,) or (..., 3).
+
+    Radiance is 0 where seen but not lit and NaN where not seen; everything is NaN where the normal
+    is.
+    """
+    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
+    bands = kernel.shade_points(*rays, np.ravel(lit), np.ravel(seen), model.code, model.numbers)
+    return Photometry(*(band.reshape(normals.shape[:-1]) for band in bands))
+
+
+def radiance_under(
+    normals: NDArray[np.floating],
+    sun: Array,
+    cameras: Array,
+    lit: NDArray[np.bool_],
+    model: Reflectance = DEFAULT_MODEL,
+) -> Array:
+    """The radiance alone, (...), of points that are seen; shapes as in `photometry`. 0 where not
+    lit.
+    """
+    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
+    values = kernel.radiance_of_points(*rays, np.ravel(lit), model.code, model.numbers)
+    return np.asarray(values.reshape(normals.shape[:-1]))
+
+
+class NodeBands(NamedTuple):
+    """Bands of nodes (rows, cols), float32, angles in degrees; which nodes lean towards the first
+    light (``lit_side``) and towards the camera (``near_side``), bool.
+    """
+
+    radiance: NDArray[np.float32]
+    incidence_deg: NDArray[np.float32]
+    emission_deg: NDArray[np.float32]
+    phase_deg: NDArray[np.float32]
+    lit_side: NDArray[np.bool_]
+    near_side: NDArray[np.bool_]
+
+
+def bands_of_nodes(
+    normals: NDArray[np.float32],
+    lights: Sequence[tuple[Array, NDArray[np.floating]]],
+    camera: Array,
+    model: Reflectance = DEFAULT_MODEL,
+) -> NodeBands:
+    """`photometry` of nodes under parallel lights and one parallel view, in single precision and ten
+    times as fast.
+
+    normals (rows, cols, 3); lights: direction (3,) and weight (rows, cols), the irradiance times
+    the share of it that arrives; camera (3,). The angles are those to the first light. The
+    radiance is 0, not NaN, on the far side.
+    """
+    planes = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+    shape = normals.shape[:2]
+    incidence, emission = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    lit_side, near_side = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    sun = np.asarray(lights[0][0], np.float64)
+    shading.angles_deg(planes, sun, incidence, lit_side)
+    shading.angles_deg(planes, camera, emission, near_side)
+    across = float(np.linalg.norm(np.cross(sun, camera)))
+    phase = np.full(shape, math.degrees(math.atan2(across, float(sun @ camera))), np.float32)
+    phase[np.isnan(incidence)] = np.nan
+    radiance = np.zeros(shape, np.float32)
+    for direction, weight in lights:
+        towards, share = np.asarray(direction, np.float64), np.asarray(weight, np.float32)
+        shading.add_light(radiance, planes, towards, camera, share, model.code, model.numbers)
+    return NodeBands(radiance, incidence, emission, phase, lit_side, near_side)
+
+
+def _flat(vectors: NDArray[np.floating]) -> Array:
+    return np.ascontiguousarray(vectors, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""Greyscale images, PNG files, SVG drawings and HTML pages."""

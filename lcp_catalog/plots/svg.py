@@ -1,0 +1,391 @@
+"""Pictures of a catalogue as inline SVG and PNG: shaded relief, maps, azimuth-elevation discs,
+histograms. Text in, text out.
+
+Colours are CSS classes of the page (``c0`` .. ``c5`` from no to all), so that a chart follows light and dark.
+"""
+
+# ruff: noqa: E501 - lines of markup
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from .png import encode_png
+
+Array = NDArray[Any]
+
+STEPS = 6
+"""Colours from none to all."""
+
+_LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
+"""Towards the light: from the north-west, 45 deg high; east, north, up."""
+
+_MAP_PX = 960.0
+_MARGIN_PX = (84.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
+_DISC_PX = 100.0
+_GRATICULE_DEG = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
+
+
+def shade_class(share: float) -> str:
+    """CSS class of a share 0..1."""
+    return f"c{min(STEPS - 1, int(share * (STEPS - 1) + 0.5))}"
+
+
+def hillshade(height_m: Array, cell_m: float) -> NDArray[np.uint8]:
+    """Relief lit from the north-west, stretched to 25..245, as (rows, cols, 2) grey and alpha;
+    no ground is transparent.
+    """
+    height = np.asarray(height_m, dtype=np.float64)
+    if min(height.shape) < 2:
+        return np.zeros((*height.shape, 2), dtype=np.uint8)
+    down, right = np.gradient(height, cell_m)
+    lit = (_LIGHT[2] - right * _LIGHT[0] + down * _LIGHT[1]) / np.sqrt(1.0 + right**2 + down**2)
+    known = np.isfinite(lit)
+    out = np.zeros((*height.shape, 2), dtype=np.uint8)
+    if known.any():
+        low, high = np.percentile(lit[known], [1.0, 99.0])
+        grey = 25.0 + 220.0 * (lit[known] - low) / max(high - low, 1e-6)
+        out[known] = np.stack([np.clip(grey, 0, 255), np.full(grey.shape, 255.0)], axis=-1).astype(
+            np.uint8
+        )
+    return out
+
+
+def data_uri(pixels: NDArray[np.uint8]) -> str:
+    """A picture as the address that holds it."""
+    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A figure with few digits and without exponents where that reads well; a dash for none."""
+    if not math.isfinite(value):
+        return "–"
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    text = f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+# -- azimuth-elevation discs
+
+
+@dataclass(frozen=True)
+class SunDisc:
+    """The Sun's sky over a point: azimuth clockwise from north (up), elevation 90 at the centre,
+    the horizon the outer circle.
+    """
+
+    sun_elevation: Array
+    sun_azimuth: Array
+
+    def definitions(self) -> str:
+        """The cells' outlines, drawn once in a page and used by every disc in it."""
+        cells = [
+            f'<path id="s{i}-{j}" d="{_sector(e0, e1, a0, a1)}"/>'
+            for i, (e0, e1) in enumerate(_spans(self.sun_elevation, 0.0, 90.0))
+            for j, (a0, a1) in enumerate(_azimuth_spans(self.sun_azimuth))
+        ]
+        return f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
+
+    def draw(self, share: Array, label: str, large: bool = False) -> str:
+        """A disc of shares 0..1, shape (elevation, azimuth); NaN: not evaluated, no cell. Large
+        ones carry a scale.
+        """
+        cells = "".join(
+            f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}">{self._title(i, j, share[i, j]) if large else ""}</use>'
+            for i, j in np.argwhere(np.isfinite(share))
+        )
+        pad = 26 if large else 6
+        side = 2 * (_DISC_PX + pad)
+        corner = -(_DISC_PX + pad)
+        return (
+            f'<svg class="disc" viewBox="{corner:g} {corner:g} {side:g} {side:g}" role="img" aria-label="{escape(label)}">'
+            f'<circle r="{_DISC_PX:g}" class="horizon"/>{cells}{_rings(large)}</svg>'
+        )
+
+    def _title(self, i: int, j: int, share: float) -> str:
+        return f"<title>azimuth {self.sun_azimuth[j]:g}°, elevation {self.sun_elevation[i]:g}°: {100 * share:.0f} %</title>"
+
+
+def _rings(large: bool) -> str:
+    rings = "".join(f'<circle r="{_DISC_PX * (90 - e) / 90:.1f}" class="ring"/>' for e in (30, 60))
+    if not large:
+        return rings + f'<path d="M0 {-_DISC_PX:g}v-5" class="tick"/>'
+    names = "".join(
+        f'<text x="{(_DISC_PX + 13) * math.sin(math.radians(a)):.1f}" y="{-(_DISC_PX + 13) * math.cos(math.radians(a)) + 4.5:.1f}">{name}</text>'
+        for a, name in ((0, "N"), (90, "E"), (180, "S"), (270, "W"))
+    )
+    heights = "".join(
+        f'<text class="small" x="4" y="{-_DISC_PX * (90 - e) / 90 + 11:.1f}">{e}°</text>'
+        for e in (0, 30, 60)
+    )
+    return rings + f'<g class="names">{names}</g><g>{heights}</g>'
+
+
+def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
+    """Outline between two elevations and two azimuths, degrees."""
+    outer, inner = (_DISC_PX * (90.0 - e) / 90.0 for e in (e0, e1))
+    a1 = min(a1, a0 + 359.9)  # a whole turn would begin where it ends
+    large = int(a1 - a0 > 180.0)
+    corners = [
+        f"{r * math.sin(math.radians(a)):.1f} {-r * math.cos(math.radians(a)):.1f}"
+        for r, a in ((outer, a0), (outer, a1), (inner, a1), (inner, a0))
+    ]
+    return (
+        f"M{corners[0]}A{outer:.1f} {outer:.1f} 0 {large} 1 {corners[1]}"
+        f"L{corners[2]}A{inner:.1f} {inner:.1f} 0 {large} 0 {corners[3]}Z"
+    )
+
+
+def _spans(values: Array, low: float, high: float) -> list[tuple[float, float]]:
+    """Cells around rising values: to the middle between neighbours, as wide outwards as inwards
+    at the ends.
+    """
+    if len(values) == 1:
+        return [(max(low, float(values[0]) - 5.0), min(high, float(values[0]) + 5.0))]
+    middles = (values[1:] + values[:-1]) / 2.0
+    edges = np.concatenate([[2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]])
+    edges = np.clip(edges, low, high)
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def _azimuth_spans(values: Array) -> list[tuple[float, float]]:
+    """Cells around azimuths on the circle, none wider than the median step on either side."""
+    if len(values) == 1:
+        return [(float(values[0]) - 7.5, float(values[0]) + 7.5)]
+    gaps = np.diff(np.append(values, values[0] + 360.0))
+    half = np.minimum(gaps, np.median(gaps)) / 2.0
+    return [(float(v - half[i - 1]), float(v + half[i])) for i, v in enumerate(values)]
+
+
+# -- histograms
+
+
+def histogram(values: ArrayLike, unit: str, label: str, bins: int = 24) -> str:
+    """How many points have which value; a dash of a chart for none."""
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return '<p class="none">no values</p>'
+    low, high = float(known.min()), float(known.max())
+    if high - low <= 1e-9 * max(abs(high), 1e-300):
+        return f'<p class="single"><strong>{number(high, 4)}</strong> {escape(unit)} for all {known.size} points</p>'
+    counts, edges = np.histogram(known, bins=_nice_edges(low, high, bins))
+    width, height = 300.0, 120.0
+    step = width / len(counts)
+    bars = "".join(
+        f'<rect x="{i * step + 0.5:.1f}" y="{height * (1 - c / counts.max()):.1f}" width="{step - 1:.1f}" '
+        f'height="{height * c / counts.max():.1f}"><title>{number(edges[i])} to {number(edges[i + 1])} {escape(unit)}: {c}</title></rect>'
+        for i, c in enumerate(counts.tolist())
+        if c
+    )
+    ticks = "".join(
+        f'<path class="tick" d="M{x:.1f} {height:g}v5"/><text x="{x:.1f}" y="{height + 18:g}">{number(v)}</text>'
+        for v, x in _ticks(edges[0], edges[-1], width)
+    )
+    return (
+        f'<svg class="histogram" viewBox="-22 -14 344 152" role="img" aria-label="{escape(label)}">'
+        f'<g class="bars">{bars}</g><path class="axis" d="M0 {height:g}h{width:g}"/><g class="ticks">{ticks}'
+        f'<text class="small" x="0" y="-4" style="text-anchor:start">most: {counts.max()} points</text></g></svg>'
+    )
+
+
+def nice_step(span: float, parts: int) -> float:
+    """1, 2, 2.5, 5 or 10 times a power of ten: the smallest that covers a span in at most so many parts."""
+    raw = span / parts
+    power = 10.0 ** math.floor(math.log10(raw))
+    return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
+
+
+def _nice_edges(low: float, high: float, bins: int) -> Array:
+    step = nice_step(high - low, bins)
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return np.arange(first, max(last, first + 1) + 1) * step
+
+
+def _ticks(low: float, high: float, width: float) -> Iterator[tuple[float, float]]:
+    step = nice_step(high - low, 4)
+    for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
+        yield k * step, (k * step - low) / (high - low) * width
+
+
+# -- maps
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something on a map: its place (metres in the map's frame), symbol, colour class and what
+    the pointer is told.
+    """
+
+    x_m: float
+    y_m: float
+    symbol: str
+    css: str
+    title: str
+
+
+SYMBOLS = {
+    "dot": "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z",
+    "ring": "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0Z",
+    "cross": "M-3.5 -3.5L3.5 3.5M-3.5 3.5L3.5 -3.5",
+    "triangle": "M0 -4.6L4.4 3.4H-4.4Z",
+    "square": "M-3.6 -3.6H3.6V3.6H-3.6Z",
+}
+
+
+def symbol(name: str, css: str) -> str:
+    """A map's symbol for a legend."""
+    return (
+        f'<svg class="key" viewBox="-7 -7 14 14" aria-hidden="true">{_mark_path(name, css)}</svg>'
+    )
+
+
+def _mark_path(name: str, css: str, place: str = "") -> str:
+    """An outline that keeps it legible on any ground, then the symbol."""
+    path = SYMBOLS[name]
+    return f'<g{place}><path class="halo" d="{path}"/><path class="{css}" d="{path}"/></g>'
+
+
+@dataclass(frozen=True)
+class Map:
+    """A shaded map in the frame of its centre; north is up at the centre."""
+
+    height: Array
+    x_m: Array
+    y_m: Array
+    frame: EnuFrame
+
+    @property
+    def _scale(self) -> float:
+        """Pixels a metre."""
+        left, right, _, _ = _MARGIN_PX
+        return (_MAP_PX - left - right) / max(self._width_m, 1e-9)
+
+    @property
+    def _cell_m(self) -> float:
+        return float(abs(self.x_m[1] - self.x_m[0])) if len(self.x_m) > 1 else 1.0
+
+    @property
+    def _width_m(self) -> float:
+        return len(self.x_m) * self._cell_m
+
+    @property
+    def _height_m(self) -> float:
+        return len(self.y_m) * self._cell_m
+
+    def pixel(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Array, Array]:
+        """Where places of the frame lie in the drawing."""
+        left, _, _, top = _MARGIN_PX
+        west, north = self.x_m[0] - self._cell_m / 2, self.y_m[0] + self._cell_m / 2
+        return left + (np.asarray(x_m) - west) * self._scale, top + (
+            north - np.asarray(y_m)
+        ) * self._scale
+
+    def draw(self, marks: Iterable[Mark], label: str) -> str:
+        """The map as SVG with graticule, marks and scale bar."""
+        left, _, bottom, top = _MARGIN_PX
+        width, height = self._width_m * self._scale, self._height_m * self._scale
+        whole = height + top + bottom
+        picture = data_uri(hillshade(self.height, self._cell_m))
+        lines, labels = self._graticule()
+        drawn = "".join(self._mark(mark) for mark in marks)
+        return (
+            f'<svg class="map" viewBox="0 0 {_MAP_PX:g} {whole:.1f}" role="img" aria-label="{escape(label)}">'
+            f'<image href="{picture}" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}" preserveAspectRatio="none"/>'
+            f'<g class="graticule">{lines}</g><rect class="frame" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}"/>'
+            f'<g class="marks">{drawn}</g><g class="labels">{labels}</g>{self._scale_bar(height + top)}</svg>'
+        )
+
+    def _mark(self, mark: Mark) -> str:
+        px, py = self.pixel(mark.x_m, mark.y_m)
+        shape = _mark_path(mark.symbol, mark.css, f' transform="translate({px:.1f} {py:.1f})"')
+        return shape.replace("</g>", f"<title>{escape(mark.title)}</title></g>")
+
+    def _graticule(self) -> tuple[str, str]:
+        """Meridians and parallels at round degrees, and their names where they leave the map at
+        the south and the west.
+        """
+        lon, lat = self._lonlat_limits()
+        lines, labels = [], []
+        for value in _round_degrees(*lon):
+            line = self._clipped(np.full(241, value), np.linspace(*lat, 241))
+            if len(line):
+                lines.append(_polyline(line))
+                x, y = line[np.argmax(line[:, 1])]
+                labels.append((x, y + 26, _degrees(value % 360.0, "E", ""), "middle"))
+        for value in _round_degrees(*lat):
+            line = self._clipped(np.linspace(*lon, 241), np.full(241, value))
+            if len(line):
+                lines.append(_polyline(line))
+                x, y = line[np.argmin(line[:, 0])]
+                labels.append((x - 7, y + 6, _degrees(value, "N", "S"), "end"))
+        left, _, _, top = _MARGIN_PX
+        south = top + self._height_m * self._scale
+        edge = {"middle": lambda x, y: y > south + 10, "end": lambda x, y: x < left}
+        kept = [label for label in labels if edge[label[3]](label[0], label[1])]
+        return "".join(lines), "".join(
+            f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{a}">{t}</text>' for x, y, t, a in kept
+        )
+
+    def _lonlat_limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        xx, yy = np.meshgrid(
+            np.linspace(self.x_m[0], self.x_m[-1], 41), np.linspace(self.y_m[0], self.y_m[-1], 41)
+        )
+        lon, lat, _ = mcmf_to_lonlat(
+            self.frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1))
+        )
+        away = (lon - self.frame.lon_deg + 180.0) % 360.0 - 180.0
+        return (
+            (self.frame.lon_deg + float(away.min()), self.frame.lon_deg + float(away.max())),
+            (float(lat.min()), float(lat.max())),
+        )
+
+    def _clipped(self, lon: Array, lat: Array) -> Array:
+        """The part of a line that lies inside the map, in pixels, (n, 2)."""
+        x, y, _ = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
+        px, py = self.pixel(x, y)
+        left, _, _, top = _MARGIN_PX
+        slack = 3.0  # pixels: a line that ends just before the border still reaches it
+        inside = (px >= left - slack) & (px <= left + self._width_m * self._scale + slack)
+        inside &= (py >= top - slack) & (py <= top + self._height_m * self._scale + slack)
+        px = np.clip(px, left, left + self._width_m * self._scale)
+        py = np.clip(py, top, top + self._height_m * self._scale)
+        return np.stack([px, py], axis=-1)[inside]
+
+    def _scale_bar(self, base: float) -> str:
+        """A bar of a round length, about a fifth of the map, at the lower right."""
+        length_m = nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
+        length_m = length_m / 2.0 if length_m > self._width_m / 3.0 else length_m
+        px = length_m * self._scale
+        right = _MAP_PX - _MARGIN_PX[1]
+        text = f"{length_m / 1e3:g} km" if length_m >= 1e3 else f"{length_m:g} m"
+        return (
+            f'<g class="scale"><path d="M{right - px:.1f} {base + 52:.1f}v7h{px:.1f}v-6"/>'
+            f'<text x="{right - px - 8:.1f}" y="{base + 60:.1f}" text-anchor="end">{text}</text></g>'
+        )
+
+
+def _polyline(points: Array) -> str:
+    some = np.unique(np.linspace(0, len(points) - 1, 24).astype(int))
+    return '<polyline points="' + " ".join(f"{x:.1f},{y:.1f}" for x, y in points[some]) + '"/>'
+
+
+def _round_degrees(low: float, high: float) -> Sequence[float]:
+    """Round values inside, about five."""
+    span = max(high - low, 1e-9)
+    step = next((s for s in _GRATICULE_DEG if span / s <= 7.0), 30.0)
+    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+
+
+def _degrees(value: float, positive: str, negative: str) -> str:
+    return f"{abs(value):.4g}° {positive if value >= 0 or not negative else negative}"

@@ -1,0 +1,1 @@
+"""A render: the request, the scene plan, and the images."""

@@ -1,0 +1,127 @@
+"""What an effect costs that a render leaves out: pure figures, each proved where it stands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.view import View
+from ..constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from ..kernels.photometry.laws import LAMBERT, LOMMEL_SEELIGER
+from ..light.solar_disc import penumbra_m
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..terrain.relief_bounds import Box, Relief, tangent_of
+
+Array = NDArray[np.float64]
+
+NORMAL_ROUNDING_RAD = 2.0**-24
+"""By how much a normal kept in float32 is turned: each component is off by at most 2^-24 of itself,
+the vector by no more than that of its length.
+"""
+
+STORED = 2.0**-21
+"""Two bands of equal value differ by less when both are rounded to float32: radiances by 2^-23 of
+themselves, angles of up to 180 deg by 2.7e-7 rad.
+"""
+
+BOUNDED_LAWS = frozenset({LAMBERT, LOMMEL_SEELIGER})
+"""Laws for which `parallel_error` is proved."""
+
+PENUMBRA_PX = 0.1
+"""A penumbra narrower than this on level ground is left out where a tier admits errors at nodes."""
+
+
+def limb_tangent(sun: Array, radius_rad: float = SOLAR_RADIUS_RAD) -> float:
+    """Tangent of the elevation of the lowest point of a disc around an ENU direction (3,)."""
+    return math.tan(math.atan(tangent_of(sun)) - radius_rad)
+
+
+def penumbra_px(relief: Relief, sun: Array, pixel_m: float) -> float:
+    """Width of the widest penumbra that the terrain can throw on level ground, in pixels.
+
+    No ground stands higher above a node of the core than ``shading_height_m``, nor higher than
+    what throws a shadow all the way across the terrain.
+    """
+    elevation = math.atan(tangent_of(sun))
+    steep = math.tan(elevation)  # finite straight up
+    height = min(relief.shading_height_m, relief.span_m * max(steep, 0.0))
+    if steep <= 0.0 or pixel_m <= 0.0:
+        return math.inf
+    return height / steep * float(penumbra_m(1.0, elevation)) / pixel_m
+
+
+def pixel_m(relief: Relief, view: View, in_camera_plane: bool) -> float:
+    """Ground that the finest pixel of a render shows, metres: a cell, or what a pixel of the camera
+    spans at the nearest corner of the core's box (foreshortening makes it more).
+    """
+    if not in_camera_plane or view.camera is None or view.position_m is None:
+        return relief.gsd_m
+    nearest = np.clip(view.position_m, relief.box.low_m, relief.box.high_m)
+    return float(np.linalg.norm(view.position_m - nearest)) / view.camera.focal_length_px
+
+
+def parallel_direction(box: Box, view: View) -> Array:
+    """Unit ENU direction (3,) from the middle of a core's box to the camera."""
+    return np.asarray(view.directions(box.middle_m))
+
+
+def ray_angle_rad(box: Box, view: View) -> float:
+    """By how much the directions from anywhere in a core's box to a camera at a finite position
+    differ at most from `parallel_direction`; pi where the camera is too near to say.
+
+    Directions within an angle below 90 deg of an axis are a convex cone with its tip in the camera:
+    a box lies in it when its corners do.
+    """
+    assert view.position_m is not None
+    if np.linalg.norm(view.position_m - box.middle_m) == 0.0:
+        return math.pi
+    axis = parallel_direction(box, view)
+    away = view.position_m - box.corners_m
+    along = away @ axis
+    if not (along > 0.0).all():
+        return math.pi
+    across = np.linalg.norm(np.cross(away, axis), axis=-1)
+    return float(np.arctan2(across, along).max())
+
+
+def parallel_error(
+    relief: Relief, angle_rad: float, least_tangent: float, model: Reflectance = DEFAULT_MODEL
+) -> float:
+    """Greatest relative change of the radiance factor when directions to the camera are turned by
+    an angle; also bounds the change of emission and phase, radians. inf where nothing bounds it.
+
+    Lommel-Seeliger: mu0 / (mu0 + mu') over mu0 / (mu0 + mu) is 1 + (mu - mu') / (mu0 + mu'), with
+    |mu - mu'| <= 2 sin(a / 2), mu0 >= 0 and mu' >= sin(e - s), e the least elevation of the camera
+    from any node (``least_tangent``), s the greatest tilt of a node's normal. Lambert does not
+    depend on mu; of other laws, whose brightness changes with the phase, nothing is proved. With
+    sin(e - s) > 0 every node leans towards the camera, either way.
+
+    The box's middle sees the camera at e or higher, too: the points that do fill a convex cone,
+    with all under it. Half way between the highest node and the one opposite, it is at least as
+    high as the middle.
+    """
+    if model.code not in BOUNDED_LAWS or not relief.slope.clears(least_tangent):
+        return math.inf
+    leaning = math.sin(math.atan(least_tangent) - math.atan(relief.node_tangent))
+    leaning -= 2.0 * NORMAL_ROUNDING_RAD
+    if leaning <= 0.0:
+        return math.inf
+    return max(angle_rad, 2.0 * math.sin(0.5 * angle_rad) / leaning) + STORED
+
+
+def horizon_beyond_rad(
+    distance_m: float, lowest_m: float, origin_m: float, frame_height_m: float = 0.0
+) -> float:
+    """Greatest elevation, in the frame of an area, of ground at least ``distance_m`` from all its
+    nodes in the frame's plane, and ``origin_m`` from the frame's origin; 0 where that is below.
+
+    No ground of a radius b stands over the plane z = sqrt(b^2 - origin^2) - (R + h), and no node
+    stands under z = ``lowest_m``: the tangent is at most their difference over the distance.
+    """
+    if distance_m <= 0.0:
+        return math.pi / 2
+    top = math.sqrt(max(0.0, (MOON_RADIUS_M + HIGHEST_M) ** 2 - max(0.0, origin_m) ** 2))
+    rise = top - (MOON_RADIUS_M + frame_height_m) - lowest_m
+    return max(0.0, math.atan2(rise, distance_m))

@@ -1,0 +1,72 @@
+"""A map of the Moon seen through pixels whose footprints differ: nearly a point under a low camera, a
+continent at the limb of a distant Moon.
+
+A footprint is an ellipse on the ground: ``across`` the line of sight, and ``along`` it, where
+foreshortening stretches it. It is covered by 1, 2, 4 ... round probes in a row, and each probe is a
+mean over the map's ground as wide as it: one of a ladder of widths a factor of 2 apart, mixed
+between the two nearest (Williams 1983, pyramidal parametrics; McCormack et al. 1999, footprint
+assembly). So no detail aliases, and none is blurred by more than a footprint's longer side over
+`PROBES_MOST`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.frames import mcmf_to_lonlat
+
+Array = NDArray[np.float64]
+
+PROBES_MOST = 16
+_RUNGS = (-6, 24)  # of the ladder: widths of 2^-6 to 2^24 pixels of the map
+
+
+class Map(Protocol):
+    """What gives values of the ground: `albedo.AlbedoMap`."""
+
+    @property
+    def gsd_m(self) -> float:
+        """Width of its pixels."""
+
+    def at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Array:
+        """Means over cells of a width around places; NaN where there is nothing."""
+
+
+def seen_through(
+    ground: Map, points_m: Array, across_m: Array, along_m: Array, towards: Array
+) -> Array:
+    """Means (n,) of a map over footprints: MCMF points (n, 3), sides (n,) in metres, and unit vectors
+    (n, 3) along which the longer side ``along_m`` lies. NaN where the map has nothing.
+    """
+    out = np.empty(len(points_m))
+    stretch = np.maximum(along_m, across_m) / across_m
+    probes = np.exp2(np.ceil(np.log2(np.minimum(stretch, PROBES_MOST)) - 1e-9)).astype(int)
+    width = np.maximum(across_m, along_m / probes)
+    for count in np.unique(probes):
+        some = np.flatnonzero(probes == count)
+        total, known = np.zeros(some.size), np.zeros(some.size)
+        for k in range(count):
+            step = ((k + 0.5) / count - 0.5) * along_m[some]
+            found = _rungs(ground, points_m[some] + step[:, None] * towards[some], width[some])
+            total += np.nan_to_num(found)
+            known += np.isfinite(found)
+        with np.errstate(invalid="ignore"):
+            out[some] = total / known
+    return out
+
+
+def _rungs(ground: Map, points_m: Array, width_m: Array) -> Array:
+    """Means over round probes: the two nearest widths of the ladder, by the logarithm."""
+    lon, lat, _ = mcmf_to_lonlat(points_m)
+    rung = np.clip(np.log2(width_m / ground.gsd_m), *_RUNGS)
+    low = np.floor(rung).astype(int)
+    share, out = rung - low, np.zeros(rung.size)
+    for step in range(low.min(initial=0), low.max(initial=-1) + 2):
+        weight = np.where(low == step, 1.0 - share, np.where(low == step - 1, share, 0.0))
+        some = np.flatnonzero(weight)
+        if some.size:
+            out[some] += weight[some] * ground.at(lon[some], lat[some], ground.gsd_m * 2.0**step)
+    return out

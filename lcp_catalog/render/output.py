@@ -1,0 +1,84 @@
+"""A render as the bytes of a file: its bands, what its tags say, and the document of ``--explain``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._version import __version__
+from ..constants import FRAME, MOON_RADIUS_M
+from ..geometry.frames import azimuth_elevation
+from .pipeline import Scene
+from .rasters import geotiff, node_transform, orthographic_crs
+from .renderer import Photograph
+from .sphere_pipeline import SphereScene
+
+Array = NDArray[np.float64]
+
+
+def encode(scene: Scene | SphereScene, result: Photograph) -> bytes:
+    """The GeoTIFF of ``lcp render``."""
+    bands: dict[str, ArrayLike] = {
+        "radiance": result.radiance,
+        "sunlit": result.sunlit,
+        "visible": result.visible,
+        "incidence": result.incidence_deg,
+        "emission": result.emission_deg,
+        "phase": result.phase_deg,
+    }
+    units = ["1", "1", "1", "degree", "degree", "degree"]
+    if result.position_mcmf_m is not None:
+        bands |= dict(zip("xyz", np.moveaxis(result.position_mcmf_m, -1, 0), strict=True))
+        units += ["metre"] * 3
+        if result.composite is not None:
+            bands["composite"] = result.composite
+            units.append("1")
+        return geotiff(bands, "float64", tags(scene), units=units)
+    assert result.height_m is not None
+    bands["height"] = result.height_m
+    assert scene.gsd_m is not None
+    transform = node_transform(*scene.corner_m, scene.gsd_m)
+    crs = orthographic_crs(scene.frame)
+    return geotiff(bands, "float32", tags(scene), crs, transform, [*units, "metre"])
+
+
+def tags(scene: Scene | SphereScene) -> dict[str, str]:
+    """What a result says about its making; no paths, no clock."""
+    frame = scene.frame
+    azimuth, elevation = azimuth_elevation(scene.sun)
+    gsd = {} if scene.gsd_m is None else {"gsd_m": repr(float(scene.gsd_m))}
+    found = {
+        "body": "MOON",
+        "frame": FRAME,
+        "software": f"lcp {__version__}",
+        "center_lon": repr(float(frame.lon_deg)),
+        "center_lat": repr(float(frame.lat_deg)),
+        "reference_radius_m": repr(MOON_RADIUS_M),
+        **gsd,
+        "sun_azimuth": repr(float(azimuth)),
+        "sun_elevation": repr(float(elevation)),
+        "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
+        "camera": json.dumps(scene.view.describe(), sort_keys=True),
+        "sun_model": "disc" if scene.light.first.disc is not None else "point",
+        "light": json.dumps(scene.light.describe(), sort_keys=True),
+        "reflectance": scene.model.name,
+        "accuracy": scene.request.accuracy.tier,
+        "surface": "heightfield" if scene.plan.relief.modelled else "sphere",
+        "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
+        "scene_plan": str(scene.plan),
+    }
+    if scene.request.environment is not None:
+        found["environment"] = json.dumps(scene.request.environment.report, sort_keys=True)
+    return found | ({"albedo": str(scene.request.albedo)} if scene.request.albedo else {})
+
+
+def explain(scene: Scene | SphereScene) -> dict[str, Any]:
+    """The document of ``lcp render --explain``: the plan's decisions, and the light."""
+    light = scene.light.describe()
+    if scene.request.environment is not None:
+        light["environment"] = scene.request.environment.report
+    return scene.plan.to_json() | {"light": light}

@@ -1,0 +1,261 @@
+"""One render, from what was asked for to its bands: the terrain it needs, what is decided, and the picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.frame_camera import Camera
+from ..cameras.view import View
+from ..constants import SOLAR_RADIUS_RAD
+from ..dem.consistency import warn_of_disagreements
+from ..dem.mosaic import DemSet
+from ..errors import AreaError, CameraError, ImageError
+from ..geometry.frames import EnuFrame
+from ..light.above_horizon import risen
+from ..light.sky_sampling import SAMPLES, SKY_FLOOR_RAD, sky_rms
+from ..light.sources import Lighting
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.laws import Reflectance
+from ..terrain.surroundings import build_surrounded, surroundings
+from ..terrain.terrain import (
+    Area,
+    NodeWindow,
+    Terrain,
+    native_gsd_m,
+    require_room,
+    terrain_from_area,
+)
+from . import decisions as effects
+from .compositing import composite
+from .decisions import Decision
+from .extent import (
+    RING_MAX_M,
+    area_of,
+    camera_over,
+    coarse_terrain,
+    grown,
+    height_reach_m,
+    require_extent,
+    view_ring_m,
+)
+from .plan import ScenePlan, choose_model, plan_scene, ring_decision
+from .renderer import Photograph, render_camera, render_enu
+from .request import Request
+from .sphere_pipeline import SphereScene, expose_sphere, prepare_sphere
+from .sphere_renderer import render_sphere_camera, render_sphere_enu
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything a render needs, and what was decided about it."""
+
+    request: Request
+    terrain: Terrain
+    light: Lighting
+    model: Reflectance
+    view: View
+    plan: ScenePlan
+    sources: tuple[Path, ...]  # every file that was read, but the camera's
+
+    @property
+    def sun(self) -> Array:
+        """ENU direction to the first source."""
+        return self.light.first.direction
+
+    @property
+    def frame(self) -> EnuFrame:
+        """The area's."""
+        return self.terrain.frame
+
+    @property
+    def gsd_m(self) -> float:
+        """Cell size."""
+        return self.terrain.field.gsd_m
+
+    @property
+    def corner_m(self) -> tuple[float, float]:
+        """ENU x and y of the core's first node."""
+        field, (row0, _, col0, _) = self.terrain.field, self.terrain.core
+        return field.x0_m + col0 * field.gsd_m, field.y0_m - row0 * field.gsd_m
+
+    @property
+    def window(self) -> NodeWindow:
+        """The core's nodes, counted from the frame's origin."""
+        (x, y), (row0, row1, col0, col1) = self.corner_m, self.terrain.core
+        row, col = round(-y / self.gsd_m), round(x / self.gsd_m)
+        return NodeWindow(row, row + row1 - row0, col, col + col1 - col0)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera whose plane is rendered."""
+        assert self.view.camera is not None
+        return self.view.camera
+
+
+def prepare(request: Request) -> Scene | SphereScene:
+    """Read the terrain and decide; raises the library's errors for what cannot be rendered. On the
+    sphere that was asked for a DEM gives no more than its area and cell size.
+    """
+    if request.surface == "sphere":
+        return _prepare_sphere(request)
+    dems = DemSet.open(request.dem_paths, request.product_order)
+    area, grows = area_of(request, dems)
+    warn_of_disagreements(dems, area.bounds)
+    light = request.lighting(area.frame)
+    terrain, view, ring = _ground(request, dems, area, grows, light)
+    choice = choose_model(
+        terrain, light.first.direction, view, request.accuracy.tier, request.model
+    )
+    plan = plan_scene(
+        terrain,
+        light.first.direction,
+        view,
+        in_camera_plane=request.in_camera_plane,
+        ring=ring,
+        accuracy=request.accuracy,
+        disc=light.first.disc is not None,
+        disc_radius_rad=light.first.radius_rad or SOLAR_RADIUS_RAD,
+        model=choice.model,
+        choice=choice,
+        albedo=_albedo_decision(request.albedo, terrain),
+        sphere_may_do=request.surface == "auto" and _sun_alone(light) and not request.backdrop,
+    )
+    plan = replace(plan, others=(*plan.others, *_of_light(request, light)))
+    files = _files(request, dems, choice.model)
+    return Scene(request, terrain, light, choice.model, view, plan, files)
+
+
+def _ground(
+    request: Request, dems: DemSet, area: Area, grows: bool, light: Lighting
+) -> tuple[Terrain, View, Decision]:
+    """The terrain of an area with all around it that can shadow or hide it, the view of it, and what
+    the plan says of the terrain around; ``grows``: so that it holds all that a camera sees.
+    """
+    frame, extent = area.frame, area.extent_m
+    view = request.view.view(frame)
+    gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
+    if not 0.0 < gsd_m < math.inf:
+        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
+    require_extent(extent)
+    require_room(NodeWindow.covering(extent, gsd_m))
+    if request.in_camera_plane and view.camera is None:
+        view = replace(view, camera=camera_over(frame, view, gsd_m, extent))
+    coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
+    if grows:
+        extent = grown(extent, height_reach_m(coarse, view))
+        coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
+    view_m = view_ring_m(coarse, view)
+    place = (dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
+    lowest = light.lowest_tangent
+    if light.sky is not None:
+        lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
+    around = surroundings(*place, lowest, min(view_m, RING_MAX_M))
+    terrain = build_surrounded(*place, around)
+    if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
+        terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
+    return terrain, view, ring_decision(terrain, around.ring_m, max(around.needed_m, view_m))
+
+
+def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ...]:
+    """Every file that a render looks at, once, but the camera's."""
+    files = [path for dem in dems.dems for path in dem.files]
+    files += [model.file] if model.file else []
+    for asked in (request.albedo, request.environment, request.backdrop):
+        files += asked.files if asked else ()
+    return tuple(dict.fromkeys(files))
+
+
+def expose(scene: Scene | SphereScene) -> Photograph:
+    """Render a scene; CameraError when the camera sees nothing of the area."""
+    if isinstance(scene, SphereScene):
+        result = expose_sphere(scene)
+    elif not scene.plan.relief.modelled:
+        result = _expose_plain(scene)
+    else:
+        result = _expose_terrain(scene)
+    if not result.visible.any() and scene.request.backdrop is None:
+        who = scene.view.camera.name if scene.view.camera else "the view"
+        raise CameraError(f"{who}: the camera sees nothing of the area")
+    return result
+
+
+def _expose_plain(scene: Scene) -> Photograph:
+    """An area so smooth and level that the sphere may stand for it."""
+    request = scene.request
+    how: dict[str, Any] = {"model": scene.model, "albedo": request.albedo}
+    if not request.in_camera_plane:
+        light = scene.light, scene.view
+        return render_sphere_enu(scene.frame, scene.window, scene.gsd_m, *light, **how)
+    (x, y), half, (rows, cols) = scene.corner_m, 0.5 * scene.gsd_m, scene.window.shape
+    extent = (x - half, x + (cols - 0.5) * scene.gsd_m, y - (rows - 0.5) * scene.gsd_m, y + half)
+    return render_sphere_camera(scene.frame, scene.camera, scene.light, extent_m=extent, **how)
+
+
+def _expose_terrain(scene: Scene) -> Photograph:
+    request = scene.request
+    how: dict[str, Any] = {"model": scene.model, "accuracy": request.accuracy}
+    how |= {"plan": scene.plan, "albedo": request.albedo}
+    if not request.in_camera_plane:
+        return render_enu(scene.terrain, scene.light, scene.view, **how)
+    result = render_camera(scene.terrain, scene.camera, scene.light, **how)
+    if request.backdrop is None:
+        return result
+    panorama = request.environment.in_factors if request.environment else None
+    place = scene.terrain, scene.camera, risen(scene.terrain, scene.light)
+    whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
+    return replace(result, composite=whole)
+
+
+def _prepare_sphere(request: Request) -> SphereScene:
+    """The sphere that was asked for; a DEM, if there is one, says which area and how fine."""
+    if request.environment is not None or request.backdrop is not None:
+        raise ImageError(
+            "a panorama, a background and a shadow catcher belong to terrain: the plain sphere has none; "
+            "give a DEM, and --surface heightfield"
+        )
+    gsd_m: float | None = None
+    files: tuple[Path, ...] = ()
+    if request.dem_paths:
+        dems = DemSet.open(request.dem_paths, request.product_order)
+        files = tuple(dict.fromkeys(path for dem in dems.dems for path in dem.files))
+        if request.area is None and not (request.in_camera_plane and request.view.camera):
+            request = replace(request, area=area_of(request, dems)[0])
+        gsd_m = min(dem.gsd_m for dem in dems.dems)
+    scene = prepare_sphere(request, gsd_m)
+    plan = replace(scene.plan, others=(*scene.plan.others, *_of_light(request, scene.light)))
+    return replace(scene, plan=plan, sources=(*files, *scene.sources))
+
+
+def _sun_alone(light: Lighting) -> bool:
+    """Whether one source lights the scene: what the plan's bounds speak of."""
+    return light.sky is None and not light.others
+
+
+def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
+    """Decisions about what lights the scene besides its first source."""
+    if light.others:
+        plane = request.in_camera_plane
+        rays = effects.EVERY_PIXEL if plane else effects.Rays.of(request.accuracy)
+        yield effects.several_sources(len(light.others), rays)
+    if light.sky is not None and request.environment is not None:
+        samples = SAMPLES[request.accuracy.tier]
+        rms = sky_rms(request.accuracy, request.in_camera_plane)
+        name = request.environment.panorama.name
+        yield effects.sky_light(name, light.sky.power_above, samples, rms)
+
+
+def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | None:
+    """What a map of brightness does over the area; AlbedoError when it covers nothing of it."""
+    if albedo is None:
+        return None
+    where = f"around {terrain.frame.lon_deg:.6g}, {terrain.frame.lat_deg:.6g}"
+    return effects.albedo(albedo, albedo.check_cover(albedo.cover(terrain), where))

@@ -1,0 +1,259 @@
+"""Which effects a render models, at what error, and why (docs/scene-plan.md).
+
+Effects are left out where the result is provably the same, or within the tolerance that was asked
+for; each decision carries the bound on what it admits.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS, Accuracy
+from ..cameras.view import View
+from ..constants import SOLAR_RADIUS_RAD
+from ..photometry.law_choice import SLOPE_RMS, Choice, choose
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..terrain.relief_bounds import (
+    Relief,
+    Steepness,
+    core_box,
+    lowest_core_tangent,
+    nodes_enu,
+    relief,
+    ring_of,
+    tangent_of,
+)
+from ..terrain.surroundings import REACH_MAX_M
+from ..terrain.terrain import Terrain
+from . import decisions as effects
+from .decisions import EVERY_NODE, EVERY_PIXEL, Decision, Rays
+from .error_bounds import (
+    horizon_beyond_rad,
+    limb_tangent,
+    parallel_direction,
+    parallel_error,
+    penumbra_px,
+    pixel_m,
+    ray_angle_rad,
+)
+from .sphere_error_bounds import SphereCost, sphere_cost
+
+Array = NDArray[np.float64]
+
+_SLOPE_NODES = 256  # of a side, whose slopes say how rough a terrain is
+
+
+@dataclass(frozen=True)
+class ScenePlan:
+    """All decisions of a render; a render looks at the first four."""
+
+    cast_shadows: Decision
+    occlusion: Decision
+    perspective: Decision
+    solar_disc: Decision
+    relief: Decision
+    float_width: Decision
+    reflectance: Decision
+    others: tuple[Decision, ...] = ()
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        named = (self.cast_shadows, self.occlusion, self.perspective, self.solar_disc)
+        return (*named, self.relief, self.float_width, self.reflectance, *self.others)
+
+    def to_json(self) -> dict[str, list[dict[str, object]]]:
+        """The document of ``lcp render --explain``."""
+        return {"decisions": [asdict(decision) for decision in self.decisions]}
+
+    def __str__(self) -> str:
+        return json.dumps(self.to_json(), sort_keys=True)
+
+
+def plan_scene(
+    terrain: Terrain,
+    sun: Array,
+    view: View,
+    in_camera_plane: bool = False,
+    ring: Decision | None = None,
+    *,
+    accuracy: Accuracy = TIERS["reference"],
+    disc: bool = False,
+    disc_radius_rad: float = SOLAR_RADIUS_RAD,
+    model: Reflectance = DEFAULT_MODEL,
+    choice: Choice | None = None,
+    albedo: Decision | None = None,
+    everything: bool = False,
+    sphere_may_do: bool = False,
+) -> ScenePlan:
+    """Decide for a terrain, an ENU direction to the Sun (its middle, where ``disc``) and a view.
+
+    ``albedo``: the decision about a map of brightness, none: there is no map.
+    ``choice``: how the law of reflection was found, where that is known. ``everything``: leave
+    out nothing that can be modelled; a disc only where it is asked for. ``sphere_may_do``: whether
+    the plain sphere may stand for the heightfield (`sphere_render`).
+    """
+    found, least_view = relief(terrain), lowest_core_tangent(view, terrain)
+    slope = None if everything else found.slope
+    # what stands on other cells far away is no part of the connected surface that a slope speaks of
+    light_slope, disc_slope = slope, slope
+    if terrain.far is not None:
+        light_slope = None
+        disc_slope = None if everything else replace(found.slope, connected=False)
+    limb = limb_tangent(sun, disc_radius_rad)
+    finest_m = pixel_m(found, view, in_camera_plane)
+    disc_decision = _disc(found, disc_slope, sun, limb, finest_m, disc, accuracy)
+    away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
+    half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
+    if everything:
+        accuracy = replace(accuracy, tolerance=0.0)
+    lowest = limb if disc_decision.modelled else None
+    hidden = _shadows(light_slope, sun, lowest, in_camera_plane, accuracy)
+    plain = None
+    if sphere_may_do and not hidden.modelled and found.slope.clears(least_view):
+        pixel = pixel_m(found, view, in_camera_plane)
+        how = (least_view, pixel, accuracy, in_camera_plane)
+        plain = _sphere(terrain, sun, view, model, *how)
+    return ScenePlan(
+        cast_shadows=hidden,
+        occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy),
+        perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
+        solar_disc=disc_decision,
+        relief=effects.surface(found, least_view, away_m, plain, accuracy),
+        float_width=effects.float_width(),
+        reflectance=effects.reflectance(choice)
+        if choice
+        else effects.reflectance_as_asked(model.name),
+        others=(
+            *((ring,) if ring is not None else ()),
+            *effects.always(half_m),
+            albedo or effects.albedo(),
+        ),
+    )
+
+
+def _sphere(
+    terrain: Terrain,
+    sun: Array,
+    view: View,
+    model: Reflectance,
+    least_view_tangent: float,
+    finest_m: float,
+    accuracy: Accuracy,
+    in_camera_plane: bool,
+) -> SphereCost | None:
+    """What the plain sphere costs, for a tier that could admit it."""
+    if accuracy.exact or accuracy.tolerance <= 0.0:
+        return None
+    how = (least_view_tangent, finest_m, accuracy.tolerance, in_camera_plane)
+    return sphere_cost(terrain, sun, view, model, *how)
+
+
+def _disc(
+    found: Relief,
+    slope: Steepness | None,
+    sun: Array,
+    limb: float,
+    finest_m: float,
+    asked: bool,
+    accuracy: Accuracy,
+) -> Decision:
+    width = math.inf if asked and slope is None else penumbra_px(found, sun, finest_m)
+    return effects.solar_disc(asked, slope, limb, width, accuracy)
+
+
+def _shadows(
+    slope: Steepness | None,
+    sun: Array,
+    limb: float | None,
+    in_camera_plane: bool,
+    accuracy: Accuracy,
+) -> Decision:
+    rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
+    if limb is not None:
+        return effects.hiding(
+            "cast shadows", "the elevation of the Sun's lower limb", limb, slope, rays
+        )
+    return effects.hiding("cast shadows", "the Sun's elevation", tangent_of(sun), slope, rays)
+
+
+def _occlusion(
+    slope: Steepness | None,
+    view: View,
+    least_tangent: float,
+    in_camera_plane: bool,
+    accuracy: Accuracy,
+) -> Decision:
+    if in_camera_plane:
+        reason = "every pixel's ray is traced to its first hit"
+        return Decision("occlusion", True, reason, 0.0, "share of nodes")
+    rays = EVERY_NODE if view.direction is None else Rays.of(accuracy)
+    what = "the camera's least elevation"
+    return effects.hiding("occlusion", what, least_tangent, slope, rays)
+
+
+def _perspective(
+    found: Relief,
+    view: View,
+    least_tangent: float,
+    in_camera_plane: bool,
+    accuracy: Accuracy,
+    model: Reflectance,
+) -> Decision:
+    if in_camera_plane:
+        return effects.perspective_of_pixels()
+    if view.towards is not None:
+        return effects.perspective_of_nodes()
+    if view.direction is not None:
+        return effects.perspective_of_infinity()
+    angle = ray_angle_rad(found.box, view)
+    error = parallel_error(found, angle, least_tangent, model)
+    return effects.perspective(angle, error, accuracy)
+
+
+def parallel_view(terrain: Terrain, view: View) -> View:
+    """The view of parallel rays from the middle of the core that may stand for one from near."""
+    return View(direction=parallel_direction(core_box(terrain), view), camera=view.camera)
+
+
+def choose_model(
+    terrain: Terrain, sun: Array, view: View, tier: str, asked: Reflectance | None = None
+) -> Choice:
+    """The law of reflection for one image of a terrain: the one asked for, or the one that its
+    slopes, its Sun and its view want. All phases of the image are in it.
+    """
+    row0, row1, col0, col1 = terrain.core
+    field = terrain.field
+    step = max(1, max(row1 - row0, col1 - col0) // _SLOPE_NODES)
+    normals = field.normals(terrain.core)[::step, ::step].reshape(-1, 3)
+    normals = normals[np.isfinite(normals[:, 2]) & (normals[:, 2] > 0)].astype(np.float64)
+    slope = normals[:, :2] / normals[:, 2:]
+    slope_rms = float(np.sqrt(np.mean(slope**2))) if len(slope) else SLOPE_RMS
+    points = nodes_enu(field, terrain.core, max(1, max(row1 - row0, col1 - col0) // 4))
+    points = points.reshape(-1, 3)[np.isfinite(points.reshape(-1, 3)[:, 2])]
+    cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
+    cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))
+    suns = np.broadcast_to(sun, cameras.shape)
+    return choose(tier, suns[None], cameras[None], slope_rms, asked)
+
+
+def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:
+    """What the terrain around an area holds, and what it does not; ``ring_m``: the width of what
+    has the area's own cells.
+    """
+    ring, box, far = ring_of(terrain), core_box(terrain), terrain.far
+    known_m = min(ring_m if needed_m > ring_m and far is None else math.inf, ring.gap_m)
+    if far is not None:
+        known_m = min(known_m, far.gap_m, REACH_MAX_M if needed_m >= REACH_MAX_M else math.inf)
+    horizon = 0.0
+    if math.isfinite(known_m):
+        sides = np.concatenate([-box.low_m[:2], box.high_m[:2]])
+        lowest, origin_m = float(box.low_m[2]), float(sides.min()) + known_m
+        horizon = horizon_beyond_rad(known_m, lowest, origin_m, terrain.frame.height_m)
+    if far is not None:
+        return effects.far_terrain(ring_m, needed_m, ring, far, terrain.field.gsd_m, horizon)
+    return effects.near_terrain(ring_m, needed_m, ring, terrain.field.gsd_m, horizon)

@@ -1,0 +1,113 @@
+"""Rendered rasters as GeoTIFF and as pictures, encoded in memory: the same input gives the same
+bytes.
+
+Bytes are written by `files`, so that a full disk is noticed: GDAL swallows some errors when it
+closes a file.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rasterio
+from numpy.typing import ArrayLike, NDArray
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.io import MemoryFile
+from rasterio.transform import Affine
+
+from ..constants import MOON_RADIUS_M
+from ..geometry.frames import EnuFrame
+
+TILE = 256
+_GAMMA = 1.2
+_WHITE_PERCENTILE = 99.5
+
+
+def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
+    """The CRS whose x and y are the frame's east and north, in metres, for points of the reference
+    sphere.
+
+    A point at height h stands at the map position of the sphere's point below or above it along the
+    frame's vertical, not along its own: at d metres from the centre its longitude and latitude
+    differ by about h d / R metres.
+    """
+    lon = frame.lon_deg - 360.0 if frame.lon_deg > 180.0 else frame.lon_deg
+    return rasterio.CRS.from_wkt(
+        f'PROJCS["Moon orthographic, centred at {lon:.6f} {frame.lat_deg:.6f}",'
+        'GEOGCS["GCS_Moon_2015",DATUM["D_Moon_2015",'
+        f'SPHEROID["Moon_2015_IAU_IAG",{MOON_RADIUS_M:.1f},0]],'
+        'PRIMEM["Reference_Meridian",0],UNIT["degree",0.0174532925199433]],'
+        'PROJECTION["Orthographic"],'
+        f'PARAMETER["latitude_of_origin",{float(frame.lat_deg)!r}],'
+        f'PARAMETER["central_meridian",{float(lon)!r}],'
+        'PARAMETER["false_easting",0],PARAMETER["false_northing",0],'
+        'UNIT["metre",1],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+    )
+
+
+def node_transform(x0_m: float, y0_m: float, gsd_m: float) -> Affine:
+    """The transform of a raster whose pixel (0, 0) has its centre at the node (x0_m, y0_m)."""
+    return Affine(gsd_m, 0.0, x0_m - gsd_m / 2, 0.0, -gsd_m, y0_m + gsd_m / 2)
+
+
+def geotiff(
+    bands: Mapping[str, ArrayLike],
+    dtype: str,
+    tags: Mapping[str, str],
+    crs: rasterio.CRS | None = None,
+    transform: Affine | None = None,
+    units: Sequence[str] | None = None,
+) -> bytes:
+    """A tiled, deflated GeoTIFF with named bands of one shape; NaN is its nodata."""
+    rows, columns = np.shape(next(iter(bands.values())))
+    profile = {
+        "driver": "GTiff",
+        "width": columns,
+        "height": rows,
+        "count": len(bands),
+        "dtype": dtype,
+        "nodata": np.nan,
+        "crs": crs,
+        "transform": transform,
+        "tiled": True,
+        "blockxsize": TILE,
+        "blockysize": TILE,
+        "compress": "deflate",
+        "predictor": 3,
+        "interleave": "band",
+        "bigtiff": "if_safer",
+    }
+    with warnings.catch_warnings(), MemoryFile() as memory:
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
+        with memory.open(**profile) as file:
+            for index, (name, band) in enumerate(bands.items(), start=1):
+                file.write(np.asarray(band).astype(dtype, copy=False), index)
+                file.set_band_description(index, name)
+            if units is not None:
+                file.units = tuple(units)
+            file.update_tags(**tags)
+        return bytes(memory.getbuffer())
+
+
+def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
+    """Grey values of a radiance for a person: black is no light, the 99.5th percentile of what is
+    lit is white, gamma 1.2.
+    """
+    values = np.nan_to_num(np.asarray(radiance, dtype=np.float64), nan=0.0)
+    lit = values[values > 0]
+    white = np.percentile(lit, _WHITE_PERCENTILE) if lit.size else 1.0
+    grey = np.clip(values / white, 0.0, 1.0) ** (1 / _GAMMA)
+    return np.round(255 * grey).astype(np.uint8)
+
+
+def png(grey: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A grey PNG of 8 or 16 bits."""
+    rows, columns = grey.shape
+    with warnings.catch_warnings(), MemoryFile() as memory:
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        profile = {"driver": "PNG", "width": columns, "height": rows, "count": 1}
+        with memory.open(**profile, dtype=grey.dtype.name) as file:
+            file.write(grey, 1)
+        return bytes(memory.getbuffer())

@@ -1,0 +1,335 @@
+"""An area as it looks under one Sun from one view: at its own nodes, or in the camera's plane.
+
+Directions are unit ENU vectors of the terrain's frame, from the surface to the Sun (its middle).
+What is modelled, and how exactly, the scene plan says (`scene`). Nodata is never rendered: its
+radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
+
+The light is a `Lighting`, or the direction to a lone Sun. Each source adds its irradiance times the
+radiance factor under it, a sky the sum over its samples; sunlit, incidence and phase are those of the
+first source.
+
+The radiance under a disc is that under a Sun in its middle, times the share of the disc above the
+terrain's horizon. A facet that the middle does not reach is dark, though it may see part of the
+disc: the cosine of incidence is wrong by less than sin(0.267 deg) = 0.0047 (docs/scene-plan.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS, Accuracy
+from ..cameras.frame_camera import Camera
+from ..cameras.view import View, camera_view
+from ..errors import CameraError
+from ..geometry.frames import mcmf_to_lonlat
+from ..light.above_horizon import risen
+from ..light.sky_sampling import sky_at_nodes, sky_at_points
+from ..light.solar_disc import share_at_points, sunlit_share
+from ..light.sources import Lighting, Source
+from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
+from ..terrain.horizons import Points
+from ..terrain.occlusion import occluded
+from ..terrain.relief_bounds import nodes_enu
+from ..terrain.terrain import Terrain
+from .plan import ScenePlan, parallel_view, plan_scene
+
+Array = NDArray[np.float64]
+Band = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+
+_BLOCK_ROWS = 256
+
+
+class Albedo(Protocol):
+    """How bright ground is, relative to what the law of reflection says of it."""
+
+    def at_nodes(self, terrain: Terrain) -> Band:
+        """Factors at the core window's nodes, (rows, cols)."""
+
+    def at_points(self, terrain: Terrain, points: Array) -> Band:
+        """Factors at ENU points (n, 3) of the surface, (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
+    not lit), sunlit share of the Sun (0 or 1 of a point), visible as a mask (of a sphere's limb the
+    share of a pixel), angles in degrees (NaN
+    without a surface), and where it is: ``height_m`` (ENU z) at the area's nodes,
+    ``position_mcmf_m`` (rows, cols, 3) in the camera's plane. ``composite``: the radiance, and what
+    stands behind the terrain where that is missed (`compositing`).
+    """
+
+    radiance: Band
+    sunlit: Band
+    visible: Mask | Band
+    incidence_deg: Band
+    emission_deg: Band
+    phase_deg: Band
+    height_m: Band | None = None
+    position_mcmf_m: Array | None = None
+    composite: Band | None = None
+
+
+def render_enu(
+    terrain: Terrain,
+    light: Lighting | Array,
+    view: View,
+    *,
+    model: Reflectance = DEFAULT_MODEL,
+    shadows: bool = True,
+    accuracy: Accuracy = TIERS["reference"],
+    disc: bool = False,
+    plan: ScenePlan | None = None,
+    albedo: Albedo | None = None,
+) -> Photograph:
+    """The core window's nodes, float32.
+
+    ``light``: a `Lighting`, or the direction (3,) to a lone Sun, which ``disc`` makes a disc. With
+    a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out cast
+    shadows, not attached ones. CameraError when the camera is under the ground, SunError when the
+    Sun is below every horizon.
+    """
+    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
+    sun, disc = light.first.direction, light.first.disc is not None
+    plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
+    light = risen(terrain, light)
+    check_camera(terrain, view)
+    field, (row0, row1, col0, col1) = terrain.field, terrain.core
+    lights = [
+        (source, _share_at_nodes(terrain, source, cast, accuracy))
+        for source, cast in _planned(light, plan, shadows)
+    ]
+    sunlit = lights[0][1]
+    seen = np.ones(sunlit.shape, dtype=np.bool_)
+    if plan.occlusion.modelled:
+        seen = ~_hidden(terrain, view, accuracy)
+    parallel = view if plan.perspective.modelled else _parallel(terrain, view)
+    one_way = parallel.direction is not None and parallel.towards is None
+    quick = accuracy.tier != "reference" and one_way and not view.camera
+    angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
+    for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
+        window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
+        rows = slice(window[0] - row0, window[1] - row0)
+        stored = field.normals(window)
+        if quick:
+            bands = _bands_parallel(stored, lights, rows, parallel, seen, model)
+            for band, values in zip(angles, bands, strict=True):
+                band[rows] = values
+            continue
+        points, normals = nodes_enu(field, window), stored.astype(np.float64)
+        towards = parallel.direction if one_way else view.directions(points)
+        assert towards is not None
+        sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
+        seen[rows] &= np.sum(normals * towards, axis=-1) > 0
+        if view.camera is not None:
+            pixels = view.camera.project(terrain.frame.to_mcmf(points))
+            seen[rows] &= view.camera.in_image(pixels)
+        first = light.first.irradiance * sunlit[rows]
+        bands = _bands(normals, sun, towards, first, seen[rows], model)
+        for source, share in lights[1:]:
+            bands[0][...] += _radiance(normals, source, towards, share[rows], model)
+        for band, values in zip(angles, bands, strict=True):
+            band[rows] = values
+    radiance, incidence, emission, phase = angles
+    radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
+    if albedo is not None:
+        radiance *= albedo.at_nodes(terrain)
+    height = field.z_m[row0:row1, col0:col1]
+    return Photograph(radiance, sunlit, seen, incidence, emission, phase, height_m=height)
+
+
+def render_camera(
+    terrain: Terrain,
+    camera: Camera,
+    light: Lighting | Array,
+    *,
+    model: Reflectance = DEFAULT_MODEL,
+    shadows: bool = True,
+    accuracy: Accuracy = TIERS["reference"],
+    disc: bool = False,
+    plan: ScenePlan | None = None,
+    albedo: Albedo | None = None,
+) -> Photograph:
+    """The camera's plane, one first hit a pixel, float64; ``light`` as in `render_enu`.
+
+    Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
+    drawn. A hit is visible even where its interpolated normal leans away (it counts as seen
+    edge-on).
+    """
+    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
+    sun, disc = light.first.direction, light.first.disc is not None
+    view = camera_view(camera, terrain.frame)
+    plan = plan or plan_scene(
+        terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
+    )
+    light = risen(terrain, light)
+    check_camera(terrain, view)
+    origin, rays = camera.rays_enu(terrain.frame)
+    points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays
+    seen = _in_core(terrain, points)
+    normals = np.full(points.shape, np.nan)
+    normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
+    seen &= ~np.isnan(normals[..., 0])
+    points[~seen] = np.nan
+    (first, cast), *others = _planned(light, plan, shadows)
+    sunlit = _share_at_points(terrain, points, normals, first, cast, accuracy)
+    bands = _bands(normals, sun, -rays, light.first.irradiance * sunlit, seen, model)
+    for source, cast in others:
+        share = _share_at_points(terrain, points, normals, source, cast, accuracy)
+        bands[0][...] += _radiance(normals, source, -rays, share, model)
+    if light.sky is not None:
+        where = points[seen], normals[seen], -rays[seen]
+        bands[0][seen] += sky_at_points(terrain, light.sky, *where, model, accuracy, shadows)
+    if albedo is not None:
+        bands[0][seen] *= albedo.at_points(terrain, points[seen])
+    position = terrain.frame.to_mcmf(points)
+    return Photograph(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
+
+
+def check_camera(terrain: Terrain, view: View) -> None:
+    """CameraError when the camera is under the terrain's surface."""
+    if view.position_m is None:
+        return
+    x, y, z = view.position_m
+    ground = float(terrain.field.heights_at(x, y))
+    if z < ground:
+        name = view.camera.name if view.camera else "the view"
+        _, _, height = mcmf_to_lonlat(terrain.frame.to_mcmf(view.position_m))
+        raise CameraError(
+            f"{name}: the camera is {ground - z:.0f} m under the ground "
+            f"({float(height):.0f} m above the reference sphere)"
+        )
+
+
+def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Source, bool]]:
+    """Each source, and whether terrain may keep it from a node. Of the first the plan says so, and
+    whether it is a disc; of the others nothing was decided, so that all is modelled.
+    """
+    modelled = plan.solar_disc.modelled or plan.cast_shadows.modelled
+    first = light.first if plan.solar_disc.modelled else replace(light.first, disc=None)
+    return [(first, shadows and modelled), *((source, shadows) for source in light.others)]
+
+
+def _share_at_nodes(terrain: Terrain, source: Source, shadows: bool, accuracy: Accuracy) -> Band:
+    """Share of a source above the terrain's horizon at the core's nodes, float32; without
+    ``shadows`` all of it. None of a source without irradiance.
+    """
+    row0, row1, col0, col1 = terrain.core
+    if source.irradiance == 0.0 or not shadows:
+        share = 0.0 if source.irradiance == 0.0 else 1.0
+        return np.full((row1 - row0, col1 - col0), share, dtype=np.float32)
+    if source.disc is not None:
+        return sunlit_share(
+            terrain.field, source.direction, accuracy, terrain.core, source.disc, terrain.far
+        )
+    dark = occluded(terrain.field, source.direction, accuracy, terrain.core, terrain.far)
+    return (~dark).astype(np.float32)
+
+
+def _share_at_points(
+    terrain: Terrain,
+    points: Array,
+    normals: Array,
+    source: Source,
+    shadows: bool,
+    accuracy: Accuracy,
+) -> Array:
+    """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 where they
+    face away.
+    """
+    share = np.where(np.sum(normals * source.direction, axis=-1) > 0, 1.0, 0.0)
+    facing = share > 0
+    if source.irradiance == 0.0 or not shadows:
+        return np.zeros_like(share) if source.irradiance == 0.0 else share
+    if source.disc is not None:
+        share[facing] = share_at_points(
+            terrain.field, points[facing], source.direction, accuracy, source.disc, terrain.far
+        )
+    else:
+        seen_from = Points(terrain.field, points[facing], terrain.far)
+        share[facing] = ~seen_from.occluded(source.direction)
+    return share
+
+
+def _parallel(terrain: Terrain, view: View) -> View:
+    """The view of parallel rays, which one at infinity is already."""
+    return view if view.direction is not None else parallel_view(terrain, view)
+
+
+def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
+    if view.direction is not None:
+        return occluded(terrain.field, view.direction, accuracy, terrain.core)
+    assert view.position_m is not None
+    return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
+
+
+def _in_core(terrain: Terrain, points: Array) -> Mask:
+    """Hits within half a cell of the core window's nodes; False for NaN."""
+    row0, row1, col0, col1 = terrain.core
+    field = terrain.field
+    col = (points[..., 0] - field.x0_m) / field.gsd_m
+    row = (field.y0_m - points[..., 1]) / field.gsd_m
+    inside = (row >= row0 - 0.5) & (row <= row1 - 0.5) & (col >= col0 - 0.5) & (col <= col1 - 0.5)
+    return np.asarray(inside)
+
+
+def _bands(
+    normals: Array,
+    sun: Array,
+    to_camera: Array,
+    irradiance: Band,
+    seen: Mask,
+    model: Reflectance,
+) -> tuple[Array, Array, Array, Array]:
+    """Radiance under the first source; incidence, emission and phase in degrees."""
+    bands = photometry(normals, sun, to_camera, irradiance > 0.0, seen, model)
+    angles = [np.degrees(band) for band in bands[1:]]
+    return bands.radiance * irradiance, angles[0], angles[1], angles[2]
+
+
+def _bands_parallel(
+    normals: NDArray[np.float32],
+    lights: list[tuple[Source, Band]],
+    rows: slice,
+    view: View,
+    seen: Mask,
+    model: Reflectance,
+) -> tuple[Band, Band, Band, Band]:
+    """`_bands` of some rows in single precision, under all sources with their shares (rows, cols),
+    the first's and seen of the whole window being brought up to date.
+    """
+    assert view.direction is not None
+    weights = [(s.direction, np.float32(s.irradiance) * share[rows]) for s, share in lights]
+    bands = bands_of_nodes(normals, weights, view.direction, model)
+    lights[0][1][rows] *= bands.lit_side
+    seen[rows] &= bands.near_side
+    bands.radiance[~seen[rows]] = np.nan
+    return bands[:4]
+
+
+def _under_sky(
+    terrain: Terrain,
+    light: Lighting,
+    view: View,
+    model: Reflectance,
+    accuracy: Accuracy,
+    shadows: bool,
+) -> Band | np.float32:
+    """What a sky adds to the radiance of the core's nodes."""
+    if light.sky is None:
+        return np.float32(0.0)
+    return sky_at_nodes(terrain, light.sky, view, model, accuracy, shadows)
+
+
+def _radiance(
+    normals: Array, source: Source, to_camera: Array, share: Band, model: Reflectance
+) -> Array:
+    """What another source adds to the radiance of points that are seen."""
+    factor = radiance_under(normals, source.direction, to_camera, share > 0.0, model)
+    return source.irradiance * share * factor

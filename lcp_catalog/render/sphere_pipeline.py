@@ -1,0 +1,244 @@
+"""A render on the plain sphere, from what was asked for to its bands: no DEM is read for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.frame_camera import Camera
+from ..cameras.view import View, camera_view, looking_camera
+from ..constants import HIGHEST_M, MOON_RADIUS_M
+from ..errors import AreaError, CameraError
+from ..geometry import sphere_intersection as sphere_rays
+from ..geometry.frames import EnuFrame, enu_rotation
+from ..light.sources import Lighting
+from ..photometry.albedo_map import AlbedoMap, Cover
+from ..photometry.law_choice import SLOPE_RMS, Choice, choose
+from ..photometry.laws import Reflectance
+from ..terrain.terrain import NodeWindow, require_room
+from . import decisions as effects
+from .decisions import Decision
+from .plan import ScenePlan
+from .renderer import Photograph
+from .request import Request
+from .sphere_extent import Extent
+from .sphere_plan import sphere_plan
+from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 64
+"""Pixels or nodes a side at which a scene is looked at before it is rendered."""
+
+
+@dataclass(frozen=True, eq=False)
+class SphereScene:
+    """What a render on the sphere needs, and what was decided about it. ``gsd_m``: of the nodes;
+    None in a camera's plane that no cell size made. ``extent_m``: what is drawn; None: all.
+    """
+
+    request: Request
+    frame: EnuFrame
+    light: Lighting
+    model: Reflectance
+    view: View
+    plan: ScenePlan
+    sources: tuple[Path, ...]
+    gsd_m: float | None
+    extent_m: Extent | None
+
+    @property
+    def window(self) -> NodeWindow:
+        """The nodes, in the frame's plane."""
+        assert self.gsd_m is not None
+        assert self.extent_m is not None
+        return NodeWindow.covering(self.extent_m, self.gsd_m)
+
+    @property
+    def corner_m(self) -> tuple[float, float]:
+        """ENU x and y of the first node."""
+        assert self.gsd_m is not None
+        return self.window.col0 * self.gsd_m, -self.window.row0 * self.gsd_m
+
+    @property
+    def sun(self) -> Array:
+        """ENU direction to the first source."""
+        return self.light.first.direction
+
+
+def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
+    """Everything but the bands; ``gsd_m`` is the cell size where one is known (a DEM's own). Raises the
+    library's errors for what cannot be rendered.
+    """
+    frame, extent = _place(request)
+    view = request.view.view(frame)
+    if request.gsd_m is not None:
+        gsd_m = request.gsd_m
+    elif gsd_m is None and request.albedo is not None:
+        gsd_m = request.albedo.gsd_m
+    if request.in_camera_plane and view.camera is not None:
+        gsd_m = None
+    else:
+        gsd_m, extent = _cell(gsd_m), _drawn(extent)
+        require_room(NodeWindow.covering(extent, gsd_m))
+        if request.in_camera_plane:
+            view = camera_view(_looking(frame, view, gsd_m, extent), frame)
+            extent = _whole_cells(extent, gsd_m)
+    light = request.lighting(frame)
+    points, towards, pixel_m = _sample(request, frame, view, gsd_m, extent)
+    choice = _choose(request, frame, light, points, towards)
+    albedo = request.albedo
+    covered = _albedo_decision(albedo, frame, points, pixel_m) if albedo else None
+    shift_px = _shift_px(points, towards, pixel_m)
+    half_m = 0.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    plan = sphere_plan(light, choice, shift_px, half_m, covered)
+    files = tuple(albedo.files) if albedo else ()
+    files += (choice.model.file,) if choice.model.file else ()
+    return SphereScene(request, frame, light, choice.model, view, plan, files, gsd_m, extent)
+
+
+def expose_sphere(scene: SphereScene) -> Photograph:
+    """Its bands; CameraError and SunError as `sphere_render` has them."""
+    request, camera = scene.request, scene.view.camera
+    if request.in_camera_plane and camera is not None:
+        return render_sphere_camera(
+            scene.frame,
+            camera,
+            scene.light,
+            model=scene.model,
+            albedo=request.albedo,
+            extent_m=scene.extent_m,
+        )
+    assert scene.gsd_m is not None
+    return render_sphere_enu(
+        scene.frame,
+        scene.window,
+        scene.gsd_m,
+        scene.light,
+        scene.view,
+        model=scene.model,
+        albedo=request.albedo,
+    )
+
+
+def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
+    """The frame and what is drawn; without an area all that the camera sees, in the frame of the
+    place at its image's middle, or under it where that is sky.
+    """
+    if request.area is not None:
+        return request.area.frame, request.area.extent_m
+    camera = request.view.camera
+    if camera is None:
+        raise AreaError("no area: state --center and --size, or --bounds, or a --camera")
+    require_above(camera.name, float(sphere_rays.heights(camera.position_mcmf_m)))
+    width, height = camera.image_size_px
+    _, middle = sphere_rays.hits(
+        camera.position_mcmf_m, camera.rays([(width - 1) / 2, (height - 1) / 2])
+    )
+    lon, lat = sphere_rays.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
+    return EnuFrame(float(lon), float(lat)), None
+
+
+def _cell(gsd_m: float | None) -> float:
+    if gsd_m is None:
+        raise AreaError(
+            "no cell size: state --gsd (there is no DEM or albedo map to take one from)"
+        )
+    if not 0.0 < gsd_m < math.inf:
+        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
+    return gsd_m
+
+
+def _drawn(extent: Extent | None) -> Extent:
+    if extent is None:
+        raise AreaError(
+            "nodes need an area: state --center and --size, or --bounds; "
+            "or --frame camera for all that the camera sees"
+        )
+    return extent
+
+
+def _whole_cells(extent: Extent, gsd_m: float) -> Extent:
+    """As far as the cells around its nodes reach: what `render` draws of a heightfield's core."""
+    window = NodeWindow.covering(extent, gsd_m)
+    edges = window.col0, window.col1, 1 - window.row1, 1 - window.row0
+    west, east, south, north = (gsd_m * (edge - 0.5) for edge in edges)
+    return west, east, south, north
+
+
+def _looking(frame: EnuFrame, view: View, gsd_m: float, extent: Extent) -> Camera:
+    if view.position_m is None:
+        raise CameraError("a camera at infinity has no plane: state its altitude, or a camera")
+    size_m = extent[1] - extent[0], extent[3] - extent[2]
+    return looking_camera(frame, view.position_m, gsd_m, size_m)
+
+
+def _sample(
+    request: Request, frame: EnuFrame, view: View, gsd_m: float | None, extent: Extent | None
+) -> tuple[Array, Array, Array]:
+    """Points (n, 3) all over what is drawn, MCMF, unit directions (n, 3) to the camera and the
+    width (n,) of a pixel there, across the line of sight.
+    """
+    camera = view.camera
+    if request.in_camera_plane and camera is not None:
+        rows, cols = (np.unique(np.linspace(0, n - 1, _SAMPLES).round()) for n in camera.shape)
+        rays = camera.rays(np.stack(np.meshgrid(cols, rows), axis=-1)).reshape(-1, 3)
+        away, points = sphere_rays.hits(camera.position_mcmf_m, rays)
+        seen = np.isfinite(away)
+        if not seen.any():
+            away, points, rays = _under(camera)
+            seen = np.ones(1, dtype=np.bool_)
+        return points[seen], -rays[seen], away[seen] / camera.focal_length_px
+    assert extent is not None
+    assert gsd_m is not None
+    west, east, south, north = extent
+    x, y = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))
+    nodes = sphere_nodes(x, y).reshape(-1, 3)
+    nodes = nodes[np.isfinite(nodes[:, 2])]
+    if not len(nodes):
+        nodes = np.zeros((1, 3))
+    towards = frame.direction_to_mcmf(view.directions(nodes))
+    points = frame.to_mcmf(nodes)
+    facing = np.sum(points * towards, axis=-1) > 0.0
+    facing |= not facing.any()
+    return points[facing], towards[facing], np.full(int(facing.sum()), gsd_m)
+
+
+def _under(camera: Camera) -> tuple[Array, Array, Array]:
+    """The point under a camera, as `sphere_rays.hits` gives it: for an image whose samples are sky."""
+    down = -camera.position_mcmf_m[None] / np.linalg.norm(camera.position_mcmf_m)
+    return (*sphere_rays.hits(camera.position_mcmf_m, down), down)
+
+
+def _choose(
+    request: Request, frame: EnuFrame, light: Lighting, points: Array, towards: Array
+) -> Choice:
+    """The law of reflection: over all lit and seen points, in each one's own level frame."""
+    sun = frame.direction_to_mcmf(light.first.direction)
+    lit = points[:: max(1, len(points) // _SAMPLES)], towards[:: max(1, len(points) // _SAMPLES)]
+    up = np.sum(lit[0] * sun, axis=-1) > 0.0
+    up |= not up.any()
+    lon, lat = sphere_rays.lonlat(lit[0][up])
+    turned = [enu_rotation(*place) for place in zip(lon, lat, strict=True)]
+    suns = np.array([rotation @ sun for rotation in turned])
+    cameras = np.array([r @ d for r, d in zip(turned, lit[1][up], strict=True)])
+    return choose(request.accuracy.tier, suns[None], cameras[None], SLOPE_RMS, request.model)
+
+
+def _albedo_decision(albedo: AlbedoMap, frame: EnuFrame, points: Array, pixel_m: Array) -> Decision:
+    factors = albedo.at(*sphere_rays.lonlat(points), float(np.median(pixel_m)))
+    cover = Cover.of(factors, np.ones(len(points), dtype=np.bool_))
+    where = f"around {frame.lon_deg:.6g}, {frame.lat_deg:.6g}"
+    return effects.albedo(albedo, albedo.check_cover(cover, where))
+
+
+def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
+    """By how many pixels the highest ground of the Moon stands from its place on the sphere, at most:
+    its height as seen across the line of sight.
+    """
+    sine = np.linalg.norm(np.cross(points, towards), axis=-1) / MOON_RADIUS_M
+    return float((HIGHEST_M * sine / pixel_m).max())

@@ -1,0 +1,296 @@
+"""The sphere tier: the Moon as a plain sphere of 1 737 400 m, at nodes of a plane or in a camera's
+plane (docs/sphere.md).
+
+What `render` does for a heightfield, without rays through terrain: a point is seen where it faces
+the camera, and a source's share is what stands above the point's level horizon. There relief is the
+sphere's own curvature: no cast shadow, no occlusion but by the horizon.
+
+Under a disc a point near the terminator sees part of it. Its light is that of the part: the mean
+cosine of incidence over it, times its share of the flux; both closed forms. So the terminator is as
+soft as the Sun is wide. Incidence and phase are the middle's.
+
+A pixel that the limb crosses has the ground's share of its area in ``visible``; its radiance is that
+of the whole pixel (the sky is black), everything else that of the middle of the part it sees.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.frame_camera import Camera
+from ..cameras.view import View
+from ..constants import MOON_RADIUS_M
+from ..errors import CameraError, SunError
+from ..geometry import sphere_intersection as sphere_rays
+from ..geometry.frames import EnuFrame
+from ..light.sources import Lighting, Source
+from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
+from ..terrain.terrain import NodeWindow
+from .footprint_sampling import Map, seen_through
+from .renderer import Photograph
+from .sphere_extent import Extent
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_BLOCK_PIXELS = 1 << 18
+_FACING = 1e-9  # least cosine of emission that a footprint is stretched by
+
+
+@dataclass(frozen=True, eq=False)
+class _Bands:
+    """Of points (n,): radiance of the ground, share of the first source, angles in degrees."""
+
+    radiance: Array
+    sunlit: Array
+    incidence_deg: Array
+    emission_deg: Array
+    phase_deg: Array
+
+
+def render_sphere_enu(
+    frame: EnuFrame,
+    window: NodeWindow,
+    gsd_m: float,
+    light: Lighting,
+    view: View,
+    *,
+    model: Reflectance = DEFAULT_MODEL,
+    albedo: Map | None = None,
+) -> Photograph:
+    """The nodes of a window of the frame's plane, float32; NaN where the plane's vertical misses the
+    sphere. ``light`` and ``view`` are in the frame's axes.
+
+    CameraError for a camera under the sphere, SunError where nothing that is seen is lit.
+    """
+    check_camera(frame, view)
+    rows, cols = window.shape
+    out = _empty((rows, cols), np.float32)
+    height = np.full((rows, cols), np.nan, np.float32)
+    x = (window.col0 + np.arange(cols)) * gsd_m
+    at_once = max(1, _BLOCK_PIXELS // cols)
+    for first in range(0, rows, at_once):
+        block = slice(first, min(first + at_once, rows))
+        y = -(window.row0 + np.arange(rows)[block]) * gsd_m
+        nodes = sphere_nodes(*np.meshgrid(x, y))
+        height[block] = nodes[..., 2]
+        there = np.isfinite(nodes[..., 2])
+        normals = frame.direction_to_mcmf(
+            (nodes[there] + [0.0, 0.0, MOON_RADIUS_M]) / MOON_RADIUS_M
+        )
+        towards = frame.direction_to_mcmf(view.directions(nodes[there]))
+        sizes = (
+            np.full(len(normals), gsd_m),
+            gsd_m / np.maximum(nodes[there][:, 2] / MOON_RADIUS_M + 1.0, _FACING),
+        )
+        leaning = _level(frame.rotation[2], normals)
+        seen = np.sum(normals * towards, axis=-1) > 0.0
+        if view.camera is not None:
+            pixels = view.camera.project(normals * MOON_RADIUS_M)
+            seen &= view.camera.in_image(pixels)
+        bands = _shade(frame, normals, towards, light, model, seen)
+        if albedo is not None:
+            factor = _factors(albedo, normals[seen], sizes[0][seen], sizes[1][seen], leaning[seen])
+            bands.radiance[seen] *= factor
+        _put(out, block, there, bands, seen.astype(np.float32))
+    result = Photograph(**out, height_m=height)
+    _require_light(result, light)
+    return result
+
+
+def render_sphere_camera(
+    frame: EnuFrame,
+    camera: Camera,
+    light: Lighting,
+    *,
+    model: Reflectance = DEFAULT_MODEL,
+    albedo: Map | None = None,
+    extent_m: Extent | None = None,
+) -> Photograph:
+    """The camera's plane, float64. ``light`` is in the frame's axes; of an ``extent_m`` (west, east,
+    south, north in its plane) nothing outside is drawn.
+
+    Raises as `render_sphere_enu`.
+    """
+    height = float(sphere_rays.heights(camera.position_mcmf_m))
+    require_above(camera.name, height)
+    rows, cols = camera.shape
+    out = _empty((rows, cols), np.float64)
+    position = np.full((rows, cols, 3), np.nan)
+    pixel_rad = sphere_rays.pixel_angle(camera)
+    at_once = max(1, _BLOCK_PIXELS // cols)
+    for first in range(0, rows, at_once):
+        block = slice(first, min(first + at_once, rows))
+        share, points, rays = _look(camera, block, pixel_rad)
+        if extent_m is not None:
+            share[~_within(frame, points, extent_m)] = 0.0
+        there = share > 0.0
+        normals, towards = points[there] / MOON_RADIUS_M, -rays[there]
+        seen = np.ones(len(normals), dtype=np.bool_)
+        bands = _shade(frame, normals, towards, light, model, seen)
+        if albedo is not None:
+            bands.radiance[...] *= _pixel_factors(albedo, camera, points[there], towards)
+        bands.radiance[...] *= share[there]
+        position[block][there] = points[there]
+        _put(out, block, there, bands, share[there])
+    result = Photograph(**out, position_mcmf_m=position)
+    _require_light(result, light)
+    return result
+
+
+def sphere_nodes(x_m: Array, y_m: Array) -> Array:
+    """ENU points (..., 3) of the sphere over a frame's plane; NaN heights beyond its limb. The
+    drop is 2 R - ... without cancellation: -(x^2 + y^2) / (R + sqrt(R^2 - x^2 - y^2)).
+    """
+    away2 = x_m * x_m + y_m * y_m
+    under_root = MOON_RADIUS_M**2 - away2
+    with np.errstate(invalid="ignore"):
+        z = -away2 / (MOON_RADIUS_M + np.sqrt(under_root))
+    return np.stack([x_m, y_m, z], axis=-1)
+
+
+def share_and_cosine(sine: Array, source: Source) -> tuple[Array, Array]:
+    """Share of a source above level horizons over which its middle stands with a sine (n,), and
+    the mean cosine of incidence of that part; 0 and the sine where it is nothing.
+
+    In the plane that touches the sky in the disc's middle, in radii, the horizon is the straight line
+    y = -tan(e) / tan(r). Share: `LimbDarkening.share_above`. Mean height of the part: the integral of
+    y times the flux of a chord, 2 a h + pi/2 b h^2 + 4/3 c h^3 with h^2 = 1 - y^2, over the part's
+    flux; y dy = -h dh makes it a polynomial in h.
+    """
+    share, cosine = (sine > 0.0).astype(np.float64), sine.copy()
+    if source.disc is None:
+        return share, cosine
+    law, tangent = source.disc.limb_darkening, math.tan(source.disc.radius_rad)
+    level = np.sqrt(np.maximum(1.0 - sine * sine, 0.0))
+    cut = np.flatnonzero(np.abs(sine) < tangent * level)
+    y = -sine[cut] / (level[cut] * tangent)
+    half = np.sqrt(1.0 - y * y)
+    part = law.share_above(y)
+    moment = (
+        2.0 / 3.0 * law.a * half**3 + math.pi / 8.0 * law.b * half**4 + 4.0 / 15.0 * law.c * half**5
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle = np.clip(np.where(part > 0.0, moment / (law.flux * part), y), y, 1.0)
+    share[cut] = part
+    cosine[cut] = sine[cut] + tangent * level[cut] * middle
+    return share, cosine
+
+
+def check_camera(frame: EnuFrame, view: View) -> None:
+    """CameraError for a camera under the sphere."""
+    if view.position_m is None:
+        return
+    name = view.camera.name if view.camera else "the view"
+    require_above(name, float(sphere_rays.heights(frame.to_mcmf(view.position_m))))
+
+
+def require_above(name: str, height_m: float) -> None:
+    if height_m <= 0.0:
+        raise CameraError(
+            f"{name}: the camera is {-height_m:.6g} m under the reference sphere, from where the plain sphere "
+            "shows no ground: render a DEM with --surface heightfield"
+        )
+
+
+def _require_light(result: Photograph, light: Lighting) -> None:
+    if (result.visible > 0).any() and not (result.radiance > 0).any():
+        raise SunError(
+            f"the {light.first.name} is below the horizon of all that is seen: nothing is lit; "
+            f"state another {light.first.name}"
+        )
+
+
+def _look(camera: Camera, rows: slice, pixel_rad: float) -> tuple[Array, Array, Array]:
+    """Of a block of rows: share of each pixel on the ground, what it sees (MCMF), and in which
+    direction; at the limb the middle of the part it sees.
+    """
+    column, row = np.meshgrid(np.arange(camera.shape[1]), np.arange(rows.start, rows.stop))
+    rays = camera.rays(np.stack([column, row], axis=-1))
+    near = sphere_rays.limb_pixels(camera, rays, pixel_rad)
+    share, middle = sphere_rays.coverage(camera, column[near], row[near])
+    rays[near] = np.where(
+        share[:, None] > 0.0, camera.rays(np.where(share[:, None] > 0.0, middle, 0.0)), rays[near]
+    )
+    found, points = sphere_rays.hits(camera.position_mcmf_m, rays)
+    shares = np.isfinite(found).astype(np.float64)
+    shares[near] = share
+    missed = (shares > 0.0) & np.isnan(found)  # by rounding: the limb itself
+    if missed.any():
+        along = np.maximum(-(rays[missed] @ camera.position_mcmf_m), 0.0)
+        nearest = camera.position_mcmf_m + along[:, None] * rays[missed]
+        points[missed] = sphere_rays.on_sphere(nearest)
+    return shares, points, rays
+
+
+def _within(frame: EnuFrame, points: Array, extent_m: Extent) -> Mask:
+    x, y, z = np.moveaxis(frame.from_mcmf(points), -1, 0)
+    west, east, south, north = extent_m
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north) & (z > -MOON_RADIUS_M)
+    return np.asarray(inside)
+
+
+def _shade(
+    frame: EnuFrame, normals: Array, towards: Array, light: Lighting, model: Reflectance, seen: Mask
+) -> _Bands:
+    """Points of unit MCMF normals (n, 3) seen from directions (n, 3)."""
+    radiance, first = np.zeros(len(normals)), None
+    for source in light.sources:
+        sun = frame.direction_to_mcmf(source.direction)
+        share, cosine = share_and_cosine(normals @ sun, source)
+        bands = photometry(normals, sun, towards, share > 0.0, seen, model)
+        under = bands.radiance
+        cut = np.flatnonzero(seen & (share > 0.0) & (share < 1.0))
+        incidence = np.arccos(np.clip(cosine[cut], 0.0, 1.0))
+        under[cut] = radiance_factor(model, incidence, bands.emission[cut], bands.phase[cut])
+        radiance += source.irradiance * share * under
+        if first is None:
+            first = _Bands(radiance, share, *(np.degrees(band) for band in bands[1:]))
+    assert first is not None
+    return first
+
+
+def _level(direction: Array, normals: Array) -> Array:
+    """Unit vectors (n, 3) along the ground towards a direction (3,) or (n, 3); any where that is
+    the vertical.
+    """
+    along = np.broadcast_to(direction, normals.shape)
+    flat = along - np.sum(along * normals, axis=-1, keepdims=True) * normals
+    length = np.linalg.norm(flat, axis=-1, keepdims=True)
+    return np.asarray(flat / np.where(length > 0.0, length, 1.0))
+
+
+def _pixel_factors(albedo: Map, camera: Camera, points: Array, towards: Array) -> Array:
+    """Factors of what pixels see: a pixel is 1 / f wide across the line of sight, and along it
+    stretched over the ground; up to the limb, from which s metres across reach sqrt(2 R s) in.
+    """
+    normals = points / MOON_RADIUS_M
+    away = np.linalg.norm(camera.position_mcmf_m - points, axis=-1)
+    across = away / camera.focal_length_px
+    facing = np.maximum(np.sum(normals * towards, axis=-1), _FACING)
+    along = np.minimum(across / facing, np.maximum(np.sqrt(2.0 * MOON_RADIUS_M * across), across))
+    return _factors(albedo, normals, across, along, _level(towards, normals))
+
+
+def _factors(albedo: Map, normals: Array, across: Array, along: Array, towards: Array) -> Array:
+    found = seen_through(albedo, normals * MOON_RADIUS_M, across, along, towards)
+    return np.where(np.isnan(found), 1.0, found)
+
+
+def _empty(shape: tuple[int, int], dtype: type[np.floating]) -> dict[str, Any]:
+    bands = {
+        name: np.full(shape, np.nan, dtype)
+        for name in ("radiance", "incidence_deg", "emission_deg", "phase_deg")
+    }
+    return bands | {name: np.zeros(shape, dtype) for name in ("sunlit", "visible")}
+
+
+def _put(out: dict[str, Any], block: slice, there: Mask, bands: _Bands, share: Array) -> None:
+    for name in ("radiance", "sunlit", "incidence_deg", "emission_deg", "phase_deg"):
+        out[name][block][there] = getattr(bands, name)
+    out["visible"][block][there] = share

@@ -1,0 +1,226 @@
+"""Frames of a camera that never flew: rendered exactly, averaged over pixels, put through a detector.
+
+Each pixel is N x N rays, evenly spaced over its area, weighed with the detector's response; around
+the frame as many pixels are rendered as its blur reaches. What no ray meets is black sky where the
+reference sphere is missed as well, and not known (NaN) elsewhere: ground that the source does not hold.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.frame_camera import Camera
+from ..constants import ASTRONOMICAL_UNIT_M
+from ..errors import CameraError
+from ..geometry.frames import EnuFrame
+from ..geometry.sphere_intersection import ranges
+from ..images.image import Photo
+from ..render.pipeline import Scene, prepare
+from ..render.renderer import render_camera
+from ..render.request import Request, SunChoice, ViewChoice
+from ..sun import ephemeris as sun
+from .detector import Detector, Numbers, gathered, response
+
+Array = NDArray[np.float64]
+Float = NDArray[np.float32]
+
+SAMPLES_LEAST, SAMPLES_MOST = 2, 4
+"""Rays along a pixel's side where none are stated: one a cell, within these."""
+
+_RAYS_AT_ONCE = 1 << 19
+
+
+class Ground(Protocol):
+    """What a frame is taken of, under its Sun."""
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """Every file that was read for it."""
+
+    @property
+    def sun_position_mcmf_m(self) -> Array:
+        """Where the Sun stands, (3,)."""
+
+    def cells_per_pixel(self, camera: Camera) -> float:
+        """How many of its cells a pixel is wide, about."""
+
+    def radiance(self, camera: Camera) -> Array:
+        """Radiance factor at the pixel centres, (rows, cols); NaN where no ground is met."""
+
+
+@dataclass(frozen=True, eq=False)
+class DemGround:
+    """The ground of a DEM, as far as a camera and a ring around what it sees need it."""
+
+    scene: Scene
+    sun_position_mcmf_m: Array
+
+    @classmethod
+    def seen(cls, request: Request, margin_px: int = 0) -> DemGround:
+        """What a request's camera sees, and so many pixels around it, under its Sun; the library's errors
+        for what cannot be rendered.
+        """
+        if request.view.camera is None:
+            raise CameraError("a frame is taken by a camera; the request has none")
+        wide = ViewChoice(grown(request.view.camera, margin_px))
+        scene = prepare(replace(request, view=wide, in_camera_plane=True, surface="heightfield"))
+        assert isinstance(scene, Scene)
+        place = sun_position(request.sun, scene.frame, request.view.camera)
+        return cls(scene, place)
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return self.scene.sources
+
+    def cells_per_pixel(self, camera: Camera) -> float:
+        away_m = np.linalg.norm(camera.position_mcmf_m - self.scene.frame.origin_mcmf_m)
+        return float(away_m) / camera.focal_length_px / self.scene.gsd_m
+
+    def radiance(self, camera: Camera) -> Array:
+        scene, request = self.scene, self.scene.request
+        shot = render_camera(
+            scene.terrain,
+            camera,
+            scene.light,
+            model=scene.model,
+            accuracy=request.accuracy,
+            plan=scene.plan,
+            albedo=request.albedo,
+        )
+        return np.asarray(shot.radiance)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame, (rows, cols): the radiance factor that each pixel gathers before noise (NaN: not
+    known), and the number that is read out; ``camera`` has the Sun's position.
+    """
+
+    radiance: Float
+    numbers: Numbers
+    full_scale: float
+    detector: Detector
+    camera: Camera
+    samples: int
+    sources: tuple[Path, ...]
+
+    @property
+    def signal(self) -> Float:
+        """Radiance factor by the numbers, NaN where the ground is not known."""
+        step = self.full_scale / self.detector.highest
+        known = np.isfinite(self.radiance)
+        return np.where(known, step * self.numbers, np.nan).astype(np.float32)
+
+    def photo(self, camera: Camera | None = None, name: str = "simulated") -> Photo:
+        """The frame as it is compared, taken by ``camera`` as far as anybody knows (None: by its own)."""
+        known = np.isfinite(self.radiance)
+        full = known & (self.numbers >= self.detector.highest)
+        return Photo(
+            name,
+            self.signal,
+            (known & ~full).astype(np.float32),
+            self.camera if camera is None else camera,
+            sun_position_mcmf_m=self.camera.sun_position_mcmf_m,
+            saturated_share=float(full.mean()),
+            missing_share=float(1.0 - known.mean()),
+        )
+
+
+def frame(ground: Ground, camera: Camera, detector: Detector, samples: int | None = None) -> Frame:
+    """What a camera takes of a ground. CameraError when it sees nothing of it."""
+    count = samples or samples_for(ground.cells_per_pixel(camera))
+    fine = _rendered(ground, subdivided(grown(camera, detector.margin_px), count))
+    signal = gathered(fine, response(detector.blur_px, count), count)
+    scale = detector.scale_of(signal)
+    return Frame(
+        signal.astype(np.float32),
+        detector.numbers(signal, scale),
+        scale,
+        detector,
+        replace(camera, sun_position_mcmf_m=ground.sun_position_mcmf_m),
+        count,
+        ground.sources,
+    )
+
+
+def photo(
+    request: Request, detector: Detector, samples: int | None = None, name: str = "simulated"
+) -> Photo:
+    """The photo that a request's camera takes of its DEM."""
+    ground = DemGround.seen(request, detector.margin_px)
+    assert request.view.camera is not None
+    return frame(ground, request.view.camera, detector, samples).photo(name=name)
+
+
+def samples_for(cells_per_pixel: float) -> int:
+    """Rays along a pixel's side."""
+    return min(max(SAMPLES_LEAST, math.ceil(cells_per_pixel - 0.01)), SAMPLES_MOST)
+
+
+def subdivided(camera: Camera, count: int) -> Camera:
+    """The camera whose pixels are ``count`` x ``count`` equal parts of each of this one's."""
+    (cx, cy), (width, height) = camera.principal_point_px, camera.image_size_px
+    return replace(
+        camera,
+        focal_length_px=camera.focal_length_px * count,
+        principal_point_px=((cx + 0.5) * count - 0.5, (cy + 0.5) * count - 0.5),
+        image_size_px=(width * count, height * count),
+    )
+
+
+def grown(camera: Camera, margin_px: int) -> Camera:
+    """The camera with so many pixels more on every side."""
+    (rows, cols), by = camera.shape, margin_px
+    return windowed(camera, (-by, rows + by, -by, cols + by))
+
+
+def windowed(camera: Camera, window: tuple[int, int, int, int]) -> Camera:
+    """The camera of some of its rows and columns (first row, row behind the last, first column,
+    column behind the last), also beyond its image.
+    """
+    row0, row1, col0, col1 = window
+    cx, cy = camera.principal_point_px
+    return replace(
+        camera, principal_point_px=(cx - col0, cy - row0), image_size_px=(col1 - col0, row1 - row0)
+    )
+
+
+def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> Array:
+    """Where the Sun stands, (3,) MCMF metres: where the camera says, if the choice leaves it to that;
+    else in the choice's direction from the frame's origin, as far as its instant says, or an
+    astronomical unit.
+    """
+    own = None if camera is None else camera.sun_position_mcmf_m
+    if own is not None and choice == SunChoice():
+        return np.asarray(own)
+    time = choice.instant(camera)
+    away_m = ASTRONOMICAL_UNIT_M if time is None else sun.sun_distance_m(time)
+    return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
+
+
+def _rendered(ground: Ground, camera: Camera) -> Float:
+    """Radiance factor at a camera's pixel centres, some rows after the other; 0 for the sky. CameraError
+    when no ray meets ground.
+    """
+    rows, cols = camera.shape
+    out, met = np.empty((rows, cols), dtype=np.float32), False
+    step = max(1, _RAYS_AT_ONCE // cols)
+    for row in range(0, rows, step):
+        part = windowed(camera, (row, min(row + step, rows), 0, cols))
+        light = ground.radiance(part)
+        dark = ~np.isfinite(light)
+        met |= not dark.all()
+        if dark.any():
+            pixels = np.argwhere(dark)[:, ::-1].astype(np.float64)
+            sky = np.isnan(ranges(part.position_mcmf_m, part.rays(pixels)))
+            light[dark] = np.where(sky, 0.0, np.nan)
+        out[row : row + step] = light
+    if not met:
+        raise CameraError(f"{camera.name}: the camera sees nothing of the ground")
+    return out

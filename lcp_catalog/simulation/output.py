@@ -1,0 +1,49 @@
+"""A simulated frame as files: PNG or GeoTIFF, and the camera that took it, with its Sun."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..constants import FRAME
+from ..errors import OutputError
+from ..render.rasters import geotiff, png
+from .frame import Frame
+
+PNG, TIFF = (".png",), (".tif", ".tiff")
+
+
+def encode_frame(frame: Frame, path: Path | str) -> bytes:
+    """By the ending of the file's name: PNG holds the numbers, 8 bits or 16 (of which ``bits`` are used);
+    GeoTIFF the radiance factor by the numbers, float32, NaN where the ground is not known. OutputError
+    for another ending.
+    """
+    ending = Path(path).suffix.lower()
+    if ending in PNG:
+        return png(frame.numbers)
+    if ending in TIFF:
+        tags = {name: json.dumps(value) for name, value in describe(frame).items()}
+        said = {"body": "MOON", "frame": FRAME, "software": f"lcp {__version__}", **tags}
+        return geotiff({"radiance": frame.signal}, "float32", said, units=["1"])
+    raise OutputError(f"{path}: a frame is written as .png or .tif; name the output so")
+
+
+def camera_path(path: Path | str) -> Path:
+    """Where the camera of a frame's file goes: FRAME.png -> FRAME_camera.json."""
+    return Path(path).with_name(f"{Path(path).stem}_camera.json")
+
+
+def encode_camera(frame: Frame) -> bytes:
+    """CAMERA.json of a frame, the Sun's position in it, and what made the frame under ``simulated``."""
+    document = frame.camera.to_json() | {"simulated": describe(frame)}
+    return (json.dumps(document, indent=1) + "\n").encode()
+
+
+def describe(frame: Frame) -> dict[str, Any]:
+    """The detector, what it did, and what the frame was taken of; no paths."""
+    detector = asdict(frame.detector) | {"full_scale": frame.full_scale}
+    names = sorted({path.name for path in frame.sources})
+    return {"detector": detector, "rays_per_pixel": frame.samples**2, "sources": names}

@@ -1,0 +1,187 @@
+"""The ground of a catalogue alone: its patches as islands, nothing between them.
+
+Each patch is rendered in its own frame from its own nodes only, as the navigator will: the terrain
+around it, which the catalogue does not hold, neither shadows nor hides it. Where patches overlap, the
+surface nearest to the camera is seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS, Accuracy
+from ..cameras.frame_camera import Camera
+from ..cameras.view import camera_view
+from ..catalog.catalogue import Catalog
+from ..catalog.hdf5 import read_catalog
+from ..geometry.frames import EnuFrame
+from ..light.solar_disc import SolarDisc, radius_at
+from ..light.sources import Lighting
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..render.plan import plan_scene
+from ..render.renderer import render_camera
+from ..render.request import SunChoice
+from ..terrain.heightfield import Heightfield
+from ..terrain.relief_bounds import nodes_enu
+from ..terrain.terrain import NodeWindow, Terrain
+from .frame import sun_position, windowed
+
+Array = NDArray[np.float64]
+Window = tuple[int, int, int, int]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+@dataclass(frozen=True, eq=False)
+class PatchAlbedo:
+    """A patch's own factors, linear on the surface's triangles."""
+
+    factors: Heightfield
+
+    def at_nodes(self, terrain: Terrain) -> NDArray[np.float32]:
+        """At the patch's nodes, (rows, cols)."""
+        return self.factors.z_m
+
+    def at_points(self, terrain: Terrain, points: Array) -> Array:
+        """At ENU points (n, 3)."""
+        return self.factors.heights_at(points[:, 0], points[:, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """One point's fragment as a terrain; its core is all of it."""
+
+    terrain: Terrain
+    albedo: PatchAlbedo | None
+
+    @classmethod
+    def of(cls, catalog: Catalog, row: int) -> Patch:
+        """The patch of the catalogue's point in a row."""
+        nodes, gsd_m = catalog.patch_nodes, float(catalog.gsd[row])
+        half = nodes // 2
+        place = (gsd_m, -half * gsd_m, half * gsd_m)
+        frame = EnuFrame(
+            *(float(v[row]) for v in (catalog.longitude, catalog.latitude, catalog.elevation))
+        )
+        terrain = Terrain(
+            Heightfield(catalog.dem[row], *place),
+            frame,
+            (0, nodes, 0, nodes),
+            NodeWindow(-half, nodes - half, -half, nodes - half),
+            np.zeros((nodes, nodes), dtype=np.int16),
+            (str(catalog.dem_product[row]),),
+        )
+        if catalog.albedo is None:
+            return cls(terrain, None)
+        return cls(terrain, PatchAlbedo(Heightfield(catalog.albedo[row], *place)))
+
+    def window(self, camera: Camera) -> Window | None:
+        """Rows and columns of a camera's image in which it may be seen (half open, first row, row
+        behind the last, first column, column behind the last); None where it cannot be.
+        """
+        whole = self.terrain.core
+        nodes = self.terrain.frame.to_mcmf(nodes_enu(self.terrain.field, whole)).reshape(-1, 3)
+        pixels = camera.project(nodes)
+        pixels = pixels[np.isfinite(pixels).all(axis=-1)]
+        if not len(pixels):
+            return None
+        (col0, row0), (col1, row1) = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0)) + 1
+        rows, cols = camera.shape
+        row0, row1 = max(int(row0), 0), min(int(row1), rows)
+        col0, col1 = max(int(col0), 0), min(int(col1), cols)
+        return (row0, row1, col0, col1) if row0 < row1 and col0 < col1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class PatchGround:
+    """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None: `DEFAULT_MODEL`.
+    ``path`` is the catalogue's file.
+    """
+
+    catalog: Catalog
+    path: Path
+    sun_position_mcmf_m: Array
+    model: Reflectance | None = None
+    accuracy: Accuracy = TIERS["reference"]
+    disc: bool | None = None
+
+    @classmethod
+    def lit(cls, path: Path, choice: SunChoice, camera: Camera, **how: Any) -> PatchGround:
+        """A catalogue's file under the Sun of a choice, whose angles are those at the middle of its map;
+        ``how``: model, accuracy, disc.
+        """
+        catalog = read_catalog(path)
+        middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
+        return cls(catalog, path, sun_position(choice, middle, camera), **how)
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return (self.path,)
+
+    @cached_property
+    def patches(self) -> list[Patch]:
+        """All of them, in the catalogue's order."""
+        return [Patch.of(self.catalog, row) for row in range(len(self.catalog))]
+
+    def cells_per_pixel(self, camera: Camera) -> float:
+        away_m = np.linalg.norm(self.catalog.position_mcmf - camera.position_mcmf_m, axis=1)
+        return float(np.median(away_m / camera.focal_length_px / self.catalog.gsd))
+
+    def radiance(self, camera: Camera) -> Array:
+        out = np.full(camera.shape, np.nan)
+        nearest_m = np.full(camera.shape, np.inf)
+        for patch in self.patches:
+            window = patch.window(camera)
+            if window is None:
+                continue
+            row0, row1, col0, col1 = window
+            part = np.s_[row0:row1, col0:col1]
+            light, range_m = self._rendered(patch, windowed(camera, window))
+            nearer = range_m < nearest_m[part]
+            out[part][nearer], nearest_m[part][nearer] = light[nearer], range_m[nearer]
+        return out
+
+    def _rendered(self, patch: Patch, camera: Camera) -> tuple[Array, Array]:
+        """Radiance factor and range of one patch; NaN and inf where it is not seen."""
+        terrain = patch.terrain
+        towards = self.sun_position_mcmf_m - terrain.frame.origin_mcmf_m
+        sun = terrain.frame.direction_from_mcmf(towards / np.linalg.norm(towards))
+        disc = self.accuracy.disc if self.disc is None else self.disc
+        light = Lighting.of_sun(
+            sun, SolarDisc(radius_at(float(np.linalg.norm(towards)))) if disc else False
+        )
+        view = camera_view(camera, terrain.frame)
+        plan = plan_scene(
+            terrain,
+            sun,
+            view,
+            in_camera_plane=True,
+            accuracy=self.accuracy,
+            disc=disc,
+            model=self._law,
+        )
+        how: dict[str, Any] = {"model": self._law, "accuracy": self.accuracy, "plan": plan}
+        shot = render_camera(terrain, camera, light, albedo=patch.albedo, **how)
+        assert shot.position_mcmf_m is not None
+        away_m = np.linalg.norm(shot.position_mcmf_m - camera.position_mcmf_m, axis=-1)
+        seen = np.isfinite(shot.radiance)
+        return np.asarray(shot.radiance), np.where(seen, away_m, np.inf)
+
+    @cached_property
+    def _law(self) -> Reflectance:
+        return DEFAULT_MODEL if self.model is None else self.model
+
+
+def is_catalog(path: Path | str) -> bool:
+    """Whether a file begins as HDF5 does; False for one that cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_HDF5)) == _HDF5
+    except OSError:
+        return False

@@ -1,0 +1,1 @@
+"""Times, and the directions of the Sun."""

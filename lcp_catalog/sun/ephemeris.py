@@ -1,0 +1,230 @@
+"""Where the Sun stands: the subsolar point at an instant, directions to it, and which directions a
+place can see at all.
+
+The Sun's position comes from pyerfa's series alone (Earth: epv00, Moon: moon98) and the Moon's
+rotation from the IAU series (Archinal et al. 2011, table 2), which stands in for the mean-Earth
+frame. The direction is the apparent one: light time and the aberration of the Moon's motion are in
+it, as in SPICE's subslr with LT+S. Against DE421 the subsolar point is within 0.0042 deg,
+1990-2050; against NASA's tables the comparison stands in docs/sun.md. The directions hold at the
+Moon's centre: on its surface they differ by up to 0.0007 deg (R / 1 au), which `sun_table` knows.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+
+import erfa
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from ..errors import SunError
+from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from .times import Times, instants
+
+Array = NDArray[np.float64]
+
+DIRECTION_ERROR_DEG = 0.005
+"""Bound on the error of a direction to the Sun in the mean-Earth frame."""
+
+ERROR_YEARS = 1990, 2050
+"""First and last year for which `DIRECTION_ERROR_DEG` is stated."""
+
+_J2000 = 2451545.0
+_LIGHT_TIME_DAY_PER_AU = erfa.AULT / erfa.DAYSEC
+
+# Nutation angles E1..E13: degrees at J2000 and degrees per day.
+# fmt: off
+_E0 = np.array([
+    125.045, 250.089, 260.008, 176.625, 357.529, 311.589, 134.963, 276.617, 34.226, 15.134,
+    119.743, 239.961, 25.053,
+])
+_E1 = np.array([
+    -0.0529921, -0.1059842, 13.0120009, 13.3407154, 0.9856003, 26.4057084, 13.0649930, 0.3287146,
+    1.7484877, -0.1589763, 0.0036096, 0.1643573, 12.9590088,
+])
+# Their amplitudes in the pole's right ascension (sine), its declination (cosine), the spin (sine).
+_RA = np.array([-3.8787, -0.1204, 0.0700, -0.0172, 0, 0.0072, 0, 0, 0, -0.0052, 0, 0, 0.0043])
+_DEC = np.array([1.5419, 0.0239, -0.0278, 0.0068, 0, -0.0029, 0.0009, 0, 0, 0.0008, 0, 0, -0.0009])
+_W = np.array([
+    3.5610, 0.1208, -0.0642, 0.0158, 0.0252, -0.0066, -0.0047, -0.0046, 0.0028, 0.0052,
+    0.0040, 0.0019, -0.0044,
+])
+# fmt: on
+
+
+def subsolar_point(time_utc: str | dt.datetime) -> tuple[float, float]:
+    """Longitude (0..360) and latitude in degrees of the point that has the Sun overhead; a time
+    without zone is UTC.
+    """
+    lon, lat, _ = mcmf_to_lonlat(sun_direction_at(time_utc))
+    return float(lon), float(lat)
+
+
+def sun_direction_at(time_utc: str | dt.datetime) -> Array:
+    """Unit vector (3,) in MCMF from the Moon's centre to where the Sun is seen (light time and
+    aberration included). SunError for what is no time, or a year outside 1900-2099.
+    """
+    directions, _ = apparent_sun(time_utc)
+    return np.asarray(directions[0])
+
+
+def sun_distance_m(time_utc: str | dt.datetime) -> float:
+    """Between the centres of the Moon and the Sun; SunError as `sun_direction_at`."""
+    _, distance_au = apparent_sun(time_utc)
+    return float(distance_au[0]) * ASTRONOMICAL_UNIT_M
+
+
+def apparent_sun(times: Times) -> tuple[Array, Array]:
+    """Unit vectors (n, 3) in MCMF from the Moon's centre to where the Sun is seen, and its distance
+    (n,) in au.
+    """
+    jd1, jd2 = instants(times).terrestrial()  # stands in for TDB: they differ by under 2 ms
+    heliocentric, barycentric = erfa.epv00(jd1, jd2)
+    lunar = erfa.moon98(jd1, jd2)
+    velocity = (barycentric["v"] + lunar["v"]) * _LIGHT_TIME_DAY_PER_AU  # of the Moon, in c
+    geometric = -heliocentric["p"] - lunar["p"]
+    delay = np.linalg.norm(geometric, axis=-1) * _LIGHT_TIME_DAY_PER_AU
+    drift = barycentric["v"] - heliocentric["v"]  # the Sun's own motion, 13 m/s
+    to_sun = geometric - drift * delay[:, None]
+    distance_au = np.linalg.norm(to_sun, axis=-1)
+    lorentz = np.sqrt(1.0 - np.sum(velocity**2, axis=-1))
+    apparent = erfa.ab(to_sun / distance_au[:, None], velocity, distance_au, lorentz)
+    rotation = lunar_rotation((jd1 - _J2000) + jd2)
+    return np.einsum("nij,nj->ni", rotation, apparent), distance_au
+
+
+def lunar_rotation(days: ArrayLike) -> Array:
+    """Rotation (..., 3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` (...)
+    of TDB after J2000.
+    """
+    days = np.asarray(days, dtype=np.float64)
+    angles = np.radians(_E0 + _E1 * days[..., None])
+    sines, centuries = np.sin(angles), days / 36525.0
+    ra = np.radians(269.9949 + 0.0031 * centuries + (sines * _RA).sum(-1))
+    dec = np.radians(66.5392 + 0.0130 * centuries + (np.cos(angles) * _DEC).sum(-1))
+    spin = np.radians(38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + (sines * _W).sum(-1))
+    node = erfa.rz(math.pi / 2 + ra, np.eye(3))
+    return np.asarray(erfa.rz(spin, erfa.rx(math.pi / 2 - dec, node)), dtype=np.float64)
+
+
+def direction_from_subsolar(lon_deg: float, lat_deg: float) -> Array:
+    """MCMF direction (3,) to a Sun that stands overhead at a place.
+
+    Raises SunError for a place that does not exist. A latitude beyond +-1.59 deg never occurs, yet
+    is allowed: experiments need it.
+    """
+    if not (math.isfinite(lon_deg) and math.isfinite(lat_deg) and abs(lat_deg) <= 90.0):
+        raise SunError(f"no such subsolar point: longitude {lon_deg}, latitude {lat_deg}")
+    unit = lonlat_to_mcmf(lon_deg, lat_deg)
+    return unit / np.linalg.norm(unit)
+
+
+def direction_from_angles(frame: EnuFrame, azimuth_deg: float, elevation_deg: float) -> Array:
+    """MCMF direction (3,) to a Sun at an azimuth (clockwise from north) and elevation at the
+    frame's origin.
+    """
+    if not (math.isfinite(azimuth_deg) and -90.0 <= elevation_deg <= 90.0):
+        raise SunError(f"no such Sun: azimuth {azimuth_deg} deg, elevation {elevation_deg} deg")
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    level = math.cos(elevation)
+    enu = [level * math.sin(azimuth), level * math.cos(azimuth), math.sin(elevation)]
+    return frame.direction_to_mcmf(enu)
+
+
+def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> Array:
+    """MCMF direction (3,) from the frame's origin to a Sun at a position (MCMF metres)."""
+    position = np.asarray(sun_position_mcmf_m, dtype=np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all() or np.linalg.norm(position) < 1e9:
+        raise SunError(
+            f"no such Sun position: {position.tolist()} (three MCMF coordinates in metres)"
+        )
+    towards = position - frame.origin_mcmf_m
+    return towards / np.linalg.norm(towards)
+
+
+def reachable_suns(
+    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
+) -> NDArray[np.bool_]:
+    """Which cells of a grid of Sun directions the Sun can ever visit, bool (n_el, n_az).
+
+    A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
+    The Sun comes there when some direction in the box has a declination within +-(1.59 deg + solar
+    radius).
+    """
+    lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
+    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
+    return np.asarray((lowest <= limit) & (highest >= -limit))
+
+
+def declination_range(
+    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
+) -> tuple[Array, Array]:
+    """Least and greatest sine of the declination over each cell's box, (n_el, n_az) each; exact.
+
+    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az), and for a given
+    cos(az) it is a single cosine in el, so that the extremes are found in closed form.
+    """
+    if not abs(lat_deg) <= 90.0:
+        raise SunError(f"no such latitude: {lat_deg}")
+    lat = math.radians(lat_deg)
+    sin_lat, cos_lat = math.sin(lat), max(0.0, math.cos(lat))
+    cos_min, cos_max = _cosine_range(*azimuth_boxes(azimuths_deg))
+    low, high = (np.radians(edge)[:, None] for edge in elevation_boxes(elevations_deg))
+    highest = _extreme(sin_lat, cos_lat * cos_max[None, :], low, high)
+    lowest = -_extreme(-sin_lat, -cos_lat * cos_min[None, :], low, high)
+    return lowest, highest
+
+
+def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
+    """From and to (n,), degrees, from <= to: half way to the neighbours on the circle, in the order
+    given.
+
+    A gap over half a circle ends a partial range: there the box is as wide as on its other side. A
+    single azimuth has no width.
+    """
+    azimuth = np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)) % 360.0
+    order = np.argsort(azimuth, kind="stable")
+    sorted_ = azimuth[order]
+    after = np.diff(np.append(sorted_, sorted_[0] + 360.0))
+    before = np.roll(after, 1)
+    left = np.where(before <= 180.0, before, np.where(after <= 180.0, after, 0.0)) / 2
+    right = np.where(after <= 180.0, after, np.where(before <= 180.0, before, 0.0)) / 2
+    first, last = np.empty_like(azimuth), np.empty_like(azimuth)
+    first[order], last[order] = sorted_ - left, sorted_ + right
+    return first, last
+
+
+def elevation_boxes(elevations_deg: ArrayLike) -> tuple[Array, Array]:
+    """From and to (n,), degrees: half way to the neighbours, as wide outwards as inwards at the
+    ends, within 0..90.
+
+    The elevations must increase. A single elevation has no width.
+    """
+    elevation = np.atleast_1d(np.asarray(elevations_deg, dtype=np.float64))
+    if not (np.diff(elevation) > 0).all() or not ((elevation >= -90) & (elevation <= 90)).all():
+        raise SunError("the Sun's elevations must increase and lie within -90..90 deg")
+    step = np.diff(elevation) if elevation.size > 1 else np.zeros(1)
+    below, above = np.append(step[:1], step)[: elevation.size], np.append(step, step[-1:])
+    first, last = elevation - below / 2, elevation + above[: elevation.size] / 2
+    return np.clip(first, 0.0, 90.0), np.clip(last, 0.0, 90.0)
+
+
+def _cosine_range(first_deg: Array, last_deg: Array) -> tuple[Array, Array]:
+    """Least and greatest cosine over intervals of an angle."""
+    a, b = np.cos(np.radians(first_deg)), np.cos(np.radians(last_deg))
+    has_zero = np.floor(last_deg / 360.0) >= np.ceil(first_deg / 360.0)
+    has_half = np.floor((last_deg - 180.0) / 360.0) >= np.ceil((first_deg - 180.0) / 360.0)
+    return np.where(has_half, -1.0, np.minimum(a, b)), np.where(has_zero, 1.0, np.maximum(a, b))
+
+
+def _extreme(sine: float, cosine: Array, low: Array, high: Array) -> Array:
+    """Greatest value of sine * sin(el) + cosine * cos(el) over low <= el <= high (radians, within
+    0..pi/2).
+    """
+    ends = np.maximum(
+        sine * np.sin(low) + cosine * np.cos(low), sine * np.sin(high) + cosine * np.cos(high)
+    )
+    crest = np.arctan2(sine, cosine)
+    return np.where((low <= crest) & (crest <= high), np.hypot(sine, cosine), ends)

@@ -1,0 +1,221 @@
+"""Instants in UTC: read from text, counted out over a range, written back, and in terrestrial time."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SunError
+
+Array = NDArray[np.float64]
+
+FIRST_YEAR, LAST_YEAR = 1900, 2099
+"""Years in which the Earth's series (ERFA's epv00) holds."""
+
+MOST_INSTANTS = 1_000_000
+"""Of one range."""
+
+_LEAP = re.compile(r"([T ]\d\d:?\d\d:?)60")
+_STEP = re.compile(r"(\d+(?:\.\d+)?) *(s|m|min|h|d)")
+_ISO_STEP = re.compile(
+    r"P(?:(\d+(?:\.\d+)?)D)?(?:T(?:(\d+(?:\.\d+)?)H)?(?:(\d+(?:\.\d+)?)M)?(?:(\d+(?:\.\d+)?)S)?)?"
+)
+_SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """UTC by the calendar, datetime64[us] (n,), and how many seconds later is meant (n,): 1 in a
+    leap second, to which the calendar gives no name, else 0.
+    """
+
+    civil: NDArray[np.datetime64]
+    leap: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.civil)
+
+    def __getitem__(self, which: slice) -> Instants:
+        return Instants(self.civil[which], self.leap[which])
+
+    def terrestrial(self) -> tuple[Array, Array]:
+        """Two-part Julian dates of terrestrial time (TT), each (n,).
+
+        Before 1960 there was no UTC: universal time is meant, and TT - UT is taken as 32.184 s; it
+        was -3 s in 1900 and 33 s in 1960, which turns the Sun by at most 0.005 deg. Leap seconds to
+        come are unknown: 0.00014 deg each.
+        """
+        months, days = self.civil.astype("M8[M]"), self.civil.astype("M8[D]")
+        year, month = np.divmod(months.astype(np.int64), 12)
+        day = (days - months.astype("M8[D]")).astype(np.int64)
+        seconds, micro = np.divmod((self.civil - days).astype(np.int64), 1_000_000)
+        minutes, seconds = np.divmod(seconds, 60)
+        hours, minutes = np.divmod(minutes, 60)
+        seconds_and_leap = seconds + self.leap + micro * 1e-6
+        with _dubious_years():
+            utc = erfa.dtf2d(
+                "UTC", year + 1970, month + 1, day + 1, hours, minutes, seconds_and_leap
+            )
+            jd1, jd2 = erfa.taitt(*erfa.utctai(*utc))
+        return jd1, jd2
+
+    def years(self) -> tuple[int, int]:
+        """The first and the last."""
+        first, last = np.array([self.civil.min(), self.civil.max()]).astype("M8[Y]")
+        return int(str(first)), int(str(last))
+
+    def labels(self) -> list[str]:
+        """Each as ISO 8601 with ``Z``; microseconds where there are any."""
+        texts = np.datetime_as_string(self.civil, unit="us").tolist()
+        seconds = [
+            ":60" if leap else text[16:19] for text, leap in zip(texts, self.leap, strict=True)
+        ]
+        return [
+            f"{text[:16]}{second}{text[19:].removesuffix('.000000')}Z"
+            for text, second in zip(texts, seconds, strict=True)
+        ]
+
+
+def of_ephemeris_time(seconds: float) -> str:
+    """UTC, to a millisecond, of an ephemeris time of SPICE: seconds of barycentric dynamical time since J2000.
+
+    Terrestrial time is taken for barycentric (2 ms at most). Before 1972 UTC ran at other rates, which SPICE leaves out:
+    0.4 s in 1971.
+    """
+    with _dubious_years():
+        utc = erfa.taiutc(*erfa.tttai(2451545.0, seconds / 86400.0))
+        year, month, day, of_day = erfa.d2dtf("UTC", 3, *utc)
+    h, m, s, fraction = of_day.item()
+    return (
+        f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{h:02d}:{m:02d}:{s:02d}.{fraction:03d}Z"
+    )
+
+
+Times: TypeAlias = (
+    Instants | str | dt.datetime | Sequence[str | dt.datetime] | NDArray[np.datetime64]
+)
+"""What is taken for instants; a time without zone is UTC. datetime64 has no leap seconds."""
+
+
+def instants(times: Times) -> Instants:
+    """One or many instants.
+
+    Raises SunError for what is no time, lies outside the years of the series, or calls a second 60
+    that no leap second had.
+    """
+    if isinstance(times, Instants):
+        return times
+    if isinstance(times, str | dt.datetime):
+        times = [times]
+    if isinstance(times, np.ndarray):
+        return _checked(times.astype("M8[us]"))
+    parsed = [_civil(time) for time in times]
+    civil = np.array([time for time, _ in parsed], dtype="M8[us]")
+    return Instants(civil, np.array([leap for _, leap in parsed], dtype=np.int64))
+
+
+def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: float) -> Instants:
+    """From ``start`` in steps of ``step_s`` seconds to ``stop``, which is included when a step
+    meets it.
+
+    Steps are those of the calendar: a day from midnight ends at midnight, with or without a leap
+    second. SunError for a stop before the start, a step below a microsecond, and more than
+    `MOST_INSTANTS`.
+    """
+    (first, leap1), (last, leap2) = _civil(start), _civil(stop)
+    if leap1 or leap2:
+        raise SunError("a range can neither start nor stop in a leap second")
+    if last < first:
+        raise SunError(f"the range stops at {stop}, before it starts at {start}")
+    step_us = round(step_s * 1e6)
+    if step_us < 1:
+        raise SunError(f"no such step: {step_s} s")
+    count = (last - first) // dt.timedelta(microseconds=step_us) + 1
+    if count > MOST_INSTANTS:
+        raise SunError(
+            f"the range has {count} instants, more than {MOST_INSTANTS}: take a longer step"
+        )
+    steps = np.arange(count, dtype=np.int64) * step_us
+    return _checked(np.datetime64(first, "us") + steps.astype("m8[us]"))
+
+
+def step_seconds(text: str) -> float:
+    """Seconds of a step like 30m, 6h, 1d, 3600s or PT6H; SunError for any other."""
+    plain = _STEP.fullmatch(text.strip())
+    if plain:
+        seconds = float(plain[1]) * _SECONDS[plain[2]]
+    else:
+        iso = _ISO_STEP.fullmatch(text.strip())
+        parts = iso.groups() if iso else ()
+        units = (86400.0, 3600.0, 60.0, 1.0)
+        seconds = sum(float(p) * unit for p, unit in zip(parts, units, strict=False) if p)
+    if not 1e-6 <= seconds <= 1e10:
+        raise SunError(f"no such step: {text!r} (like 30m, 6h, 1d or PT6H)")
+    return seconds
+
+
+def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
+    """UTC without its zone, and 1 where the second that follows is meant: a leap second."""
+    leap = 0
+    stated = time
+    if isinstance(time, str):
+        text, leap = _LEAP.subn(r"\g<1>59", time.strip(), count=1)
+        try:
+            time = dt.datetime.fromisoformat(text)
+        except ValueError as error:
+            raise SunError(
+                f"no such time: {stated!r} (like 2024-01-01T00:00:00): {error}"
+            ) from error
+    _require_year(time.year, 1)  # a zone may overflow the calendar
+    if time.tzinfo is not None:
+        time = time.astimezone(dt.UTC).replace(tzinfo=None)
+    _require_year(time.year)
+    if leap and not _ends_with_a_leap_second(time):
+        raise SunError(f"no such time: {stated!r}: no leap second was there")
+    return time, leap
+
+
+def _ends_with_a_leap_second(time: dt.datetime) -> bool:
+    """Whether the minute is a day's last, and that day has 86401 seconds."""
+    if (time.hour, time.minute) != (23, 59):
+        return False
+    after = time.date() + dt.timedelta(days=1)
+    with _dubious_years():
+        today, tomorrow = (erfa.dat(d.year, d.month, d.day, 0.0) for d in (time.date(), after))
+    return abs(float(tomorrow - today) - 1.0) < 1e-9
+
+
+def _require_year(year: int, more: int = 0) -> None:
+    if not FIRST_YEAR - more <= year <= LAST_YEAR + more:
+        raise SunError(
+            f"the year {year} is outside {FIRST_YEAR}-{LAST_YEAR}, where the Sun's series holds"
+        )
+
+
+def _checked(civil: NDArray[np.datetime64]) -> Instants:
+    """Instants without leap seconds; SunError for NaT and years outside the series."""
+    if np.isnat(civil).any():
+        raise SunError("no such time: NaT")
+    found = Instants(civil, np.zeros(len(civil), dtype=np.int64))
+    for year in found.years() if len(found) else ():
+        _require_year(year)
+    return found
+
+
+@contextmanager
+def _dubious_years() -> Iterator[None]:
+    """ERFA warns of years before UTC, and of years whose leap seconds nobody knows: both are
+    meant.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        yield

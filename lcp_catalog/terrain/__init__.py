@@ -1,0 +1,1 @@
+"""The surface of an area as a heightfield, its surroundings, and occlusion."""

@@ -1,0 +1,274 @@
+"""An area with what can shadow it: its own cells near by, nested coarser ones beyond (`far_terrain`).
+
+Terrain within `NEAR_NODES` of the area has the area's own cells. Beyond, each level's cells are
+twice as wide as those before, and it ends twice as far out, so that a cell is never wider than
+`CELL_SHARE` of its distance from the area: what a cell smooths away is worth the same small angle of
+the horizon wherever it lies (`HORIZON_RMS_DEG`). The outermost level is the last with ground that can
+rise above the lowest ray.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
+from ..dem.mosaic import DemSet
+from ..geometry.frames import EnuFrame
+from .far_terrain import FarTerrain
+from .heightfield import Heightfield
+from .relief_bounds import COARSE_NODES, COARSE_SLOPE, ring_needed_m
+from .terrain import NodeWindow, Terrain, build_terrain
+
+NEAR_NODES = 128
+"""The area's own cells go so many nodes beyond it, where light wants more than that."""
+
+CELL_SHARE = 2.0 / NEAR_NODES
+"""A far cell's width, as a share of its distance from the area, at most."""
+
+HORIZON_RMS_DEG = 0.02
+"""Error of the horizon's elevation that far cells make, rms over places and azimuths of lunar relief;
+measured against horizons of the area's own cells all the way (docs/dem.md, tests/test_surroundings.py)."""
+
+REACH_MAX_M = 400e3
+"""No terrain further from an area is looked at: at a Sun on the horizon the highest ground of the
+Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """How far from the area its own cells go, what lies beyond (None: nothing that matters), and
+    how far terrain would be wanted in all, metres.
+    """
+
+    ring_m: float
+    far: FarTerrain | None
+    needed_m: float
+
+
+def surroundings(
+    dems: DemSet,
+    frame: EnuFrame,
+    window: NodeWindow,
+    gsd_m: float,
+    light_tangent: float,
+    least_ring_m: float = 0.0,
+    limit_m: float = REACH_MAX_M,
+) -> Surroundings:
+    """What can shadow a window of the frame's nodes under rays that climb with a tangent at least.
+
+    The area's own cells go on for ``least_ring_m`` in any case. Nothing further than ``limit_m``
+    from the window is looked at.
+    """
+    near_m = max(NEAR_NODES * gsd_m, least_ring_m)
+    own = Extent.of(window, gsd_m)
+    reach_m = min(limit_m, _sight_m(light_tangent, own.turn_rad))
+    coarse = _coarse(dems, frame, window, gsd_m, min(near_m, reach_m))
+    ring_m = _needed_m(coarse, light_tangent)
+    if reach_m > near_m:
+        floor_m = _floor_m(coarse)
+        found = _levels(dems, frame, own, gsd_m, near_m, floor_m, light_tangent, reach_m)
+        if found is not None:
+            return Surroundings(near_m, *found)
+    return Surroundings(max(min(ring_m, near_m, limit_m), least_ring_m), None, ring_m)
+
+
+def ring_for_rays_m(
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, tangent: float, limit_m: float
+) -> float:
+    """How far beyond a window terrain can rise above rays that climb from it with a tangent; at most
+    ``limit_m``.
+    """
+    if not math.isfinite(tangent):
+        return 0.0
+    reach_m = min(limit_m, _sight_m(tangent, Extent.of(window, gsd_m).turn_rad))
+    return min(_needed_m(_coarse(dems, frame, window, gsd_m, reach_m), tangent), limit_m)
+
+
+def build_surrounded(
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, found: Surroundings
+) -> Terrain:
+    """The terrain of a window with its ring, at least a node (for the normals at its border), and
+    what lies beyond.
+    """
+    terrain = build_terrain(dems, frame, window, gsd_m, max(found.ring_m, gsd_m))
+    return replace(terrain, far=found.far)
+
+
+def _sight_m(tangent: float, turn_rad: float) -> float:
+    """Beyond this no ground of the Moon rises above a ray from any other that climbs with a tangent,
+    where verticals are turned from the frame's by up to ``turn_rad``.
+
+    A ray from the lowest ground, at radius a and elevation e, comes to the radius b of the highest
+    after sqrt(b^2 - a^2 cos^2 e) - a sin e, and is above all ground from there on.
+    """
+    if not math.isfinite(tangent):
+        return 0.0
+    elevation = max(math.atan(tangent) - turn_rad, -math.pi / 2)
+    a, b = MOON_RADIUS_M + LOWEST_M, MOON_RADIUS_M + HIGHEST_M
+    return math.sqrt(b * b - (a * math.cos(elevation)) ** 2) - a * math.sin(elevation)
+
+
+def _coarse(
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float
+) -> Terrain:
+    """The window and a ring around it on coarse nodes."""
+    spans = (window.row0, window.row1 - 1, window.col0, window.col1 - 1)
+    row0, row1, col0, col1 = (span / COARSE_NODES for span in spans)
+    inside = NodeWindow(
+        math.floor(row0), math.ceil(row1) + 1, math.floor(col0), math.ceil(col1) + 1
+    )
+    return build_terrain(dems, frame, inside, COARSE_NODES * gsd_m, ring_m)
+
+
+def _needed_m(terrain: Terrain, tangent: float) -> float:
+    """How far beyond the core terrain can rise above rays that climb with a tangent (inf: straight up)."""
+    if not math.isfinite(tangent):
+        return 0.0
+    return ring_needed_m(terrain, tangent, COARSE_SLOPE * terrain.field.gsd_m)
+
+
+def _floor_m(coarse: Terrain) -> float:
+    """No node of the core lies lower; inf where it has no height."""
+    row0, row1, col0, col1 = coarse.core
+    inside = coarse.field.z_m[row0:row1, col0:col1]
+    known = bool(np.isfinite(inside).any())
+    return float(np.nanmin(inside)) - COARSE_SLOPE * coarse.field.gsd_m if known else math.inf
+
+
+def _levels(
+    dems: DemSet,
+    frame: EnuFrame,
+    own: Extent,
+    gsd_m: float,
+    near_m: float,
+    floor_m: float,
+    tangent: float,
+    reach_m: float,
+) -> tuple[FarTerrain, float] | None:
+    """The levels up to the last that matters, and how far out that is; None when none matters."""
+    hole, cell_m, outer_m = own.grown(near_m), 2.0 * gsd_m, 2.0 * near_m
+    levels: list[Heightfield] = []
+    gaps: list[Gaps] = []
+    farthest_m, last = 0.0, 0
+    while math.isfinite(floor_m):
+        level, gap = _level(dems, frame, own.grown(min(outer_m, reach_m)), cell_m, hole, own)
+        levels.append(level)
+        gaps.append(gap)
+        needed_m = _farthest_m(level, own, floor_m, tangent)
+        if needed_m > 0.0:
+            farthest_m, last = needed_m, len(levels)
+        if outer_m >= reach_m:
+            break
+        hole, cell_m, outer_m = Extent.of_field(level), 2.0 * cell_m, 2.0 * outer_m
+    if not last:
+        return None
+    # of all that was looked at: a level without any height may be why nothing matters there
+    missing = sum(gap.missing * level.z_m.size for gap, level in zip(gaps, levels, strict=True))
+    everything = sum(level.z_m.size for level in levels)
+    nearest_m = min(gap.gap_m for gap in gaps)
+    return FarTerrain(tuple(levels[:last]), missing / everything, nearest_m), farthest_m
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Least and greatest ENU x and y, metres."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+
+    @classmethod
+    def of(cls, window: NodeWindow, gsd_m: float) -> Extent:
+        return cls(
+            window.col0 * gsd_m,
+            (window.col1 - 1) * gsd_m,
+            -(window.row1 - 1) * gsd_m,
+            -window.row0 * gsd_m,
+        )
+
+    @classmethod
+    def of_field(cls, field: Heightfield) -> Extent:
+        rows, cols = field.shape
+        return cls(
+            field.x0_m,
+            field.x0_m + (cols - 1) * field.gsd_m,
+            field.y0_m - (rows - 1) * field.gsd_m,
+            field.y0_m,
+        )
+
+    @property
+    def turn_rad(self) -> float:
+        """By how much a vertical inside is turned from the frame's at most."""
+        farthest_m = math.hypot(max(-self.x0, self.x1), max(-self.y0, self.y1))
+        return math.asin(min(1.0, farthest_m / (MOON_RADIUS_M + LOWEST_M)))
+
+    def grown(self, by_m: float) -> Extent:
+        return Extent(self.x0 - by_m, self.x1 + by_m, self.y0 - by_m, self.y1 + by_m)
+
+
+class Gaps(NamedTuple):
+    """Share of a level's nodes that lack a height, and how near to the area one is, metres (inf: none)."""
+
+    missing: float
+    gap_m: float
+
+
+def _level(
+    dems: DemSet, frame: EnuFrame, box: Extent, cell_m: float, hole: Extent, own: Extent
+) -> tuple[Heightfield, Gaps]:
+    """A level over a box, without the nodes further than a cell inside the hole."""
+    far_dems = dems.for_cells(cell_m)
+    window = NodeWindow.covering((box.x0, box.x1, box.y0, box.y1), cell_m)
+    x = np.arange(window.col0, window.col1) * cell_m
+    y = -np.arange(window.row0, window.row1) * cell_m
+    top, bottom = _span(y, hole.y0 + cell_m, hole.y1 - cell_m)
+    left, right = _span(x, hole.x0 + cell_m, hole.x1 - cell_m)
+    rows, cols = window.shape
+    z = np.full((rows, cols), np.nan, dtype=np.float32)
+    for r0, r1, c0, c1 in (
+        (0, top, 0, cols),
+        (bottom, rows, 0, cols),
+        (top, bottom, 0, left),
+        (top, bottom, right, cols),
+    ):
+        if r0 < r1 and c0 < c1:
+            part = NodeWindow(
+                window.row0 + r0, window.row0 + r1, window.col0 + c0, window.col0 + c1
+            )
+            z[r0:r1, c0:c1] = build_terrain(far_dems, frame, part, cell_m).field.z_m
+    level = Heightfield(z, cell_m, float(x[0]), float(y[0]))
+    gaps = ~np.isfinite(z)
+    gaps[top:bottom, left:right] = False
+    away = np.where(gaps, np.maximum(*_off(level, own)), math.inf)
+    return level, Gaps(float(gaps.mean()), max(0.0, float(away.min()) - cell_m))
+
+
+def _off(field: Heightfield, own: Extent) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """East-west (1, cols) and north-south (rows, 1) distance of nodes from a box, metres."""
+    x = field.x0_m + np.arange(field.shape[1]) * field.gsd_m
+    y = field.y0_m - np.arange(field.shape[0]) * field.gsd_m
+    dx = np.maximum(np.maximum(own.x0 - x, x - own.x1), 0.0)[np.newaxis, :]
+    dy = np.maximum(np.maximum(own.y0 - y, y - own.y1), 0.0)[:, np.newaxis]
+    return dx, dy
+
+
+def _span(values: NDArray[np.floating], low: float, high: float) -> tuple[int, int]:
+    """First, and behind the last, of monotone values that lie within low..high; the middle twice for none."""
+    inside = np.flatnonzero((values >= low) & (values <= high))
+    middle = values.size // 2
+    return (int(inside[0]), int(inside[-1]) + 1) if inside.size else (middle, middle)
+
+
+def _farthest_m(level: Heightfield, own: Extent, floor_m: float, tangent: float) -> float:
+    """How far from the area a level has ground that can rise above rays from it; 0 where it has none."""
+    dx, dy = _off(level, own)
+    climb = np.maximum(np.hypot(dx, dy) - level.gsd_m, 0.0) * tangent
+    margin_m = COARSE_SLOPE * level.gsd_m
+    matters = level.z_m + margin_m - floor_m > climb  # False for NaN
+    return float(np.maximum(dx, dy)[matters].max(initial=0.0))

@@ -1,0 +1,227 @@
+"""One area's images in every tier side by side: what each took, where it differs from ``reference``, and a piece to look at."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..build.area_job import AreaJob, area_sweep
+from ..build.sweep import Conditions, Image, Sweep
+from ..dem.mosaic import DemSet
+from ..threads import limit_threads
+
+Mask = NDArray[np.bool_]
+
+REFERENCE = "reference"
+
+EDGE_NODES = 2
+"""A wrong node this near to a shadow's edge in the reference counts as at the edge."""
+
+PICTURE_NODES = 160
+"""Longer side of the piece of an area that is shown."""
+
+
+@dataclass
+class ImageChanges:
+    """Sums over images of one tier against the reference; they add up over areas."""
+
+    seconds: float = 0.0
+    judged: int = 0  # (node, Sun) pairs
+    wrong: int = 0
+    near_edge: int = 0
+    looked: int = 0  # (node, view) pairs
+    misseen: int = 0
+    shared: int = 0  # nodes of all images, seen in both
+    squares: float = 0.0
+    radiance: float = 0.0  # the reference's, summed over the same nodes
+
+    def add(self, other: ImageChanges) -> None:
+        for f in dataclasses.fields(self):
+            setattr(self, f.name, getattr(self, f.name) + getattr(other, f.name))
+
+    @property
+    def sunlit_error_share(self) -> float:
+        return self.wrong / max(self.judged, 1)
+
+    @property
+    def near_edge_share(self) -> float | None:
+        return self.near_edge / self.wrong if self.wrong else None
+
+    @property
+    def visible_error_share(self) -> float:
+        return self.misseen / max(self.looked, 1)
+
+    @property
+    def radiance_rmse(self) -> float:
+        """Root of the mean squared difference, as a share of the reference's mean radiance factor."""
+        if not self.shared or not self.radiance:
+            return 0.0
+        return math.sqrt(self.squares / self.shared) / (self.radiance / self.shared)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A piece of an area under one low Sun: what the reference calls lit, and where each tier differs from it.
+
+    lit: int8 (rows, cols), 1 lit, 0 dark, -1 no ground; wrong[tier]: int8, +1 lit where the reference is dark, -1 the other way.
+    """
+
+    area: str
+    sun_azimuth_deg: float
+    sun_elevation_deg: float
+    lit: NDArray[np.int8]
+    wrong: dict[str, NDArray[np.int8]]
+    wrong_nodes: int
+
+
+def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], Picture | None]:
+    """One area's images in every tier side by side: seconds on one thread, what differs from ``reference``, and a piece to look at.
+
+    jobs: the same area by tier. Judged are all nodes of the area's window with its halo; sunlit is the image from straight above.
+    """
+    with limit_threads(1):
+        sweeps = _sweeps(jobs)
+        changes = {tier: ImageChanges() for tier in sweeps}
+        for sweep in (
+            sweeps.values()
+        ):  # kernels are loaded and the terrain's pyramids made before anything is timed
+            next(dataclasses.replace(sweep).images(), None)
+        showing = _Showing(next(iter(jobs.values())).task.name)
+        above = int(np.argmin(next(iter(sweeps.values())).conditions.off_nadir_deg))
+        for images in _side_by_side(sweeps, changes):
+            if images[REFERENCE].view == above:
+                _judge_light(images, changes)
+                showing.look(images, sweeps[REFERENCE].conditions)
+            if images[REFERENCE].view < len(jobs[REFERENCE].config.view):
+                _judge_radiance(images, changes)
+    for tier, sweep in sweeps.items():
+        for hidden, exact in zip(sweep.unseen, sweeps[REFERENCE].unseen, strict=True):
+            changes[tier].looked += exact.size
+            changes[tier].misseen += int((hidden != exact).sum())
+    return changes, showing.picture()
+
+
+def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
+    """The area's sweep in every tier over one terrain, with a view from straight above added where the build has none."""
+    job = jobs[REFERENCE]
+    _, exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+    conditions = exact.conditions
+    if not (conditions.off_nadir_deg == 0.0).any():
+        conditions = dataclasses.replace(
+            conditions,
+            off_nadir_deg=np.append(conditions.off_nadir_deg, 0.0),
+            view_azimuth_deg=np.append(conditions.view_azimuth_deg, 0.0),
+        )
+    return {
+        tier: dataclasses.replace(
+            exact, conditions=conditions, accuracy=tiered.config.model.precision
+        )
+        for tier, tiered in jobs.items()
+    }
+
+
+def _side_by_side(
+    sweeps: dict[str, Sweep], changes: dict[str, ImageChanges]
+) -> Iterator[dict[str, Image]]:
+    """Each image in every tier; what it took is added to the tier's seconds."""
+    streams = {tier: sweep.images() for tier, sweep in sweeps.items()}
+    while True:
+        images = {}
+        for tier, stream in streams.items():
+            start = time.perf_counter()
+            image = next(stream, None)
+            changes[tier].seconds += time.perf_counter() - start
+            if image is None:
+                return
+            images[tier] = image
+        yield images
+
+
+def _judge_light(images: dict[str, Image], changes: dict[str, ImageChanges]) -> None:
+    """Count the nodes that are lit in one and dark in the other; images from straight above, where only nodata is unseen."""
+    exact = images[REFERENCE].radiance
+    ground, lit = np.isfinite(exact), exact > 0.0
+    for tier, image in images.items():
+        wrong = ((image.radiance > 0.0) != lit) & ground
+        changes[tier].judged += int(ground.sum())
+        changes[tier].wrong += int(wrong.sum())
+        changes[tier].near_edge += int(_at_edge(lit, ground, wrong).sum())
+
+
+def _at_edge(lit: Mask, ground: Mask, nodes: Mask) -> Mask:
+    """For each of the marked nodes, bool (n,), whether within `EDGE_NODES` rows and columns there is one in the other state."""
+    rows, cols = np.nonzero(nodes)
+    found = np.zeros(len(rows), dtype=np.bool_)
+    steps = range(-EDGE_NODES, EDGE_NODES + 1)
+    for row_step in steps:
+        for col_step in steps:
+            r = np.clip(rows + row_step, 0, lit.shape[0] - 1)
+            c = np.clip(cols + col_step, 0, lit.shape[1] - 1)
+            found |= ground[r, c] & (lit[r, c] != lit[rows, cols])
+    return found
+
+
+def _judge_radiance(images: dict[str, Image], changes: dict[str, ImageChanges]) -> None:
+    exact = images[REFERENCE].radiance
+    for tier, image in images.items():
+        both = np.isfinite(exact) & np.isfinite(image.radiance)
+        ours, theirs = image.radiance[both].astype(np.float64), exact[both].astype(np.float64)
+        changes[tier].shared += len(ours)
+        changes[tier].squares += float(((ours - theirs) ** 2).sum())
+        changes[tier].radiance += float(theirs.sum())
+
+
+class _Showing:
+    """Keeps the images of the lowest Sun at which some tier is wrong, and of those the ones with the most wrong nodes."""
+
+    def __init__(self, area: str) -> None:
+        self._area = area
+        self._kept: tuple[float, float, dict[str, Image]] | None = None
+        self._rank: tuple[bool, float, int] = (True, math.inf, 0)
+
+    def look(self, images: dict[str, Image], conditions: Conditions) -> None:
+        exact = images[REFERENCE]
+        elevation = float(conditions.sun_elevation_deg[exact.elevation])
+        wrong = sum(int(np.count_nonzero(_difference(i, exact))) for i in images.values())
+        rank = (wrong == 0, elevation, -wrong)
+        if rank < self._rank:
+            azimuth = float(conditions.sun_azimuth_deg[exact.azimuth])
+            self._rank, self._kept = rank, (azimuth, elevation, dict(images))
+
+    def picture(self) -> Picture | None:
+        if self._kept is None:
+            return None
+        azimuth, elevation, images = self._kept
+        exact = images[REFERENCE]
+        wrong = {t: _difference(i, exact) for t, i in images.items() if t != REFERENCE}
+        lit = np.where(np.isfinite(exact.radiance), exact.radiance > 0.0, -1).astype(np.int8)
+        piece = _busiest(np.abs(np.stack(list(wrong.values()))).sum(axis=0, dtype=np.int64))
+        return Picture(
+            self._area,
+            azimuth,
+            elevation,
+            lit[piece],
+            {t: w[piece] for t, w in wrong.items()},
+            -self._rank[2],
+        )
+
+
+def _difference(image: Image, exact: Image) -> NDArray[np.int8]:
+    lit, wanted = image.radiance > 0.0, exact.radiance > 0.0
+    return lit.astype(np.int8) - wanted.astype(np.int8)
+
+
+def _busiest(counts: NDArray[np.int64]) -> tuple[slice, slice]:
+    """The piece, at most `PICTURE_NODES` a side, with the highest sum."""
+    sums = np.pad(counts.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    height, width = (min(PICTURE_NODES, side) for side in counts.shape)
+    inside = sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width]
+    inside = inside + sums[:-height, :-width]
+    row, col = (int(i) for i in np.unravel_index(np.argmax(inside), inside.shape))
+    return slice(row, row + height), slice(col, col + width)

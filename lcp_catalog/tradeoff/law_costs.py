@@ -1,0 +1,138 @@
+"""One area's images under every law of reflection, side by side: what each law takes, and how well its windows correlate with
+Hapke's.
+
+A navigator correlates windows of a render with those of an image, with gain and offset left free. So a law costs what its windows
+lack of a correlation of 1 with those of the most complete law, on this terrain, shadows included.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..build.area_job import AreaJob, area_sweep
+from ..build.sweep import Image, Sweep
+from ..dem.mosaic import DemSet
+from ..photometry.law_choice import LAWS
+from ..photometry.laws import reflectance_model
+from ..threads import limit_threads
+
+JUDGE = LAWS[-1]
+
+PHASES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 180.0)
+"""Edges of the bins of phase that are told apart."""
+
+WINDOW = 32
+"""Nodes of a window's side."""
+
+CONTRAST = 1e-4
+"""Standard deviation, as a share of the mean, below which a window shows nothing to correlate."""
+
+
+@dataclass
+class ModelChanges:
+    """Windows' correlations with the judge's, by law and bin of phase, and seconds by law; they add up over areas."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS, 0.0))
+    correlations: dict[tuple[str, int], list[NDArray[np.float64]]] = field(default_factory=dict)
+    images: dict[int, int] = field(default_factory=dict)
+
+    def add(self, other: ModelChanges) -> None:
+        for law, seconds in other.seconds.items():
+            self.seconds[law] += seconds
+        for key, values in other.correlations.items():
+            self.correlations.setdefault(key, []).extend(values)
+        for phase, count in other.images.items():
+            self.images[phase] = self.images.get(phase, 0) + count
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One dictionary a law and bin of phase that occurs: medians and low percentiles over the windows."""
+        found = []
+        for law in LAWS[:-1]:
+            for phase in sorted(self.images):
+                values = np.concatenate(self.correlations.get((law, phase), [np.empty(0)]))
+                if not values.size:
+                    continue
+                found.append(
+                    {
+                        "reflectance": law,
+                        "against": JUDGE,
+                        "phase_deg": list(PHASES_DEG[phase : phase + 2]),
+                        "images": self.images[phase],
+                        "windows": int(values.size),
+                        "correlation_median": float(np.median(values)),
+                        "correlation_p05": float(np.percentile(values, 5)),
+                        "share_above_0_9": float(np.mean(values > 0.9)),
+                    }
+                )
+        return found
+
+    def times(self) -> dict[str, float]:
+        """Seconds of all images under each law as a share of the judge's."""
+        return {law: s / max(self.seconds[JUDGE], 1e-12) for law, s in self.seconds.items()}
+
+
+def compare_models(job: AreaJob) -> ModelChanges:
+    """An area's images under each of `LAWS`, on one thread, the laws in turn image by image."""
+    found = ModelChanges()
+    with limit_threads(1):
+        _, sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+        sweeps = {
+            law: dataclasses.replace(sweep, reflectance=reflectance_model(law)) for law in LAWS
+        }
+        for ready in sweeps.values():  # what is made once is made before anything is timed
+            next(dataclasses.replace(ready).images(), None)
+        streams = {law: ready.images() for law, ready in sweeps.items()}
+        while True:
+            images = {}
+            for law, stream in streams.items():
+                start = time.perf_counter()
+                image = next(stream, None)
+                found.seconds[law] += time.perf_counter() - start
+                if image is None:
+                    return found
+                images[law] = image
+            _judge(sweep, images, found)
+
+
+def _judge(sweep: Sweep, images: dict[str, Image], found: ModelChanges) -> None:
+    exact = images[JUDGE]
+    sun = sweep.conditions.sun_direction(exact.elevation, exact.azimuth, sweep.turn_rad)
+    camera = sweep.conditions.view_direction(exact.view, sweep.turn_rad)
+    phase_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(sun @ camera)))))
+    phase = int(np.searchsorted(PHASES_DEG, phase_deg, side="right")) - 1
+    phase = min(phase, len(PHASES_DEG) - 2)
+    found.images[phase] = found.images.get(phase, 0) + 1
+    for law in LAWS[:-1]:
+        values = window_correlations(images[law].radiance, exact.radiance)
+        found.correlations.setdefault((law, phase), []).append(values)
+
+
+def window_correlations(
+    ours: NDArray[np.floating], theirs: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Centred normalised correlation of every window (n,) whose nodes are all seen and which shows something in the second
+    image; 0 where the first shows nothing.
+    """
+    rows, cols = (side // WINDOW * WINDOW for side in ours.shape)
+    if not rows or not cols:
+        return np.empty(0)
+    a, b = (_windows(image[:rows, :cols]) for image in (ours, theirs))
+    with np.errstate(invalid="ignore"):
+        shown = np.isfinite(a).all(axis=1) & (b.std(axis=1) > CONTRAST * b.mean(axis=1))
+    a, b = a[shown], b[shown]
+    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
+    power = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
+    return np.divide((a * b).sum(axis=1), power, out=np.zeros(len(a)), where=power > 0.0)
+
+
+def _windows(image: NDArray[np.floating]) -> NDArray[np.float64]:
+    rows, cols = (side // WINDOW for side in image.shape)
+    blocks = image.astype(np.float64).reshape(rows, WINDOW, cols, WINDOW).swapaxes(1, 2)
+    return np.asarray(blocks.reshape(rows * cols, WINDOW * WINDOW))

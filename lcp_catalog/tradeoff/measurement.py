@@ -1,0 +1,226 @@
+"""What each accuracy tier costs and what it changes, measured on somebody's own build: every tier against ``reference``.
+
+Each tier computes the same areas in a process of its own, one thread each, the tiers taking turns area by area, so that a machine
+that drifts drifts for all of them. The images are compared apart, azimuth by azimuth, on terrain that is made once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..accuracy import DEFAULT_TIER, TIERS
+from ..build.area_job import AreaJob, run_area
+from ..build.run import Build
+from ..build.sweep import Conditions, law_of_build
+from ..dem.mosaic import DemSet
+from ..errors import ConfigError
+from ..geometry.frames import lonlat_to_mcmf
+from .image_errors import REFERENCE, ImageChanges, Picture, compare_images
+from .law_costs import ModelChanges, compare_models
+from .point_changes import compare_points
+from .timing import Runs, Workers, timed_area
+
+Progress = Callable[[int, int], None]
+
+AREAS, ROUNDS = 4, 2
+"""How many areas are computed, and how often each, where nobody says."""
+
+
+@dataclass(frozen=True)
+class Trade:
+    """The measured trade: one row a tier (see docs/trade.md for the columns), what was compared, and a picture."""
+
+    rows: list[dict[str, Any]]
+    compared: dict[str, Any]
+    picture: Picture | None
+    models: ModelChanges
+
+    def document(self) -> dict[str, Any]:
+        """What ``trade.json`` holds."""
+        laws = {"rows": self.models.rows(), "seconds_relative": self.models.times()}
+        return {"rows": self.rows, "models": laws, "compared": self.compared}
+
+
+def measure_trade(
+    build: Build,
+    areas: int = AREAS,
+    rounds: int = ROUNDS,
+    isolated: bool = True,
+    progress: Progress = lambda done, total: None,
+) -> Trade:
+    """Compute some areas of a build in every tier and compare.
+
+    ``isolated``: each tier in a process of its own, without which ``memory_mb`` would mean nothing and is None. Raises ConfigError
+    for counts below 1, the library's errors of an area, and AreaFailedError when a process dies.
+    """
+    if areas < 1 or rounds < 1:
+        raise ConfigError("--areas and --rounds must be at least 1")
+    chosen = [build.jobs[i] for i in spread(build, areas)]
+    jobs = [{tier: _in_tier(job, tier) for tier in TIERS} for job in chosen]
+    steps = _Steps(progress, total=len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))
+    with Workers(isolated) as workers:
+        images, picture = _images(workers, jobs, steps)
+        models = _models(workers, jobs, steps)
+        runs = {tier: Runs() for tier in TIERS}
+        for tier, run in runs.items():  # kernels load, files come into the system's cache
+            run.base_mb = workers.call(tier, timed_area, jobs[0][tier]).before_mb
+            steps.one()
+        for turn in range(rounds):
+            for job in jobs:
+                for tier in _taking_turns(turn):
+                    runs[tier].add(job[tier].task.name, workers.call(tier, timed_area, job[tier]))
+                    steps.one()
+    return Trade(
+        _rows(build, images, runs, isolated),
+        _compared(build, chosen, rounds, isolated),
+        picture,
+        models,
+    )
+
+
+class _Steps:
+    """Counts what is done for the progress."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+        progress(0, total)
+
+    def one(self) -> None:
+        self._done += 1
+        self._progress(self._done, self._total)
+
+
+def _taking_turns(turn: int) -> list[str]:
+    """The tiers, each round beginning with another one."""
+    names = list(TIERS)
+    return names[turn % len(names) :] + names[: turn % len(names)]
+
+
+def _in_tier(job: AreaJob, tier: str) -> AreaJob:
+    model = dataclasses.replace(job.config.model, accuracy=tier, tolerance=None)
+    return dataclasses.replace(job, config=dataclasses.replace(job.config, model=model))
+
+
+def spread(build: Build, count: int) -> list[int]:
+    """Which areas stand for the build: the one nearest to the region's centre, then each time the one farthest from those chosen.
+
+    Areas of which the region holds less than half of the largest one's nodes come only when all others are taken.
+    """
+    nodes = np.array([math.prod(job.task.window.shape) for job in build.jobs])
+    place = lonlat_to_mcmf(*np.array([(j.task.lon_deg, j.task.lat_deg) for j in build.jobs]).T)
+    centre = lonlat_to_mcmf(build.region.lon_deg, build.region.lat_deg)
+    rank = np.where(2 * nodes >= nodes.max(), 0, 1)
+    chosen: list[int] = []
+    away = -np.linalg.norm(place - centre, axis=1)
+    while len(chosen) < min(count, len(nodes)):
+        free = np.setdiff1d(np.arange(len(nodes)), chosen)
+        free = free[rank[free] == rank[free].min()]
+        chosen.append(int(free[np.argmax(away[free])]))
+        away = np.linalg.norm(place[:, None] - place[chosen], axis=2).min(axis=1)
+    return chosen
+
+
+# -- images
+
+
+def _images(
+    workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps
+) -> tuple[dict[str, ImageChanges], Picture | None]:
+    """All images of the areas compared; the picture is the one with the most wrong nodes."""
+    totals = {tier: ImageChanges() for tier in TIERS}
+    shown: Picture | None = None
+    for number, tiers in enumerate(jobs):
+        if not number:
+            # compiles what was never compiled on this machine, here and not where memory is counted
+            workers.call("images", run_area, tiers["draft"])
+        changes, picture = workers.call("images", compare_images, tiers)
+        for tier, change in changes.items():
+            totals[tier].add(change)
+        if picture and (shown is None or picture.wrong_nodes > shown.wrong_nodes):
+            shown = picture
+        steps.one()
+    return totals, shown
+
+
+def _models(workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps) -> ModelChanges:
+    """The areas' images under each law of reflection, in the default tier."""
+    total = ModelChanges()
+    for tiers in jobs:
+        total.add(workers.call("images", compare_models, tiers[DEFAULT_TIER]))
+        steps.one()
+    return total
+
+
+# -- the table
+
+
+def _rows(
+    build: Build, images: dict[str, ImageChanges], runs: dict[str, Runs], isolated: bool
+) -> list[dict[str, Any]]:
+    """One dictionary a tier, from the fastest by name to ``reference``."""
+    found = {tier: run.candidates for tier, run in runs.items()}
+    exact, exact_images = runs[REFERENCE], images[REFERENCE]
+    rows = []
+    for tier, run in runs.items():
+        ratios = [a / b for a, b in zip(run.by_round, exact.by_round, strict=True)]
+        change = images[tier]
+        rows.append(
+            {
+                "accuracy": tier,
+                "bound": TIERS[tier].node_error,
+                "seconds": run.total("seconds"),
+                "seconds_relative": run.total("seconds") / exact.total("seconds"),
+                "seconds_relative_range": [min(ratios), max(ratios)],
+                "cpu_seconds": run.total("cpu_seconds"),
+                "cpu_relative": run.total("cpu_seconds") / exact.total("cpu_seconds"),
+                "render_seconds": change.seconds,
+                "render_relative": change.seconds / exact_images.seconds
+                if exact_images.seconds
+                else 1.0,
+                "memory_mb": run.peak_mb if isolated else None,
+                "memory_base_mb": run.base_mb if isolated else None,
+                "sunlit_error_share": change.sunlit_error_share,
+                "sunlit_error_near_edge_share": change.near_edge_share,
+                "visible_error_share": change.visible_error_share,
+                "radiance_rmse": change.radiance_rmse,
+                **dataclasses.asdict(
+                    compare_points(found[REFERENCE], found[tier], build.config, build.gsd_m)
+                ),
+            }
+        )
+    return rows
+
+
+def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
+    """What was compared, in plain values."""
+    config = build.config
+    dems = DemSet.open(build.dem_paths, config.dem.product_order)
+    conditions = [Conditions.at(job.task.lat_deg, config) for job in chosen]
+    return {
+        "dems": [source["name"] for source in dems.sources()],
+        "region": {
+            "center_lon": build.region.lon_deg,
+            "center_lat": build.region.lat_deg,
+            **dict(zip(("west", "south", "east", "north"), build.region.bounds, strict=True)),
+        },
+        "gsd_m": build.gsd_m,
+        "areas": len(chosen),
+        "areas_of": len(build.jobs),
+        "area_names": [job.task.name for job in chosen],
+        "area_nodes": [math.prod(job.task.window.shape) for job in chosen],
+        "suns": sorted({int(c.reachable.sum()) for c in conditions}),
+        "sun_azimuths_deg": list(config.sun.azimuths_deg),
+        "sun_elevations_deg": list(config.sun.elevations_deg),
+        "views": len(config.view),
+        "view_off_nadir_deg": list(config.view.off_nadir_deg),
+        "reflectance": law_of_build(config, build.region.lat_deg).model.name,
+        "threads": 1,
+        "rounds": rounds,
+        "own_process": isolated,
+    }

@@ -1,0 +1,105 @@
+"""What another tier does to the choice of points: lost, gained, moved, and how their conditions and their sigma change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..build.area_job import Candidates
+from ..build.assembly import choose
+from ..build.config import BuildConfig
+from ..catalog.flags import evaluated, usable
+from ..landmarks.selection import nearest, stable_id
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Change:
+    """How much a figure of the points in both changed: median and 95th percentile of the absolute difference."""
+
+    median: float | None
+    p95: float | None
+
+    @classmethod
+    def of(cls, differences: Array) -> Change:
+        if not len(differences):
+            return cls(None, None)
+        low, high = np.percentile(np.abs(differences), [50.0, 95.0])
+        return cls(float(low), float(high))
+
+
+@dataclass(frozen=True)
+class PointChanges:
+    """What the choice of points makes of two sets of candidates; shares are None where there is nothing to share."""
+
+    points: int
+    points_lost: int
+    points_gained: int
+    points_moved: int
+    conditions_changed_share: float | None
+    localization_sigma_change_m: Change
+    localization_sigma_change_share: Change
+
+
+def compare_points(
+    reference: Candidates, tier: Candidates, config: BuildConfig, gsd_m: float
+) -> PointChanges:
+    """What a navigator feels: the points that `assemble.choose` takes of either set, matched by the id of their place.
+
+    Lost: in the reference's catalogue and not in the tier's; gained: the other way; moved: lost ones with a gained one within
+    half a spacing. Conditions are those that were evaluated for candidates in both sets; sigma is the catalogue's
+    ``localization_sigma``, major axis, of points in both.
+    """
+    ids = {"ours": _ids(tier), "exact": _ids(reference)}
+    ours, exact = (_chosen(c, config, gsd_m) for c in (tier, reference))
+    lost = exact[~np.isin(ids["exact"][exact], ids["ours"][ours])]
+    gained = ours[~np.isin(ids["ours"][ours], ids["exact"][exact])]
+    near_m = config.points.spacing_nodes(gsd_m) * gsd_m / 2.0
+    away_m = nearest(
+        reference.lon_deg[lost], reference.lat_deg[lost], tier.lon_deg[gained], tier.lat_deg[gained]
+    )[1]
+    _, here, there = np.intersect1d(ids["ours"], ids["exact"], return_indices=True)
+    both = np.isin(here, ours) & np.isin(there, exact)
+    before = _sigma_m(reference, there[both])
+    change = _sigma_m(tier, here[both]) - before
+    return PointChanges(
+        points=len(ours),
+        points_lost=len(lost),
+        points_gained=len(gained),
+        points_moved=int((away_m <= near_m).sum()),
+        conditions_changed_share=_changed(reference, there, tier, here),
+        localization_sigma_change_m=Change.of(change),
+        localization_sigma_change_share=Change.of(change / before),
+    )
+
+
+def _chosen(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
+    """The points; none where there are no candidates, which `choose` cannot do."""
+    return choose(candidates, config, gsd_m) if len(candidates) else np.zeros(0, dtype=np.int64)
+
+
+def _ids(candidates: Candidates) -> NDArray[np.int64]:
+    return stable_id(candidates.lon_deg, candidates.lat_deg)
+
+
+def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> Array:
+    """The greatest major axis over usable conditions, as the catalogue states it; the rows are points and have one."""
+    evaluation = candidates.evaluation
+    works = usable(evaluation.condition[rows])
+    sigma_m = np.where(works, evaluation.sigma_major_m[rows], -np.inf)
+    return sigma_m.max(axis=(1, 2, 3))
+
+
+def _changed(
+    reference: Candidates, there: NDArray[np.int64], tier: Candidates, here: NDArray[np.int64]
+) -> float | None:
+    """Of the conditions evaluated in both the share that is usable in one only."""
+    exact, ours = reference.evaluation.condition[there], tier.evaluation.condition[here]
+    judged = evaluated(exact) & evaluated(ours)
+    if not judged.any():
+        return None
+    return float((usable(exact) != usable(ours))[judged].mean())

@@ -1,0 +1,127 @@
+"""Areas of a trade computed in processes of their own: what they take, what they hold, and what they give."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import signal
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..build.area_job import AreaJob, Candidates, run_area
+from ..build.assembly import joined
+from ..errors import AreaFailedError
+from ..threads import limit_threads
+
+
+@dataclass(frozen=True)
+class TimedArea:
+    """An area's candidates, what they took, and the most memory that the process held before and after, MB."""
+
+    seconds: float
+    cpu_seconds: float
+    candidates: Candidates
+    before_mb: float
+    peak_mb: float
+
+
+def timed_area(job: AreaJob) -> TimedArea:
+    """`job.run_area` on one thread: seconds of wall time, and of the process's own time, which other work on the machine does not
+    lengthen so much.
+    """
+    before_mb = _peak_mb()
+    with limit_threads(1):
+        wall, own = time.perf_counter(), time.process_time()
+        result = run_area(job)
+        wall, own = time.perf_counter() - wall, time.process_time() - own
+    return TimedArea(wall, own, result, before_mb, _peak_mb())
+
+
+def _peak_mb() -> float:
+    """The most memory that this process has held so far, MB.
+
+    On Linux from ``VmHWM``: ``ru_maxrss`` begins with what the process that started this one held.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+class Workers:
+    """A spawned process for each name that is called, or this process for all."""
+
+    def __init__(self, isolated: bool) -> None:
+        self._isolated, self._stack = isolated, ExitStack()
+        self._pools: dict[str, ProcessPoolExecutor] = {}
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def call(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """The result of a function, computed in the named process, or whatever it raised."""
+        if not self._isolated:
+            return function(*arguments)
+        if name not in self._pools:
+            pool = ProcessPoolExecutor(
+                max_workers=1,
+                mp_context=multiprocessing.get_context("spawn"),
+                initializer=_ignore_interrupts,
+            )
+            self._pools[name] = self._stack.enter_context(pool)
+        try:
+            return self._pools[name].submit(function, *arguments).result()
+        except BrokenProcessPool as error:
+            raise AreaFailedError(
+                f"the process of {name} died (killed, or out of memory); try a coarser --gsd or a smaller area"
+            ) from error
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C is the parent's affair."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@dataclass
+class Runs:
+    """What one tier's process gave back."""
+
+    areas: dict[str, list[TimedArea]] = field(default_factory=dict)  # by name, one a round
+    base_mb: float = 0.0
+
+    def add(self, area: str, outcome: TimedArea) -> None:
+        self.areas.setdefault(area, []).append(outcome)
+
+    def total(self, clock: str) -> float:
+        """Seconds of all areas by a clock (a field of `TimedArea`), each the median of its rounds."""
+        return sum(
+            statistics.median(getattr(r, clock) for r in runs) for runs in self.areas.values()
+        )
+
+    @property
+    def by_round(self) -> list[float]:
+        """Wall time of all areas in each round."""
+        return [sum(run.seconds for run in turn) for turn in zip(*self.areas.values(), strict=True)]
+
+    @property
+    def peak_mb(self) -> float:
+        return max(run.peak_mb for runs in self.areas.values() for run in runs)
+
+    @property
+    def candidates(self) -> Candidates:
+        everything: Candidates = joined([runs[-1].candidates for runs in self.areas.values()])
+        return everything

@@ -1,0 +1,1 @@
+"""A catalogue compared with images: verdict, windows and report."""

@@ -1,0 +1,302 @@
+"""The finest wave that a DEM really has, from its heights alone.
+
+Stereo models and filtered products are posted finer than they resolve. Bare ground has a spectrum of heights that falls
+with wavenumber by one power law over many octaves (the Moon's about k^-4 in two dimensions: Rosenburg et
+al. 2011, J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these scales); where a DEM falls off that law of its
+own long waves, it has lost what was there. Fitted is
+
+    P(k) = A k^-b M(k)^2 + N,      M(k)^2 = 1 / (1 + 3 (k/c)^4)   or   exp(-ln 4 (k/c)^2)
+
+with N the level at which the spectrum becomes flat (rounding and noise). The first M is that of heights found with a penalty on
+curvature, as dense matching finds them; the second is a Gaussian point spread; the better of the two is taken. M is 1/2
+at k = c. The resolution is half that wave: the width of the cells that just carry it. Where noise outweighs the
+heights at longer waves already, it is half of the wave at which it does. Never below the posting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..terrain.terrain import Terrain
+from .point_spread import SIGMA_PER_FWHM
+
+Array = NDArray[np.float64]
+
+TILES = (512, 256, 128, 64, 32)
+"""Sides of the tiles that spectra are averaged over: the first that leaves out no more than half of the heights."""
+
+LAW_LONGEST_M = 30e3
+"""The Moon's own spectrum bends here: longer waves fall less steeply (LDEM_4: k^-2 between 30 and 100 km)."""
+
+EXPONENT, EXPONENT_SIGMA = 4.0, 0.3
+"""What is known of b before: without it a small area cannot tell a steep law from a smooth DEM."""
+
+BETWEEN_AREAS = 0.25
+"""Standard deviation, in the logarithm, between answers for areas of 100 to 700 km of one product (GLD100, ten of them:
+docs/validation.md): no ground follows a power law exactly.
+"""
+
+_BINS_PER_OCTAVE = 6
+_LONGEST = 3.0  # waves in a tile: longer ones are bent by its taper and its plane
+_SHORTEST = 0.95  # of Nyquist's wavenumber
+_OCTAVES_LEAST = 2.5  # Nyquist's wavenumber, in the longest wave's
+_CUTS = 300
+_NOISES = 10
+_MISFIT = 0.1  # what no law with so few numbers follows, in the logarithm of power
+_TOLD = 0.8  # of Nyquist's wavenumber: beyond, what is folded back looks like noise
+_FITTED = 2.5  # times the cut: beyond, a DEM's own filters show that are none of the model's
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What a DEM resolves.
+
+    ``resolution_m``: half its shortest wave, at least ``posting_m``; ``low_m`` to ``high_m``: one sigma, of the fit and of what
+    areas of one product differ by (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that
+    halves the same wave; 0 for a DEM that has its posting. ``exponent``: b; ``noise_m``: standard deviation of what is
+    flat in the spectrum; ``how``: in words, for reports.
+    """
+
+    resolution_m: float
+    low_m: float
+    high_m: float
+    posting_m: float
+    point_spread_m: float
+    exponent: float
+    noise_m: float
+    how: str
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Power (m^4) of heights by wavenumber (cycles a metre), both (n,), and how many waves each mean was taken of."""
+
+    wavenumber: Array
+    power: Array
+    waves: Array
+
+
+def of_terrain(terrain: Terrain) -> Resolution:
+    """Of a terrain's core, which should have the DEM's own posting: coarser cells hide what the DEM has, finer ones are
+    found out.
+    """
+    row0, row1, col0, col1 = terrain.core
+    return true_resolution(terrain.field.z_m[row0:row1, col0:col1], terrain.field.gsd_m)
+
+
+def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) -> Resolution:
+    """Of heights (rows, cols) on a grid whose nodes lie ``gsd_m`` apart, or (down, across) metres: rows of a cylindrical map.
+
+    Heights of fewer than 32 x 32 nodes, with gaps everywhere, level, or of which hardly an octave is shorter than
+    `LAW_LONGEST_M`, cannot tell: the posting is given, and ``how`` says so.
+    """
+    z = np.asarray(heights_m, dtype=np.float64)
+    steps = (float(gsd_m), float(gsd_m)) if np.ndim(gsd_m) == 0 else tuple(map(float, gsd_m))  # type: ignore[arg-type]
+    if z.ndim != 2 or len(steps) != 2 or not all(math.isfinite(s) and s > 0.0 for s in steps):
+        raise ValueError(f"heights are (rows, cols) on positive steps, not {z.shape} on {gsd_m}")
+    posting = max(steps)
+    spectrum = spectrum_of(z, (steps[0], steps[1]))
+    if spectrum is None:
+        return _untold(posting, "too few heights without gaps to tell: its posting")
+    return _fitted(spectrum, posting, steps[0] * steps[1])
+
+
+def _untold(posting_m: float, how: str) -> Resolution:
+    return Resolution(posting_m, posting_m, math.inf, posting_m, 0.0, math.nan, math.nan, how)
+
+
+# -- the spectrum
+
+
+def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
+    """The mean spectrum over tiles, half a tile apart, each less its plane and tapered by Hann's window squared (whose leakage
+    falls with k^-10: less steeply than any DEM would be hidden by); None where too few tiles are whole or all are level.
+    """
+    side, tiles = next(((side, tiles) for side in TILES if (tiles := _tiles(z, side))), (0, []))
+    if not tiles:
+        return None
+    power = np.mean([_power(tile) for tile in tiles], axis=0) * steps_m[0] * steps_m[1]
+    if not power.max() > 0.0:
+        return None
+    down, across = (np.fft.fftfreq(side, step) for step in steps_m)
+    k = np.hypot(down[:, None], across[None])
+    half = (across[None] > 0) | ((across[None] == 0) & (down[:, None] > 0))  # each wave once
+    longest = max(_LONGEST / (side * max(steps_m)), 1.0 / LAW_LONGEST_M)
+    shortest = _SHORTEST * 0.5 / max(steps_m)
+    if shortest < _OCTAVES_LEAST * longest:
+        return None
+    octaves = math.log2(shortest / longest)
+    edges = np.geomspace(longest, shortest, max(8, round(octaves * _BINS_PER_OCTAVE)) + 1)
+    return _binned(k[half], power[half], edges, 0.5 * (len(tiles) + 1))
+
+
+def _tiles(z: Array, side: int) -> list[Array]:
+    """Tiles without gaps; none where they would leave out more than half of the heights."""
+    there = np.isfinite(z)
+    covered = np.zeros(z.shape, np.bool_)
+    tiles = []
+    rows, cols = (range(0, n - side + 1, side // 2) for n in z.shape)
+    for place in (np.s_[i : i + side, j : j + side] for i in rows for j in cols):
+        if there[place].all():
+            covered[place] = True
+            tiles.append(z[place])
+    return tiles if 2 * int(covered.sum()) >= int(there.sum()) else []
+
+
+def _power(tile: Array) -> Array:
+    n = len(tile)
+    at = np.arange(n) - (n - 1) / 2
+    level = tile - tile.mean()
+    tilt = at / (n * float(at @ at))
+    level -= (level.sum(axis=1) @ tilt) * at[:, None] + (level.sum(axis=0) @ tilt) * at[None]
+    taper = (0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / n)) ** 2
+    window = np.outer(taper, taper)
+    return np.abs(np.fft.fft2(level * window)) ** 2 / float(np.sum(window**2))
+
+
+def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
+    """Geometric means over bins of wavenumber: what interpolation or stripes put on a few waves hardly moves them. That of one
+    noisy spectrum would lie below its mean by exp(-gamma), of n by about exp(-1 / 2n): undone.
+    """
+    which = np.digitize(k, edges) - 1
+    below = 0.5 / tiles + 1.0 / (12.0 * tiles**2)  # ln n - digamma(n)
+    rows = []
+    for number in range(len(edges) - 1):
+        here = which == number
+        if here.sum() >= 4:
+            level = float(np.log(np.maximum(power[here], 1e-300)).mean())
+            middle = float(np.exp(np.log(k[here]).mean()))
+            rows.append((middle, math.exp(level + below), here.sum() * tiles))
+    return Spectrum(*np.array(rows).T)
+
+
+# -- the fit
+
+
+Shape = Callable[[Array, float], Array]
+
+SHAPES: dict[str, Shape] = {
+    "a penalty on curvature": lambda k, cut: -np.log1p(3.0 * (k / cut) ** 4),
+    "a Gaussian point spread": lambda k, cut: -math.log(4.0) * (k / cut) ** 2,
+}
+"""Logarithms of M^2."""
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One shape with its numbers, and its misfit (chi^2) as a function of the cut."""
+
+    shape: str
+    cut: float
+    amplitude: float
+    exponent: float
+    noise: float
+    chi2: float
+    cuts: Array
+    profile: Array
+
+    def signal(self, k: Array) -> Array:
+        """Power without the flat part."""
+        return np.asarray(
+            self.amplitude * k**-self.exponent * np.exp(SHAPES[self.shape](k, self.cut))
+        )
+
+
+def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
+    used, fit = spectrum, _best(spectrum)
+    for _ in range(_ROUNDS):
+        near = spectrum.wavenumber <= max(_FITTED * fit.cut, spectrum.wavenumber[7])
+        used = Spectrum(*(a[near] for a in (spectrum.wavenumber, spectrum.power, spectrum.waves)))
+        fit = _best(used)
+    nyquist = 0.5 / posting_m
+    noisy = _outweighed(fit, nyquist)
+    cut = min(fit.cut, noisy)
+    low, high = _interval(fit, len(used.power))
+    noise_m = math.sqrt(fit.noise / cell_m2)
+    resolution = max(posting_m, 0.5 / cut)
+    sides = (1.0, 1.0) if noisy < fit.cut else (high / fit.cut, fit.cut / low)
+    finer, coarser = (math.hypot(math.log(side), BETWEEN_AREAS) for side in sides)
+    spread = 0.0 if fit.cut >= nyquist else _fwhm_m(fit.cut)
+    return Resolution(
+        resolution,
+        max(posting_m, 0.5 / cut * math.exp(-finer)),
+        max(posting_m, 0.5 / cut * math.exp(coarser)),
+        posting_m,
+        spread,
+        fit.exponent,
+        noise_m,
+        _words(fit, resolution, posting_m, noisy),
+    )
+
+
+def _words(fit: _Fit, resolution_m: float, posting_m: float, noisy: float) -> str:
+    law = f"heights fall with k^-{fit.exponent:.1f}"
+    if resolution_m <= posting_m:
+        return f"{law} down to the posting"
+    if noisy < fit.cut:
+        return f"{law}, and noise outweighs them below waves of {2.0 * resolution_m:.0f} m"
+    return (
+        f"{law}; waves of {2.0 * resolution_m:.0f} m have half their height left, like {fit.shape}"
+    )
+
+
+def _fwhm_m(cut: float) -> float:
+    """Full width at half maximum of the Gaussian whose transfer is 1/2 at a wavenumber: exp(-2 (pi s k)^2) = 1/2."""
+    return math.sqrt(0.5 * math.log(2.0)) / (math.pi * cut) / SIGMA_PER_FWHM
+
+
+def _best(spectrum: Spectrum) -> _Fit:
+    """The better shape, with the flat level that fits best."""
+    least = float(spectrum.power.min())
+    noises = [0.0, *(least * np.linspace(0.05, 0.95, _NOISES)).tolist()]
+    fits = [_fit(spectrum, shape, noise) for shape in SHAPES for noise in noises]
+    best = min(fits, key=lambda fit: fit.chi2)
+    same = [fit.profile for fit in fits if fit.shape == best.shape]
+    profile = np.min(same, axis=0)
+    return _Fit(**{**best.__dict__, "profile": profile})
+
+
+def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
+    """Amplitude and exponent by weighted least squares on logarithms, for every cut at once; what is known of the exponent
+    counts as one more measurement.
+    """
+    k, power = spectrum.wavenumber, spectrum.power
+    clear = power - noise
+    variance = (1.0 / spectrum.waves + _MISFIT**2) * (power / clear) ** 2
+    w, x = 1.0 / variance, -np.log(k)
+    cuts = np.geomspace(k[0], 8.0 * k[-1], _CUTS)
+    falls = np.array([SHAPES[shape](k, cut) for cut in cuts])
+    y = np.log(clear)[None] - falls
+    prior = 1.0 / EXPONENT_SIGMA**2
+    s, sx, sxx = w.sum(), w @ x, w @ (x * x) + prior
+    sy, sxy = y @ w, y @ (w * x) + prior * EXPONENT
+    determinant = s * sxx - sx * sx
+    exponent = (s * sxy - sx * sy) / determinant
+    level = (sxx * sy - sx * sxy) / determinant
+    model = level[:, None] + exponent[:, None] * x[None] + falls
+    model = np.logaddexp(model, math.log(noise)) if noise > 0.0 else model
+    off = (np.log(power)[None] - model) ** 2 / (1.0 / spectrum.waves + _MISFIT**2)
+    profile = off.sum(axis=1) + prior * (exponent - EXPONENT) ** 2
+    best = int(profile.argmin())
+    numbers = float(np.exp(level[best])), float(exponent[best])
+    return _Fit(shape, float(cuts[best]), *numbers, noise, float(profile[best]), cuts, profile)
+
+
+def _interval(fit: _Fit, count: int) -> tuple[float, float]:
+    """Cuts within one sigma: the misfit is scaled so that the best fit's is what its freedom allows, if it is worse."""
+    scale = max(1.0, fit.chi2 / max(1, count - 4))
+    within = fit.cuts[fit.profile <= fit.profile.min() + scale]
+    return float(within.min()), float(within.max())
+
+
+def _outweighed(fit: _Fit, nyquist: float) -> float:
+    """The wavenumber from which on the flat part is more than the rest; infinite where that is beyond Nyquist."""
+    k = np.geomspace(fit.cuts[0], _TOLD * nyquist, 2000)
+    over = np.flatnonzero(fit.signal(k) < fit.noise)
+    return float(k[over[0]]) if over.size else math.inf

@@ -1,0 +1,382 @@
+"""What validation found, as numbers: one verdict an image, and the content of ``report.json``.
+
+Only figures stand here, no searching and no comparing. What was not measured is NaN or None here and null in JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._version import __version__
+from ..cameras.sensor import ON_MAP
+from ..matching.matches import CODE, Matches
+from ..matching.pose import Pose, PositionError
+from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Located
+from ..matching.sun_check import LightCheck
+from ..plots.svg import number
+from .window_correlation import WindowComparison
+
+Array = NDArray[np.float64]
+
+VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
+"""What may be said of an image."""
+
+DIGITS = 10
+"""Significant digits of a figure in JSON and CSV: the last bits of a double differ between kinds of processors."""
+
+
+@dataclass(frozen=True)
+class ImageFacts:
+    """What is known of an image before anything is sought in it. ``name`` has no folder; angles are those at its middle;
+    NaN: not known.
+    """
+
+    name: str
+    width_px: int = 0
+    height_px: int = 0
+    sensor: str = ""  # in words: "framing camera", "line scanner" ...
+    pixel_m: float = math.nan  # ground sample distance at the middle
+    sun_azimuth_deg: float = math.nan
+    sun_elevation_deg: float = math.nan
+    off_nadir_deg: float = math.nan
+    sun_from: str = ""  # where the Sun's place comes from
+    saturated_share: float = math.nan
+    missing_share: float = math.nan
+
+    def __post_init__(self) -> None:
+        if Path(self.name).name != self.name:
+            raise ValueError(f"{self.name}: a name without its folder")
+
+
+@dataclass(frozen=True, eq=False)
+class PointFigures:
+    """Rows of `Matches`, told apart and placed. Pixels are (column, row) of the image as it came."""
+
+    point_id: NDArray[np.int64]  # (n,)
+    longitude_deg: Array  # (n,) east, 0..360
+    latitude_deg: Array  # (n,)
+    pixel_m: Array  # (n,) ground size of the image's pixel there
+    corrected_px: Array  # (n, 2) where the corrected sensor puts it, NaN without a pose
+
+    @classmethod
+    def none(cls) -> PointFigures:
+        """Of no points."""
+        empty = np.empty(0)
+        return cls(np.empty(0, np.int64), empty, empty, empty, np.empty((0, 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class WindowFigures:
+    """The n windows of an image, and what was compared."""
+
+    compared: WindowComparison
+    resolution: str  # how the cell size was chosen, one line
+    against: str  # what was rendered: "GLD100 heights of 948 m", "the catalogue's patches"
+    longitude_deg: Array  # (n,) of the window's middle, east, 0..360
+    latitude_deg: Array  # (n,)
+    point_id: NDArray[np.int64] | None = None  # (n,) whose patch it is, where patches were compared
+
+    @property
+    def offset_sentence(self) -> str:
+        """Whether an offset of the whole image was taken out before comparing."""
+        if self.compared.offset == "kept":
+            return "no offset was removed before comparing"
+        right, down = (number(cells) for cells in self.compared.shift_px)
+        return f"the whole image lay {right} cells right and {down} below its render: removed before comparing"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFigures:
+    """A corrected sensor; ``error`` is None where the true place is not known (or, of a map, where there is none)."""
+
+    pose: Pose
+    error: PositionError | None = None
+
+    @property
+    def position_axes_m(self) -> Array:
+        """1 sigma along the principal axes of the position's covariance, falling; 3 of a camera, 2 on a map."""
+        variances = np.linalg.eigvalsh(self.pose.covariance[:3, :3])[::-1]
+        return np.sqrt(np.maximum(variances, 0.0))
+
+    @property
+    def position_error_m(self) -> float | None:
+        return None if self.error is None else self.error.error.whole_m
+
+    @property
+    def position_mcmf_m(self) -> Array | None:
+        """Where the corrected camera stands, (3,), of a scanner its middle line; None of a map."""
+        if self.pose.sensor.corrections == ON_MAP:
+            return None
+        rows, cols = self.pose.sensor.shape
+        return self.pose.sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])[0]
+
+    def figures(self) -> dict[str, Any]:
+        """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position's variances: what its error is in
+        the root mean square.
+        """
+        pose, error = self.pose, self.error
+        names = pose.sensor.corrections
+        return {
+            "position_error_m": self.position_error_m,
+            "position_sigma_m": pose.position_sigma_m,
+            "position_error_across_m": error.error.across_m if error else None,
+            "position_sigma_across_m": error.sigma.across_m if error else None,
+            "position_sigma_axes_m": self.position_axes_m,
+            "position_mcmf_m": self.position_mcmf_m,
+            "normalised_error": pose.normalised_error,
+            "correction": dict(zip(names, pose.correction, strict=True)),
+            "sigma": dict(zip(names, pose.sigma, strict=True)),
+            "covariance": pose.covariance,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ImageVerdict:
+    """All that was found of one image. ``error`` is that of its pose, where the true one is known."""
+
+    facts: ImageFacts
+    located: Located
+    points: PointFigures  # of the rows of ``located.matches``
+    windows: WindowFigures | None = None
+    windows_reason: str = ""  # why there are none
+    error: PositionError | None = None
+
+    def __post_init__(self) -> None:
+        if self.verdict not in VERDICTS:
+            raise ValueError(f"{self.facts.name}: a verdict {self.verdict!r}; {VERDICTS}")
+        if (self.located.pose is not None) != (self.verdict == LOCATED):
+            raise ValueError(f"{self.facts.name}: a pose goes with {LOCATED!r} alone")
+        if len(self.points.point_id) != len(self.matches):
+            raise ValueError(f"{self.facts.name}: points and matches are not the same rows")
+
+    @property
+    def verdict(self) -> str:
+        """One of `VERDICTS`."""
+        return self.located.verdict
+
+    @property
+    def reason(self) -> str:
+        return self.located.reason
+
+    @property
+    def matches(self) -> Matches:
+        return self.located.matches
+
+    @cached_property
+    def pose(self) -> PoseFigures | None:
+        """Only there with `LOCATED`."""
+        pose = self.located.pose
+        return None if pose is None else PoseFigures(pose, self.error)
+
+    @cached_property
+    def residual_px(self) -> Array:
+        """Found minus where the corrected sensor puts it, (n, 2), also of what was found and not believed; NaN for the rest, and
+        without a pose.
+        """
+        return np.asarray(self.matches.found_px - self.points.corrected_px)
+
+    def figures(self) -> dict[str, Any]:
+        """One entry of ``images`` in ``report.json``."""
+        found, matches = self.matches.found, self.matches
+        offset = np.linalg.norm(matches.offset_px[found], axis=-1)
+        counts = {reason: n for reason, n in matches.counts().items() if CODE[reason]}
+        return {
+            "image": self.facts.name,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "points_in_view": len(matches),
+            "points_found": int(found.sum()),
+            "not_found": counts,
+            "offset_px": _middle_and_most(offset),
+            "offset_m": _middle_and_most(offset * self.points.pixel_m[found]),
+            "residual_px": _middle_and_most(np.linalg.norm(self.residual_px[found], axis=-1)),
+            "correlation": {
+                "median": _percentile(matches.correlation[found], 50.0),
+                "p05": _percentile(matches.correlation[found], 5.0),
+            },
+            "windows": self._windows(),
+            "pose": None if self.pose is None else self.pose.figures(),
+            "located_by": None if self.pose is None else self.located.by,
+            "log10_false_alarms": self.located.log10_false_alarms,
+            "log10_false_alarms_rival": self.located.rival_log10,
+            "light": _light(self.located.light),
+            "size_px": [self.facts.width_px, self.facts.height_px],
+            "sensor": self.facts.sensor,
+            "pixel_m": self.facts.pixel_m,
+            "sun": {
+                "azimuth_deg": self.facts.sun_azimuth_deg,
+                "elevation_deg": self.facts.sun_elevation_deg,
+                "from": self.facts.sun_from,
+            },
+            "off_nadir_deg": self.facts.off_nadir_deg,
+            "saturated_share": self.facts.saturated_share,
+            "missing_share": self.facts.missing_share,
+        }
+
+    def _windows(self) -> dict[str, Any]:
+        """Of no windows the same names, without values: who reads them need not ask first."""
+        figures, w = self.windows, self.windows.compared if self.windows else None
+        return {
+            "size": w.size if w else None,
+            "step": w.step if w else None,
+            "count": w.count if w else 0,
+            "gsd_m": w.gsd_m if w else None,
+            "resolution": figures.resolution if figures else "",
+            "against": figures.against if figures else "",
+            "share_above_0_9": w.share_above(0.9) if w else None,
+            "share_above_0_7": w.share_above(0.7) if w else None,
+            "median": w.median if w else None,
+            "mode": w.mode if w else None,
+            "textured": {
+                "share_above_0_9": w.textured.share_above(0.9) if w else None,
+                "share_above_0_7": w.textured.share_above(0.7) if w else None,
+            },
+            "offset": w.offset if w else None,
+            "shift_px": list(w.shift_px) if w else None,
+            "reason": self.windows_reason,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A whole validation: its images, the catalogue (``name``, ``points`` and what else is plain), and the options as given."""
+
+    images: tuple[ImageVerdict, ...]
+    catalog: Mapping[str, Any]
+    options: Mapping[str, Any]
+
+    def document(self) -> dict[str, Any]:
+        """The content of ``report.json``: plain values, None for what was not measured."""
+        whole: dict[str, Any] = plain(
+            {
+                "catalog": dict(self.catalog),
+                "options": dict(self.options),
+                "images": [image.figures() for image in self.images],
+                "software": f"lcp-catalog {__version__}",
+            }
+        )
+        return whole
+
+    def to_json(self) -> str:
+        """`document` as text; equal verdicts give equal bytes."""
+        return json.dumps(self.document(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """Values as JSON has them: None for what is not finite, `DIGITS` digits for what is, lists for arrays."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(inner) for name, inner in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return _rounded(value) if math.isfinite(value) else None
+    return value
+
+
+def _light(check: LightCheck | None) -> dict[str, Any] | None:
+    """What the points say of the Sun: as stated, and under Suns turned clockwise and raised. ``law``: of the renders, where it
+    is not the search's own.
+    """
+    if check is None:
+        return None
+    tried = zip(check.turns_deg, check.correlations, check.shares, strict=True)
+    return {
+        "fits": check.fits,
+        "points": check.points,
+        "law": check.law or None,
+        "correlation": check.correlation,
+        "others": [
+            {
+                "turned_deg": turned,
+                "raised_deg": raised,
+                "correlation": value,
+                "preferred_share": share,
+            }
+            for (turned, raised), value, share in tried
+        ],
+    }
+
+
+def _middle_and_most(values: Array) -> dict[str, float]:
+    return {"median": _percentile(values, 50.0), "p95": _percentile(values, 95.0)}
+
+
+def _percentile(values: Array, percent: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, percent)) if len(known) else math.nan
+
+
+def _rounded(value: float) -> float:
+    """With `DIGITS` digits and without a sign at 0; the very largest numbers, which would round beyond all, as they are."""
+    rounded = float(f"{value:.{DIGITS}g}")
+    return rounded + 0.0 if math.isfinite(rounded) else value
+
+
+# -- in a few lines of text
+
+
+def summary_lines(verdict: Verdict) -> list[str]:
+    """A few lines for each image, for a terminal."""
+    return [line for image in verdict.images for line in image_lines(image)]
+
+
+def image_lines(image: ImageVerdict) -> list[str]:
+    """The verdict, the points, the offsets, the windows and the pose, as far as there are any."""
+    found: dict[str, Any] = plain(image.figures())
+    lines = [f"{image.facts.name}: {image.verdict}" + (f": {image.reason}" if image.reason else "")]
+    lines.append(f"  points   {found['points_found']} of {found['points_in_view']} in view found")
+    if found["not_found"]:
+        lines[-1] += "; " + ", ".join(f"{n} {reason}" for reason, n in found["not_found"].items())
+    if found["points_found"]:
+        lines.append(f"  offset   {_offset_text(found)}")
+    lines.append(f"  windows  {windows_text(image)}")
+    if image.pose is not None:
+        lines.append(f"  pose     {pose_text(image.pose)}")
+    return lines
+
+
+def windows_text(image: ImageVerdict) -> str:
+    """The windows in a line."""
+    if image.windows is None or not image.windows.compared.count:
+        return "none compared" + (f": {image.windows_reason}" if image.windows_reason else "")
+    w = image.windows.compared
+    return (
+        f"{w.count} of {w.size} x {w.size} cells of {number(w.gsd_m, 4)} m: {100 * w.share_above(0.9):.1f} % above 0.9, "
+        f"{100 * w.share_above(0.7):.1f} % above 0.7, median {w.median:.3f}, mode {w.mode:.3f}; "
+        f"{image.windows.offset_sentence}"
+    )
+
+
+def pose_text(figures: PoseFigures) -> str:
+    """The pose in a line."""
+    pose, error = figures.pose, figures.position_error_m
+    known = "" if error is None else f", error {number(error)} m"
+    return f"position to {number(pose.position_sigma_m)} m (1 sigma){known}; normalised error {number(pose.normalised_error)}"
+
+
+def _offset_text(found: Mapping[str, Any]) -> str:
+    px, metres, residual = (found[name] for name in ("offset_px", "offset_m", "residual_px"))
+    text = (
+        f"median {_figure(px['median'])} px ({_figure(metres['median'])} m), "
+        f"95 % within {_figure(px['p95'])} px ({_figure(metres['p95'])} m)"
+    )
+    if residual["median"] is not None:
+        text += f"; after the pose {_figure(residual['median'])} px"
+    return text
+
+
+def _figure(value: float | None) -> str:
+    return number(math.nan if value is None else value)

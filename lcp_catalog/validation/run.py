@@ -1,0 +1,315 @@
+"""The whole validation: each image from its files to a verdict, and what is shown of it."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..accuracy import TIERS, Accuracy
+from ..cameras.camera_file import read_sensor
+from ..cameras.frame_camera import Camera
+from ..cameras.scanners import LineScanner, PushFrame
+from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
+from ..catalog.catalogue import Catalog
+from ..catalog.hdf5 import read_catalog
+from ..dem.mosaic import DemSet
+from ..errors import CameraError, ImageError, LcpError, SunError
+from ..geometry.frames import EnuFrame, azimuth_elevation, lonlat_to_mcmf
+from ..images.image import Photo
+from ..images.image_file import PhotoOptions, center_of, open_photo
+from ..images.pixels import image_shape
+from ..matching.matches import Matches
+from ..matching.point_search import points_in_view
+from ..matching.pose import PositionError, position_error
+from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Located, Options, locate
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.laws import Reflectance, reflectance_model
+from ..plots.greyscale import PIXELS_MAX, Pictures
+from ..render.request import SunChoice
+from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
+from .result import ImageFacts, ImageVerdict, PointFigures, Verdict, WindowFigures
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+log = logging.getLogger(__name__)
+
+LAW = "lunar-lambert"
+"""What a navigator should carry (docs/photographs.md): it has a phase function, which a wide image needs."""
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """An image and what took it; no camera: the map that it was projected on."""
+
+    image: Path
+    camera: Path | None = None
+
+    @property
+    def paths(self) -> list[Path]:
+        return [self.image, *([self.camera] if self.camera else [])]
+
+    def named(self, text: str) -> str:
+        """A message with these files' names instead of their paths: results name no folder."""
+        for path in self.paths:
+            text = text.replace(str(path), path.name)
+        return text
+
+    def require(self) -> None:
+        """ImageError or CameraError for a file that is not there."""
+        if not self.image.is_file():
+            raise ImageError(f"{self.image}: there is no such file")
+        if self.camera is not None and not self.camera.is_file():
+            raise CameraError(f"{self.camera}: there is no such file")
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What one validation is asked for. ``pose_is_known``: the camera files' positions are the truth that found ones are held
+    against. ``faint``: look as `locate.FAINT` says.
+    """
+
+    catalog_path: Path
+    files: tuple[ImageFiles, ...]
+    uncertainty: Uncertainty
+    dem_paths: tuple[Path, ...] = ()
+    windows: WindowChoice = field(default_factory=WindowChoice)
+    sun: SunChoice = field(default_factory=SunChoice)
+    model: Reflectance | None = None
+    accuracy: Accuracy = TIERS["standard"]
+    albedo: AlbedoMap | None = None
+    pose_is_known: bool = False
+    pixels: PhotoOptions = field(default_factory=PhotoOptions)
+    faint: bool = False
+
+    @property
+    def law(self) -> Reflectance:
+        return self.model or reflectance_model(LAW)
+
+    def described(self) -> dict[str, Any]:
+        """The options as a report says them: no folders."""
+        sun = {name: value for name, value in vars(self.sun).items() if value is not None}
+        return {
+            "cameras": [files.camera.name if files.camera else None for files in self.files],
+            "dem": [path.name for path in self.dem_paths],
+            "albedo": self.albedo.name if self.albedo else None,
+            "reflectance": self.law.name,
+            "accuracy": self.accuracy.tier,
+            "encoding": self.pixels.encoding,
+            "band": self.pixels.band,
+            "nodata": self.pixels.nodata,
+            "faint": self.faint,
+            "sun": sun,
+            "position_sigma_m": self.uncertainty.position_m,
+            "attitude_sigma_deg": float(np.degrees(self.uncertainty.attitude_rad)),
+            "window": self.windows.size,
+            "step": self.windows.step,
+            "gsd_m": self.windows.gsd_m,
+            "remove_offset": self.windows.remove_offset,
+            "pose_is_known": self.pose_is_known,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A verdict, what is shown of each image, and every file that was read."""
+
+    verdict: Verdict
+    pictures: tuple[Pictures, ...]
+    sources: tuple[Path, ...]
+
+    @property
+    def located(self) -> bool:
+        """Whether every image is where its camera file says."""
+        return all(image.located.verdict == LOCATED for image in self.verdict.images)
+
+
+def validate(request: Validation, progress: Progress | None = None) -> Result:
+    """Every image in turn. Raises the library's errors for a catalogue or a DEM that cannot be read and for files that are not
+    there; what is wrong with an image, its camera file or its Sun is a verdict.
+    """
+    for files in request.files:
+        files.require()
+    if request.dem_paths:
+        DemSet.open(request.dem_paths, ())
+    catalog = read_catalog(request.catalog_path)
+    images, pictures = [], []
+    sources = [request.catalog_path]
+    for done, (files, name) in enumerate(
+        zip(request.files, told_apart(request.files), strict=True)
+    ):
+        if progress:
+            progress(done, len(request.files))
+        image, shown, read = _one(request, catalog, files, name)
+        images.append(image)
+        pictures.append(shown)
+        sources += read
+    if progress:
+        progress(len(request.files), len(request.files))
+    facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
+    verdict = Verdict(tuple(images), facts, request.described())
+    return Result(verdict, tuple(pictures), tuple(dict.fromkeys(sources)))
+
+
+def told_apart(files: Sequence[ImageFiles]) -> list[str]:
+    """What a report calls images: their files' names, with as many of their folders, as these were given, as tell them apart; one
+    that is given again is numbered.
+    """
+    names = [file.image.name for file in files]
+    for depth in range(2, max(len(file.image.parts) for file in files) + 1):
+        twice = {name for name, count in Counter(names).items() if count > 1}
+        tails = [Path(*file.image.parts[-depth:]).as_posix() for file in files]
+        names = [tail if name in twice else name for name, tail in zip(names, tails, strict=True)]
+    before = [names[:k].count(name) for k, name in enumerate(names)]
+    return [f"{name} ({n + 1})" if n else name for name, n in zip(names, before, strict=True)]
+
+
+def _one(
+    request: Validation, catalog: Catalog, files: ImageFiles, name: str
+) -> tuple[ImageVerdict, Pictures, list[Path]]:
+    try:
+        photo = _opened(request, files)
+    except (ImageError, CameraError, SunError) as error:
+        return _untried(files, name, str(error)), Pictures(), files.paths
+    options = FAINT if request.faint else Options()
+    located = locate(catalog, photo, request.uncertainty, request.law, options)
+    best = photo.with_sensor(located.pose.sensor) if located.pose else photo
+    ground, why = _ground(request, catalog, best)
+    why = files.named(why)
+    image = ImageVerdict(
+        _facts(request, photo, name),
+        located,
+        _points(catalog, located, best.sensor),
+        windows=_windows(catalog, ground) if ground else None,
+        windows_reason=why,
+        error=_error(request, located, photo.sensor),
+    )
+    return image, _pictures(photo, ground), [*files.paths, *(ground.sources if ground else ())]
+
+
+def _opened(request: Validation, files: ImageFiles) -> Photo:
+    sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
+    return open_photo(files.image, sensor, request.sun, request.pixels)
+
+
+def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
+    """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun."""
+    reason = files.named(reason).removeprefix(f"{files.image.name}: ")
+    nothing = Located(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
+    return ImageVerdict(ImageFacts(name), nothing, PointFigures.none())
+
+
+def _ground(
+    request: Validation, catalog: Catalog, photo: Photo
+) -> tuple[GroundComparison | None, str]:
+    """The image against the ground, or why not."""
+    how = request.law, request.accuracy, request.windows
+    try:
+        if request.dem_paths:
+            return against_dem(photo, request.dem_paths, *how, request.albedo), ""
+        return against_patches(photo, catalog, points_in_view(catalog, photo), *how), ""
+    except LcpError as error:
+        log.info("%s: windows: %s", photo.name, error)
+        return None, str(error)
+
+
+def _error(request: Validation, located: Located, given: Sensor) -> PositionError | None:
+    if not request.pose_is_known or located.pose is None or given.corrections != POSE:
+        return None
+    return position_error(located.pose, given)
+
+
+def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
+    return WindowFigures(
+        ground.windows,
+        ground.resolution,
+        ground.against,
+        ground.longitude_deg,
+        ground.latitude_deg,
+        None if ground.point is None else catalog.point_id[ground.point],
+    )
+
+
+def _points(catalog: Catalog, located: Located, sensor: Sensor) -> PointFigures:
+    rows = located.matches.point
+    places = catalog.position_mcmf[rows]
+    corrected = sensor.project(places) if located.pose else np.full((len(rows), 2), np.nan)
+    size_m = pixel_size_m(sensor, places) if len(rows) else np.empty(0)
+    return PointFigures(
+        catalog.point_id[rows], catalog.longitude[rows], catalog.latitude[rows], size_m, corrected
+    )
+
+
+def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
+    rows, cols = photo.signal.shape
+    factor = max(1, int(np.ceil(np.sqrt(rows * cols / PIXELS_MAX))))
+    if factor > min(rows, cols):
+        factor = 1
+    shown = (
+        np.where(photo.valid, photo.signal, np.nan) if factor == 1 else photo.reduced(factor).signal
+    )
+    return Pictures(
+        shown, factor, ground.image if ground else None, ground.render if ground else None
+    )
+
+
+# -- facts of an image
+
+
+def _facts(request: Validation, photo: Photo, name: str) -> ImageFacts:
+    rows, cols = photo.signal.shape
+    known: dict[str, Any] = {}
+    try:
+        lon, lat = center_of(photo.sensor)
+    except LcpError:
+        pass  # its middle shows the sky: angles there are not known
+    else:
+        known = _angles(photo, lon, lat)
+    return ImageFacts(
+        name,
+        cols,
+        rows,
+        _kind(photo.sensor),
+        sun_from=_sun_from(request, photo.sensor),
+        saturated_share=photo.saturated_share,
+        missing_share=photo.missing_share,
+        **known,
+    )
+
+
+def _angles(photo: Photo, lon_deg: float, lat_deg: float) -> dict[str, float]:
+    """Pixel, Sun and view at a place of the sphere."""
+    frame = EnuFrame(lon_deg, lat_deg)
+    place = lonlat_to_mcmf(lon_deg, lat_deg)
+    azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(photo.sun_directions(place)))
+    up = float(frame.rotation[2] @ photo.sensor.towards(place))
+    return {
+        "pixel_m": float(pixel_size_m(photo.sensor, place)),
+        "sun_azimuth_deg": float(azimuth),
+        "sun_elevation_deg": float(elevation),
+        "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
+    }
+
+
+def _sun_from(request: Validation, sensor: Sensor) -> str:
+    """Which of the places where a Sun may stand gave it, as `photo_file` takes them."""
+    if request.sun != SunChoice():
+        return "as stated"
+    known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None
+    return "the camera file" if known else "the image's label"
+
+
+def _kind(sensor: Sensor) -> str:
+    kinds = (
+        (Camera, "framing camera"),
+        (LineScanner, "line scanner"),
+        (PushFrame, "push-frame camera"),
+    )
+    return next((name for kind, name in kinds if isinstance(sensor, kind)), "map-projected image")

@@ -1,0 +1,41 @@
+"""Tasks here and in processes: the same results, and a death or an error stays with its own task."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from lcp_catalog.build.executor import run_tasks
+from lcp_catalog.errors import ConfigError
+
+
+def square(value: int) -> int:
+    if value == 13:
+        raise ValueError("unlucky")
+    return value * value
+
+
+def square_or_die(value: int) -> int:
+    if value == 3:
+        os._exit(9)
+    return value * value
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_task_gives_its_own_result(jobs: int) -> None:
+    outcomes = dict(run_tasks(square, [5, 13, 7], jobs))
+    assert (outcomes[0], outcomes[2]) == (25, 49)
+    assert isinstance(outcomes[1], ValueError)
+
+
+def test_a_dying_worker_takes_only_its_own_task() -> None:
+    outcomes = dict(run_tasks(square_or_die, [1, 2, 3, 4, 5], jobs=2))
+    assert {index: outcomes[index] for index in (0, 1, 3, 4)} == {0: 1, 1: 4, 3: 16, 4: 25}
+    assert isinstance(outcomes[2], RuntimeError)
+    assert "process died" in str(outcomes[2])
+
+
+def test_no_jobs_is_refused() -> None:
+    with pytest.raises(ConfigError, match="--jobs"):
+        list(run_tasks(square, [1], jobs=0))

@@ -1,0 +1,258 @@
+"""A whole small build on the sample's real terrain: what is in it, that it is the same every time, and what a broken run leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lcp_catalog.build import run as build_module
+from lcp_catalog.build.area_job import run_area
+from lcp_catalog.build.config import (
+    AreaConfig,
+    BuildConfig,
+    ModelConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.build.run import Build, build_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, read_catalog, verify
+from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
+from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
+from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+
+DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
+
+CONFIG = BuildConfig(
+    area=AreaConfig(center_deg=(3.5, 26.0), size_km=60.0, gsd_m=474.0),
+    sun=SunConfig((60.0, 90.0, 120.0, 180.0, 240.0, 270.0), (10.0, 30.0, 60.0)),
+    view=ViewConfig((0.0, 40.0), (0.0, 90.0), (float("inf"), 100.0)),
+    points=PointConfig(patch_nodes=17, search_m=9000.0),
+    model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=40.0),
+)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Build:
+    return Build.plan((DEM,), CONFIG)
+
+
+@pytest.fixture(scope="module")
+def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("build") / "small.h5"
+    build_catalog(plan, output)
+    return output
+
+
+@pytest.fixture(scope="module")
+def catalog(built: Path) -> Catalog:
+    return read_catalog(built)
+
+
+def test_the_file_is_intact_and_has_points(built: Path, catalog: Catalog) -> None:
+    assert verify(built) == []
+    assert len(catalog.point_id) >= 5
+    assert not built.with_name("small.h5.parts").exists()
+
+
+def test_points_lie_on_the_dem(catalog: Catalog) -> None:
+    heights, _ = DemSet.open([DEM]).heights(catalog.longitude, catalog.latitude, 474.0)
+    np.testing.assert_allclose(catalog.elevation, heights, atol=2e-3)
+    assert set(catalog.dem_product) == {"GLD100_256"}
+    assert (catalog.elevation_sigma == 20.0).all()  # lcp_catalog/products.py
+    assert (catalog.dem_resolution == 300.0).all()
+
+
+def test_patches_are_the_dem_in_the_points_own_frame(catalog: Catalog) -> None:
+    """Every node of a patch, taken back to longitude and latitude, has the DEM's height."""
+    dems = DemSet.open([DEM])
+    half = catalog.dem.shape[1] // 2
+    step = np.arange(-half, half + 1) * 474.0
+    x, y = np.meshgrid(step, -step)
+    for i in range(len(catalog.point_id)):
+        enu = np.stack([x, y, catalog.dem[i].astype(np.float64)], axis=-1)
+        mcmf = enu @ catalog.rotation_mcmf_to_enu[i] + catalog.position_mcmf[i]
+        lon, lat = (
+            np.degrees(np.arctan2(mcmf[..., 1], mcmf[..., 0])),
+            np.degrees(np.arctan2(mcmf[..., 2], np.hypot(mcmf[..., 0], mcmf[..., 1]))),
+        )
+        heights, _ = dems.heights(lon, lat, 474.0)
+        np.testing.assert_allclose(np.linalg.norm(mcmf, axis=-1) - 1_737_400.0, heights, atol=5e-3)
+
+
+def test_no_two_points_are_nearer_than_the_spacing(catalog: Catalog) -> None:
+    away = central_angle_deg(
+        catalog.longitude[:, None], catalog.latitude[:, None], catalog.longitude, catalog.latitude
+    )
+    np.fill_diagonal(away, np.inf)
+    assert np.radians(away.min()) * 1_737_400.0 >= 32 * 474.0 - 1.0
+
+
+def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
+    """At 26 N the Sun is never 60 degrees up in the east: its declination there would be -10; at noon it is 62..66 up."""
+    evaluated = (catalog.condition & EVALUATED) > 0
+    azimuth, elevation = list(catalog.sun_azimuth), list(catalog.sun_elevation)
+    assert not evaluated[:, :, elevation.index(60.0), azimuth.index(60.0)].any()
+    assert evaluated[:, :, elevation.index(60.0), azimuth.index(180.0)].all()
+    assert evaluated[:, :, elevation.index(10.0), azimuth.index(90.0)].all()
+    assert not evaluated[:, :, elevation.index(10.0), azimuth.index(180.0)].any()
+
+
+def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
+    """One of many of a region near a pole; a region of nothing else is refused."""
+    night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
+    assert len(run_area(dataclasses.replace(plan.jobs[0], config=night))) == 0
+    with pytest.raises(SunError, match=r"at latitude 24\.6 deg it stands at most 67\.2 deg"):
+        Build.plan((DEM,), night)
+
+
+def test_conditions_differ_between_suns(catalog: Catalog) -> None:
+    usable = catalog.condition == USABLE
+    evaluated = (catalog.condition & EVALUATED) > 0
+    per_sun = usable[:, 0].reshape(len(usable), -1)[:, evaluated[0, 0].ravel()]
+    assert (per_sun.any(axis=1) & ~per_sun.all(axis=1)).any()
+
+
+def test_independence_flags_mean_what_they_say(catalog: Catalog) -> None:
+    """Each point's patch in its own frame, alone and inside 40 km of terrain: a twin of the areas' way, with another frame."""
+    dems, half = DemSet.open([DEM]), catalog.dem.shape[1] // 2
+    disagreements = checked = 0
+    for i in range(len(catalog.point_id)):
+        frame = EnuFrame(catalog.longitude[i], catalog.latitude[i])
+        wide = build_terrain(
+            dems, frame, NodeWindow(-half, half + 1, -half, half + 1), 474.0, ring_m=60e3
+        ).field
+        middle = wide.shape[0] // 2
+        window = (middle - half, middle + half + 1, middle - half, middle + half + 1)
+        patch = Heightfield(wide.z_m[window[0] : window[1], window[2] : window[3]], 474.0)
+        for e, a in ((0, 1), (0, 5), (1, 1)):
+            if not catalog.condition[i, 0, e, a] & EVALUATED:
+                continue
+            sun = direction_enu(catalog.sun_azimuth[a], catalog.sun_elevation[e])
+            facing = wide.normals(window) @ sun > 0
+            lost = np.mean(facing & wide.occluded_nodes(sun, window) & ~patch.occluded_nodes(sun))
+            said = bool(catalog.condition[i, 0, e, a] & UNSHADOWED)
+            checked += 1
+            # frames differ by up to a degree, and nodes by a fraction of a cell: only clear cases must agree
+            disagreements += bool((lost == 0.0 and not said) or (lost > 0.06 and said))
+    assert checked > 10
+    assert disagreements <= 0.05 * checked
+
+
+def test_straight_down_nothing_hides(catalog: Catalog) -> None:
+    evaluated = (catalog.condition[:, 0] & EVALUATED) > 0
+    assert ((catalog.condition[:, 0] & UNOCCLUDED) > 0)[evaluated].all()
+
+
+def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
+    usable = catalog.condition == USABLE
+    for point, view, elevation, azimuth in np.argwhere(usable):
+        at = (point, view, azimuth)
+        assert (
+            catalog.sun_elevation_min[at]
+            <= catalog.sun_elevation[elevation]
+            <= catalog.sun_elevation_max[at]
+        )
+    assert (catalog.shadow_dependence <= CONFIG.points.max_dependence).all()
+    assert (catalog.second_peak <= CONFIG.points.max_second_peak).all()
+    assert (catalog.false_match_probability <= CONFIG.points.max_false_match).all()
+    assert (
+        catalog.localization_sigma[:, 0] <= CONFIG.points.max_sigma_px * 474.0 * (1 + 1e-6)
+    ).all()
+
+
+def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: Path) -> None:
+    build_catalog(plan, tmp_path / "two.h5", jobs=2)
+    assert (tmp_path / "two.h5").read_bytes() == built.read_bytes()
+
+
+def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> None:
+    """A region shifted by 7 km finds the same candidates in the middle, at the same nodes."""
+    other = dataclasses.replace(
+        CONFIG, area=dataclasses.replace(CONFIG.area, center_deg=(3.7, 26.15))
+    )
+    task = Build.plan((DEM,), CONFIG).jobs[len(Build.plan((DEM,), CONFIG).jobs) // 2]
+    twin = next(job for job in Build.plan((DEM,), other).jobs if job.task.name == task.task.name)
+    ours, theirs = run_area(task), run_area(twin)
+    places = {tuple(p) for p in np.round(lonlat_to_mcmf(ours.lon_deg, ours.lat_deg), 1).tolist()}
+    again = {tuple(p) for p in np.round(lonlat_to_mcmf(theirs.lon_deg, theirs.lat_deg), 1).tolist()}
+    assert len(places & again) >= 0.5 * min(len(places), len(again)) > 0
+
+
+def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_path: Path) -> None:
+    path = tmp_path / "again.toml"
+    path.write_text(catalog.config)
+    build_catalog(Build.plan((DEM,), BuildConfig.from_toml(path)), tmp_path / "again.h5")
+    np.testing.assert_array_equal(read_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
+
+
+def test_a_broken_run_is_resumed(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "broken.h5"
+    victim = plan.jobs[-1].task.name
+
+    def fails_at_the_end(job: object) -> object:
+        if job.task.name == victim:  # type: ignore[attr-defined]  # an AreaJob
+            raise RuntimeError("a bit fell over")
+        return run_area(job)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(build_module, "run_area", fails_at_the_end)
+    with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
+        build_catalog(plan, output)
+    assert not output.exists()
+    kept = sorted(output.with_name("broken.h5.parts").glob("*.npz"))
+    assert len(kept) == len(plan.jobs) - 1
+
+    done: list[str] = []
+
+    def counts(job: object) -> object:
+        done.append(job.task.name)  # type: ignore[attr-defined]
+        return run_area(job)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(build_module, "run_area", counts)
+    build_catalog(plan, output, resume=True)
+    assert done == [victim]
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_keep_going_writes_what_there_is(
+    plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    victim = plan.jobs[0].task.name
+
+    def fails_first(job: object) -> object:
+        if job.task.name == victim:  # type: ignore[attr-defined]
+            raise RuntimeError("no")
+        return run_area(job)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(build_module, "run_area", fails_first)
+    report = build_catalog(plan, tmp_path / "partly.h5", keep_going=True)
+    assert list(report.failed) == [victim]
+    assert verify(tmp_path / "partly.h5") == []
+
+
+def test_shards_of_another_run_are_not_mixed_in(plan: Build, built: Path, tmp_path: Path) -> None:
+    output = tmp_path / "mixed.h5"
+    parts = tmp_path / "mixed.h5.parts"
+    parts.mkdir()
+    (parts / "run.json").write_text('{"fingerprint": "another"}')
+    with pytest.raises(OutputExistsError, match="another configuration"):
+        build_catalog(plan, output, resume=True)
+    build_catalog(plan, output)
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:
+    output = tmp_path / "mine.h5"
+    shutil.copy(built, output)
+    with pytest.raises(OutputExistsError, match="--overwrite"):
+        build_catalog(plan, output)
+    assert not output.with_name("mine.h5.parts").exists()

@@ -1,0 +1,196 @@
+"""``lcp build-catalog`` from the outside: files, exit codes, one line for every mistake, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from lcp_cli.main import run
+
+from lcp_catalog.catalog.hdf5 import verify
+
+DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
+
+SMALL = """
+[area]
+center_deg = [3.5, 26.0]
+size_km = 40.0
+gsd_m = 474.0
+[sun]
+azimuths_deg = [90.0, 180.0, 270.0]
+elevations_deg = [10.0, 30.0]
+[view]
+off_nadir_deg = [0.0]
+azimuth_deg = [0.0]
+altitude_km = [inf]
+[points]
+patch_nodes = 17
+search_m = 9000.0
+[model]
+direction_tolerance_deg = 1.0
+ring_max_km = 30.0
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> str:
+    path = tmp_path / "build.toml"
+    path.write_text(SMALL)
+    return str(path)
+
+
+def lcp(*arguments: str) -> list[str]:
+    return [sys.executable, "-c", "from lcp_cli.main import main; main()", *arguments]
+
+
+def test_it_writes_a_catalogue_and_what_it_read(tmp_path: Path, config: str) -> None:
+    output, rule = tmp_path / "a catalogue.h5", tmp_path / "rule.d"
+    arguments = [DEM, "-o", str(output), "--config", config, "--jobs", "1", "--depfile", str(rule)]
+    assert run(["build-catalog", *arguments]) == 0
+    assert verify(output) == []
+    assert rule.read_text() == f"{str(output).replace(' ', chr(92) + ' ')}: {DEM}\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a catalogue.h5", "build.toml", "rule.d"]
+
+
+def test_plan_writes_nothing_and_speaks_json(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["build-catalog", DEM, "--config", config, "--plan", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {
+        "areas",
+        "suns",
+        "views",
+        "cell_renders",
+        "memory_mb_per_worker",
+        "seconds_estimate",
+        "bytes_estimate",
+        "decisions",
+    }
+    assert document["areas"] >= 1
+    assert document["views"] == 1
+    assert set(document["decisions"][0]) == {"effect", "modelled", "reason", "error_bound", "unit"}
+    assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
+
+
+def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = [
+        "--view",
+        "0",
+        "--view",
+        "30:90:100",
+        "--sun-elevations",
+        "10:30:10",
+        "--center",
+        "3.4",
+        "26.1",
+        "--size",
+        "20",
+    ]
+    assert run(["build-catalog", DEM, "--config", config, "--plan", "--json", *flags]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["views"] == 2
+    assert document["suns"] == 6  # three elevations at east and at west; none at south below 60 deg
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["nowhere.tif", "-o", "x.h5"], 1, "nowhere.tif"),
+        ([DEM], 2, "-o CATALOG.h5"),
+        ([DEM, "-o", "x.h5", "--center", "3", "26"], 2, "--size"),
+        (
+            [DEM, "-o", "x.h5", "--center", "100", "26", "--size", "20"],
+            1,
+            "no height in the DEM, which covers",
+        ),
+        (
+            [DEM, "-o", "x.h5", "--sun-azimuths", "0,1", "--sun-elevations", "80,81"],
+            1,
+            "state lower ones",
+        ),
+        ([DEM, "-o", "no/such/folder/x.h5", "--center", "3", "26", "--size", "20"], 1, "folder"),
+        ([DEM, "-o", "x.h5", "--config", "nowhere.toml"], 2, "nowhere.toml"),
+        ([DEM, "-o", "x.h5", "--sun-elevations", "5,5"], 2, "elevations_deg"),
+        ([DEM, "-o", "x.h5", "--sun-elevations", "5;6"], 2, "A,B,C"),
+        ([DEM, "-o", "x.h5", "--view", "30"], 2, "OFF_NADIR:AZIMUTH"),
+        ([DEM, "-o", "x.h5", "--jobs", "0"], 2, "--jobs"),
+        ([DEM, "-o", "x.h5", "--resume", "--overwrite"], 2, "exclude"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str],
+    code: int,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["build-catalog", *arguments]) == code
+    error = capsys.readouterr().err
+    assert says in error
+    assert "Traceback" not in error
+    assert (
+        len([line for line in error.splitlines() if line and not line.startswith(("Usage", "Try"))])
+        == 1
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path, config: str) -> None:
+    """81 small areas, of which the first is soon done and the others are not."""
+    output, many = tmp_path / "x.h5", Path(config)
+    text = SMALL.replace("size_km = 40.0", "size_km = 100.0")
+    many.write_text(text.replace("tolerance_deg = 1.0", "tolerance_deg = 0.3"))
+    arguments = ["build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "2"]
+    process = subprocess.Popen(
+        lcp(*arguments),
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    parts = tmp_path / "x.h5.parts"
+    deadline = time.monotonic() + 120.0
+    while not list(parts.glob("*.npz")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "--resume" in error
+    assert "Traceback" not in error
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["build.toml", "x.h5.parts"]
+    assert len(list(parts.glob("*.npz"))) < 81
+
+
+def test_a_file_that_cannot_grow_is_one_line(tmp_path: Path, config: str) -> None:
+    """A limit on file sizes stands for the full disk: both come back from the system when a file is written.
+
+    The limit lets the areas' files pass and meets the catalogue.
+    """
+    output = tmp_path / "x.h5"
+    done = subprocess.run(
+        lcp("build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "1"),
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        preexec_fn=lambda: (
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
+            resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000)),
+        ),
+    )
+    assert done.returncode == 1
+    assert "cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not output.exists()
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]

@@ -1,0 +1,76 @@
+"""``lcp inspect``: the fields of the contract, and exit code 4."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers import catalogs
+from lcp_cli.main import run
+
+from lcp_catalog.catalog.hdf5 import write_catalog
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    write_catalog(catalogs.catalog(5), tmp_path / "c.h5")
+    return tmp_path / "c.h5"
+
+
+def test_json_has_the_fields_of_the_contract(path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert run(["inspect", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    fields = "points usable_share intact problems schema_version sources bounds"
+    assert set(fields.split()) <= set(found)
+    assert found["points"] == 5
+    assert found["intact"] is True
+    assert found["problems"] == []
+    assert found["schema_version"] == "1.2"
+    assert 0.0 < found["usable_share"] < 1.0
+    assert set(found["sources"][0]) == {"name", "size", "sha256"}
+    assert list(found["bounds"]) == ["west", "south", "east", "north"]
+
+
+def test_text_is_for_people(path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert run(["inspect", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"{path}: intact, schema 1.2")
+    for text in (
+        "points         5\n",
+        "9000 m",
+        "WAC GLD100 (5)",
+        "view 2",
+        "featureless",
+        "118 m",
+    ):
+        assert text in out
+
+
+@pytest.mark.parametrize("content", [b"", b"no catalogue", None])
+def test_what_is_not_intact_exits_4(
+    path: Path, content: bytes | None, capsys: pytest.CaptureFixture
+) -> None:
+    path.write_bytes(path.read_bytes()[:-100] if content is None else content)
+    assert run(["inspect", str(path), "--json"]) == 4
+    found = json.loads(capsys.readouterr().out)
+    assert found["intact"] is False
+    assert found["points"] is None
+    assert run(["inspect", str(path)]) == 4
+    shown = capsys.readouterr()
+    assert "NOT INTACT" in shown.out
+    assert found["problems"][0] in shown.out
+    assert "Traceback" not in shown.out + shown.err
+
+
+def test_an_empty_catalogue_is_intact(path: Path, capsys: pytest.CaptureFixture) -> None:
+    write_catalog(catalogs.catalog(0), path, overwrite=True)
+    assert run(["inspect", str(path)]) == 0
+    assert "usable         –" in capsys.readouterr().out
+    assert run(["inspect", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["usable_share"] is None
+
+
+def test_a_missing_file_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert run(["inspect", str(tmp_path / "none.h5")]) == 2
+    assert "none.h5" in capsys.readouterr().err

@@ -1,0 +1,65 @@
+"""``--reflectance`` on the command line: names, sets, and what is said to wrong ones."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from click.testing import CliRunner
+from lcp_cli.options import model_options
+from lcp_cli.value_types import LAW, REFLECTANCES
+
+from lcp_catalog.photometry.laws import MODELS
+
+
+@click.command()
+@model_options
+def command(reflectance, **_):
+    click.echo(f"law {reflectance}")
+
+
+def run(*arguments):
+    return CliRunner().invoke(command, arguments)
+
+
+def test_the_names_are_the_librarys():
+    assert tuple(MODELS) == REFLECTANCES
+    assert run("--help").output.count("LAW[:SET]") == 1
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "auto",
+        "lambert",
+        "hapke:wac-643-mare",
+        "minnaert:0.7",
+        "lunar-lambert:sp-low",
+        "lommel-seeliger:rolo",
+        "facet:a/b:c.toml",
+    ],
+)
+def test_laws_and_their_sets(spec):
+    result = run("--reflectance", spec)
+    assert (result.exit_code, result.output) == (0, f"law {spec}\n")
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("hapkee", "is no law of reflection; there are lommel-seeliger, lambert"),
+        ("auto:x", "is no law of reflection"),
+        ("", "is no law of reflection"),
+        ("hapke:moon", "no Hapke parameters 'moon'; there are wac-643"),
+        ("hapke:", "nothing follows the colon"),
+        ("lambert:0.3", "lambert has no parameters"),
+        ("minnaert:2", "an exponent from 0 to 1"),
+    ],
+)
+def test_wrong_ones_are_wrong_usage(spec, said):
+    result = run("--reflectance", spec)
+    assert result.exit_code == 2
+    assert said in " ".join(result.output.split())
+
+
+def test_the_value_is_left_as_it_was():
+    assert LAW.convert("hapke", None, None) == "hapke"

@@ -1,0 +1,128 @@
+"""``lcp trade`` from the outside: three files in a folder, one line for every mistake, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from lcp_cli.main import run
+
+from lcp_catalog.tradeoff import measurement as tradeoff
+from lcp_catalog.tradeoff import timing as trade_runs
+
+DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
+
+SMALL = """
+[area]
+center_deg = [3.5, 26.0]
+size_km = 25.0
+gsd_m = 474.0
+[sun]
+azimuths_deg = [90.0, 270.0]
+elevations_deg = [10.0]
+[view]
+off_nadir_deg = [0.0]
+azimuth_deg = [0.0]
+altitude_km = [inf]
+[points]
+patch_nodes = 17
+search_m = 5000.0
+[model]
+accuracy = "draft"
+direction_tolerance_deg = 1.0
+ring_max_km = 20.0
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> str:
+    path = tmp_path / "build.toml"
+    path.write_text(SMALL)
+    return str(path)
+
+
+@pytest.mark.parametrize("own", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_it_writes_table_page_and_data(
+    tmp_path: Path,
+    config: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    own: bool,
+) -> None:
+    """Each tier in a process of its own (or here, which is quick); flags lie over the file; the file's own tier does not matter."""
+    if not own:
+        workers = trade_runs.Workers
+        monkeypatch.setattr(tradeoff, "Workers", lambda isolated: workers(isolated=not isolated))
+    folder = tmp_path / "trade"
+    flags = ["--config", config, "--areas", "1", "--rounds", "1", "--sun-elevations", "10,30"]
+    assert run(["trade", DEM, "-o", str(folder), *flags]) == 0
+    told = capsys.readouterr()
+    document = json.loads((folder / "trade.json").read_text())
+    rows, compared = document["rows"], document["compared"]
+    assert [row["accuracy"] for row in rows] == ["draft", "standard", "high", "reference"]
+    for row in rows:
+        grown_mb = row["memory_mb"] - row["memory_base_mb"]
+        assert grown_mb > 0.0 or (
+            grown_mb == 0.0 and not own
+        )  # a peak of here may be another test's
+        assert row["memory_base_mb"] > 10.0
+        assert row["seconds"] > 0.0
+    assert compared["areas"] == 1 < compared["areas_of"]
+    assert compared["sun_elevations_deg"] == [10.0, 30.0]
+    assert compared["own_process"] is True
+    assert told.out == (folder / "trade.md").read_text()
+    assert f"1 of {compared['areas_of']} areas" in told.err
+    assert (folder / "trade.html").read_text().startswith("<!DOCTYPE html>")
+    assert sorted(p.name for p in folder.iterdir()) == ["trade.html", "trade.json", "trade.md"]
+
+
+def test_what_is_there_is_kept(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Refused before anything is computed."""
+    (tmp_path / "trade").mkdir()
+    page = tmp_path / "trade" / "trade.html"
+    page.write_text("mine")
+    assert run(["trade", DEM, "-o", str(page.parent), "--config", config]) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    assert page.read_text() == "mine"
+    assert [p.name for p in page.parent.iterdir()] == ["trade.html"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["nowhere.tif", "-o", "x"], 1, "nowhere.tif"),
+        ([DEM], 2, "-o"),
+        ([DEM, "-o", "x", "--areas", "0"], 2, "--areas"),
+        ([DEM, "-o", "x", "--rounds", "0"], 2, "--rounds"),
+        ([DEM, "-o", "x", "--center", "3", "26"], 2, "--size"),
+        (
+            [DEM, "-o", "x", "--center", "100", "26", "--size", "20"],
+            1,
+            "no height in the DEM, which covers",
+        ),
+        ([DEM, "-o", "no/such/folder/x"], 1, "folder"),
+        ([DEM, "-o", DEM], 1, "not a folder"),
+        ([DEM, "-o", "x", "--config", "nowhere.toml"], 2, "nowhere.toml"),
+        ([DEM, "-o", "x", "--sun-elevations", "5;6"], 2, "A,B,C"),
+        ([DEM, "-o", "x", "--accuracy", "draft"], 2, "--accuracy"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str],
+    code: int,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["trade", *arguments]) == code
+    error = capsys.readouterr().err
+    assert says in error
+    assert "Traceback" not in error
+    lines = [line for line in error.splitlines() if line and not line.startswith(("Usage", "Try"))]
+    assert len(lines) == 1
+    assert list(tmp_path.iterdir()) == []

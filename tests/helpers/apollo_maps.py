@@ -1,0 +1,90 @@
+"""The frames of the Apollo 16 series as map-projected images: each with its own Sun, and a catalogue of their ground that the
+command builds from GLD100. What tests and `benchmarks/locate_maps.py` share.
+
+The maps hang on an older control net: their ground lies some 0.8 km east and 0.2 km south of where they put it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from helpers.apollo_frames import SERIES, series_dem
+from helpers.located_frames import SWEEP
+from helpers.small_world import mirrored
+from lcp_cli.main import run
+
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.geometry.frames import mcmf_to_lonlat
+from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.render.request import SunChoice
+
+UNCERTAIN = Uncertainty(1500.0)
+NET_M = (803.0, -194.0)
+"""Median (east, north) of the frames that single points locate; robust spread 259 and 180 m."""
+
+BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0, 55.0", spacing="")
+BOUNDS_DEG = (0, -13, 16, -5)
+
+
+def built(shared: Path, folder: Path) -> Catalog:
+    """The catalogue, by the command; one that is in the folder already is taken."""
+    path = folder / "apollo16.h5"
+    if not path.exists():
+        config = folder / "apollo16.toml"
+        config.write_text(BUILD)
+        bounds = [str(value) for value in BOUNDS_DEG]
+        options = ["-o", str(path), "--config", str(config), "--bounds", *bounds, "--jobs", "1"]
+        assert run(["build-catalog", str(series_dem(shared)), *options]) == 0
+    return read_catalog(path)
+
+
+def frame(shared: Path, key: str) -> Photo:
+    """A map of the series, under the Sun of NASA's table."""
+    folder = shared / "images" / SERIES
+    rows = (line.split() for line in (folder / "meta" / "sunpos.txt").read_text().splitlines())
+    position = next(np.array(row[1:], dtype=float) for row in rows if row and row[0] == key)
+    lon, lat, _ = (float(value) for value in mcmf_to_lonlat(1e3 * position))
+    path = folder / "DIM_input_1280mpp_masked" / f"{key}.tif"
+    return open_photo(path, None, SunChoice(subsolar_deg=(lon, lat)))
+
+
+def middle(photo: Photo) -> np.ndarray:
+    """Ground at the middle of a map, (1, 3)."""
+    rows, cols = photo.signal.shape
+    return MOON_RADIUS_M * photo.sensor.ground([[(cols - 1) / 2.0, (rows - 1) / 2.0]])
+
+
+def cut(photo: Photo, rows: int, cols: int) -> Photo:
+    """The upper left part of a map."""
+    signal, weight = photo.signal[:rows, :cols], photo.weight[:rows, :cols]
+    sensor = replace(photo.sensor, image_shape=signal.shape)
+    return replace(photo, signal=signal, weight=weight, sensor=sensor)
+
+
+def not_this_place(photo: Photo, others: list[Photo], seed: int = 0) -> Iterator[tuple[str, Photo]]:
+    """A map made into what it is not: turned, mirrored; with the pixels of others, of other ground; of noise with the
+    spectrum of ground.
+    """
+    least = min(photo.signal.shape)
+    for how in ("left-right", "up-down", "90", "180", "270"):
+        yield how, mirrored(cut(photo, least, least), how)
+    for other in others:
+        shape = np.minimum(photo.signal.shape, other.signal.shape)
+        same, given = cut(photo, *shape), cut(other, *shape)
+        pixels = {name: np.ascontiguousarray(getattr(given, name)) for name in ("signal", "weight")}
+        yield "other ground", replace(same, **pixels)
+    shape = photo.signal.shape
+    dice = np.random.default_rng(seed)
+    for _ in range(3):
+        waves = np.meshgrid(np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1]), indexing="ij")
+        spectrum = np.fft.rfft2(dice.normal(size=shape)) / np.maximum(np.hypot(*waves), 0.005)
+        yield (
+            "noise like ground",
+            replace(photo, signal=np.fft.irfft2(spectrum, s=shape).astype(np.float32)),
+        )

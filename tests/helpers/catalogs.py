@@ -1,0 +1,184 @@
+"""Synthetic catalogues for tests: real relief of Hadley, places on a grid, conditions by simple
+rules.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+
+from lcp_catalog.catalog.flags import summarise_usable
+from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, read_catalog, verify
+from lcp_catalog.catalog.schema import COVERAGE_STATUS
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.geometry.frames import (
+    EnuFrame,
+    direction_enu,
+    enu_rotation,
+    lonlat_to_mcmf,
+    mcmf_to_lonlat,
+)
+
+HADLEY = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
+CENTER = (3.5, 26.0)
+GSD_M = 118.0
+
+
+def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0) -> dict[str, Any]:
+    """Everything `Catalog` wants, as keyword arguments, so that a test can spoil one of them."""
+    rng = np.random.default_rng(seed)
+    frame = EnuFrame(*CENTER)
+    raster, to_pixel = _hadley()
+    radius = MOON_RADIUS_M
+
+    def height(lon, lat):
+        x, y = np.radians(lon) * radius, np.radians(lat) * radius
+        col, row = to_pixel @ (x, y)
+        return raster[
+            np.clip(np.asarray(row).astype(int), 0, raster.shape[0] - 1),
+            np.clip(np.asarray(col).astype(int), 0, raster.shape[1] - 1),
+        ]
+
+    side = max(1, int(np.ceil(np.sqrt(count))))
+    axis = (np.arange(side) - (side - 1) / 2) * step_km * 1e3
+    east, north = (a.ravel()[:count] for a in np.meshgrid(axis, -axis))
+    east, north = (
+        east + rng.normal(0, step_km * 120, count),
+        north + rng.normal(0, step_km * 120, count),
+    )
+    flat = np.stack([east, north, np.zeros(count)], axis=-1)
+    lon, lat, _ = mcmf_to_lonlat(frame.to_mcmf(flat))
+    elevation = height(lon, lat) if count else np.zeros(0)
+    dem = np.zeros((count, patch, patch), dtype=np.float32)
+    offsets = (np.arange(patch) - patch // 2) * GSD_M
+    for i in range(count):
+        own = EnuFrame(lon[i], lat[i], elevation[i])
+        px, py = np.meshgrid(offsets, -offsets)
+        plon, plat, _ = mcmf_to_lonlat(own.to_mcmf(np.stack([px, py, np.zeros_like(px)], axis=-1)))
+        dem[i] = own.from_mcmf(lonlat_to_mcmf(plon, plat, height(plon, plat)))[..., 2]
+        dem[i] -= dem[i][patch // 2, patch // 2]
+    suns = np.array([5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0])
+    azimuths = np.arange(0.0, 360.0, 15.0)
+    condition = _conditions(rng, lat, suns, azimuths)
+    lowest, highest = summarise_usable(condition, suns)
+    sigma = np.sort(rng.gamma(4.0, 1.0, (count, 2)), axis=1)[:, ::-1]
+    return {
+        "sun_elevation": suns,
+        "sun_azimuth": azimuths,
+        "view_off_nadir": np.array([0.0, 30.0, 30.0]),
+        "view_azimuth": np.array([0.0, 90.0, 270.0]),
+        "view_altitude": np.array([np.inf, 100.0, 100.0]),
+        "point_id": 110_000 * 2**20 + np.arange(count) * 37,
+        "longitude": lon,
+        "latitude": lat,
+        "elevation": elevation,
+        "position_mcmf": lonlat_to_mcmf(lon, lat, elevation),
+        "rotation_mcmf_to_enu": np.array(
+            [enu_rotation(o, a) for o, a in zip(lon, lat, strict=True)]
+        ).reshape(-1, 3, 3),
+        "gsd": np.full(count, GSD_M),
+        "dem_product": np.array(["WAC GLD100"] * count, dtype=object),
+        "elevation_sigma": np.where(np.arange(count) % 3 == 0, np.nan, 20.0),
+        "dem_resolution": np.full(count, 300.0),
+        "dem": dem,
+        "condition": condition,
+        "sun_elevation_min": lowest,
+        "sun_elevation_max": highest,
+        "harris_response": rng.gamma(2.0, 0.01, count),
+        "localization_sigma": sigma,
+        "second_peak": rng.uniform(0.3, 0.8, count),
+        "false_match_probability": 10.0 ** rng.uniform(-9, -2, count),
+        "gsd_min": np.full(count, GSD_M / 16),
+        "gsd_max": GSD_M * rng.choice([1.0, 2.0**0.5, 2.0, 4.0], count),
+        "shadow_dependence": rng.uniform(0, 0.02, count),
+        "occlusion_dependence": rng.uniform(0, 0.02, count),
+        "config": "[points]\npatch_nodes = 9\n",
+        "sources": [{"name": HADLEY.name, "size": HADLEY.stat().st_size, "sha256": "0" * 64}],
+        "scene_plan": {"decisions": []},
+        "overview": _overview(frame, height, side * step_km * 500.0),
+        "coverage": _coverage(rng, frame, side, step_km * 1e3, lon),
+    }
+
+
+@cache
+def _hadley() -> tuple[np.ndarray, Any]:
+    """Heights and the affine from projected metres to pixels."""
+    with rasterio.open(HADLEY) as source:
+        return source.read(1).astype(np.float64), ~source.transform
+
+
+def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
+    """A sound catalogue of ``count`` points, but for what is given by name."""
+    return Catalog(**{**arrays(count, patch), **spoilt})
+
+
+def _conditions(rng, lat, suns, azimuths):
+    """Evaluated where the Sun comes, usable but for low Suns from each point's own bad side, and
+    some noise.
+    """
+    count = len(lat)
+    condition = np.zeros((count, 3, len(suns), len(azimuths)), dtype=np.uint8)
+    for i in range(count):
+        north = direction_enu(*np.meshgrid(azimuths, suns)) @ np.array(
+            [0.0, np.cos(np.radians(lat[i])), np.sin(np.radians(lat[i]))]
+        )
+        reachable = np.abs(np.degrees(np.arcsin(np.clip(north, -1, 1)))) < 6.0
+        bad = rng.uniform(0, 360)
+        away = np.abs((azimuths - bad + 180) % 360 - 180)
+        for view in range(3):
+            dark = (away[None, :] < rng.uniform(10, 90)) & (suns[:, None] < rng.uniform(5, 40))
+            flags = np.full(reachable.shape, 31, dtype=np.uint8)
+            flags[dark] &= 31 - 8
+            flags[rng.random(reachable.shape) < 0.1] &= 31 - 4
+            flags[suns > 70] &= 31 - 2
+            if view == 1 and i % 5 == 0:
+                flags &= 31 - 16
+            if view == 0:
+                flags[3, :] = 31  # every point works somewhere
+            condition[i, view] = np.where(reachable, flags, 0)
+    return condition
+
+
+def _overview(frame, height, half_m):
+    x = np.arange(-half_m, half_m + 1.0, 450.0)
+    y = x[::-1]
+    xx, yy = np.meshgrid(x, y)
+    lon, lat, _ = mcmf_to_lonlat(frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1)))
+    z = height(lon, lat).astype(np.float32)
+    z[:6, -9:] = np.nan
+    return Overview(height=z, x=x, y=y, center_lon=frame.lon_deg, center_lat=frame.lat_deg)
+
+
+def _coverage(rng, frame, side, step_m, lon):
+    axis = (np.arange(side + 2) - (side + 1) / 2) * step_m * side / (side + 2)
+    xx, yy = (a.ravel() for a in np.meshgrid(axis, -axis))
+    cell_lon, cell_lat, _ = mcmf_to_lonlat(
+        frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1))
+    )
+    status = rng.choice(list(COVERAGE_STATUS), len(xx), p=[0.6, 0.1, 0.1, 0.1, 0.1]).astype(
+        np.uint8
+    )
+    return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
+
+
+def noticed_damage(
+    whole: Path, sound: dict[str, Any], turned: Path, seed: int, count: int = 60
+) -> int:
+    """Of so many files with one byte turned each: how many `verify` finds fault with. Where it finds none,
+    AssertionError unless what is read is ``sound`` all the same.
+    """
+    content, noticed = whole.read_bytes(), 0
+    for offset in np.random.default_rng(seed).integers(0, len(content), count):
+        damaged = bytearray(content)
+        damaged[offset] ^= 0xFF
+        turned.write_bytes(damaged)
+        if verify(turned):
+            noticed += 1
+            continue
+        for name, array in read_catalog(turned).values().items():
+            np.testing.assert_array_equal(array, sound[name], err_msg=name)
+    return noticed

@@ -1,0 +1,54 @@
+"""A simulated frame of Hadley and patches of its ground; made once, whichever modules ask for them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from helpers.catalogs import HADLEY
+from helpers.twins_match import catalog_of_dem, looking_at
+
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.images.image import Photo
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+from lcp_catalog.simulation import frame as simulate
+from lcp_catalog.simulation.detector import Detector
+
+LAW = reflectance_model("lunar-lambert")
+GSD_M = 118.45
+
+
+@cache
+def hadley_catalog() -> Catalog:
+    """Patches of 33 x 33 nodes on a grid of 4.5 km around Hadley: they do not overlap, good and bad points alike."""
+    lon, lat = np.meshgrid(np.linspace(3.02, 3.98, 7), np.linspace(25.56, 26.44, 7))
+    return catalog_of_dem(lon.ravel(), lat.ravel(), 33, GSD_M)
+
+
+@cache
+def hadley_camera() -> Camera:
+    """300 km above, 15 degrees off the vertical, turned by 37 degrees; a pixel is a cell."""
+    frame = EnuFrame(3.5, 26.0, -1000.0)
+    return looking_at(frame, 300e3, 15, 60, 37, 300e3 / GSD_M, (320, 320), (159.7, 159.1))
+
+
+def taken(
+    camera: Camera,
+    azimuth: float = 100.0,
+    elevation: float = 20.0,
+    noise: float = 0.03,
+    blur: float = 0.5,
+    seed: int = 1,
+) -> Photo:
+    request = Request(
+        [HADLEY], sun=SunChoice(azimuth, elevation), view=ViewChoice(camera), model=LAW, disc=False
+    )
+    return simulate.photo(request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed))
+
+
+@cache
+def hadley_photo() -> Photo:
+    return taken(hadley_camera())

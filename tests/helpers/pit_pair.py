@@ -1,0 +1,138 @@
+"""The real pair of the pit in Mare Tranquillitatis: a NAC orthoimage of half a metre, and a NAC DTM of 2 m in 256 steps of the same
+ground. What tests and `benchmarks/nac_pair.py` share.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rasterio
+
+from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render.pipeline import Scene, expose, prepare
+from lcp_catalog.render.rasters import geotiff
+from lcp_catalog.render.request import Request, SunChoice
+from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
+
+PAIR = Path("images") / "nac-tranqpit1-pair"
+STEP_M = 119.0 / 255.0
+GSD_M = 2.0
+PIT_MARGIN_M = 20.0
+"""Ground so near the hole is left out of the registration: both files have it, and it would be found, not the ground."""
+
+REACH_M = 12.0
+BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,60", "--view", "0:0", "--noise", "0.005",
+         "--search", "0.012", "--spacing", "0.03", "--overwrite")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The DTM, as it came or smoothed, rendered: radiance (rows, cols) and where its nodes lie."""
+
+    scene: Scene
+    radiance: np.ndarray
+    nodes: np.ndarray
+
+    @classmethod
+    def of(cls, dem: Path, sun: SunChoice, model: str = "lunar-lambert") -> Ground:
+        request = Request([dem], sun=sun, gsd_m=GSD_M, model=reflectance_model(model))
+        scene = prepare(request)
+        return cls(scene, expose(scene).radiance, terrain_nodes(scene.terrain))
+
+
+def dtm(folder: Path) -> tuple[np.ndarray, rasterio.CRS, rasterio.Affine]:
+    """Heights as they came, metres, NaN in the hole."""
+    with rasterio.open(folder / "tranqpit1_dtm_2m.tif") as file:
+        heights = file.read(1).astype(np.float64)
+        heights[heights == file.nodata] = np.nan
+        return heights, file.crs, file.transform
+
+
+def write_dem(path: Path, heights: np.ndarray, like: tuple[rasterio.CRS, rasterio.Affine]) -> Path:
+    path.write_bytes(geotiff({"height": heights}, "float32", {}, *like))
+    return path
+
+
+def pit_sun(folder: Path) -> SunChoice:
+    given = json.loads((folder / "sun_geometry_computed.json").read_text())
+    return SunChoice(subsolar_deg=(given["subsolar_lon"], given["subsolar_lat"]))
+
+
+def on_ground(photo: Photo, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The image at the nodes, and its weight."""
+    found = orthorectify(photo, nodes)
+    return found.signal, found.weight
+
+
+def far_from_hole(ground: Ground, weight: np.ndarray) -> np.ndarray:
+    """Nodes that have both, not beside the hole or the border."""
+    there = (np.isfinite(ground.radiance) & (weight > 0.9)).astype(np.uint8)
+    side = 2 * round(PIT_MARGIN_M / GSD_M) + 1
+    return cv2.erode(there, np.ones((side, side), np.uint8), borderValue=0) > 0
+
+
+def orthoimage(folder: Path, sun: SunChoice) -> Photo:
+    return open_photo(folder / "tranqpit1_ortho_M152662021_0p5m.tif", None, sun)
+
+
+def build_catalog(dem: Path, path: Path) -> Path:
+    """`lcp build-catalog` of the DTM under Suns like the image's, for an image that hardly differs from its render."""
+    lcp = [str(Path(sys.executable).with_name("lcp")), "build-catalog", str(dem), "-o", str(path)]
+    subprocess.run([*lcp, *BUILD], check=True, capture_output=True)
+    return path
+
+
+def highest(scores: np.ndarray, step_m: float) -> np.ndarray:
+    """Column and row, metres from the middle, of a peak by a paraboloid through its 3 x 3; NaN at the border."""
+    rows, cols = scores.shape
+    i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    if not (0 < i < rows - 1 and 0 < j < cols - 1):
+        return np.full(2, np.nan)
+    row, col = np.mgrid[-1:2, -1:2].reshape(2, -1).astype(float)
+    design = np.stack([np.ones(9), col, row, col**2, row**2, col * row], axis=1)
+    c = np.linalg.lstsq(design, scores[i - 1 : i + 2, j - 1 : j + 2].ravel(), rcond=None)[0]
+    at = np.linalg.solve([[2 * c[3], c[5]], [c[5], 2 * c[4]]], -c[1:3])
+    middle = np.array([j - cols // 2, i - rows // 2])
+    return (np.clip(at, -1, 1) + middle) * step_m
+
+
+def window_scores(image: np.ndarray, ground: Ground, keep: np.ndarray, side: int) -> np.ndarray:
+    """(n, shifts, shifts): correlations of windows of the render with the image around them, those without a hole."""
+    found = []
+    reach = round(REACH_M / GSD_M)
+    rows, cols = image.shape
+    image = np.where(np.isfinite(image), image, np.nanmean(image)).astype(np.float32)
+    render = np.nan_to_num(ground.radiance).astype(np.float32)
+    for row in range(reach, rows - side - reach, side // 2):
+        for col in range(reach, cols - side - reach, side // 2):
+            if keep[row : row + side, col : col + side].all():
+                around = image[row - reach : row + side + reach, col - reach : col + side + reach]
+                window = render[row : row + side, col : col + side]
+                found.append(cv2.matchTemplate(around, window, cv2.TM_CCOEFF_NORMED))
+    return np.array(found)
+
+
+def offset_of(scores: np.ndarray) -> np.ndarray:
+    """By how many metres (east, north) the image's ground lies from where its map puts it: where the windows correlate best on
+    average. What is seen right of and below its place lies west and north of where the map has it.
+    """
+    right, down = highest(scores.mean(axis=0), GSD_M)
+    return np.array([-right, down])
+
+
+def at_scale(values: np.ndarray, there: np.ndarray, factor: int) -> np.ndarray:
+    """Means of blocks of factor x factor, NaN where fewer than 0.7 of one are there."""
+    rows, cols = (n // factor for n in values.shape)
+    cut = np.s_[: rows * factor, : cols * factor]
+    blocks = (rows, factor, cols, factor)
+    count = there[cut].reshape(blocks).sum(axis=(1, 3))
+    total = np.where(there, np.nan_to_num(values), 0.0)[cut].reshape(blocks).sum(axis=(1, 3))
+    return np.where(count >= 0.7 * factor**2, total / np.maximum(count, 1), np.nan)

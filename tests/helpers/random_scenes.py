@@ -1,0 +1,72 @@
+"""Small random scenes, and their renders by the plan and with everything modelled: what the tests of the scene plan share."""
+
+import math
+
+import numpy as np
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.render.plan import plan_scene
+from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+
+GSD = 20.0
+
+
+BANDS = ("radiance", "sunlit", "visible", "incidence_deg", "emission_deg", "phase_deg")
+REFERENCE, STANDARD, DRAFT = TIERS["reference"], TIERS["standard"], TIERS["draft"]
+
+
+def make(z, core=None, gsd=GSD):
+    z = np.asarray(z, dtype=np.float32)
+    rows, cols = z.shape
+    field = Heightfield(z, gsd, -(cols // 2) * gsd, (rows // 2) * gsd)
+    window = NodeWindow(-(rows // 2), rows - rows // 2, -(cols // 2), cols - cols // 2)
+    core = core or (0, rows, 0, cols)
+    return Terrain(
+        field, EnuFrame(12.0, 34.0), core, window, np.zeros(z.shape, np.int16), ("made",)
+    )
+
+
+@st.composite
+def terrains(draw, smallest=1, holes=False):
+    """Random nodes, rough or smooth, sometimes with a core inside, one row wide, or with holes."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rows, cols = draw(st.tuples(st.integers(smallest, 12), st.integers(smallest, 12)))
+    z = rng.normal(size=(rows, cols)) * draw(st.sampled_from([0.05, 3.0, 40.0]))
+    if draw(st.booleans()):
+        z = np.cumsum(np.cumsum(z, 0), 1) / max(rows, cols)
+    if holes:
+        z[rng.random(z.shape) < 0.15] = np.nan
+    core = None
+    if rows > 5 and cols > 5 and draw(st.booleans()):
+        core = (2, rows - 1, 1, cols - 2)
+    return make(z, core)
+
+
+def same(a, b, bands=BANDS):
+    for band in bands:
+        np.testing.assert_array_equal(getattr(a, band), getattr(b, band), err_msg=band)
+
+
+def both(terrain, sun, view, accuracy=REFERENCE, disc=False, **how):
+    """The plan, the render by it, and the render of everything."""
+    plan = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc)
+    full = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, everything=True)
+    renders = (
+        render_enu(terrain, sun, view, accuracy=accuracy, disc=disc, plan=p, **how)
+        for p in (plan, full)
+    )
+    return plan, *renders
+
+
+def towards(azimuth_deg, tangent):
+    return direction_enu(azimuth_deg, math.degrees(math.atan(tangent)))
+
+
+AZIMUTHS = st.sampled_from([0.0, 45.0, 90.0, 135.0, 270.0]) | st.floats(0.0, 360.0)
+JUST_ABOVE = st.sampled_from([2e-6, 1e-4, 1e-2])
+QUICK = settings(deadline=None, max_examples=60)

@@ -1,0 +1,25 @@
+"""Made answers of what the points say of the Sun."""
+
+from __future__ import annotations
+
+from lcp_catalog.matching.sun_check import TURNS_DEG, LightCheck
+
+
+def light(
+    share: float,
+    gain: float = 0.03,
+    gain_z: float = 0.1,
+    points: int = 50,
+    independent: float = 25.0,
+) -> LightCheck:
+    """One Sun that is turned, and with the same gain in z less 0.01 one that is lowered."""
+    return LightCheck(
+        points,
+        independent,
+        0.8,
+        TURNS_DEG,
+        (0.7, 0.8 + gain, 0.8, 0.7),
+        (-0.2, gain_z, gain_z - 0.01, -0.2),
+        (0.1, share, share, 0.1),
+        (0.9, 0.4, 0.3, 0.8),
+    )

@@ -1,0 +1,167 @@
+"""Made-up verdicts for tests: a camera over the Moon, points found with known errors, windows of noise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.sensor import ON_MAP, Uncertainty
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.matching.matches import REASONS, Matches
+from lcp_catalog.matching.pose import Pose, position_error, solve
+from lcp_catalog.matching.position_fix import Located
+from lcp_catalog.matching.sun_check import LightCheck
+from lcp_catalog.plots.greyscale import Pictures
+from lcp_catalog.validation import result as v
+from lcp_catalog.validation.window_correlation import WindowComparison, compare
+
+WIDTH, HEIGHT = 640, 480
+ALTITUDE_M = 100e3
+MOVED = np.array([300.0, -200.0, 400.0, 5e-4, -4e-4, 3e-4])
+
+
+def camera() -> Camera:
+    """Above 0 E, 0 N, looking straight down; right is east."""
+    rotation = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+    place = np.array([MOON_RADIUS_M + ALTITUDE_M, 0.0, 0.0])
+    middle = ((WIDTH - 1) / 2.0, (HEIGHT - 1) / 2.0)
+    return Camera(place, rotation, 500.0, middle, (WIDTH, HEIGHT))
+
+
+def ground(pixels: np.ndarray) -> np.ndarray:
+    """Where pixels (n, 2) of the camera meet a plane 1 km below the sphere's top, (n, 3)."""
+    start, ahead = camera().looks(pixels)
+    return start + ahead * ((MOON_RADIUS_M - 1e3 - start[:, :1]) / ahead[:, :1])
+
+
+def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
+    """Points at random pixels, all reasons among them, and where they are, (n, 3). What was found is off the true pixel by its
+    own covariance.
+    """
+    dice = np.random.default_rng(seed)
+    true = dice.uniform([5.0, 5.0], [WIDTH - 6.0, HEIGHT - 6.0], (n, 2))
+    root = dice.normal(size=(n, 2, 2)) * 0.15
+    covariance = root @ root.transpose(0, 2, 1) + 0.003 * np.eye(2)
+    noise = np.linalg.cholesky(covariance) @ dice.normal(size=(n, 2, 1))
+    code = (np.arange(n) * 7 % (2 * len(REASONS))).astype(np.uint8)
+    code[code >= len(REASONS)] = 0
+    lost = code != 0
+    found, correlation = true + noise[..., 0], dice.uniform(0.7, 0.98, n)
+    nowhere = lost & (
+        code != REASONS.index("inconsistent")
+    )  # what no camera sees there was found all the same
+    found[nowhere], covariance[nowhere], correlation[lost] = np.nan, np.nan, 0.4
+    correlation[code == REASONS.index("not lit")] = np.nan
+    places = ground(true)
+    predicted = camera().moved(MOVED).project(places)
+    second, back = correlation - 0.3, np.where(lost, np.nan, 0.1)
+    rows = np.arange(n, dtype=np.int64)
+    return Matches(rows, predicted, found, covariance, correlation, second, back, code), places
+
+
+def solved(found: Matches, places: np.ndarray) -> Pose:
+    """The given camera corrected by what was found."""
+    use = found.found
+    prior = Uncertainty(600.0, 1e-3)
+    chosen = (places[use], found.found_px[use], found.covariance_px2[use])
+    return solve(camera().moved(MOVED), *chosen, prior)
+
+
+def on_map() -> Pose:
+    """A map moved by 3 m east and 4 m south."""
+    sensor: Any = SimpleNamespace(corrections=ON_MAP)  # a pose asks no more of its sensor
+    covariance = np.array([[4.0, 1.0], [1.0, 9.0]])
+    yes, none = np.ones(2, dtype=bool), np.empty((0, 2))
+    return Pose(sensor, np.array([3.0, -4.0]), covariance, yes, yes, none, 5.0, 4.0)
+
+
+def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
+    """A photo of the camera's size in blocks of 2 x 2; an image and a render of the ground that differ by noise, each with a
+    hole, and with something bright in the image where the render has its own.
+    """
+    dice = np.random.default_rng(seed)
+    render = np.cumsum(dice.normal(size=(rows, cols)), axis=1)
+    image = (
+        5.0
+        + 2.0 * render
+        + dice.normal(size=render.shape) * np.linspace(0.0, 20.0, cols) ** 1.5 / 4.0
+    )
+    image[:9, :17] = np.nan
+    image[-6:, :20] += 1e3
+    render[-6:, :20] = np.nan
+    return Pictures(dice.uniform(size=(HEIGHT // 2, WIDTH // 2)), 2, image, render)
+
+
+def windows(shown: Pictures) -> v.WindowFigures:
+    """Of the ground's pictures."""
+    found = compare(shown.ground_image, shown.ground_render, gsd_m=948.0, search_px=2)
+    return figures_of(found)
+
+
+def figures_of(found: WindowComparison) -> v.WindowFigures:
+    places = np.linspace(3.0, 4.0, found.count), np.linspace(26.0, 25.0, found.count)
+    return v.WindowFigures(found, "from the heights' spectrum", "heights of 118 m", *places)
+
+
+def image(
+    name: str = "frame.png", n: int = 60, located: bool = True, seed: int = 0
+) -> v.ImageVerdict:
+    """A verdict with a pose and windows, or one without."""
+    found, places = matches(n, seed)
+    pose, error, corrected = None, None, np.full((n, 2), np.nan)
+    if located:
+        solution = solved(found, places)
+        corrected = solution.sensor.project(places)
+        pose, error = solution, position_error(solution, camera())
+    points = v.PointFigures(
+        np.arange(n, dtype=np.int64) * 7 + 10**15,
+        np.linspace(0.0, 1.0, n),
+        np.linspace(-1.0, 1.0, n),
+        np.linspace(150.0, 250.0, n),
+        corrected,
+    )
+    light = LightCheck(
+        points=30,
+        independent=20.0,
+        correlation=0.9,
+        turns_deg=((-20.0, 0.0), (0.0, 10.0)),
+        correlations=(0.625, np.nan),
+        gains=(-0.2, np.nan),
+        shares=(0.125, np.nan),
+        shifts_px=(0.25, np.nan),
+    )
+    verdict, reason = (
+        (v.LOCATED, "")
+        if located
+        else (v.NOT_HERE, "3 of 30 points agree, as many as chance would give")
+    )
+    facts = v.ImageFacts(
+        name, WIDTH, HEIGHT, "framing camera", 200.0, 90.0, 30.0, 0.0, "the camera file", 0.01, 0.0
+    )
+    return v.ImageVerdict(
+        facts,
+        Located(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
+        points,
+        windows(pictures()) if located else None,
+        "" if located else "without a place there is nothing to compare",
+        error,
+    )
+
+
+def nothing(name: str = "blank.png") -> v.ImageVerdict:
+    """An image that says nothing, with no point in view."""
+    empty, pairs = np.empty(0), np.empty((0, 2))
+    none = Matches(
+        np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
+    )  # fmt: skip
+    said = Located(v.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
+    return v.ImageVerdict(v.ImageFacts(name), said, v.PointFigures.none())
+
+
+def whole() -> v.Verdict:
+    """Three images: located, elsewhere, nothing."""
+    images = (image(), image("other.png", located=False), nothing())
+    return v.Verdict(images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None})

@@ -1,0 +1,159 @@
+"""The renderer against a photograph: Apollo 15 Metric frame AS15-M-0414 of Hadley, its camera and
+its Sun.
+
+The photograph is smoothed to the scale of the rendered cells and sampled at the projected nodes
+(474 m apart, block means of the 118 m DEM). Every 16 x 16 window of nodes, step 16, whose nodes are
+all visible and at least 8 pixels inside the frame (the frame's notched margin; nothing else is left
+out) is compared by centred normalised correlation.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+
+from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
+from lcp_catalog.render.pipeline import expose, prepare
+from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.terrain.relief_bounds import nodes_enu
+
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+DEM, PHOTO = SAMPLE / "hadley_gld100_256ppd.tif", SAMPLE / "AS15-M-0414.png"
+CAMERA = SAMPLE / "AS15-M-0414_camera.json"
+GSD_M = 474.0
+MARGIN_PX = 8
+WINDOW = 16
+
+
+@dataclass
+class Score:
+    windows: int
+    above: float  # share of the windows that correlate above 0.9
+    above_textured: float  # the same of the half that has more contrast in the render
+    whole: float  # correlation of all compared nodes
+
+
+def score(photo, render, compared):
+    correlations, contrast = [], []
+    for row in range(0, photo.shape[0] - WINDOW + 1, WINDOW):
+        for col in range(0, photo.shape[1] - WINDOW + 1, WINDOW):
+            here = np.s_[row : row + WINDOW, col : col + WINDOW]
+            if compared[here].all():
+                correlations.append(correlation(photo[here], render[here]))
+                contrast.append(render[here].std())
+    good = np.array(correlations) > 0.9
+    textured = np.array(contrast) >= np.median(contrast)
+    whole = correlation(photo[compared], render[compared])
+    return Score(good.size, good.mean(), good[textured].mean(), whole)
+
+
+def correlation(a, b):
+    a, b = a - a.mean(), b - b.mean()
+    scale = np.sqrt((a * a).sum() * (b * b).sum())
+    return (a * b).sum() / scale if scale > 0 else 0.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return prepare(Request([DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA))))
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """The photograph, smoothed by a Gaussian whose full width at half maximum is two cells, the
+    shortest wave that cells hold.
+    """
+    camera = read_camera(CAMERA)
+    pixel_m = (np.linalg.norm(camera.position_mcmf_m) - MOON_RADIUS_M) / camera.focal_length_px
+    with rasterio.open(PHOTO) as file:
+        photo = file.read(1).astype(np.float32)
+    return cv2.GaussianBlur(photo, (0, 0), 2 * GSD_M / np.sqrt(8 * np.log(2)) / pixel_m)
+
+
+@pytest.fixture(scope="module")
+def ground(scene, smooth):
+    """The photograph at the nodes, the render, and which nodes are compared."""
+    camera, terrain = scene.camera, scene.terrain
+    nodes = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
+    column, row = np.moveaxis(camera.project(nodes).astype(np.float32), -1, 0)
+    photo = cv2.remap(smooth, column, row, cv2.INTER_CUBIC).astype(np.float64)
+    render = expose(scene)
+    width, height = camera.image_size_px
+    inside = (column >= MARGIN_PX) & (column <= width - 1 - MARGIN_PX)
+    inside &= (row >= MARGIN_PX) & (row <= height - 1 - MARGIN_PX)
+    return photo, np.nan_to_num(render.radiance), inside & render.visible
+
+
+def rendered(scene, sun=None, **options):
+    sun = scene.sun if sun is None else sun
+    return np.nan_to_num(render_enu(scene.terrain, sun, scene.view, **options).radiance)
+
+
+def test_the_render_is_the_photograph(ground):
+    result = score(*ground)
+    assert result.windows > 300
+    assert result.above >= 0.65
+    assert result.above_textured >= 0.94
+    assert result.whole >= 0.78
+
+
+def test_without_cast_shadows_it_is_clearly_worse(scene, ground):
+    photo, render, compared = ground
+    lit = score(photo, rendered(scene, shadows=False), compared)
+    with_shadows = score(photo, render, compared)
+    assert lit.above < with_shadows.above - 0.08
+    assert lit.above_textured < with_shadows.above_textured - 0.15
+    assert lit.whole < with_shadows.whole - 0.05
+
+
+@pytest.mark.parametrize("turn_deg", [-20.0, 20.0])
+def test_with_the_sun_turned_it_is_clearly_worse(scene, ground, turn_deg):
+    photo, _, compared = ground
+    azimuth, elevation = azimuth_elevation(scene.sun)
+    turned = rendered(scene, direction_enu(azimuth + turn_deg, elevation))
+    result = score(photo, turned, compared)
+    assert result.above < 0.4
+    assert result.above_textured < 0.5
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_mirrored_it_is_another_place(ground, axis):
+    photo, render, compared = ground
+    both = compared & np.flip(compared, axis)
+    for a, b in ((np.flip(photo, axis), render), (photo, np.flip(render, axis))):
+        result = score(a, b, both)
+        assert result.above < 0.01
+        assert abs(result.whole) < 0.1
+
+
+def test_lit_from_behind_it_is_inverted(scene, ground):
+    photo, _, compared = ground
+    azimuth, elevation = azimuth_elevation(scene.sun)
+    opposite = rendered(scene, direction_enu(azimuth + 180.0, elevation))
+    assert score(photo, opposite, compared).whole < -0.5
+
+
+def test_the_cameras_plane_is_the_photographs(smooth):
+    """The same in the camera's own plane, pixel by pixel: windows of 16 x 16 pixels, the same
+    margin.
+    """
+    request = Request(
+        [DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)), in_camera_plane=True
+    )
+    render = expose(prepare(request))
+    compared = np.zeros(smooth.shape, bool)
+    compared[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = True
+    assert render.visible[compared].all()
+    image = np.nan_to_num(render.radiance)
+    result = score(smooth.astype(np.float64), image, compared)
+    assert result.above >= 0.65
+    assert result.above_textured >= 0.94
+    assert result.whole >= 0.78
+    for mirrored in (image[::-1], image[:, ::-1]):
+        assert abs(score(smooth.astype(np.float64), mirrored, compared).whole) < 0.1

@@ -1,0 +1,247 @@
+"""The choice against brute force, its promises anywhere, ids, and why a cell is empty."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.geometry.frames import central_angle_deg
+from lcp_catalog.landmarks.selection import (
+    Status,
+    coverage,
+    id_to_lonlat,
+    largest_hole,
+    nearest,
+    select,
+    stable_id,
+)
+
+KM = 1000.0
+DEG_M = np.pi / 180.0 * MOON_RADIUS_M
+
+
+def distance_m(lon1, lat1, lon2, lat2):
+    return central_angle_deg(lon1, lat1, lon2, lat2) * DEG_M
+
+
+def scattered(seed, count, centre):
+    """Candidates within about 60 km of any place: made at the north pole and turned there."""
+    rng = np.random.default_rng(seed)
+    away, turn = (
+        60.0 * KM / MOON_RADIUS_M * np.sqrt(rng.random(count)),
+        rng.uniform(0, 2 * np.pi, count),
+    )
+    local = np.stack([np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away)])
+    lon, lat = np.radians(centre)
+    tilt = np.pi / 2 - lat
+    y = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    z = np.array([[np.cos(lon), -np.sin(lon), 0], [np.sin(lon), np.cos(lon), 0], [0, 0, 1]])
+    v = z @ y @ local
+    return (
+        np.degrees(np.arctan2(v[1], v[0])) % 360.0,
+        np.degrees(np.arcsin(np.clip(v[2], -1, 1))),
+        rng,
+    )
+
+
+def brute_select(lon, lat, usable, quality, spacing):
+    ids = stable_id(lon, lat)
+    order = sorted(range(len(lon)), key=lambda i: (-usable[i], -quality[i], ids[i], lon[i], lat[i]))
+    chosen = []
+    for i in order:
+        near = [
+            c
+            for c in chosen
+            if distance_m(lon[i], lat[i], lon[c], lat[c]) < spacing or ids[i] == ids[c]
+        ]
+        if usable[i] > 0 and not near:
+            chosen.append(i)
+    return sorted(chosen, key=lambda i: ids[i])
+
+
+PLACES = [(123.0, 10.0), (0.0, -30.0), (77.0, 90.0), (200.0, -90.0), (359.9, 88.5)]
+
+
+@pytest.mark.parametrize("centre", PLACES)
+def test_the_choice_is_that_of_brute_force(centre):
+    lon, lat, rng = scattered(1, 150, centre)
+    usable, quality = rng.integers(0, 6, 150), rng.integers(0, 3, 150).astype(float)
+    assert select(lon, lat, usable, quality, 8 * KM).tolist() == brute_select(
+        lon, lat, usable, quality, 8 * KM
+    )
+
+
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from(PLACES),
+    st.floats(0.3, 40.0),
+    st.sampled_from([1.0, 0.75, 0.5]),
+)
+def test_no_two_are_close_and_nobody_is_left_far(seed, centre, spacing_km, fill):
+    lon, lat, rng = scattered(seed, 120, centre)
+    usable, quality = rng.integers(0, 4, 120), rng.random(120)
+    chosen = select(lon, lat, usable, quality, spacing_km * KM, fill)
+    assert (usable[chosen] > 0).all()
+    apart = distance_m(lon[chosen][:, None], lat[chosen][:, None], lon[chosen], lat[chosen])
+    limit = fill * spacing_km * KM
+    assert (apart[~np.eye(len(chosen), dtype=bool)] >= limit - 1e-3).all()
+    live = usable > 0
+    away = distance_m(lon[live][:, None], lat[live][:, None], lon[chosen], lat[chosen]).min(
+        axis=1, initial=np.inf
+    )
+    assert (away < limit).all()
+
+
+def test_a_second_pass_only_adds():
+    lon, lat, rng = scattered(3, 500, (45.0, 45.0))
+    usable, quality = rng.integers(1, 4, 500), rng.random(500)
+    first, both = (set(select(lon, lat, usable, quality, 10 * KM, f).tolist()) for f in (1.0, 0.75))
+    assert first < both
+
+
+def test_the_order_of_the_input_does_not_matter():
+    lon, lat, rng = scattered(2, 300, (0.0, 0.0))
+    usable, quality = rng.integers(0, 3, 300), rng.integers(0, 2, 300).astype(float)
+    turn = rng.permutation(300)
+    one = select(lon, lat, usable, quality, 5 * KM)
+    other = turn[select(lon[turn], lat[turn], usable[turn], quality[turn], 5 * KM)]
+    assert one.tolist() == other.tolist()
+    assert (np.diff(stable_id(lon[one], lat[one])) > 0).all()
+
+
+def test_more_conditions_win_then_quality():
+    lon, lat = np.array([10.0, 10.01, 10.02]), np.zeros(3)
+    assert select(lon, lat, [2, 3, 1], [9.0, 0.0, 9.0], 5 * KM).tolist() == [1]
+    assert select(lon, lat, [2, 2, 2], [0.1, 0.0, 0.9], 5 * KM).tolist() == [2]
+    assert select(lon, lat, [2, 2, 2], [0.0, 0.0, 0.0], 5 * KM).tolist() == [0]
+
+
+def test_who_is_never_chosen():
+    assert select([], [], [], [], 1.0).size == 0
+    assert select([1.0, 2.0], [0.0, 0.0], [0, 3], [1.0, np.nan], 1.0).size == 0
+    assert (
+        select([1.0, 1.0 + 1e-6], [0.0005, 0.0005], [1, 1], [0.0, 0.0], 1e-3).size == 1
+    )  # one id, one point
+    assert (
+        select([0.0, 180.0], [0.0, 0.0], [1, 1], [0.0, 0.0], 6e6).size == 1
+    )  # wider than the Moon
+    for bad in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="spacing"):
+            select([1.0], [0.0], [1], [0.0], bad)
+
+
+lons, lats = st.floats(-720.0, 720.0), st.floats(-90.0, 90.0)
+
+
+@given(lons, lats)
+def test_an_id_stands_for_a_place(lon, lat):
+    number = stable_id(lon, lat)
+    back_lon, back_lat = id_to_lonlat(number)
+    assert number > 0
+    assert stable_id(back_lon, back_lat) == number
+    assert abs(back_lat - lat) <= 0.00100001
+    assert distance_m(lon, lat, back_lon, back_lat) < 31.0
+
+
+@given(st.integers(0, 359_000), lats)
+def test_a_turn_more_is_the_same_place(thousandth, lat):
+    lon = (
+        thousandth / 1000.0 + 0.0005
+    )  # the middle of a cell at the equator; elsewhere away from most edges
+    assert stable_id(lon, lat) in (stable_id(lon + 360.0, lat), stable_id(lon + 360.0 - 1e-9, lat))
+    assert stable_id(0.0, lat) == stable_id(360.0, lat) == stable_id(-1e-20, lat)
+
+
+def test_ids_at_the_poles():
+    lon = np.linspace(0, 360, 50)
+    for pole in (90.0, -90.0):
+        assert len(set(stable_id(lon, np.full(50, pole)).tolist())) == 1
+        assert id_to_lonlat(stable_id(12.0, pole))[1] == pole
+    assert stable_id(0.0, 90.0) != stable_id(0.0, 89.998)
+
+
+def test_neighbouring_cells_have_different_ids():
+    lon, lat = np.meshgrid(np.arange(20) * 0.001 + 0.0005, np.arange(-10, 10) * 0.001 + 0.0005)
+    assert len(np.unique(stable_id(lon, lat))) == 400
+    # row 89999 + 1, column 1: (lat 0.0005 S is row 89999, counted from 1) * 2^20 + 1
+    assert stable_id(0.0015, -0.0005) == 90_000 * 2**20 + 1
+
+
+def test_what_is_no_place_has_no_id():
+    for lon, lat in ((np.nan, 0.0), (np.inf, 0.0), (0.0, 90.1), (0.0, np.nan)):
+        with pytest.raises(ValueError, match="degrees"):
+            stable_id(lon, lat)
+    for number in (0, -5, 2**20 - 1, 180_001 * 2**20, 2**20 + 5, 90_000 * 2**20 + 360_000):
+        with pytest.raises(ValueError, match="id"):
+            id_to_lonlat(number)
+
+
+def test_nearest_is_that_of_brute_force():
+    lon, lat, _ = scattered(4, 80, (359.9, 88.5))
+    to_lon, to_lat, _ = scattered(5, 60, (0.5, 88.5))
+    index, away = nearest(lon, lat, to_lon, to_lat)
+    every = distance_m(lon[:, None], lat[:, None], to_lon, to_lat)
+    np.testing.assert_allclose(away, every.min(axis=1), atol=1e-3)
+    assert index.tolist() == every.argmin(axis=1).tolist()
+    assert nearest(lon, lat, [], [])[1].tolist() == [np.inf] * 80
+
+
+def test_a_cell_says_why_it_is_empty():
+    spacing = 10 * KM
+    step = spacing / DEG_M
+    cells = (np.arange(8) * step, np.zeros(8))
+    ground = np.array([True, True, True, True, True, False, True, False])
+    lon = np.array([0.0, 1.1, 2.1, 2.2, 3.0, 7.4]) * step
+    stage = np.array([0, 0, 0, 1, 2, 3])
+    points = (np.array([7.4 * step]), np.zeros(1))
+    status = coverage(cells, ground, (lon, np.zeros(6)), stage, points, spacing)
+    names = [Status(s).name for s in status]
+    assert names[:4] == ["FEATURELESS", "FEATURELESS", "AMBIGUOUS", "DEPENDENT"]
+    assert names[4:] == ["FEATURELESS", "NODATA", "FEATURELESS", "POINT"]
+    far = coverage(cells, ground, ([50.0], [50.0]), np.array([3]), ([], []), spacing)
+    assert (far == np.where(ground, Status.FEATURELESS, Status.NODATA)).all()
+
+
+def test_a_usable_candidate_counts_though_its_neighbour_was_chosen():
+    spacing = 10 * KM
+    step = spacing / DEG_M
+    cells = (np.array([0.0, step]), np.zeros(2))
+    lon = np.array([-0.4, 0.55]) * step
+    status = coverage(
+        cells,
+        np.ones(2, bool),
+        (lon, np.zeros(2)),
+        np.array([3, 3]),
+        (lon[:1], np.zeros(1)),
+        spacing,
+    )
+    assert status.tolist() == [Status.POINT, Status.POINT]
+
+
+def test_the_largest_hole():
+    cells = (np.array([0.0, 1.0, 2.0]), np.zeros(3))
+    status = np.array([Status.POINT, Status.AMBIGUOUS, Status.FEATURELESS], dtype=np.uint8)
+    assert largest_hole(cells, status, ([0.0], [0.0])) == pytest.approx(DEG_M)
+    assert largest_hole(cells, status, ([], [])) == np.inf
+    assert largest_hole(cells, np.full(3, Status.NODATA, np.uint8), ([], [])) == 0.0
+
+
+def test_the_numbers_are_those_of_the_catalogue():
+    schema = pytest.importorskip("lcp_catalog.catalog.schema")
+    assert {int(s): s.name.lower() for s in Status} == schema.COVERAGE_STATUS
+
+
+def test_a_cell_is_served_by_a_point_within_a_spacing_of_its_centre():
+    spacing = 10 * KM
+    step = spacing / DEG_M
+    cells, point = (
+        (np.array([0.0, 1.0, 2.0]) * step, np.zeros(3)),
+        (np.array([-0.05 * step]), np.zeros(1)),
+    )
+    near = (np.array([0.1 * step]), np.zeros(1))
+    ground = np.ones(3, dtype=bool)
+    assert coverage(cells, ground, near, [3], near, spacing)[:2].tolist() == [Status.POINT] * 2
+    assert coverage(cells, ground, point, [3], point, spacing)[1] == Status.FEATURELESS

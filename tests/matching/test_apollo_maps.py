@@ -1,0 +1,35 @@
+"""Map-projected photographs whose points are too faint under a high Sun, located by all points together. The frames are not
+ours to ship: without the shared data the test is skipped. docs/pose.md has the figures, `benchmarks/locate_maps.py` makes them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import apollo_maps as maps
+
+from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, LOCATED, locate
+from lcp_catalog.photometry.laws import reflectance_model
+
+LAW = reflectance_model("lunar-lambert")
+
+
+@pytest.mark.slow
+def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
+    """Frames of the Apollo 16 series under Suns of 46 to 54 deg, in which one to three points are found: they lie where the series'
+    older net has all of its frames, which differ by 259 and 180 m (`apollo_maps.NET_M`).
+    """
+    catalog = maps.built(shared_data, tmp_path)
+    for key in ("AS16-M-2806", "AS16-M-2962", "AS16-M-2958"):
+        photo = maps.frame(shared_data, key)
+        answer = locate(catalog, photo, maps.UNCERTAIN, LAW)
+        assert answer.verdict == LOCATED
+        assert answer.by == BY_GROUND
+        spread = np.hypot(answer.pose.sigma, [259.0, 180.0])
+        assert (np.abs(answer.pose.correction - maps.NET_M) < 3.0 * spread).all()
+        for _, image in maps.not_this_place(photo, [], int(key[-4:])):
+            wrong = locate(catalog, image, maps.UNCERTAIN, LAW)
+            assert wrong.pose is None
+            assert wrong.by == BY_POINTS

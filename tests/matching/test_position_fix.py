@@ -1,0 +1,362 @@
+"""The whole search in a small made world: what is right is found, from near and far; what is wrong is never believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.posed import PlainMap
+from helpers.small_world import GSD_M, LAW, World, mirrored, overhead
+from helpers.suns import light
+
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
+from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.images.image import Photo
+from lcp_catalog.matching.coarse_offset import CoarseShift
+from lcp_catalog.matching.consensus import Consensus
+from lcp_catalog.matching.matches import CODE
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.pose import jacobian, position_error, spread_px2
+from lcp_catalog.matching.position_fix import (
+    CANNOT_SAY,
+    LOCATED,
+    NOT_HERE,
+    Located,
+    Options,
+    locate,
+    nothing_in,
+)
+from lcp_catalog.matching.search_area import in_view, narrowed, perhaps_in_view
+from lcp_catalog.matching.sun_check import check_light, with_sun
+
+UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
+QUICK = Options(check_light=False)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World()
+
+
+@pytest.fixture(scope="module")
+def points(world: World) -> Catalog:
+    return world.catalog()
+
+
+@pytest.fixture(scope="module")
+def photo(world: World) -> Photo:
+    return world.photo(overhead())
+
+
+def believed(photo: Photo, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) -> Photo:
+    """The photograph with a sensor that is off by one draw of the uncertainty."""
+    sigmas = uncertainty.sigmas(photo.sensor)
+    draw = np.clip(np.random.default_rng(seed).normal(size=len(sigmas)), -2.0, 2.0)
+    return photo.with_sensor(photo.sensor.moved(sigmas * draw))
+
+
+def off_px(answer: Located, points: Catalog, known: Camera) -> np.ndarray:
+    """How far the inliers lie from where the known sensor has them."""
+    matches = answer.matches
+    true = known.project(points.position_mcmf[matches.point])
+    return np.hypot(*(matches.found_px - true)[matches.found].T)
+
+
+def is_right(answer: Located, points: Catalog, known: Camera) -> bool:
+    """A pose within its own sigmas (of three dimensions, 0.1 % of right ones have more than 16.3), and all it accepts
+    within 1.5 cells of the ground.
+    """
+    assert answer.pose is not None
+    error = position_error(answer.pose, known)
+    pixel_m = float(pixel_size_m(known, points.position_mcmf[len(points) // 2]))
+    return error.squared < 16.3 and off_px(answer, points, known).max() * pixel_m < 1.5 * GSD_M
+
+
+# -- found
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        overhead(),
+        overhead(turns=(0.15, -0.1, 2.5)),
+        overhead(pixel_m=200.0, size_px=360),
+    ],
+    ids=["overhead", "turned", "fine"],
+)
+def test_a_camera_comes_back(world: World, points: Catalog, camera: Camera) -> None:
+    given = believed(world.photo(camera, seed=3), 3)
+    answer = locate(points, given, UNCERTAIN, LAW)
+    assert answer.verdict == LOCATED
+    assert "points agree" in answer.reason
+    assert is_right(answer, points, camera)
+    assert answer.matches.found.sum() == answer.pose.used.sum() >= 20
+    assert answer.pose.position_sigma_m < 150.0
+    assert answer.log10_false_alarms < -20.0
+    # patches of 32 cells, 25 apart, share a good part of their ground
+    assert 1.2 < answer.pose.overlap < 4.0
+    assert answer.light is not None
+    assert answer.light.fits
+    expected = given.sensor.project(points.position_mcmf[answer.matches.point])
+    assert np.array_equal(answer.matches.predicted_px, expected)
+
+
+def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: Photo) -> None:
+    far = Uncertainty(9000.0, np.radians(0.5))
+    given = photo.with_sensor(photo.sensor.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))
+    area = perhaps_in_view(points, given.sensor, far, 3.0)
+    assert np.median(area.reach_px) > QUICK.most_reach_px
+    narrow, chance, slack = narrowed(area, points, given, given.sensor, far, LAW, 3.0, 16.0)
+    true = photo.sensor.project(points.position_mcmf[area.points])
+    off = true - given.sensor.project(points.position_mcmf[area.points]) - narrow.offset_px
+    assert (np.abs(off) <= narrow.reach_px[:, None]).mean() > 0.95
+    assert np.median(narrow.reach_px) < 0.6 * np.median(area.reach_px)
+    assert narrow.log10_places > 0.4
+    assert narrow.reach_px.min() >= 16.0
+    assert chance < -10.0
+    assert slack < 33.0
+    answer = locate(points, given, far, LAW, QUICK)
+    assert answer.verdict == LOCATED
+    assert is_right(answer, points, photo.sensor)
+
+
+def test_a_shift_of_the_image_leaves_what_it_does_not_decide(
+    points: Catalog, photo: Photo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a sensor that may be turned alone, by 0.05 rad: a shift says how it looks aside, 18 deg from the axis a tenth more than
+    on it; left is a roll, which moves a place by 0.05 of its distance from the middle.
+    """
+    uncertain, sensor = Uncertainty(0.0, 0.05), photo.sensor
+    area = perhaps_in_view(points, sensor, uncertain, 3.0)
+    slope = jacobian(sensor, points.position_mcmf[area.points])
+    aside = slope @ [0.0, 0.0, 0.0, 0.06, -0.04, 0.0]
+    shift = CoarseShift((aside[:, 0].mean(), aside[:, 1].mean()), -30.0, -1.0, 0.2, 50)
+    monkeypatch.setattr("lcp_catalog.matching.search_area.coarse_shift", lambda *_, **__: shift)
+    narrow, chance, _ = narrowed(area, points, photo, sensor, uncertain, LAW, 3.0, 4.0)
+    assert chance == -30.0
+    assert np.ptp(aside, axis=0).max() > 4.0
+    assert np.abs(narrow.offset_px - aside).max() < 0.5
+    away = np.abs(sensor.project(points.position_mcmf[area.points]) - 99.5).max(-1)
+    assert np.allclose(narrow.reach_px, np.maximum(3.0 * 0.05 * away, 4.0), atol=1.5)
+    assert narrow.reach_px.min() == 4.0
+    ratio = np.median(area.reach_px) / np.median(narrow.reach_px)
+    assert narrow.log10_places == pytest.approx(2.0 * np.log10(ratio))
+
+
+def test_tolerances_are_in_the_searched_photographs_pixels(
+    world: World, points: Catalog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pixels of 100 m under cells of 400 m: searched at a quarter, so a pixel there is four of the image as it came."""
+    asked = {}
+
+    def listen(*_: object, **options: float) -> Consensus:
+        asked.update(options)
+        return Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
+
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.agree", listen)
+    camera = overhead(pixel_m=100.0, size_px=400)
+    locate(points, world.photo(camera), Uncertainty(200.0), LAW, replace(QUICK, tolerance_px=0.7))
+    assert asked["tolerance_px"] == pytest.approx(4.0 * 0.7)
+    assert asked["width_px"] == pytest.approx(4.0 * 32.0, rel=0.05)
+
+
+def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None:
+    sheet = PlainMap(world.frame, 700.0, -1300.0)
+    image = world.photo(sheet)
+    answer = locate(
+        points, image.with_sensor(PlainMap(world.frame)), Uncertainty(1500.0), LAW, QUICK
+    )
+    assert answer.verdict == LOCATED
+    assert np.abs(answer.pose.correction - [700.0, -1300.0]).max() < 30.0
+    assert np.abs(answer.pose.correction - [700.0, -1300.0]).max() < 4.0 * answer.pose.sigma.max()
+
+
+def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: Photo) -> None:
+    """A piece of the image about one point is moved by 4 px: it is found there, and does not count."""
+    place = photo.sensor.project(points.position_mcmf)
+    row = int(np.argmin(np.hypot(*(place - 99.5).T)))
+    c, r = place[row].round().astype(int)
+    signal = photo.signal.copy()
+    signal[r - 24 : r + 25, c - 20 : c + 29] = photo.signal[r - 24 : r + 25, c - 24 : c + 25]
+    answer = locate(points, believed(replace(photo, signal=signal)), UNCERTAIN, LAW, QUICK)
+    assert answer.verdict == LOCATED
+    assert answer.matches.code[answer.matches.point == row] == CODE["inconsistent"]
+    assert np.array_equal(answer.matches.found, answer.pose.used)
+    assert is_right(answer, points, photo.sensor)
+
+
+def test_the_position_alone(points: Catalog, photo: Photo) -> None:
+    given = photo.with_sensor(photo.sensor.moved([900.0, 1500.0, -1100.0, 0.0, 0.0, 0.0]))
+    answer = locate(points, given, Uncertainty(1500.0), LAW, QUICK)
+    assert answer.verdict == LOCATED
+    assert (answer.pose.correction[3:] == 0.0).all()
+    assert is_right(answer, points, photo.sensor)
+    assert position_error(answer.pose, photo.sensor).error.across_m < 0.3 * GSD_M
+
+
+def test_the_same_again_is_the_same(points: Catalog, photo: Photo) -> None:
+    one, two = (locate(points, believed(photo), UNCERTAIN, LAW, QUICK) for _ in range(2))
+    assert np.array_equal(one.pose.correction, two.pose.correction)
+    assert np.array_equal(one.matches.code, two.matches.code)
+
+
+# -- not believed
+
+
+@pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
+def test_a_turned_or_mirrored_image_is_no_place(points: Catalog, photo: Photo, how: str) -> None:
+    answer = locate(points, believed(mirrored(photo, how)), UNCERTAIN, LAW, QUICK)
+    assert answer.verdict == NOT_HERE
+    assert answer.pose is None
+    assert "agree on no place" in answer.reason
+
+
+def test_another_place_is_not_this_one(points: Catalog) -> None:
+    elsewhere = World(seed=2).photo(overhead())
+    near = locate(points, believed(elsewhere), UNCERTAIN, LAW, QUICK)
+    far = locate(points, believed(elsewhere), Uncertainty(9000.0, np.radians(0.5)), LAW, QUICK)
+    assert near.verdict == far.verdict == NOT_HERE
+    assert near.pose is far.pose is None
+    assert len(far.matches) > 0
+    assert not far.matches.found.any()
+
+
+@pytest.mark.parametrize("turn", [-20.0, 20.0])
+def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Photo, turn: float) -> None:
+    lied = with_sun(believed(photo), points.position_mcmf, turn, 0.0)
+    answer = locate(points, lied, UNCERTAIN, LAW)
+    assert answer.verdict == CANNOT_SAY
+    assert answer.pose is None
+    assert f"turned by {-turn:+.0f} deg" in answer.reason
+
+
+def test_half_saturated_is_located_by_the_rest_or_not_at_all(points: Catalog, photo: Photo) -> None:
+    level = np.nanmedian(photo.signal)
+    weight = np.where(photo.signal >= level, 0.0, photo.weight).astype(np.float32)
+    cut = replace(photo, signal=np.minimum(photo.signal, level), weight=weight)
+    for image in (cut, replace(cut, weight=photo.weight)):
+        answer = locate(points, believed(image), UNCERTAIN, LAW)
+        assert answer.pose is None or is_right(answer, points, photo.sensor)
+
+
+def test_noise_is_nothing(points: Catalog, photo: Photo) -> None:
+    dice = np.random.default_rng(0)
+    grain = dice.normal(0.1, 0.02, photo.signal.shape).astype(np.float32)
+    blank = np.full(photo.signal.shape, 0.1, dtype=np.float32)
+    for signal in (grain, blank, blank + 1e-4 * grain):
+        answer = locate(points, believed(replace(photo, signal=signal)), UNCERTAIN, LAW)
+        assert answer.verdict == CANNOT_SAY
+        assert "blank or nothing but noise" in answer.reason
+
+
+def test_clouds_are_no_place(points: Catalog, photo: Photo) -> None:
+    """Noise with the spectrum of ground."""
+    dice = np.random.default_rng(1)
+    wave = np.hypot(*np.meshgrid(np.fft.fftfreq(200), np.fft.rfftfreq(200), indexing="ij"))
+    spectrum = np.fft.rfft2(dice.normal(size=(200, 200))) / np.maximum(wave, 0.01)
+    signal = (1.0 + 0.2 * np.fft.irfft2(spectrum, s=(200, 200))).astype(np.float32)
+    answer = locate(points, believed(replace(photo, signal=signal)), UNCERTAIN, LAW, QUICK)
+    assert answer.verdict == NOT_HERE
+
+
+def test_no_valid_pixel(points: Catalog, photo: Photo) -> None:
+    image = replace(photo, weight=np.zeros_like(photo.weight))
+    assert locate(points, image, UNCERTAIN, LAW).reason == "the image has no valid pixel"
+    assert nothing_in(photo) is None
+
+
+# -- what cannot be said
+
+
+def test_another_side_of_the_moon(points: Catalog, world: World, photo: Photo) -> None:
+    image = photo.with_sensor(overhead(EnuFrame(world.frame.lon_deg + 150.0, -10.0)))
+    answer = locate(points, image, UNCERTAIN, LAW)
+    assert answer.verdict == CANNOT_SAY
+    assert answer.reason == f"none of the catalogue's {len(points)} points can be in view"
+    assert len(answer.matches) == 0
+
+
+def test_at_night_it_says_so(points: Catalog, photo: Photo, world: World) -> None:
+    night = replace(photo, sun_direction_mcmf=-world.frame.rotation[2])
+    answer = locate(points, believed(night), UNCERTAIN, LAW)
+    assert answer.verdict == CANNOT_SAY
+    assert "not lit" in answer.reason
+
+
+def test_few_points_refute_no_place(world: World, photo: Photo) -> None:
+    few = world.catalog(step_m=20e3, half_m=20e3)
+    answer = locate(few, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
+    assert answer.verdict == CANNOT_SAY
+    assert answer.reason.startswith("too few points")
+
+
+def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Photo) -> None:
+    answer = locate(points, photo, Uncertainty(60e3, np.radians(4.0)), LAW)
+    assert answer.verdict == CANNOT_SAY
+    assert "state a smaller one" in answer.reason
+
+
+def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, photo: Photo) -> None:
+    """A search reaches 16 pixels whatever was stated; what it finds 6 stated sigmas away is told, not believed."""
+    given = photo.with_sensor(photo.sensor.moved([0.0, 1200.0, 0.0, 0.0, 0.0, 0.0]))
+    answer = locate(points, given, Uncertainty(250.0), LAW, QUICK)
+    assert answer.pose is None
+    assert answer.verdict == CANNOT_SAY
+    assert "of the stated sigmas away" in answer.reason
+
+
+# -- which points
+
+
+def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: Photo) -> None:
+    for seed in range(20):
+        given = believed(photo, seed)
+        area = perhaps_in_view(points, given.sensor, UNCERTAIN, 3.0)
+        assert set(in_view(points, photo.sensor)) <= set(area.points)
+        true = photo.sensor.project(points.position_mcmf[area.points])
+        off = np.abs(true - given.sensor.project(points.position_mcmf[area.points])).max(-1)
+        assert (off <= area.reach_px).mean() > 0.9
+        assert (area.at_least(30.0).reach_px >= 30.0).all()
+
+
+def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: Catalog) -> None:
+    """An image of 4 km, a sensor 30 km off: within 3 sigma of 12 km the points about the true place may be in view."""
+    known = overhead(size_px=20, pixel_m=200.0)
+    given = known.moved([0.0, 30e3, 0.0, 0.0, 0.0, 0.0])
+    area = perhaps_in_view(points, given, Uncertainty(12e3), 3.0)
+    assert set(in_view(points, known)) <= set(area.points)
+    assert len(area) < len(points)
+
+
+# -- the Sun
+
+
+def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
+    rows = in_view(points, photo.sensor)
+    check = check_light(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
+    assert check.fits
+    assert check.complaint == ""
+    assert check.correlation > max(check.correlations)
+    assert check.points == len(rows)
+
+
+def test_a_preferred_sun_is_a_doubt_about_the_place(
+    points: Catalog, photo: Photo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pose's covariance grows by what moving all matches does; the pose is the same."""
+    plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)
+    monkeypatch.setattr(
+        "lcp_catalog.matching.position_fix.check_light", lambda *_: light(0.9, gain=0.02)
+    )
+    doubted = locate(points, believed(photo), UNCERTAIN, LAW)
+    assert doubted.verdict == LOCATED
+    assert np.array_equal(doubted.pose.correction, plain.pose.correction)
+    assert (doubted.pose.sigma > plain.pose.sigma).all()
+    middle = points.position_mcmf[[len(points) // 2]]
+    before, after = (
+        spread_px2(photo.sensor, middle, a.pose.covariance)[0] for a in (plain, doubted)
+    )
+    assert np.allclose(np.diag(after - before), 0.4**2, rtol=0.3)

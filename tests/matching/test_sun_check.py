@@ -1,0 +1,179 @@
+"""Does the stated Sun fit: what other Suns make of the points, from made correlations, and when one is believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.lone_hill import EAST, HERE, above_it, bump_catalog, plain_photo
+from helpers.match_frames import LAW
+from helpers.suns import light
+from helpers.twins_match import catalog_of_patches
+
+from lcp_catalog.geometry.frames import azimuth_elevation
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.sun_check import TURNS_DEG, check_light, with_sun
+
+
+def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
+    """Of 25 independent points: half and two sigmas of 0.1 is 0.7."""
+    assert light(0.71).preferred == 1
+    assert light(0.69).preferred is None
+    assert light(0.95, points=4).preferred is None
+    assert light(0.71, independent=10.0).preferred is None
+    assert light(0.95, gain_z=-0.1).preferred is None
+    assert not light(0.71).fits
+    assert light(0.69).fits
+    assert light(0.95, gain=0.02).fits
+    assert not light(0.95, gain=0.02, gain_z=0.26).fits
+    assert light(0.71).doubt_px == light(0.71, gain=0.02).doubt_px == 0.4
+    assert light(0.69).doubt_px == 0.0
+    assert light(0.69).complaint == light(0.95, gain=0.02).complaint == ""
+    assert light(0.95).complaint == (
+        "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
+    )
+
+
+@pytest.mark.parametrize(
+    ("gain", "gain_z", "fits"), [(0.07, 0.4, True), (0.09, 0.4, False), (0.07, 0.51, False)]
+)
+def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bool) -> None:
+    """Roughness below the DEM's cells looks like one."""
+    check = replace(
+        light(0.9), correlations=(0.7, 0.8, 0.8 + gain, 0.7), gains=(-0.2, 0.3, gain_z, -0.2)
+    )
+    assert check.preferred == 2
+    assert check.fits == fits
+    assert check.complaint.endswith("raised by -10 deg") != fits
+
+
+def test_a_sun_is_turned_and_raised() -> None:
+    """About the vertical of the ground; one that is not moved stays what it was."""
+    camera = above_it()
+    photo, ground = plain_photo(np.ones(camera.shape), camera), HERE.origin_mcmf_m[None]
+    for turn, up in ((20.0, 0.0), (-35.0, 12.0), (0.0, -10.0)):
+        moved = with_sun(photo, ground, turn, up).sun_direction_mcmf
+        azimuth, elevation = azimuth_elevation(HERE.direction_from_mcmf(moved))
+        assert float(azimuth) == pytest.approx(100.0 + turn, abs=1e-6)
+        assert float(elevation) == pytest.approx(30.0 + up, abs=1e-6)
+        assert np.linalg.norm(moved) == pytest.approx(1.0)
+    assert with_sun(photo, ground, 0.0, 0.0) is photo
+
+
+# -- what the points say
+
+
+class Listener:
+    """In the place of the search: answers with a table of correlations and places for each Sun in turn, and keeps what it was
+    asked.
+    """
+
+    def __init__(self, correlations: np.ndarray, places: np.ndarray) -> None:
+        self.answers = list(zip(correlations, places, strict=True))
+        self.asked: list[dict] = []
+
+    def __call__(self, catalog, photo, model, reach_px, *, points, offset_px, criteria):
+        self.asked.append(
+            {"photo": photo, "reach": reach_px, "points": points, "offset": offset_px}
+            | {"criteria": criteria}
+        )
+        correlation, place = self.answers[len(self.asked) - 1]
+        return SimpleNamespace(
+            correlation=correlation[: len(points)], found_px=place[: len(points)]
+        )
+
+
+@pytest.fixture
+def hills():
+    """A catalogue of 150 times the same patch."""
+    one = bump_catalog()
+    return catalog_of_patches(np.repeat(one.dem, 150, axis=0), [HERE] * 150, 100.0)
+
+
+def listened(monkeypatch, hills, correlations, places, count, **how):
+    listener = Listener(correlations, places)
+    monkeypatch.setattr("lcp_catalog.matching.sun_check.match", listener)
+    monkeypatch.setattr("lcp_catalog.matching.sun_check.LAWS", ())  # other laws: test_light_laws
+    camera = above_it()
+    rng = np.random.default_rng(1)
+    points = rng.permutation(150)[:count]
+    offset = rng.normal(size=(count, 2))
+    photo = plain_photo(np.ones(camera.shape), camera)
+    criteria = Criteria(min_correlation=0.1)
+    found = check_light(hills, photo, LAW, points, offset, criteria, **how)
+    return found, listener, points, offset
+
+
+def test_every_point_is_asked_under_every_sun(monkeypatch, hills) -> None:
+    """Medians of correlations and of gains in z; who gains; how far the matches move together. In the dark nothing correlates."""
+    rng = np.random.default_rng(0)
+    correlations = rng.uniform(0.3, 0.95, (5, 41))
+    correlations[2] = np.minimum(correlations[0] + rng.normal(0.02, 0.03, 41), 0.99)
+    correlations[3, 5:12] = np.nan
+    correlations[0, 7] = np.nan
+    places = rng.uniform(0.0, 100.0, (1, 41, 2)) + rng.normal(0.0, 0.3, (5, 41, 2))
+    places[3] += [4.0, -3.0]
+    places[3, 5:12] = np.nan
+    places[4] = np.nan
+    found, listener, points, offset = listened(
+        monkeypatch, hills, correlations, places, 41, independent_share=0.5, reach_px=4.5
+    )
+    assert found.turns_deg == TURNS_DEG == ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
+    for asked, (turn, up) in zip(listener.asked, ((0.0, 0.0), *TURNS_DEG), strict=True):
+        np.testing.assert_array_equal(asked["points"], points)
+        np.testing.assert_array_equal(asked["offset"], offset)
+        assert asked["reach"] == 4.5
+        assert asked["criteria"].min_correlation == 0.1
+        sun = HERE.direction_from_mcmf(asked["photo"].sun_directions(HERE.origin_mcmf_m))
+        azimuth, elevation = azimuth_elevation(sun)
+        assert (float(azimuth), float(elevation)) == pytest.approx((100.0 + turn, 30.0 + up), abs=1e-6)  # fmt: skip
+    dark = np.where(np.isnan(correlations), 0.0, correlations)
+    assert (found.points, found.independent) == (41, 20.5)
+    assert found.correlation == np.median(dark[0])
+    assert found.correlations == pytest.approx([np.median(row) for row in dark[1:]])
+    z = 0.5 * np.log((1.0 + dark) / (1.0 - dark))
+    gain = z[1:] - z[0]
+    assert found.gains == pytest.approx([np.median(row) for row in gain])
+    assert found.shares == pytest.approx([(row > 0.0).mean() for row in gain])
+    for k in range(3):
+        off = (places[k + 1] - places[0])[np.isfinite(places[k + 1][:, 0])]
+        wanted = math.hypot(np.median(off[:, 0]), np.median(off[:, 1]))
+        assert found.shifts_px[k] == pytest.approx(wanted)
+    assert found.shifts_px[2] == pytest.approx(5.0, abs=0.3)
+    assert found.shifts_px[3] == 0.0
+
+
+def test_a_hundred_of_many_points_are_asked_evenly(monkeypatch, hills) -> None:
+    correlations, places = np.full((5, 150), 0.8), np.zeros((5, 150, 2))
+    found, listener, points, offset = listened(monkeypatch, hills, correlations, places, 150)
+    assert found.points == found.independent == 100
+    asked = listener.asked[0]
+    rows = [points.tolist().index(p) for p in asked["points"]]
+    assert (rows[0], rows[-1]) == (0, 149)
+    assert set(np.diff(rows)) == {1, 2}
+    np.testing.assert_array_equal(asked["offset"], offset[rows])
+    assert asked["reach"] == 3.0
+    found, *_ = listened(monkeypatch, hills, correlations, places, 4, independent_share=0.1)
+    assert (found.points, found.independent) == (4, 1.0)
+
+
+def test_correlations_of_one_are_no_infinite_gain(monkeypatch, hills) -> None:
+    """artanh ends at 0.999, either way."""
+    correlations, places = np.full((5, 9), 1.0), np.zeros((5, 9, 2))
+    correlations[1:] = 0.5
+    correlations[4] = -1.0
+    found, *_ = listened(monkeypatch, hills, correlations, places, 9)
+    edge = math.atanh(0.999)
+    assert found.gains == pytest.approx((*(math.atanh(0.5) - edge,) * 3, -2.0 * edge))
+
+
+@pytest.mark.parametrize(("up", "elevation"), [(30.0, 60.0), (58.0, 88.0), (75.0, 89.0), (-28.0, 2.0), (-50.0, 1.0)])  # fmt: skip
+def test_a_sun_stays_above_the_horizon_and_off_the_zenith(up: float, elevation: float) -> None:
+    camera = above_it()
+    photo = plain_photo(np.ones(camera.shape), camera, EAST)
+    moved = with_sun(photo, HERE.origin_mcmf_m[None], 15.0, up)
+    azimuth, height = azimuth_elevation(HERE.direction_from_mcmf(moved.sun_direction_mcmf))
+    assert (float(azimuth), float(height)) == pytest.approx((115.0, elevation), abs=1e-6)

@@ -1,0 +1,77 @@
+"""Does the stated Sun fit an image whose surface reflects by another law than the search's: a law is not taken for a Sun."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.small_world import HADLEY, World, overhead
+
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.images.image import Photo
+from lcp_catalog.matching import sun_check as light_check
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.search_area import in_view
+from lcp_catalog.matching.sun_check import LightCheck, check_light, with_sun
+from lcp_catalog.photometry.laws import reflectance_model
+
+SEARCHED = reflectance_model("lommel-seeliger")
+SUN = (100.0, 30.0)
+AWAY_M, PIXEL_M = 900e3, 400.0
+
+
+def oblique(azimuth_deg: float, off_nadir_deg: float) -> Camera:
+    """A narrow camera in a direction from the middle of the made ground, which it looks at."""
+    there = direction_enu(azimuth_deg, 90.0 - off_nadir_deg)
+    right = np.cross(-there, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(-there, right), -there]) @ HADLEY.rotation
+    size, middle = (200, 200), (99.5, 99.5)
+    return Camera(HADLEY.to_mcmf(AWAY_M * there), rotation, AWAY_M / PIXEL_M, middle, size)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World()
+
+
+@pytest.fixture(scope="module")
+def points(world):
+    return world.catalog()
+
+
+@pytest.fixture(scope="module", params=[40.0, 190.0])
+def rough(world, request) -> Photo:
+    """Taken 45 deg off the vertical, of a surface after Hapke."""
+    return world.photo(oblique(request.param, 45.0), SUN, law=reflectance_model("hapke"))
+
+
+def checked(points, photo: Photo, turn_deg: float = 0.0) -> LightCheck:
+    rows = in_view(points, photo.sensor)
+    stated = with_sun(photo, points.position_mcmf[rows], turn_deg, 0.0)
+    return check_light(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
+
+
+def test_a_law_is_not_taken_for_a_sun(points, rough: Photo, monkeypatch) -> None:
+    """Under Lommel-Seeliger alone a Sun turned by 20 deg looks better by far; under the image's own law none does."""
+    found = checked(points, rough)
+    assert (found.law, found.fits) == ("hapke", True)
+    assert found.correlation > max(found.correlations)
+    monkeypatch.setattr(light_check, "LAWS", ())
+    alone = checked(points, rough)
+    assert not alone.fits
+    assert alone.turns_deg[alone.preferred][0] != 0.0
+    assert found.least_doubt_px == found.doubt_px == alone.doubt_px
+
+
+@pytest.mark.parametrize("turn_deg", [-20.0, 20.0])
+def test_a_sun_is_not_taken_for_a_law(points, rough: Photo, turn_deg: float) -> None:
+    found = checked(points, rough, turn_deg)
+    assert not found.fits
+    assert f"{-turn_deg:+.0f} deg" in found.complaint
+
+
+def test_the_searchs_own_law_stays_where_it_is_right(points, world) -> None:
+    photo = world.photo(overhead(), SUN, law=SEARCHED)
+    assert (checked(points, photo).law, checked(points, photo).fits) == ("", True)
+    assert not checked(points, photo, 20.0).fits

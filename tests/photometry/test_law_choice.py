@@ -1,0 +1,201 @@
+"""What one law costs against another, by an independent twin with random facets, and which law a scene gets."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lcp_cli.main import run
+
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.build.assembly import decisions
+from lcp_catalog.build.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
+from lcp_catalog.build.sweep import Conditions, law_of_build
+from lcp_catalog.errors import ConfigError
+from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.photometry.law_choice import LAWS, LEFT_OVER, choose, cost, named
+from lcp_catalog.photometry.laws import reflectance_model
+
+LS, LAMBERT = reflectance_model("lommel-seeliger"), reflectance_model("lambert")
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def image(*pairs):
+    """One image of pairs of Sun and camera, as `cost` wants it."""
+    suns, cameras = zip(*pairs, strict=True)
+    return np.array(suns)[None], np.array(cameras)[None]
+
+
+def monte_carlo(pairs, slope_rms, count=400_000, seed=1):
+    """sqrt(1 - r^2) of the contrast of Lommel-Seeliger against Lambert by random facets, formulas
+    written anew.
+    """
+    rng = np.random.default_rng(seed)
+    ours, theirs, weights = [], [], []
+    for sun, camera in pairs:
+        p, q = rng.normal(0.0, slope_rms, (2, count))
+        length = np.sqrt(1 + p * p + q * q)
+        mu0 = (-p * sun[0] - q * sun[1] + sun[2]) / length
+        mu = (-p * camera[0] - q * camera[1] + camera[2]) / length
+        seen = (mu0 > 0) & (mu > 0)
+        ours.append((mu0 / (mu0 + mu))[seen])
+        theirs.append(mu0[seen])
+        weights.append((mu * length)[seen])
+    a, b, w = (np.concatenate(x) for x in (ours, theirs, weights))
+    r = np.cov(a, b, aweights=w)
+    rest = r[1, 1] - r[0, 1] ** 2 / r[0, 0]
+    return np.sqrt(rest) / np.average(b, weights=w)
+
+
+@pytest.mark.parametrize("slope_deg", [3.0, 8.0])
+@pytest.mark.parametrize("elevation", [70.0, 30.0, 10.0])
+@pytest.mark.parametrize("off_nadir", [0.0, 30.0, 50.0])
+def test_the_cost_is_that_of_random_relief(slope_deg, elevation, off_nadir):
+    slope = np.tan(np.radians(slope_deg))
+    pair = (direction_enu(90.0, elevation), direction_enu(200.0, 90.0 - off_nadir))
+    found = cost(LS, LAMBERT, *image(pair), slope).left_over
+    # the facets that turn away are cut sharply, which a quadrature sees in steps
+    assert found == pytest.approx(monte_carlo([pair], slope), abs=0.006)
+
+
+def test_steep_relief_seen_at_a_slant():
+    """Facets count by their area as seen, and those that turn away not at all."""
+    slope = np.tan(np.radians(25.0))
+    pair = (direction_enu(90.0, 50.0), direction_enu(250.0, 30.0))
+    found = cost(LS, LAMBERT, *image(pair), slope).left_over
+    assert found == pytest.approx(monte_carlo([pair], slope), abs=0.003)
+
+
+def test_many_phases_in_one_image_share_a_gain():
+    sun = direction_enu(90.0, 40.0)
+    pairs = [(sun, direction_enu(90.0, 90.0 - off)) for off in (0.0, 20.0, 40.0)]
+    together = cost(LS, LAMBERT, *image(*pairs)).left_over
+    assert together == pytest.approx(monte_carlo(pairs, np.tan(np.radians(8.0))), abs=0.006)
+    apart = max(cost(LS, LAMBERT, *image(pair)).left_over for pair in pairs)
+    assert together > apart + 0.05
+
+
+@settings(max_examples=40)
+@given(elevation=st.floats(2.0, 89.0), azimuth=st.floats(0, 360), off=st.floats(0.0, 60.0))
+def test_a_law_costs_nothing_against_itself(elevation, azimuth, off):
+    pair = (direction_enu(azimuth, elevation), direction_enu(0.0, 90.0 - off))
+    assert cost(LS, LS, *image(pair)).left_over <= 1e-6
+    other = cost(LS, LAMBERT, *image(pair))
+    assert 0.0 <= other.left_over <= other.contrast * (1.0 + 1e-12)
+
+
+def test_the_same_relief_seen_from_where_the_sun_stands_shows_nothing_to_lommel_seeliger():
+    sun = direction_enu(90.0, 40.0)
+    found = cost(LS, LAMBERT, *image((sun, sun)))
+    assert found.left_over == pytest.approx(found.contrast)
+    assert found.contrast > 0.1
+    assert found.correlation == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_worst_image_is_named():
+    easy, hard = direction_enu(90.0, 5.0), direction_enu(90.0, 80.0)
+    suns, cameras = np.array([[easy], [hard]]), np.array([[UP], [UP]])
+    found = cost(LS, LAMBERT, suns, cameras)
+    alone = [cost(LS, LAMBERT, suns[k : k + 1], cameras[k : k + 1]).left_over for k in (0, 1)]
+    assert found.left_over == max(alone)
+    assert found.images == 2
+    worst = (85.0, 10.0)[int(np.argmax(alone))]
+    assert found.phase_deg == pytest.approx((worst, worst))
+    assert found.incidence_deg == pytest.approx((worst, worst))
+
+
+# ---- which law
+
+
+def wide(span_deg):
+    """One image that a wide camera takes: phases from 30 deg to as many more."""
+    sun = direction_enu(90.0, 40.0)
+    return image(*((sun, direction_enu(90.0, 70.0 + off)) for off in np.linspace(0.0, span_deg, 9)))
+
+
+def test_one_phase_wants_no_phase_function_and_many_do():
+    """What Lommel-Seeliger lacks is a phase function: in one phase a gain stands for it."""
+    narrow, broad = choose("standard", *wide(0.5)), choose("standard", *wide(60.0))
+    assert (narrow.model.name, broad.model.name) == ("lommel-seeliger", "lunar-lambert")
+    assert broad.cost.left_over > 3.0 * narrow.cost.left_over
+    assert broad.own.left_over < 0.1 * broad.cost.left_over
+    assert choose("high", *wide(60.0)).model.name == "hapke"
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_the_limit_decides(tier):
+    hapke = reflectance_model("hapke")
+    for span in (0.0, 5.0, 10.0, 20.0, 40.0, 60.0):
+        costs = {law: cost(reflectance_model(law), hapke, *wide(span)).left_over for law in LAWS}
+        fitting = [law for law in LAWS if costs[law] <= LEFT_OVER[tier] or law == "hapke"]
+        chosen = choose(tier, *wide(span))
+        assert chosen.model.name == fitting[0]
+        assert chosen.cost.left_over == costs["lommel-seeliger"]
+        assert chosen.own.left_over == costs[chosen.model.name]
+    asked = choose(tier, *image((direction_enu(90.0, 60.0), UP)), asked=LAMBERT)
+    assert asked.model == LAMBERT
+    assert "as asked" in asked.reason
+    assert asked.own.left_over > 0.0
+
+
+def test_reference_is_hapke():
+    """The paper: Lommel-Seeliger on board, Hapke for reference."""
+    for elevation in (1.0, 10.0, 45.0, 89.0):
+        assert (
+            choose("reference", *image((direction_enu(0.0, elevation), UP))).model.name == "hapke"
+        )
+
+
+def test_names():
+    assert named("auto") is None
+    assert named("lambert") == LAMBERT
+    with pytest.raises(ConfigError, match="no reflectance model"):
+        named("phong")
+
+
+def test_a_law_from_a_file_is_named_by_its_content(tmp_path):
+    """A catalogue must say which measured surface it was made with, wherever the file lay."""
+    file = tmp_path / "regolith.toml"
+    table = Path(__file__).parents[2] / "sample_data" / "goniometer_synthetic.csv"
+    assert run(["fit-reflectance", str(table), "-o", str(file)]) == 0
+    build = BuildConfig(model=ModelConfig(reflectance=f"facet:{file}"))
+    (said,) = [d for d in decisions(build, 100.0, 26.0) if d["effect"] == "reflectance"]
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in said["reason"]
+    assert str(tmp_path) not in said["reason"]
+
+
+def test_a_build_gets_the_law_of_its_worst_image():
+    suns = SunConfig(elevations_deg=(5.0, 10.0))
+    above = ViewConfig(off_nadir_deg=(0.0,), azimuth_deg=(0.0,), altitude_km=(float("inf"),))
+    names = {}
+    for tier in TIERS:
+        build = BuildConfig(sun=suns, view=above, model=ModelConfig(accuracy=tier))
+        found = law_of_build(build, 26.0)
+        names[tier] = found.model.name
+    assert names["draft"] == names["standard"] == "lommel-seeliger"
+    assert names["high"] == "lunar-lambert"
+    assert names["reference"] == "hapke"
+    stated = BuildConfig(model=ModelConfig(reflectance="lambert"))
+    assert law_of_build(stated, 26.0).model == LAMBERT
+
+
+def test_a_build_looks_at_every_sun_and_view():
+    """The worst of all is what is found image by image."""
+    views = ViewConfig(off_nadir_deg=(0.0, 40.0), azimuth_deg=(0.0, 90.0), altitude_km=(1e3, 1e3))
+    build = BuildConfig(sun=SunConfig(elevations_deg=(5.0, 60.0)), view=views)
+    conditions = Conditions.at(26.0, build)
+    found = law_of_build(build, 26.0)
+    hapke = reflectance_model("hapke")
+    alone = [
+        cost(
+            LS,
+            hapke,
+            *image((conditions.sun_direction(e, a, 0.0), conditions.view_direction(v, 0.0))),
+        ).left_over
+        for e, a in np.argwhere(conditions.reachable)
+        for v in (0, 1)
+    ]
+    assert found.cost.images == len(alone)
+    assert found.cost.left_over == pytest.approx(max(alone))

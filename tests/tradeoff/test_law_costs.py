@@ -1,0 +1,62 @@
+"""Windows of one image against those of another, by NumPy's own correlation."""
+
+import numpy as np
+import pytest
+
+from lcp_catalog.photometry.law_choice import LAWS
+from lcp_catalog.photometry.laws import MODELS
+from lcp_catalog.tradeoff.law_costs import PHASES_DEG, WINDOW, ModelChanges, window_correlations
+
+
+def pictures(seed=0, shape=(100, 70)):
+    rng = np.random.default_rng(seed)
+    theirs = rng.random(shape) + 0.5
+    return theirs + rng.normal(0.0, 0.3, shape), theirs
+
+
+def test_windows_are_correlated_as_numpy_does():
+    ours, theirs = pictures()
+    found = window_correlations(ours, theirs)
+    wanted = [
+        np.corrcoef(
+            ours[r : r + WINDOW, c : c + WINDOW].ravel(),
+            theirs[r : r + WINDOW, c : c + WINDOW].ravel(),
+        )[0, 1]
+        for r in (0, 32, 64)
+        for c in (0, 32)
+    ]
+    assert found == pytest.approx(wanted)
+    assert window_correlations(3.0 * theirs + 7.0, theirs) == pytest.approx(np.ones(6))
+    assert window_correlations(-theirs, theirs) == pytest.approx(-np.ones(6))
+
+
+def test_what_is_not_seen_whole_or_shows_nothing_is_left_out():
+    ours, theirs = pictures()
+    ours[5, 5] = np.nan  # hidden in one image alone
+    theirs[40:60, 5] = 0.9
+    theirs[32:64, 32:64] = 0.7
+    assert len(window_correlations(ours, theirs)) == 4
+    flat = np.full_like(theirs, 2.0)
+    ours, theirs = pictures()
+    assert (window_correlations(flat, theirs) == 0.0).all()
+    assert window_correlations(ours[:20], theirs[:20]).size == 0
+
+
+def test_areas_add_up():
+    one, two = ModelChanges(), ModelChanges()
+    for found, values in ((one, [0.5, 0.7]), (two, [0.99])):
+        found.correlations[LAWS[0], 2] = [np.array(values)]
+        found.images[2] = 3
+        found.seconds[LAWS[0]], found.seconds[LAWS[-1]] = 1.0, 2.0
+    one.add(two)
+    (row,) = one.rows()
+    assert row["windows"] == 3
+    assert row["images"] == 6
+    assert row["correlation_median"] == 0.7
+    assert row["phase_deg"] == list(PHASES_DEG[2:4])
+    assert row["share_above_0_9"] == pytest.approx(1 / 3)
+    assert one.times()[LAWS[0]] == 0.5
+
+
+def test_the_laws_exist():
+    assert set(LAWS) <= set(MODELS)

@@ -1,0 +1,178 @@
+"""``measure_trade``: the whole way from a build to the document, the page and the files."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.pages import parsed
+from helpers.trades import CONFIG, candidates, cratered_dem, faulty
+
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.build.area_job import Candidates
+from lcp_catalog.build.run import Build
+from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
+from lcp_catalog.tradeoff import measurement as tradeoff
+from lcp_catalog.tradeoff import report as trade_report
+from lcp_catalog.tradeoff.measurement import Trade, measure_trade, spread
+from lcp_catalog.tradeoff.timing import TimedArea
+
+CONTRACT = {
+    "accuracy",
+    "seconds",
+    "memory_mb",
+    "sunlit_error_share",
+    "radiance_rmse",
+    "points_lost",
+    "points_gained",
+    "conditions_changed_share",
+}
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    return Build.plan((cratered_dem(tmp_path_factory.mktemp("dem")),), CONFIG)
+
+
+@pytest.fixture(scope="module")
+def trade(build: Build) -> Trade:
+    """With a draft that is wrong at one node in ten; in this process."""
+    patch = pytest.MonkeyPatch()
+    faulty(patch, lambda azimuth, dark: np.random.default_rng(5).random(dark.shape) < 0.1)
+    try:
+        return measure_trade(build, areas=2, rounds=1, isolated=False)
+    finally:
+        patch.undo()
+
+
+def test_a_wrong_tier_changes_points_and_the_others_do_not(trade: Trade) -> None:
+    rows = {row["accuracy"]: row for row in trade.rows}
+    assert list(rows) == ["draft", "standard", "high", "reference"]
+    for tier in ("standard", "high", "reference"):
+        found = rows[tier]
+        nothing = (
+            "sunlit_error_share",
+            "radiance_rmse",
+            "points_lost",
+            "points_gained",
+            "points_moved",
+            "conditions_changed_share",
+        )
+        assert [found[name] for name in nothing] == [0.0] * len(nothing)
+        assert found["localization_sigma_change_m"] == {"median": 0.0, "p95": 0.0}
+        assert found["points"] == rows["reference"]["points"] > 0
+    wrong = rows["draft"]
+    assert wrong["sunlit_error_share"] > 0.06
+    assert wrong["points_lost"] > 0
+    assert wrong["points"] == rows["reference"]["points"] - wrong["points_lost"] + wrong["points_gained"]  # fmt: skip
+
+
+def test_the_document_is_the_contracts(trade: Trade) -> None:
+    document = json.loads(json.dumps(trade.document(), allow_nan=False))
+    for row in document["rows"]:
+        assert set(row) >= CONTRACT
+        assert row["seconds"] > 0.0
+        assert row["memory_mb"] is None  # not measured in one process
+        assert row["bound"] == TIERS[row["accuracy"]].node_error
+    assert document["rows"][-1]["seconds_relative"] == 1.0
+    compared = document["compared"]
+    assert (compared["areas"], compared["rounds"], compared["threads"]) == (2, 1, 1)
+    assert compared["areas_of"] >= 4
+    assert compared["suns"] == [4]
+    assert compared["dems"] == ["craters.tif"]
+
+
+def test_seconds_are_medians_and_tiers_take_turns(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that says what the calls say: the warm-up never counts, and each round begins with another tier."""
+    calls: list[tuple[str, str]] = []
+    empty = Candidates(*candidates([], []))
+
+    def stand_in(job: Any) -> Any:
+        tier = job.config.model.accuracy
+        calls.append((job.task.name, tier))
+        seen = calls.count(calls[-1])
+        warm = 1000.0 if len(calls) <= len(TIERS) else 0.0
+        seconds = warm + (2.0 if tier == "draft" else 4.0) * (9.0 if seen == 3 else 1.0)
+        return TimedArea(seconds, seconds / 2.0, empty, 1.0, float(len(calls)))
+
+    monkeypatch.setattr(tradeoff, "timed_area", stand_in)
+    monkeypatch.setattr(tradeoff, "_images", lambda *_: ({t: tradeoff.ImageChanges() for t in TIERS}, None))  # fmt: skip
+    trade = measure_trade(build, areas=2, rounds=3, isolated=False)
+    assert (trade.compared["areas"], trade.compared["rounds"]) == (2, 3)
+    rows = trade.rows
+    assert [row["seconds"] for row in rows] == [4.0, 8.0, 8.0, 8.0]
+    assert [row["cpu_seconds"] for row in rows] == [2.0, 4.0, 4.0, 4.0]
+    assert [row["seconds_relative"] for row in rows] == [0.5, 1.0, 1.0, 1.0]
+    firsts = [tier for _, tier in calls[4::8]]
+    assert firsts == ["draft", "standard", "high"]
+
+
+def test_counts_below_one_are_refused(build: Build) -> None:
+    with pytest.raises(ConfigError, match="at least 1"):
+        measure_trade(build, areas=0)
+    with pytest.raises(ConfigError, match="at least 1"):
+        measure_trade(build, rounds=0)
+
+
+def test_areas_are_spread(build: Build) -> None:
+    everything = spread(build, 10_000)
+    assert sorted(everything) == list(range(len(build.jobs)))
+    assert spread(build, 3) == everything[:3]
+
+
+def test_the_middle_comes_first_then_what_is_far_away_and_slivers_last() -> None:
+    """Five areas on the equator around 2.1 E, of which the middle one is cut to a tenth."""
+    tasks = [
+        SimpleNamespace(lon_deg=lon, lat_deg=0.0, window=SimpleNamespace(shape=(rows, 10)))
+        for lon, rows in ((0.0, 10), (1.0, 10), (2.0, 1), (3.0, 10), (4.5, 10))
+    ]
+    region = SimpleNamespace(lon_deg=2.1, lat_deg=0.0)
+    jobs = [SimpleNamespace(task=task) for task in tasks]
+    assert spread(SimpleNamespace(jobs=jobs, region=region), 9) == [3, 0, 4, 1, 2]
+
+
+def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
+    html = trade_report.render_trade(trade)
+    page = parsed(html)
+    assert not re.search(r"url\(|@import|https?://|<link|<script|<iframe", html)
+    assert len(page.addresses) == len(TIERS)
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+    assert page.counts["circle"] == 2 * len(TIERS)
+    assert page.counts["tr"] == len(trade_report.COLUMNS) + 1 + len(trade.models.rows())
+    assert f"2 of {trade.compared['areas_of']} areas" in html
+    assert "craters.tif" in html
+    assert str(Path.home()) not in html
+    assert "nan" not in re.sub(r"base64,[^'\"]*", "", html).lower().split()
+
+
+def test_the_table_has_a_column_a_tier(trade: Trade) -> None:
+    text = trade_report.markdown(trade)
+    tiers, _, laws = text.partition("\n## ")
+    table = [line for line in tiers.splitlines() if line.startswith("|")]
+    assert len(table) == len(trade_report.COLUMNS) + 1
+    assert len([line for line in laws.splitlines() if line.startswith("|")]) == 2 + len(
+        trade.models.rows()
+    )
+    assert {line.count("|") for line in table} == {len(TIERS) + 2}
+
+
+def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    trade_report.write_trade(trade, folder)
+    assert sorted(p.name for p in folder.iterdir()) == sorted(trade_report.FILES)
+    written = json.loads((folder / "trade.json").read_text())
+    assert written["advice"] == trade_report.advice(trade.rows)
+    with pytest.raises(OutputExistsError, match="--overwrite"):
+        trade_report.write_trade(trade, folder)
+    trade_report.write_trade(trade, folder, overwrite=True)
+    with pytest.raises(OutputError, match="not a folder"):
+        trade_report.check_trade_folder(folder / "trade.json", overwrite=True)
+    with pytest.raises(OutputError, match="does not exist"):
+        trade_report.check_trade_folder(tmp_path / "no" / "where", overwrite=False)

@@ -1,0 +1,87 @@
+"""The page of ``lcp trade`` from rows by hand: its advice, its front, its pictures."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.tradeoff import report as trade_report
+from lcp_catalog.tradeoff.pareto_plot import front, pareto
+
+
+def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[str, Any]:
+    nothing = {"median": 0.0, "p95": 0.0}
+    return {
+        "accuracy": accuracy,
+        "bound": TIERS[accuracy].node_error,
+        "seconds": seconds,
+        "seconds_relative": seconds / 10.0,
+        "seconds_relative_range": [seconds / 11.0, seconds / 9.0],
+        "cpu_seconds": seconds,
+        "cpu_relative": seconds / 10.0,
+        "render_seconds": seconds / 4.0,
+        "render_relative": seconds / 10.0,
+        "memory_mb": 400.0,
+        "memory_base_mb": 150.0,
+        "sunlit_error_share": error,
+        "sunlit_error_near_edge_share": 1.0 if error else None,
+        "visible_error_share": 0.0,
+        "radiance_rmse": error,
+        "points": 100,
+        "points_lost": 0,
+        "points_gained": 0,
+        "points_moved": 0,
+        "conditions_changed_share": 0.0,
+        "localization_sigma_change_m": nothing,
+        "localization_sigma_change_share": nothing,
+    } | more
+
+
+def named(sentences: list[str]) -> list[str]:
+    """The word after each sentence's first colon."""
+    return [re.findall(r": (\w+)", sentence)[0] for sentence in sentences]
+
+
+def test_advice_follows_its_rules() -> None:
+    draft = row("draft", 3.0, 3e-3, points_lost=3, points_gained=2, conditions_changed_share=0.004)
+    standard = row("standard", 4.0, 1e-4, points_lost=1, points_gained=1, conditions_changed_share=1e-3)  # fmt: skip
+    rows = [draft, standard, row("high", 6.0), row("reference", 10.0)]
+    assert named(trade_report.advice(rows)) == ["high", "standard", "draft", "high", "draft"]
+    # a tier that saves less than a tenth is not named
+    rows[2] = row("high", 9.5)
+    assert named(trade_report.advice(rows))[0] == "reference"
+    rows[0] = draft | {"cpu_seconds": 3.8}
+    assert named(trade_report.advice(rows))[2] == "standard"
+    # too many changed conditions are not the same catalogue, however few points are lost
+    rows[1] = standard | {"conditions_changed_share": 0.02}
+    assert named(trade_report.advice(rows))[1] == "reference"
+
+
+def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
+    rows = [row("draft", 3.0, 1e-3), row("standard", 12.0, 1e-4), row("high", 6.0), row("reference", 10.0)]  # fmt: skip
+    assert [r["accuracy"] for r in front(rows)] == ["draft", "high"]
+
+
+def test_a_tier_without_errors_stands_below_the_axis() -> None:
+    plot = pareto([row("draft", 3.0, 1e-3), row("standard", 5.0, 1e-5), row("high", 6.0), row("reference", 10.0)])  # fmt: skip
+    at = [float(y) for y in re.findall(r'class="whole" cx="[^"]*" cy="([^"]*)"', plot)]
+    assert at[0] < at[1] < at[2] == at[3]
+    left = [float(x) for x in re.findall(r'class="whole" cx="([^"]*)"', plot)]
+    assert left == sorted(left)
+
+
+def test_pictures_show_which_way_a_node_is_wrong() -> None:
+    lit = np.zeros((9, 9), np.int8)
+    lit[0, 0] = -1
+    wrong = np.zeros((9, 9), np.int8)
+    wrong[2, 2], wrong[6, 6] = 1, -1
+    pixels = trade_report._wrong_pixels(lit, wrong)
+    assert pixels[0, 0, 3] == 0
+    over, under = pixels[2, 2].astype(int), pixels[6, 6].astype(int)
+    assert over[0] > 2 * over[2]  # red: lit where it should be dark
+    assert under[2] > 2 * under[0]
+    assert (pixels[1:4, 1:4] == pixels[2, 2]).all()
+    assert (pixels[4, 4, :3] == pixels[8, 0, :3]).all()

@@ -1,0 +1,339 @@
+"""The page of a validation: nothing outside it, every part where there is something to show, no text that becomes markup."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import verdicts
+from helpers.pages import Page, decoded, parsed
+
+from lcp_catalog.plots.greyscale import PIXELS_MAX, Pictures, grey
+from lcp_catalog.validation import report_points as points_section
+from lcp_catalog.validation import result as v
+from lcp_catalog.validation import window_charts
+from lcp_catalog.validation.report import STYLE, render
+from lcp_catalog.validation.window_correlation import of_patches
+
+BYTES_MAX = 5_000_000
+"""Of a page, for each of its images."""
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    return render(verdicts.whole(), [verdicts.pictures(), Pictures(), Pictures()])
+
+
+def alone(image: v.ImageVerdict, shown: Pictures | None = None) -> str:
+    """A page of one image; it parses."""
+    html = render(v.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
+    parsed(html)
+    return html
+
+
+def texts(html: str) -> str:
+    """What a reader reads."""
+    body = html[html.index("<body>") : html.index("<script>")]
+    return re.sub(r"<[^>]*>", " ", body)
+
+
+def pictures_of(page: Page) -> list[np.ndarray]:
+    return [decoded(a) for a in page.addresses if a.startswith("data:")]
+
+
+def test_the_page_refers_to_nothing_outside(html: str) -> None:
+    page = parsed(html)
+    assert all(a.startswith(("data:image/png;base64,", "#")) for a in page.addresses)
+    assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
+
+
+def test_what_the_page_refers_to_it_holds(html: str) -> None:
+    page = parsed(html)
+    assert len(page.ids) == len(set(page.ids))
+    wanted = {a[1:] for a in page.addresses if a.startswith("#")}
+    wanted |= {attrs["for"] for tag, attrs in page.elements if tag == "label"}
+    assert {"image-0", "image-1", "look-0-0"} <= wanted <= set(page.ids)
+
+
+def test_the_pictures_are_those_given(html: str) -> None:
+    image, render_, windows, photo = pictures_of(parsed(html))
+    shown = verdicts.pictures()
+    given = grey(shown.ground_image, shown.ground_render)
+    np.testing.assert_array_equal(image[..., [0, 3]], given)
+    np.testing.assert_array_equal(
+        render_[..., 0], grey(shown.ground_render, shown.ground_image)[..., 0]
+    )
+    assert (image[:9, :17, 3] == 0).all()
+    assert photo.shape[:2] == shown.photo.shape
+    wanted = window_charts.correlation_pixels(verdicts.image().windows.compared)
+    np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
+
+
+def test_the_photo_covers_its_blocks(html: str) -> None:
+    """Half as many pixels, drawn over the whole image; a column that was no whole block stays bare."""
+    *_, photo = re.findall(r'<image href="[^"]*" width="([\d.]+)" height="([\d.]+)"', html)
+    assert photo == ("960.0", "720.0")
+    image = verdicts.image()
+    odd = replace(image, facts=replace(image.facts, width_px=641))
+    *_, photo = re.findall(r'<image href="[^"]*" width="([\d.]+)" height="([\d.]+)"', alone(odd))
+    assert photo == (f"{640 / 641 * 960:.1f}", f"{480 / 641 * 960:.1f}")
+
+
+def test_points_are_marked_where_they_are() -> None:
+    """Where the corrected sensor has them; without a pose where the given one does."""
+    for located in (True, False):
+        image = verdicts.image(located=located)
+        html = alone(image)
+        places = image.points.corrected_px if located else image.matches.predicted_px
+        scale = 960.0 / verdicts.WIDTH
+        weak = image.matches.code == 7
+        assert weak.any()
+        for column, row in (places[weak] + 0.5) * scale:
+            assert f'<g transform="translate({column:.1f} {row:.1f})"><g class="mark">' in html
+
+
+def test_arrows_are_the_residuals() -> None:
+    image = verdicts.image()
+    html = alone(image)
+    times = float(re.search(r"px; arrows ([\d.]+) times their length", html)[1])
+    found = image.matches.found
+    start = (image.points.corrected_px[found] + 0.5) * 1.5
+    ends = start + image.residual_px[found] * 1.5 * times
+    shown = set(re.findall(r'd="(M[-\d.]+ [-\d.]+L[-\d.]+ [-\d.]+)', html))
+    for (x, y), (to_x, to_y) in zip(start, ends, strict=True):
+        assert f"M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}" in shown
+    counts = [int(n) for n in re.findall(r"<b class='(?:within.|beyond3)'>[^<]*</b> (\d+)", html)]
+    assert sum(counts) == found.sum()
+
+
+def test_windows_that_correlate_say_where_they_lie() -> None:
+    image = verdicts.image()
+    w, html = image.windows.compared, alone(image)
+    times = float(re.search(r"cells; arrows ([\d.]+) times their length", html)[1])
+    start = (
+        (np.stack([w.col, w.row], axis=-1) + 8.0) * 960 / 128
+    )  # 128 columns; the middle of 16 cells
+    ends = start + w.offset_px * 960 / 128 * times
+    sure = (w.correlation > 0.7) & np.isfinite(w.offset_px).all(axis=1)
+    assert 5 < np.count_nonzero(sure) < w.count
+    for (x, y), (to_x, to_y), drawn in zip(start, ends, sure, strict=True):
+        assert (f'd="M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}' in html) == drawn
+    assert (
+        f"{np.count_nonzero(sure)} of {np.count_nonzero(sure)} windows that correlate above 0.7"
+        in html
+    )
+
+
+def test_what_the_histogram_cannot_tell_its_caption_does() -> None:
+    image = verdicts.image()
+    w = image.windows.compared
+    assert "In the first bar" not in alone(image)
+    odd = w.correlation.copy()
+    odd[:5], odd[5:8], odd[8] = -0.5, 0.0, -0.1
+    html = alone(
+        replace(image, windows=replace(image.windows, compared=replace(w, correlation=odd)))
+    )
+    assert "Flat, and correlated with nothing: 3. In the first bar, being below -0.2: 5." in html
+
+
+def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
+    image = verdicts.image(located=False)
+    html = alone(image)
+    assert "where the given camera puts a point" in html
+    assert "Pose" not in texts(html)
+    assert "Nothing was compared: without a place there is nothing to compare." in html
+    first = np.flatnonzero(image.matches.found)[0]
+    x, y = (image.matches.predicted_px[first] + 0.5) * 1.5
+    assert f'd="M{x:.1f} {y:.1f}L' in html
+
+
+def test_the_figures_of_the_verdict_are_told(html: str) -> None:
+    whole, text = verdicts.whole(), texts(html)
+    image = whole.images[0]
+    found = whole.document()["images"][0]
+    assert f"{found['points_found']} of 60" in text
+    assert "points in view were found" in text
+    assert f"{v.number(found['offset_px']['median'])} px" in text
+    assert f"{100 * found['windows']['share_above_0_9']:.1f} % above 0.9" in text
+    assert f"{v.number(found['pose']['position_sigma_m'])} m" in text
+    assert f"{v.number(found['pose']['position_error_m'])} m against the true place" in text
+    assert (
+        "fits: median correlation 0.9; under other Suns 0.625 (turned -20°), – (raised +10°)"
+        in text
+    )
+    for reason, count in image.matches.counts().items():
+        assert re.search(rf"\b{reason}\s+{count}:", text)
+    for word in v.VERDICTS:
+        assert word in text
+    turn = image.pose.pose.correction[3] * 180 * 3600 / np.pi
+    assert f"{v.number(turn).replace('-', '−')} ″" in text
+    assert not re.search(r"\b(nan|inf|None)\b", text)
+
+
+def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
+    image = verdicts.image()
+    assert "which the image is more like" not in texts(alone(image))
+    light = replace(image.located.light, law="hapke")
+    other = replace(image, located=replace(image.located, light=light))
+    assert "fits (rendered with hapke, which the image is more like)" in texts(alone(other))
+    assert v.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+
+
+def test_the_table_has_every_point(html: str) -> None:
+    image = verdicts.image()
+    table = alone(image).split("<table class='sortable'>")[1].split("</table>")[0]
+    rows = [
+        re.findall(r"<td>(.*?)</td>", row) for row in table.split("<tbody>")[1].split("<tr")[1:]
+    ]
+    assert len(rows) == 60
+    assert [int(row[0]) for row in rows] == image.points.point_id.tolist()
+    i = int(np.flatnonzero(image.matches.found)[0])
+    column, line = image.matches.found_px[i]
+    assert rows[i][4] == f"{column:.2f}, {line:.2f}"
+    assert rows[i][5] == f"{np.linalg.norm(image.residual_px[i]):.3f}"
+    assert rows[i][10] == "found"
+    lost = int(np.flatnonzero(image.matches.code == 7)[0])
+    assert rows[lost][4:7] == ["–", "–", "–"]
+    assert len(re.findall("<th scope='col'><button", table)) == len(rows[0])
+
+
+def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(points_section, "ROWS_MAX", 10)
+    html = alone(verdicts.image())
+    assert len(re.findall(r"<tr class='(?:is|not)-found'", html)) == 10
+    assert "Table of the 60 points in view. The first 10 are here, all in the CSV." in html
+
+
+def test_every_drawing_has_a_name(html: str) -> None:
+    drawings = [attrs for tag, attrs in parsed(html).elements if tag == "svg"]
+    assert len(drawings) > 15
+    assert all(attrs.get("aria-label") or attrs.get("aria-hidden") == "true" for attrs in drawings)
+
+
+def test_every_class_has_a_rule(html: str) -> None:
+    style = html[html.index("<style>") : html.index("</style>")]
+    used = {name for _, attrs in parsed(html).elements for name in attrs.get("class", "").split()}
+    plain = {"within2", "cannot-say", "is-found", "for-side", "for-image", "for-render", "for-blink",
+             "for-correlation", "frame", "to-side"}  # fmt: skip
+    assert {name for name in used - plain if f".{name}" not in style} == set()
+
+
+def test_ways_to_look_need_no_script(html: str) -> None:
+    """A radio button for each, the first one chosen, and a rule that shows what it says."""
+    page = parsed(html)
+    radios = [attrs for _, attrs in page.elements if attrs.get("type") == "radio"]
+    assert [attrs["class"] for attrs in radios] == [
+        "to-side", "to-image", "to-render", "to-blink", "to-swipe", "to-correlation",
+    ]  # fmt: skip
+    assert [("checked" in attrs) for attrs in radios] == [True] + [False] * 5
+    for layer in ("image", "render", "correlation"):
+        assert f".to-{layer}:checked~.stack .{layer}" in html
+        assert f"<figure class='layer {layer}'>" in html
+    assert "animation:blink" in html
+
+
+def test_what_is_chosen_outweighs_what_hides() -> None:
+    """Of two rules the one with more classes and states counts, then the one with more elements, then the later."""
+    rules = re.findall(r"([^{}]+)\{[^{}]*visibility:(hidden|visible)(?!!)", STYLE)
+    ranks = [
+        (word, len(re.findall(r"[.:](?!not)", one)), len(re.findall(r"(?:^|[>~ (])[a-z]", one)), at)
+        for at, (selectors, word) in enumerate(rules)
+        for one in selectors.strip().split(",")
+    ]
+    hidden = [rank[1:] for rank in ranks if rank[0] == "hidden"]
+    shown = [rank[1:] for rank in ranks if rank[0] == "visible"]
+    assert len(hidden) == 1
+    assert len(shown) == 7
+    assert min(shown) > max(hidden)
+
+
+def test_texts_cannot_become_markup() -> None:
+    bad = "<script>alert('1')&\"</script>"
+    name = bad.replace("/", "|")
+    image = verdicts.image(name)
+    image = replace(
+        image,
+        facts=replace(image.facts, sensor=bad, sun_from=bad),
+        located=replace(image.located, reason=bad),
+        windows=replace(image.windows, resolution=bad, against=bad),
+    )
+    lost = replace(verdicts.nothing(name), windows_reason=bad)
+    whole = v.Verdict((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
+    html = render(whole, [verdicts.pictures(), Pictures()])
+    parsed(html)
+    assert html.count("<script>") == 1
+    assert "alert('1')" not in html
+
+
+def test_equal_verdicts_are_equal_pages(html: str) -> None:
+    again = render(verdicts.whole(), [verdicts.pictures(), Pictures(), Pictures()])
+    assert again == html
+
+
+def test_large_pictures_do_not_make_large_pages() -> None:
+    """Noise packs worst."""
+    dice = np.random.default_rng(8)
+    noise = dice.normal(size=(1800, 2400)).astype(np.float32)
+    html = alone(verdicts.image(), Pictures(noise, 1, noise, noise[::-1]))
+    assert len(html) < BYTES_MAX
+    image, _, _, photo = pictures_of(parsed(html))
+    assert 0.9 * PIXELS_MAX < image.shape[0] * image.shape[1] <= PIXELS_MAX
+    assert photo.shape == image.shape
+
+
+def test_without_pictures_there_are_still_figures() -> None:
+    html = alone(verdicts.image(), Pictures())
+    assert "data:" not in html
+    assert "histogram of the correlation" in html
+    assert "<figure class='layer" not in html
+
+
+def of_patches_alone(count: int) -> tuple[v.ImageVerdict, Pictures]:
+    """Patches with ever more noise."""
+    dice = np.random.default_rng(9)
+    renders = dice.normal(size=(count, 36, 36))
+    noise = dice.normal(size=renders.shape) * np.linspace(0.01, 2.0, count)[:, None, None]
+    compared = of_patches(renders + noise, renders, gsd_m=60.0)
+    windows = replace(verdicts.figures_of(compared), point_id=7000 + compared.patch)
+    return replace(verdicts.image(), windows=windows), Pictures(None, 1, renders + noise, renders)
+
+
+def test_patches_are_shown_in_pairs_from_worst_to_best() -> None:
+    image, shown = of_patches_alone(40)
+    html = alone(image, shown)
+    assert "<figure class='layer" not in html
+    assert "18 of 40 patches" in html
+    pairs = re.findall(r"<figcaption>([-\d.]+) (\d{4})</figcaption>", html)
+    w = image.windows.compared
+    medians = {7000 + k: np.median(w.correlation[w.patch == k]) for k in range(40)}
+    worst_first = sorted(medians, key=medians.get)
+    assert len(pairs) == 18
+    assert [int(pairs[0][1]), int(pairs[-1][1])] == [worst_first[0], worst_first[-1]]
+    for median, point in pairs:
+        assert median == f"{medians[int(point)]:.3f}"
+    first = pictures_of(parsed(html))[0]
+    k = worst_first[0] - 7000
+    np.testing.assert_array_equal(first[..., 0], grey(shown.ground_image[k])[..., 0])
+
+
+def test_patches_without_pictures_have_a_histogram() -> None:
+    image, _ = of_patches_alone(3)
+    html = alone(image, Pictures())
+    assert "histogram of the correlation of 12 windows" in html
+    assert "data:" not in html
+
+
+def test_nothing_at_all_has_a_page() -> None:
+    text = texts(alone(verdicts.nothing(), Pictures()))
+    assert "No control point is in view." in text
+    assert "cannot say" in text
+    assert "no point is in view" in text
+    assert "<h2>All images</h2>" not in alone(verdicts.nothing(), Pictures())
+    assert not re.search(r"\b(nan|inf|None)\b", text)
+
+
+def test_points_and_pictures_belong_together() -> None:
+    with pytest.raises(ValueError, match="zip"):
+        render(verdicts.whole(), [Pictures()])

@@ -1,0 +1,138 @@
+"""Tables of points and windows: read back by another reader."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import verdicts
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcp_catalog.matching.matches import REASONS
+from lcp_catalog.validation.tables import (
+    POINT_COLUMNS,
+    WINDOW_COLUMNS,
+    csv_text,
+    error_ellipses,
+    windows_csv_text,
+)
+
+
+def read(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
+
+
+def value(text: str) -> float:
+    return float(text) if text else math.nan
+
+
+def test_points_read_back_are_the_matches() -> None:
+    image = verdicts.image()
+    rows = read(csv_text([image]))
+    m = image.matches
+    assert tuple(rows[0]) == POINT_COLUMNS
+    wanted = {
+        "longitude_deg": image.points.longitude_deg,
+        "latitude_deg": image.points.latitude_deg,
+        "predicted_column_px": m.predicted_px[:, 0],
+        "predicted_row_px": m.predicted_px[:, 1],
+        "found_column_px": m.found_px[:, 0],
+        "found_row_px": m.found_px[:, 1],
+        "correlation": m.correlation,
+        "second_correlation": m.second,
+        "back_px": m.back_px,
+        "residual_column_px": m.found_px[:, 0] - image.points.corrected_px[:, 0],
+        "residual_row_px": m.found_px[:, 1] - image.points.corrected_px[:, 1],
+        "pixel_m": image.points.pixel_m,
+    }
+    for name, figures in wanted.items():
+        found = np.array([value(row[name]) for row in rows])
+        np.testing.assert_allclose(found, figures, rtol=1e-8, atol=1e-9, err_msg=name)
+    assert [int(row["point_id"]) for row in rows] == image.points.point_id.tolist()
+    assert [row["reason"] for row in rows] == [REASONS[k] for k in m.code]
+    assert {row["image"] for row in rows} == {"frame.png"}
+    lost = next(row for row in rows if row["reason"] == "weak")
+    for name in ("found_row_px", "sigma_major_px", "major_axis_deg", "residual_row_px"):
+        assert lost[name] == ""
+
+
+def test_windows_read_back_are_those_compared() -> None:
+    image = verdicts.image()
+    rows, w = read(windows_csv_text([image, verdicts.nothing()])), image.windows.compared
+    assert tuple(rows[0]) == WINDOW_COLUMNS
+    assert len(rows) == w.count
+    columns = [
+        ("row", w.row),
+        ("column", w.col),
+        ("correlation", w.correlation),
+        ("contrast", w.contrast),
+    ]
+    columns += [("offset_column_cells", w.offset_px[:, 0]), ("offset_row_cells", w.offset_px[:, 1])]
+    columns += [
+        ("longitude_deg", image.windows.longitude_deg),
+        ("latitude_deg", image.windows.latitude_deg),
+    ]
+    for name, figures in columns:
+        found = np.array([value(row[name]) for row in rows])
+        np.testing.assert_allclose(found, figures, rtol=1e-9, atol=1e-12, err_msg=name)
+    assert rows[0]["point_id"] == ""
+
+
+def test_windows_of_patches_say_whose_they_are() -> None:
+    image = verdicts.image()
+    w = image.windows.compared
+    patches = replace(
+        image.windows,
+        compared=replace(w, offset_px=None, patch=np.zeros(w.count, np.int64)),
+        point_id=np.arange(w.count) + 10**15,
+    )
+    rows = read(windows_csv_text([replace(image, windows=patches)]))
+    assert [int(row["point_id"]) for row in rows] == patches.point_id.tolist()
+    assert {row["offset_column_cells"] for row in rows} == {""}
+
+
+def test_tables_keep_to_rfc_4180() -> None:
+    """Lines end in CRLF; a comma, a quote or a line's end in a name does not break its row."""
+    name = 'a "b", c\nd.png'
+    image = verdicts.image(name, n=5)
+    for text, columns in (
+        (csv_text([image]), POINT_COLUMNS),
+        (windows_csv_text([image]), WINDOW_COLUMNS),
+    ):
+        assert text.endswith("\r\n")
+        assert text.split("\r\n", 1)[0] == ",".join(columns)
+        assert '"a ""b"", c\nd.png",' in text
+        assert {row["image"] for row in read(text)} == {name}
+        assert "nan" not in text
+
+
+def test_no_image_is_a_heading_alone() -> None:
+    assert csv_text([]) == ",".join(POINT_COLUMNS) + "\r\n"
+    assert csv_text([verdicts.nothing()]) == csv_text([])
+    assert windows_csv_text([verdicts.nothing()]) == ",".join(WINDOW_COLUMNS) + "\r\n"
+
+
+@given(st.floats(0.01, 50.0), st.floats(0.01, 1.0), st.floats(0.0, 179.0))
+def test_an_ellipse_is_its_covariance(major: float, ratio: float, angle_deg: float) -> None:
+    """From axes to a covariance and back, where the axes are told apart."""
+    minor, angle = major * ratio, math.radians(angle_deg)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    covariance = turn @ np.diag([major**2, minor**2]) @ turn.T
+    (sigma,), (found,) = error_ellipses(np.array([(covariance + covariance.T) / 2.0]))
+    assert sigma == pytest.approx([major, minor], rel=1e-6)
+    if ratio < 0.99:
+        assert min(abs(found - angle_deg), 180.0 - abs(found - angle_deg)) < 1e-4
+    assert 0.0 <= found <= 180.0
+
+
+def test_downwards_is_ninety_degrees() -> None:
+    sigma, angle = error_ellipses(np.array([[[1.0, 0.0], [0.0, 4.0]], np.full((2, 2), np.nan)]))
+    assert sigma[0].tolist() == [2.0, 1.0]
+    assert angle[0] == pytest.approx(90.0)
+    assert np.isnan(sigma[1]).all()
+    assert np.isnan(angle[1])
