@@ -45,10 +45,10 @@ from lcp_catalog.catalog.hdf5 import read_catalog
 from lcp_catalog.dem.terraces import bending, smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Photo
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.render.pipeline import Scene
-from lcp_catalog.render.request import SunChoice
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 OVERLAP = 4.0

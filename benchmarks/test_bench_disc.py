@@ -14,7 +14,7 @@ import pytest
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.light.solar_disc import sunlit_share
-from lcp_catalog.terrain import occlusion as shadows
+from lcp_catalog.terrain import occlusion
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.horizons import Nodes
 
@@ -49,8 +49,8 @@ def test_disc_against_point(benchmark, terrain, elevation_deg, tier):
     """Disc and point in turn, so that both see the same machine; ``ratio`` of the best of each."""
     sun, accuracy = towards(37, elevation_deg), TIERS[tier]
     sunlit_share(terrain, sun, accuracy)
-    shadows.occluded(terrain, sun, accuracy)
-    point = min(seconds(shadows.occluded, terrain, sun, accuracy) for _ in range(ROUNDS))
+    occlusion.occluded(terrain, sun, accuracy)
+    point = min(seconds(occlusion.occluded, terrain, sun, accuracy) for _ in range(ROUNDS))
     benchmark.pedantic(sunlit_share, (terrain, sun, accuracy), rounds=ROUNDS)
     if benchmark.stats:
         best, count = benchmark.stats.stats.min, terrain.z_m.size

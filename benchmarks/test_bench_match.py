@@ -15,16 +15,13 @@ import numpy as np
 import pytest
 
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.kernels.matching import draw_patch as patch
-from lcp_catalog.kernels.matching import point_spread as spread
-from lcp_catalog.kernels.matching import search
-from lcp_catalog.kernels.matching import subpixel_fit as register
-from lcp_catalog.matching import point_search as matching
-from lcp_catalog.matching import templates as patch_render
+from lcp_catalog.kernels.matching import draw_patch, point_spread, search, subpixel_fit
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching import point_search, templates
 from lcp_catalog.matching.point_search import match, points_in_view
 from lcp_catalog.matching.search_image import SearchImage
 from lcp_catalog.photometry.laws import DEFAULT_MODEL
-from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+from lcp_catalog.render.request import Request, ViewChoice
 from lcp_catalog.simulation import frame as simulate
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.threads import limit_threads, thread_limit
@@ -88,13 +85,13 @@ def test_stages(benchmark, scene, monkeypatch):
     catalog, photo, rows = scene
     spent: dict[str, float] = {}
     for module, name in (
-        (matching, "render_patches"),
-        (patch_render, "nodes_mcmf"),
-        (patch, "draw_patches"),
-        (spread, "templates"),
+        (point_search, "render_patches"),
+        (templates, "nodes_mcmf"),
+        (draw_patch, "draw_patches"),
+        (point_spread, "templates"),
         (search, "seek"),
-        (register, "refine"),
-        (matching, "seek_back"),
+        (subpixel_fit, "refine"),
+        (point_search, "seek_back"),
     ):
         monkeypatch.setattr(module, name, timed(getattr(module, name), name, spent))
     with limit_threads(1):
@@ -127,7 +124,7 @@ def test_search_beside_opencv(benchmark, scene):
     rows = rows[:40]
     image = SearchImage.of(photo)
     suns = photo.sun_directions(catalog.position_mcmf[rows])
-    made = patch_render.render_patches(catalog, rows, photo.sensor, suns)
+    made = templates.render_patches(catalog, rows, photo.sensor, suns)
     size = np.full(len(rows), NODES / 2.0)
     out = {coarse: np.full((len(rows), search.NUMBERS), np.nan) for coarse in (True, False)}
 

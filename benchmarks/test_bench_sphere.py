@@ -14,10 +14,11 @@ import pytest
 
 from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry import sphere_intersection as sphere_rays
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.render import limb
 from lcp_catalog.render.sphere_renderer import render_sphere_camera, sphere_nodes
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.threads import limit_threads
@@ -58,11 +59,13 @@ def test_rays(benchmark, altitude_km):
     field = Heightfield(field.z_m, field.gsd_m, float(x[0]), float(-x[0]))
     with limit_threads(1):
         ours, naive, traced = in_turn(
-            lambda: sphere_rays.ranges(camera.position_mcmf_m, rays),
+            lambda: sphere_intersection.ranges(camera.position_mcmf_m, rays),
             lambda: naive_ranges(camera.position_mcmf_m, rays),
             lambda: field.first_hits(origin, enu),
         )
-        benchmark.pedantic(sphere_rays.ranges, (camera.position_mcmf_m, rays), rounds=ROUNDS)
+        benchmark.pedantic(
+            sphere_intersection.ranges, (camera.position_mcmf_m, rays), rounds=ROUNDS
+        )
     benchmark.extra_info["Mray/s"] = round(PIXELS**2 / ours / 1e6, 1)
     benchmark.extra_info["naive / ours"] = round(naive / ours, 2)
     benchmark.extra_info["heightfield / ours"] = round(traced / ours, 1)
@@ -78,17 +81,17 @@ def test_whole_moon(benchmark, model):
     light = Lighting.of_sun(direction_enu(90, 40))
     row, col = np.mgrid[0:PIXELS, 0:PIXELS]
     rays = camera.rays(np.stack([col, row], -1).astype(float))
-    near = sphere_rays.limb_pixels(camera, rays, sphere_rays.pixel_angle(camera))
+    near = limb.limb_pixels(camera, rays, limb.pixel_angle(camera))
     law = reflectance_model(model)
     with limit_threads(1):
-        whole, limb, ranges = in_turn(
+        whole, edge, ranges = in_turn(
             lambda: render_sphere_camera(FRAME, camera, light, model=law),
-            lambda: sphere_rays.coverage(camera, col[near], row[near]),
-            lambda: sphere_rays.ranges(camera.position_mcmf_m, rays),
+            lambda: limb.coverage(camera, col[near], row[near]),
+            lambda: sphere_intersection.ranges(camera.position_mcmf_m, rays),
         )
         benchmark.pedantic(
             render_sphere_camera, (FRAME, camera, light), {"model": law}, rounds=ROUNDS
         )
     benchmark.extra_info["Mpixel/s"] = round(PIXELS**2 / whole / 1e6, 2)
-    benchmark.extra_info["limb share"] = round(limb / whole, 3)
+    benchmark.extra_info["limb share"] = round(edge / whole, 3)
     benchmark.extra_info["ray share"] = round(ranges / whole, 3)

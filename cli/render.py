@@ -92,10 +92,11 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
 
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.cameras.camera_file import read_camera
+    from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.render.compositing import Backdrop
-    from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+    from lcp_catalog.render.request import Request, ViewChoice
     from lcp_catalog.render.sphere_extent import Cap
     from lcp_catalog.terrain.terrain import Area
 

@@ -138,9 +138,10 @@ def _ground(
 ) -> Ground:
     """What is taken: a DEM's ground, or a catalogue's patches."""
     from lcp_catalog.accuracy import accuracy
+    from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
-    from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+    from lcp_catalog.render.request import Request, ViewChoice
     from lcp_catalog.simulation.frame import DemGround
     from lcp_catalog.simulation.patch_ground import PatchGround, is_catalog
 

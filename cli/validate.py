@@ -204,9 +204,9 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.cameras.sensor import Uncertainty
     from lcp_catalog.images.image_file import PhotoOptions
+    from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
-    from lcp_catalog.render.request import SunChoice
     from lcp_catalog.validation.ground_comparison import WindowChoice
     from lcp_catalog.validation.run import Validation
 

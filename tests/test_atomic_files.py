@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from lcp_catalog import atomic_files as files
+from lcp_catalog import atomic_files
 from lcp_catalog.atomic_files import check_output, depfile_text, write_aside, write_bytes
 from lcp_catalog.errors import OutputError, OutputExistsError
 
@@ -95,7 +95,7 @@ def test_unwritable_folder_as_the_system_reports_it(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(files.os, "open", refuse)
+    monkeypatch.setattr(atomic_files.os, "open", refuse)
     with pytest.raises(OutputError, match=r"a\.bin: cannot be written: Permission denied"):
         write_bytes(tmp_path / "a.bin", b"x")
 
@@ -106,7 +106,7 @@ def test_disk_full(tmp_path, monkeypatch, when):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     if when == "sync":
-        monkeypatch.setattr(files, "_sync", full)
+        monkeypatch.setattr(atomic_files, "_sync", full)
     with (
         pytest.raises(OutputError, match=r"a\.bin: the disk is full"),
         write_aside(tmp_path / "a.bin") as aside,

@@ -83,6 +83,20 @@ def test_every_sub_package_has_its_place_in_the_order() -> None:
     }
 
 
+def test_imports_go_down() -> None:
+    """A sub-package imports those below it and itself; modules of the root import only the root."""
+    rank = {name: k for k, name in enumerate(ORDER)}
+    upward = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in LIBRARY
+        for name in imports(path)
+        if name.startswith("lcp_catalog.") and path.name != "__init__.py"
+        if rank.get(name.split(".")[1], -1) > rank.get(place(path), -1)
+    ]
+    print(*ORDER, sep=" < ")
+    assert upward == []
+
+
 def test_kernels_import_nothing_of_ours_but_constants() -> None:
     for path in (ROOT / "lcp_catalog" / "kernels").rglob("*.py"):
         ours = {name for name in imports(path) if name.startswith("lcp_catalog")}

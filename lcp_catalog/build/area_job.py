@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
@@ -25,8 +26,6 @@ from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate
 from .sweep import Conditions, Sweep, law_of_build
-
-Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.terrain import Area, NodeWindow
 from .config import ModelConfig
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 49
 """Places a side at which an area's box is compared with the region."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..cameras.view import slant_range_m
 from ..catalog.flags import summarise_usable
 from ..catalog.hdf5 import Catalog, Coverage, Overview
@@ -31,8 +32,6 @@ from .area_job import Candidates
 from .config import BuildConfig
 from .evaluation import Evaluation
 from .sweep import law_of_build
-
-Array = NDArray[np.float64]
 
 OVERVIEW_NODES = 480
 """Longer side of the overview raster."""

@@ -18,9 +18,7 @@ import tomli_w
 
 from ..accuracy import Accuracy, accuracy
 from ..errors import ConfigError
-
-ALBEDO_ENCODINGS = ("linear", "srgb")
-"""What the numbers of a map may be: proportional to brightness, or codes of a display image."""
+from ..photometry.srgb import ALBEDO_ENCODINGS
 
 
 def _require(condition: bool, text: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS
+from ..arrays import Float32
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
 from ..landmarks.independence import dependence, gather_patches
@@ -27,22 +28,20 @@ from .sweep import Image, Sweep
 SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
 """Decimations at which a patch is tried, as multiples of its cell size."""
 
-Float = NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class Evaluation:
     """Figures by candidate and condition, shapes (n, view, sun_elevation, sun_azimuth); NaN where not evaluated."""
 
     condition: NDArray[np.uint8]
-    sigma_major_m: Float
-    sigma_minor_m: Float
-    harris: Float
-    second_peak: Float
-    false_match: Float
-    coarsest_scale: Float
-    shadow_dependence: Float
-    occlusion_dependence: Float
+    sigma_major_m: Float32
+    sigma_minor_m: Float32
+    harris: Float32
+    second_peak: Float32
+    false_match: Float32
+    coarsest_scale: Float32
+    shadow_dependence: Float32
+    occlusion_dependence: Float32
 
     @classmethod
     def empty(cls, count: int, shape: tuple[int, int, int]) -> Evaluation:
@@ -78,7 +77,7 @@ def evaluate(
     hidden = [
         patches.occlusion_dependence(view) for view in range(len(sweep.conditions.off_nadir_deg))
     ]
-    shaded: dict[tuple[int, int], Float] = {}
+    shaded: dict[tuple[int, int], Float32] = {}
     for image in sweep.images():
         sun = (image.elevation, image.azimuth)
         if sun not in shaded:
@@ -147,17 +146,17 @@ class _Patches:
         self.sweep, self.rows, self.cols, self.half = sweep, rows, cols, half
         self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
 
-    def shadow_dependence(self, elevation: int, azimuth: int) -> Float:
+    def shadow_dependence(self, elevation: int, azimuth: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch keeps from the Sun."""
         direction = self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
         return self._dependence(direction, self.sweep.far)
 
-    def occlusion_dependence(self, view: int) -> Float:
+    def occlusion_dependence(self, view: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
         direction = self.sweep.conditions.view_direction(view, self.sweep.turn_rad)
         return self._dependence(direction, None)
 
-    def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float:
+    def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float32:
         field, half = self.sweep.field, self.half
         if far is not None and not far.matters(field, direction, self.sweep.window):
             far = None  # asked once for all patches

@@ -29,7 +29,7 @@ from .area_job import AreaJob, Candidates, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble, decisions
 from .checkpoints import Shards
-from .config import BuildConfig
+from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
 from .sweep import Conditions, law_of_build
 
@@ -64,7 +64,7 @@ class Build:
         law = law_of_build(config, region.lat_deg).model
         spec = config.model.reflectance if law.file else law.name
         lawful = replace(config, model=replace(config.model, reflectance=spec))
-        albedo = AlbedoMap.of(config.model)
+        albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
         given = (grid, region, gsd_m, lawful, dem_paths, albedo)
@@ -101,6 +101,13 @@ class BuildReport:
     points: int
     areas: int
     failed: dict[str, str]
+
+
+def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
+    """The albedo map that a configuration names, None where it names none."""
+    if model.albedo is None:
+        return None
+    return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
 
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array, Mask
 from ..geometry.frames import direction_enu
 from ..kernels.photometry.images import shade_nodes
 from ..photometry.albedo_map import neutral
@@ -23,9 +24,6 @@ from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
 from .config import BuildConfig
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

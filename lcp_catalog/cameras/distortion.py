@@ -17,10 +17,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from .inversion import MOST_STEPS, Slopes, first_root, settled, undone
 from .json_fields import LARGEST
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
 

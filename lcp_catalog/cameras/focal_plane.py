@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .distortion import Lens, NoLens, OnPlane, Square
-
-Array = NDArray[np.float64]
 
 UNDONE_PX = 1e-6
 """How well a lens must be undone: a pixel's direction comes back to it within this."""

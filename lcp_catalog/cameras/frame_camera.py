@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
@@ -23,8 +24,6 @@ from .distortion import Lens, NoLens, OpenCV, lens_from_json
 from .focal_plane import FocalPlane
 from .json_fields import LARGEST
 from .sensor import POSE, within_image
-
-Array = NDArray[np.float64]
 
 FARTHEST_M = 1e11
 """No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
+
 Pair = tuple[Array, Array]
 Map = Callable[[Any, Any], tuple[Any, Any]]
 Slopes = tuple[Array, Array, Array, Array]

@@ -8,15 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .frame_camera import Camera, camera_on
 from .isd_optics import CORNER_PX, plane_of_isd
 from .isd_tables import Tables
 from .json_fields import JsonFields
 from .scanners import BEYOND, LineScanner, PushFrame
 
-Array = NDArray[np.float64]
 AnySensor = Camera | LineScanner | PushFrame
 
 

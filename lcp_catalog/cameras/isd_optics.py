@@ -7,13 +7,11 @@ pixels here have their centres at whole numbers.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .distortion import KaguyaLism, Lens, LroNac, NoLens, OpenCV, UsgsRadial
 from .focal_plane import FocalPlane, plane_of
 from .json_fields import JsonFields
-
-Array = NDArray[np.float64]
 
 CORNER_PX = 0.5
 """From an ISD's lines and samples to pixels."""

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..geometry.rotations import turned
 from ..sun.times import of_ephemeris_time
 from .frame_camera import FARTHEST_M
 from .json_fields import JsonFields
 from .trajectory import Track, Trajectory, Turning
-
-Array = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import CameraError
-
-Array = NDArray[np.float64]
 
 LARGEST = 1e12
 """No number of a camera file is larger: the Sun stands 1.5e11 m away, an ephemeris time reaches 3e9 s."""

@@ -12,13 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import ImageError, LabelError
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.map_projection import MapProjection, map_projection
 from .sensor import ON_MAP, within_image
-
-Array = NDArray[np.float64]
 
 ORIGIN_HEIGHT_M = 100e3
 """From how high above the sphere `looks` starts: above all ground of the Moon."""

@@ -13,11 +13,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from .focal_plane import FocalPlane
 from .sensor import POSE, Reduced, Sensor, within_image
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 CONVERGED = 1e-8
 """The line that sees a point is found to this share of a line; positions' own rounding is 1e-9 of a line of 0.25 m."""

@@ -13,7 +13,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 _JUMP = 0.5
 """Steps of a metre that differ by more than this share of the shorter are not a slope's two sides."""

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.rotations import (
     apart_rad,
     between,
@@ -24,8 +25,6 @@ from ..geometry.rotations import (
     same_sides,
     turned,
 )
-
-Array = NDArray[np.float64]
 
 _NEAREST = 8
 

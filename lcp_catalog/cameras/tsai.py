@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import CameraError
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix
 from .focal_plane import plane_of
 from .frame_camera import Camera, camera_on
 from .json_fields import LARGEST
-
-Array = NDArray[np.float64]
 
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
 _UNREAD = ("ADJUSTABLETSAI", "FISHEYE", "FOV", "RPC")

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..dem.grid import Bounds
 from ..errors import CameraError
-from ..geometry import sphere_intersection as sphere_rays
+from ..geometry import sphere_intersection
+from ..geometry.bounds import Bounds, _shortest_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
 from .sensor import Sensor
-
-Array = NDArray[np.float64]
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -206,7 +205,7 @@ def _on_sphere(positions: Array, directions: Array) -> Array:
     see nothing.
     """
     looking = np.isfinite(directions).all(axis=-1)
-    distance, points = sphere_rays.hits(positions[looking], directions[looking])
+    distance, points = sphere_intersection.hits(positions[looking], directions[looking])
     return np.asarray(points[np.isfinite(distance)])
 
 
@@ -222,13 +221,3 @@ def _limb(sensor: Sensor, position: Array, samples: int) -> Array:
     ring = math.sqrt(1 - level**2) * (np.cos(turn) * first + np.sin(turn) * second)
     limb = MOON_RADIUS_M * (level * axis + ring)
     return np.asarray(limb[sensor.in_image(sensor.project(limb))])
-
-
-def _shortest_arc(lon_deg: Array) -> tuple[float, float]:
-    """West and east end (west < 360, west <= east) of the shortest arc with all longitudes."""
-    ordered = np.sort(lon_deg)
-    gaps = np.diff(np.append(ordered, ordered[0] + 360.0))
-    widest = int(np.argmax(gaps))
-    west = ordered[(widest + 1) % ordered.size]
-    east = ordered[widest]
-    return float(west), float(east if east >= west else east + 360.0)

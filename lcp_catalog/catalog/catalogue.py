@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..arrays import AnyArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
 from .checks import first_few, shape_problems, value_problems
-from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Array, Values, centred, key
+from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Values, centred, key
 from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION
 
 CONVENTIONS = "CF-1.11"
@@ -24,9 +25,9 @@ SOFTWARE = "lcp-catalog"
 class Overview:
     """A coarse raster of the region in the east-north-up frame of its centre, for maps."""
 
-    height: Array  # (y, x) float32 metres above the reference sphere; NaN: none
-    x: Array  # (x,) metres east, rising
-    y: Array  # (y,) metres north, falling
+    height: AnyArray  # (y, x) float32 metres above the reference sphere; NaN: none
+    x: AnyArray  # (x,) metres east, rising
+    y: AnyArray  # (y,) metres north, falling
     center_lon: float
     center_lat: float
 
@@ -37,9 +38,9 @@ class Coverage:
     (`schema.COVERAGE_STATUS`).
     """
 
-    longitude: Array  # (cell,) degrees
-    latitude: Array
-    status: Array  # (cell,) uint8
+    longitude: AnyArray  # (cell,) degrees
+    latitude: AnyArray
+    status: AnyArray  # (cell,) uint8
     spacing_m: float
 
 
@@ -53,31 +54,31 @@ class Catalog:
     ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON text.
     """
 
-    sun_elevation: Array  # (e,) degrees, rising
-    sun_azimuth: Array  # (a,) degrees, rising
-    view_off_nadir: Array  # (v,) degrees
-    view_azimuth: Array  # (v,) degrees
-    view_altitude: Array  # (v,) kilometres, inf: parallel rays
-    point_id: Array  # (n,) int64
-    longitude: Array  # (n,) degrees, 0..360
-    latitude: Array  # (n,) degrees
-    elevation: Array  # (n,) metres above the reference sphere
-    position_mcmf: Array  # (n, 3) metres
-    rotation_mcmf_to_enu: Array  # (n, 3, 3)
-    gsd: Array  # (n,) metres
-    dem_product: Array  # (n,) text
-    dem: Array  # (n, p, p) float32 metres
-    condition: Array  # (n, v, e, a) uint8
-    sun_elevation_min: Array  # (n, v, a) degrees, NaN: never usable
-    sun_elevation_max: Array  # (n, v, a)
-    harris_response: Array  # (n,)
-    localization_sigma: Array  # (n, 2) metres, major and minor
-    second_peak: Array  # (n,)
-    false_match_probability: Array  # (n,)
-    gsd_min: Array  # (n,) metres
-    gsd_max: Array  # (n,) metres
-    shadow_dependence: Array  # (n,)
-    occlusion_dependence: Array  # (n,)
+    sun_elevation: AnyArray  # (e,) degrees, rising
+    sun_azimuth: AnyArray  # (a,) degrees, rising
+    view_off_nadir: AnyArray  # (v,) degrees
+    view_azimuth: AnyArray  # (v,) degrees
+    view_altitude: AnyArray  # (v,) kilometres, inf: parallel rays
+    point_id: AnyArray  # (n,) int64
+    longitude: AnyArray  # (n,) degrees, 0..360
+    latitude: AnyArray  # (n,) degrees
+    elevation: AnyArray  # (n,) metres above the reference sphere
+    position_mcmf: AnyArray  # (n, 3) metres
+    rotation_mcmf_to_enu: AnyArray  # (n, 3, 3)
+    gsd: AnyArray  # (n,) metres
+    dem_product: AnyArray  # (n,) text
+    dem: AnyArray  # (n, p, p) float32 metres
+    condition: AnyArray  # (n, v, e, a) uint8
+    sun_elevation_min: AnyArray  # (n, v, a) degrees, NaN: never usable
+    sun_elevation_max: AnyArray  # (n, v, a)
+    harris_response: AnyArray  # (n,)
+    localization_sigma: AnyArray  # (n, 2) metres, major and minor
+    second_peak: AnyArray  # (n,)
+    false_match_probability: AnyArray  # (n,)
+    gsd_min: AnyArray  # (n,) metres
+    gsd_max: AnyArray  # (n,) metres
+    shadow_dependence: AnyArray  # (n,)
+    occlusion_dependence: AnyArray  # (n,)
     config: str  # TOML
     sources: list[dict[str, Any]]
     scene_plan: Any
@@ -87,9 +88,9 @@ class Catalog:
     product_version: str = "1"
     software_version: str = __version__
     schema_version: str = SCHEMA_VERSION  # of the file that was read; the present one is written
-    elevation_sigma: Array | None = None  # (n,) metres, NaN or None: unknown
-    dem_resolution: Array | None = None  # (n,) metres, NaN or None: unknown
-    albedo: Array | None = None  # (n, p, p) float32, NaN outside the map; None: no map
+    elevation_sigma: AnyArray | None = None  # (n,) metres, NaN or None: unknown
+    dem_resolution: AnyArray | None = None  # (n,) metres, NaN or None: unknown
+    albedo: AnyArray | None = None  # (n, p, p) float32, NaN outside the map; None: no map
     albedo_map: Any = None  # what ``albedo`` comes from: name, encoding, reference, files
 
     def __post_init__(self) -> None:
@@ -120,7 +121,7 @@ class Catalog:
         """Nodes along a patch's side."""
         return int(np.shape(self.dem)[1])
 
-    def values(self) -> dict[str, Array]:
+    def values(self) -> dict[str, AnyArray]:
         """Every dataset of the file by its name there, in the schema's types."""
         found: dict[str, Any] = {
             "point": np.arange(len(self.point_id)),
@@ -189,7 +190,7 @@ def _from_json(name: str, text: str) -> Any:
         raise CatalogError(f"not a catalogue: {name} is no JSON: {error}") from error
 
 
-def _typed(name: str, value: Any, kind: str) -> Array:
+def _typed(name: str, value: Any, kind: str) -> AnyArray:
     """The array in the schema's type; whole numbers are not made of others."""
     if kind == TEXT:
         return np.array([str(text) for text in np.asarray(value).ravel()], dtype=object).reshape(

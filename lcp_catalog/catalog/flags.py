@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .layout import Array
+from ..arrays import AnyArray
 from .schema import EVALUATED, USABLE
 
 
@@ -19,7 +19,7 @@ def evaluated(condition: ArrayLike) -> NDArray[np.bool_]:
     return np.asarray((np.asarray(condition) & EVALUATED) > 0)
 
 
-def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[Array, Array]:
+def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[AnyArray, AnyArray]:
     """Lowest and highest usable Sun elevation, each (point, view, sun_azimuth) in degrees; NaN
     where none is usable.
 

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
 from ..errors import CatalogError
 from .catalogue import Catalog, Coverage, Overview, catalog_of
@@ -21,7 +22,6 @@ from .layout import (
     GROUPS,
     OPTIONAL_ATTRIBUTES,
     TEXT,
-    Array,
     Values,
     digest,
     key,
@@ -102,7 +102,7 @@ def _create() -> h5py.File:
     )
 
 
-def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Array) -> None:
+def _write_variable(place: h5py.Group, name: str, variable: Variable, array: AnyArray) -> None:
     array = _as_bytes(array) if variable.dtype == TEXT else array
     dataset = place.create_dataset(
         name,
@@ -126,7 +126,7 @@ def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Arr
         dataset.dims[axis].attach_scale(place[dim])
 
 
-def _as_bytes(texts: Array) -> Array:
+def _as_bytes(texts: AnyArray) -> AnyArray:
     """Text of a fixed length in bytes: unlike that of variable length it can be compressed and
     checksummed.
     """
@@ -135,7 +135,7 @@ def _as_bytes(texts: Array) -> Array:
     return np.array(encoded, dtype=h5py.string_dtype("utf-8", max(length, 1)))
 
 
-def _chunks(array: Array) -> tuple[int, ...]:
+def _chunks(array: AnyArray) -> tuple[int, ...]:
     """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along
     their longest axis.
     """
@@ -203,7 +203,7 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _values(file: h5py.File) -> dict[str, Array]:
+def _values(file: h5py.File) -> dict[str, AnyArray]:
     return {
         key(group, name): _read_variable(file[key(group, name)], variable)
         for group, variables in GROUPS.items()
@@ -219,13 +219,13 @@ def _is_absent(file: h5py.File, name: str) -> bool:
     return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
 
 
-def _completed(values: dict[str, Array]) -> dict[str, Array]:
+def _completed(values: dict[str, AnyArray]) -> dict[str, AnyArray]:
     """With what an older file does not have as NaN."""
     unknown = np.full(len(values["point_id"]), np.nan)
     return dict.fromkeys(ADDED_IN_1_1, unknown) | values
 
 
-def _read_variable(dataset: h5py.Dataset, variable: Variable) -> Array:
+def _read_variable(dataset: h5py.Dataset, variable: Variable) -> AnyArray:
     if variable.dtype != TEXT:
         return np.asarray(dataset[()])
     return np.array([bytes(text).decode("utf-8") for text in dataset[()]], dtype=object)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import AnyArray
 from .schema import (
     COORDINATES,
     COVERAGE,
@@ -59,8 +60,7 @@ GLOBAL_ATTRIBUTES = (
 FIXED = {"mcmf_axis": 3, "enu_axis": 3, "ellipse_axis": 2}
 """Lengths of the dimensions that every catalogue shares."""
 
-Array = NDArray[Any]
-Values = Mapping[str, Array]
+Values = Mapping[str, AnyArray]
 """Every dataset of the file by its path in it."""
 
 
@@ -96,7 +96,7 @@ def centred(count: int) -> NDArray[np.int32]:
     return np.arange(count, dtype=np.int32) - count // 2
 
 
-def split(values: Values) -> tuple[dict[str, Array], dict[str, Array]]:
+def split(values: Values) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
     """What every catalogue has, and what only some have."""
     optional = {name: values[name] for name in OPTIONAL if name in values}
     return {name: values[name] for name in values if name not in optional}, optional

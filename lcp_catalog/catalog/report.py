@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..plots.html_page import facts, header, page, tiles
@@ -38,8 +38,6 @@ from .summary import (
     summary_rows,
     view_name,
 )
-
-Array = NDArray[Any]
 
 CARDS_MAX = 60
 """Patches that a page shows; of more points a third are the best, a third the worst, a third a
@@ -199,7 +197,7 @@ def _figures_section(catalog: Catalog) -> str:
     )
 
 
-def _chosen(statistics: Statistics, most: int) -> tuple[Array, str]:
+def _chosen(statistics: Statistics, most: int) -> tuple[AnyArray, str]:
     """Which points get a card, best first, and the sentence that says so."""
     order = np.argsort(-np.nan_to_num(statistics.by_point), kind="stable")
     if len(order) <= most:

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
 from ..plots.svg import number
 from .flags import evaluated, usable
 from .hdf5 import Catalog, read_catalog, verify
 from .schema import COVERAGE_STATUS
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -28,14 +26,14 @@ class Statistics:
     catalog: Catalog
 
     @cached_property
-    def _usable(self) -> Array:
+    def _usable(self) -> AnyArray:
         return usable(self.catalog.condition)
 
     @cached_property
-    def _evaluated(self) -> Array:
+    def _evaluated(self) -> AnyArray:
         return evaluated(self.catalog.condition)
 
-    def _share(self, axis: tuple[int, ...] | None) -> Array:
+    def _share(self, axis: tuple[int, ...] | None) -> AnyArray:
         """Usable among evaluated conditions, summed over axes; NaN where nothing was evaluated."""
         good, all_ = self._usable.sum(axis=axis), self._evaluated.sum(axis=axis)
         return np.where(all_ > 0, good / np.maximum(all_, 1), np.nan)
@@ -46,20 +44,20 @@ class Statistics:
         return float(self._share(None))
 
     @cached_property
-    def by_point(self) -> Array:
+    def by_point(self) -> AnyArray:
         return self._share((1, 2, 3))
 
     @cached_property
-    def by_view(self) -> Array:
+    def by_view(self) -> AnyArray:
         return self._share((0, 2, 3))
 
     @cached_property
-    def by_view_and_sun(self) -> Array:
+    def by_view_and_sun(self) -> AnyArray:
         """(view, sun_elevation, sun_azimuth)"""
         return self._share((0,))
 
     @cached_property
-    def by_point_and_sun(self) -> Array:
+    def by_point_and_sun(self) -> AnyArray:
         """(point, sun_elevation, sun_azimuth), over the views"""
         return self._share((1,))
 
@@ -131,7 +129,7 @@ def _albedo(catalog: Catalog) -> dict[str, Any] | None:
     return catalog.albedo_map | {"range": _range(known), "points_off_the_map": int(off.sum())}
 
 
-def bounds(lon_deg: Array, lat_deg: Array) -> dict[str, float] | None:
+def bounds(lon_deg: AnyArray, lat_deg: AnyArray) -> dict[str, float] | None:
     """The narrowest box of longitudes (0..360) and latitudes around points; None without any."""
     if not len(lon_deg):
         return None
@@ -151,16 +149,16 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _known(values: Array | None) -> list[float] | None:
+def _known(values: AnyArray | None) -> list[float] | None:
     """Least and greatest of the figures that are known; None without any."""
     return None if values is None else _range(values[np.isfinite(values)])
 
 
-def _range(values: Array) -> list[float] | None:
+def _range(values: AnyArray) -> list[float] | None:
     return [float(values.min()), float(values.max())] if len(values) else None
 
 
-def _percentiles(values: Array) -> dict[str, float] | None:
+def _percentiles(values: AnyArray) -> dict[str, float] | None:
     known = values[np.isfinite(values)]
     if not len(known):
         return None

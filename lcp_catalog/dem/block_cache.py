@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable
 
 import numpy as np
 
-from .raster import Heights
+from ..arrays import Float32
 
 LIMIT_BYTES = 256 << 20
 """Kept in a process at most; the tiles that were asked for longest ago go first."""
@@ -27,16 +27,16 @@ class _Store:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.tiles: OrderedDict[Hashable, Heights] = OrderedDict()
+        self.tiles: OrderedDict[Hashable, Float32] = OrderedDict()
         self.held_bytes = 0
 
-    def find(self, key: Hashable) -> Heights | None:
+    def find(self, key: Hashable) -> Float32 | None:
         with self.lock:
             if key in self.tiles:
                 self.tiles.move_to_end(key)
             return self.tiles.get(key)
 
-    def keep(self, key: Hashable, tile: Heights) -> None:
+    def keep(self, key: Hashable, tile: Float32) -> None:
         with self.lock:
             if key not in self.tiles:
                 self.tiles[key] = tile
@@ -61,8 +61,8 @@ def window(
     row1: int,
     col0: int,
     col1: int,
-    read: Callable[[int, int, int, int], Heights],
-) -> Heights:
+    read: Callable[[int, int, int, int], Float32],
+) -> Float32:
     """Blocks row0..row1, col0..col1 (half open) of ``factor`` pixels a side of a source; ``read`` makes
     those of such a window that are not kept.
     """
@@ -90,8 +90,8 @@ def _tile(
     side: int,
     i: int,
     j: int,
-    read: Callable[[int, int, int, int], Heights],
-) -> Heights:
+    read: Callable[[int, int, int, int], Float32],
+) -> Float32:
     key = (source, factor, i, j)
     tile = _store.find(key)
     if tile is None:

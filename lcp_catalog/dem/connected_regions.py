@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .grid import Bounds
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ..arrays import Array, Index
+from ..geometry.bounds import Bounds
 
 
 @dataclass(frozen=True)
@@ -22,8 +19,8 @@ class Region:
 
 
 def components(
-    row: Indices, start: Array, end: Array, turn: float = 0.0, links: Indices | None = None
-) -> Indices:
+    row: Index, start: Array, end: Array, turn: float = 0.0, links: Index | None = None
+) -> Index:
     """Number (0 ..) of the piece that every run belongs to.
 
     Runs [start, end) are sorted by row and start and do not overlap within a row. They hang together when they overlap in
@@ -48,7 +45,7 @@ def components(
         label = new
 
 
-def _overlapping(row: Indices, start: Array, end: Array) -> Indices:
+def _overlapping(row: Index, start: Array, end: Array) -> Index:
     """Pairs of runs of neighbouring rows that overlap."""
     low = float(start.min(initial=0.0))
     stride = 2.0 * (float(end.max(initial=1.0)) - low) + 1.0
@@ -60,7 +57,7 @@ def _overlapping(row: Indices, start: Array, end: Array) -> Indices:
     return np.stack([mine, np.repeat(first, count) + step], axis=1)
 
 
-def _touching(row: Indices, start: Array, end: Array, turn: float) -> Indices:
+def _touching(row: Index, start: Array, end: Array, turn: float) -> Index:
     """Pairs of runs of one row that touch: neighbours, and with a ``turn`` the last and the first."""
     index = np.arange(row.size)
     near = (row[1:] == row[:-1]) & (start[1:] - end[:-1] < 1e-9)
@@ -71,20 +68,3 @@ def _touching(row: Indices, start: Array, end: Array, turn: float) -> Indices:
         near = start[first] + turn - end[last] < 1e-9
         pairs.append(np.stack([first[near], last[near]], axis=1))
     return np.concatenate(pairs)
-
-
-def around(west_deg: Array, east_deg: Array, south_deg: float, north_deg: float) -> Bounds:
-    """The narrowest box around arcs of longitude (east >= west); all the way around when no meridian is free."""
-    start = west_deg % 360.0
-    order = np.argsort(start)
-    start, width = start[order], (east_deg - west_deg)[order]
-    reach = np.maximum.accumulate(start + width)
-    free = np.append(start[1:], start[0] + 360.0) - np.maximum(reach, reach[-1] - 360.0)
-    widest = int(np.argmax(free))
-    south, north = (round(lat, 9) + 0.0 for lat in (south_deg, north_deg))
-    if free[widest] <= 1e-9:
-        return Bounds(0.0, south, 360.0, north)
-    west = float(start[(widest + 1) % start.size])
-    east = west + 360.0 - float(free[widest])
-    turn = 360.0 if west >= 180.0 and east > 360.0 + 1e-9 else 0.0
-    return Bounds(round(west - turn, 9) + 0.0, south, round(east - turn, 9) + 0.0, north)

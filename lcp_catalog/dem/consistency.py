@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from .grid import Bounds
+from ..geometry.bounds import Bounds
 from .mosaic import DemSet
-
-Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 

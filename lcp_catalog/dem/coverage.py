@@ -13,13 +13,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .connected_regions import Region, around, components
+from ..arrays import Array
+from ..geometry.bounds import Bounds, around
+from .connected_regions import Region, components
 from .consistency import Disagreement, disagreements
 from .coverage_arcs import RADIUS_KM, Arcs, cut
-from .grid import Bounds
 from .mosaic import DemSet
-
-Array = NDArray[np.float64]
 
 BAND_EDGES_DEG = (-90.0, -85.0, -80.0, -75.0, -60.0, 0.0, 60.0, 75.0, 80.0, 85.0, 90.0)
 """The method's table of products (method.md section 1), north and south."""

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from .grid import Bounds, Grid
-
-Array = NDArray[np.float64]
+from ..geometry.bounds import Bounds
+from .grid import Grid
 
 RADIUS_KM = MOON_RADIUS_M / 1000.0
 _ROWS = 5000  # of all segments together, about

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Bytes
 from ..plots.png import encode_png
 from .bitmap_font import HEIGHT_PX, LINE_PX, draw_text, width_px
 from .height_survey import Survey
 from .map_views import View, view_of
 from .mosaic import DemSet
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 PRODUCT_COLOURS: tuple[Colour, ...] = (
@@ -45,7 +44,7 @@ _NO_FILE, _MISSING = -1, -2
 
 @dataclass(frozen=True)
 class _Legend:
-    entries: tuple[tuple[Picture, str], ...]
+    entries: tuple[tuple[Bytes, str], ...]
     caption: str
 
 
@@ -75,7 +74,7 @@ def _uses(
     return used.reshape(shape), (inside.sum(axis=0) > 1).reshape(shape)
 
 
-def _coloured(dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]) -> Picture:
+def _coloured(dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]) -> Bytes:
     names = list(dict.fromkeys(dems.products))
     colours = [_colour(names.index(product)) for product in dems.products]
     out = np.array([*colours, HOLE, GAP], np.uint8)[used]  # -1 is the last, -2 the last but one
@@ -105,7 +104,7 @@ def _colour(number: int) -> Colour:
     return red, green, blue
 
 
-def _lighter(pixels: Picture) -> Picture:
+def _lighter(pixels: Bytes) -> Bytes:
     return (pixels + (255 - pixels.astype(np.int64)) * 55 // 100).astype(np.uint8)
 
 
@@ -113,7 +112,7 @@ def _stripes(height: int, width: int) -> NDArray[np.bool_]:
     return np.add.outer(np.arange(height), np.arange(width)) % _HATCH[0] < _HATCH[1]
 
 
-def _graticule(canvas: Picture, view: View) -> None:
+def _graticule(canvas: Bytes, view: View) -> None:
     """Lines of one pixel where a multiple of the step lies between two pixels; they let the ground show through."""
     lon, lat = view.places()
     near = np.zeros(lon.shape, np.bool_)
@@ -135,7 +134,7 @@ def _steps(values: Array, step: float) -> NDArray[np.bool_]:
 
 def _entries(
     dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]
-) -> Iterator[tuple[Picture, str]]:
+) -> Iterator[tuple[Bytes, str]]:
     """All products, and of the other marks those that the map shows."""
     names = list(dict.fromkeys(dems.products))
     for number, name in enumerate(names[:_MOST_PRODUCTS]):
@@ -152,11 +151,11 @@ def _entries(
             yield _swatch(colour), words
 
 
-def _swatch(colour: Colour) -> Picture:
+def _swatch(colour: Colour) -> Bytes:
     return np.full((_SWATCH[1], _SWATCH[0], 3), colour, np.uint8)
 
 
-def _on_paper(canvas: Picture, view: View, legend: _Legend) -> Picture:
+def _on_paper(canvas: Bytes, view: View, legend: _Legend) -> Bytes:
     """The map in its frame, with labels around it and the legend below."""
     left, right, top, bottom = _MARGIN
     column_px = max(width_px(text) for _, text in legend.entries) + _SWATCH[0] + 3 * _PAD
@@ -178,7 +177,7 @@ def _on_paper(canvas: Picture, view: View, legend: _Legend) -> Picture:
     return out
 
 
-def _labels(out: Picture, view: View) -> None:
+def _labels(out: Bytes, view: View) -> None:
     """Degrees where the graticule meets the frame; around a pole the latitudes stand along a meridian."""
     left, _, top, _ = _MARGIN
     step_lon, step_lat = view.graticule_deg
@@ -201,7 +200,7 @@ def _labels(out: Picture, view: View) -> None:
         _along_meridian(out, view)
 
 
-def _along_meridian(out: Picture, view: View) -> None:
+def _along_meridian(out: Bytes, view: View) -> None:
     left, _, top, _ = _MARGIN
     for lat in np.arange(0.0, 90.0, view.graticule_deg[1]):
         x, y = (
@@ -228,7 +227,7 @@ def _met(values: Array, step: float) -> list[tuple[int, float]]:
     return found
 
 
-def _row(out: Picture, labels: list[tuple[int, str]], top: int) -> None:
+def _row(out: Bytes, labels: list[tuple[int, str]], top: int) -> None:
     """Labels beside each other, centred; one that would touch the one before is left out."""
     free = 0
     for x, text in labels:
@@ -238,7 +237,7 @@ def _row(out: Picture, labels: list[tuple[int, str]], top: int) -> None:
             free = start + width_px(text) + 6
 
 
-def _column(out: Picture, labels: list[tuple[int, str]], right: int | None, left: int) -> None:
+def _column(out: Bytes, labels: list[tuple[int, str]], right: int | None, left: int) -> None:
     """Labels below each other that end at ``right``, or begin at ``left``."""
     free = 0
     for y, text in labels:

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Float32
 from .grid import Grid
-
-Values = NDArray[np.float32]
 
 _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
@@ -26,7 +24,7 @@ class Source(Protocol):
     raster), NaN where there is nothing.
     """
 
-    def read(self, row0: int, row1: int, col0: int, col1: int) -> Values:
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window, float32."""
 
 
@@ -48,7 +46,7 @@ class Gridded:
         stat = self.path.stat()
         return str(self.path), stat.st_mtime_ns, stat.st_size
 
-    def read(self, row0: int, row1: int, col0: int, col1: int) -> Values:
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window that may reach beyond the raster: NaN there, but round the Moon and
         over a pole where it does.
 

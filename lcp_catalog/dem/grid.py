@@ -13,37 +13,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
+from ..geometry.bounds import Bounds, enclosing_arc
 from ..pds.pds3 import Label
 from .crs import Crs, Projection
-
-Array = NDArray[np.float64]
 
 EDGE_PX = 1e-6
 """A place this far outside the outermost pixel lies on its edge, but for the last bits."""
 
 _DEGREE_M = math.radians(1.0) * MOON_RADIUS_M
-
-
-class Bounds(NamedTuple):
-    """Degrees; ``east`` is greater than ``west`` and may pass 180 or 360 when the antimeridian or
-    the prime meridian is crossed.
-    """
-
-    west: float
-    south: float
-    east: float
-    north: float
-
-    def __str__(self) -> str:
-        lon, lat = f"{self.west:.6g}..{self.east:.6g}", f"{self.south:.6g}..{self.north:.6g}"
-        return f"longitude {lon}, latitude {lat}"
 
 
 @dataclass(frozen=True)
@@ -267,36 +251,6 @@ class Grid:
         if abs(columns - round(columns)) > 1e-3 or abs(rows - round(rows)) > 1e-3:
             return None
         return round(columns), round(rows)
-
-
-def enclosing_arc(arcs: list[tuple[float, float]]) -> tuple[float, float]:
-    """The shortest arc of longitudes (west, east >= west) that holds all of the given ones,
-    degrees.
-    """
-    if any(east - west >= 360.0 - 1e-9 for west, east in arcs):
-        return next((west, west + 360.0) for west, east in arcs if east - west >= 360.0 - 1e-9)
-    starts = sorted((west % 360.0, west % 360.0 + (east - west)) for west, east in arcs)
-    merged = [list(starts[0])]
-    for west, east in starts[1:]:
-        if west <= merged[-1][1]:
-            merged[-1][1] = max(merged[-1][1], east)
-        else:
-            merged.append([west, east])
-    gaps = [
-        (
-            merged[(i + 1) % len(merged)][0]
-            + (360.0 if i + 1 == len(merged) else 0.0)
-            - merged[i][1],
-            i,
-        )
-        for i in range(len(merged))
-    ]
-    gap, last = max(gaps)
-    west = merged[(last + 1) % len(merged)][0]
-    if gap <= 1e-9:
-        return west, west + 360.0
-    west = west - 360.0 if last + 1 < len(merged) and west >= 180.0 + 1e-9 else west
-    return west, west + 360.0 - gap
 
 
 def _tidy(value: float) -> float:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from .connected_regions import Region, around, components
+from ..geometry.bounds import around
+from .connected_regions import Region, components
 from .dem import Dem, Statistics
 from .grid import EDGE_PX, Grid
-
-Array = NDArray[np.float64]
 
 _BLOCKS = 1024
 """Missing pixels are counted in so many square blocks a side at most."""

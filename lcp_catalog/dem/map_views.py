@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .grid import Bounds, Grid
-
-Array = NDArray[np.float64]
+from ..arrays import Array
+from ..geometry.bounds import Bounds
+from .grid import Grid
 
 POLAR_WITHIN_DEG = 30.0
 """A set that lies within this distance of a pole is shown in the stereographic plane of that pole."""

@@ -17,18 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Int16, Mask
 from ..atomic_files import file_facts
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError, DemError
+from ..geometry.bounds import Bounds, enclosing_arc
 from .blending import BAND_PX, BAND_SHARE, smoothstep
 from .dem import Dem
-from .grid import Bounds, enclosing_arc
 from .products import is_called
 from .tiles import Layer
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int16]
-Mask = NDArray[np.bool_]
 
 _DEGREE_M = np.radians(1.0) * MOON_RADIUS_M
 _SEAM_MAX_DEG = 1.0
@@ -180,7 +177,7 @@ class DemSet:
             out[list(members)] = layer.holds(lon, lat)
         return out
 
-    def product_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Indices:
+    def product_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Int16:
         """Index (n,) of the first-ranked file whose footprint holds each place, -1 for none; geometry only, no pixel is read."""
         lon, lat = _flat(lon_deg, lat_deg)
         held, away = self.candidates_at(lon, lat), np.abs(lat)
@@ -206,9 +203,7 @@ class DemSet:
 
     # -- heights
 
-    def heights(
-        self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float
-    ) -> tuple[Array, Indices]:
+    def heights(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> tuple[Array, Int16]:
         """Heights above the sphere, metres (NaN: none), and the index of the DEM with the greatest weight in each (-1: none).
 
         Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's pixel or more, its pixels
@@ -241,7 +236,7 @@ class DemSet:
             shares[number + 1] *= beyond
         return shares
 
-    def _mix(self, shares: Array, lon: Array, lat: Array, gsd_m: float) -> tuple[Array, Indices]:
+    def _mix(self, shares: Array, lon: Array, lat: Array, gsd_m: float) -> tuple[Array, Int16]:
         """Places at a latitude where the ranking changes: both rankings' heights by their shares."""
         height, weights = np.zeros(lon.size), np.zeros((len(self.dems), lon.size))
         for zone, share in zip(self.zones, shares, strict=True):
@@ -257,7 +252,7 @@ class DemSet:
 
     def _blend(
         self, order: tuple[int, ...], lon: Array, lat: Array, gsd_m: float, parted: bool = False
-    ) -> tuple[Array, Indices, Array | None]:
+    ) -> tuple[Array, Int16, Array | None]:
         """Heights in one ranking: each layer takes its weight of what those before have left. ``parted``: also each file's share
         of the height, (files, n).
         """

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
+from ..arrays import Float32
 from ..errors import DemError
-
-Heights = NDArray[np.float32]
 
 HEIGHT_LIMIT_M = 20_000.0
 """No ground of the Moon lies further from the sphere (lowest -9.1 km, highest 10.8 km): beyond it
@@ -50,7 +49,7 @@ class Raster:
     raw_dtype: str | None = None  # None: read by GDAL
     raw_offset_bytes: int = 0
 
-    def read(self, row0: int, row1: int, col0: int, col1: int) -> Heights:
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
         metres.
         """

@@ -13,16 +13,14 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Float32, Int16
 from ..constants import MOON_RADIUS_M
-from ..kernels.resampling import heights as resample
+from ..kernels.resampling import heights
 from . import block_cache
 from .blending import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
 from .georeferenced import Gridded
 from .grid import EDGE_PX, Grid
-from .raster import Heights
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int16]
 Places = NDArray[np.intp] | slice
 File = TypeVar("File", bound=Gridded)
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -46,7 +44,7 @@ class Sample(NamedTuple):
     """Of places (n,): heights (metres, NaN: none), which file of the layer gave it (-1: none), its weight in a blend (0..1)."""
 
     height: Array
-    tile: Indices
+    tile: Int16
     weight: Array | None
 
 
@@ -163,7 +161,7 @@ class Layer(Generic[File]):
         gsd_m: float,
         todo: Places,
         height: Array,
-        tile: Indices,
+        tile: Int16,
         clear: Array | None,
     ) -> list[Box]:
         """Heights of one file at the places ``todo``, written where it has some; the box of pixels asked for where that matters."""
@@ -204,12 +202,12 @@ class Layer(Generic[File]):
                 self._sample_window(number, u[part], v[part], factor, gsd_m, out[part], away[part])
             return
         window = self._ground_window(number, (row0, row1, col0, col1), factor, gsd_m)
-        resample.sample(window, row0, col0, period, u, v, out)
+        heights.sample(window, row0, col0, period, u, v, out)
         if away.size and not np.isnan(window).any():
             away[:] = HOLE_PX
         elif away.size:
             cover = self._cover(number, factor)
-            resample.clearance(window, row0, col0, period, cover, u, v, HOLE_PX, away)
+            heights.clearance(window, row0, col0, period, cover, u, v, HOLE_PX, away)
 
     def _cover(self, number: int, factor: int) -> tuple[int, int, int, int]:
         """First and last row, first and last column (of blocks) of the box around all files, counted on one file's lattice;
@@ -230,7 +228,7 @@ class Layer(Generic[File]):
 
     def _ground_window(
         self, number: int, window: tuple[int, int, int, int], factor: int, gsd_m: float
-    ) -> Heights:
+    ) -> Float32:
         """A window of pixels (or of blocks), averaged along its rows where the cell is far wider than they are on the ground."""
         row0, row1, col0, col1 = window
         grid = self.dems[number].grid
@@ -240,12 +238,12 @@ class Layer(Generic[File]):
         pad = math.ceil((float(length.max()) - 1.0) / 2.0)
         wide = self._window(number, row0 - 1, row1 + 1, col0 - pad, col1 + pad, factor)
         out = np.empty((row1 - row0, col1 - col0), np.float32)
-        resample.row_means(wide, length, turn, pad, out)
+        heights.row_means(wide, length, turn, pad, out)
         return out
 
     def _window(
         self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
-    ) -> Heights:
+    ) -> Float32:
         """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the
         neighbouring tiles' pixels.
         """
@@ -269,7 +267,7 @@ class Layer(Generic[File]):
 
     def _blocks(
         self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
-    ) -> Heights:
+    ) -> Float32:
         """Means of a window of blocks, from the pixels."""
         grid = self.dems[number].grid
         out = np.empty((row1 - row0, col1 - col0), np.float32)
@@ -282,10 +280,10 @@ class Layer(Generic[File]):
             )
             rows = np.arange(top * factor, bottom * factor)[:, None]
             weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
-            resample.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
+            heights.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
         return out
 
-    def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Heights:
+    def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """A window of one file's lattice; what is missing comes from the other files."""
         pixels = self.dems[number].read(row0, row1, col0, col1)
         column, row = self._offsets[number]

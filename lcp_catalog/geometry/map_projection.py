@@ -7,12 +7,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
-
-Array = NDArray[np.float64]
 
 RADIUS_RANGE_M = (1_730_000.0, 1_742_000.0)
 """Axes that are taken for the Moon's: figures of 1735 to 1738.1 km are in use."""

@@ -15,19 +15,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cameras.frame_camera import Camera
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..kernels import sphere_rays as kernel
 from .frames import mcmf_to_lonlat
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-COVERAGE_ERROR = 2e-4
-"""Share of a pixel by which a limb pixel's coverage may be wrong: measured against a brute force."""
-
-_CELLS_LEAST, _CELLS_MOST = 4, 64
-_CORNERS_AT_ONCE = 1 << 20
 
 
 def ranges(position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
@@ -111,62 +104,3 @@ def limb_angle(position_m: Array, radius_m: float = MOON_RADIUS_M) -> float:
     if height < 0.0:
         raise ValueError(f"{-height:g} m under the sphere there is no limb")
     return math.atan2(radius_m, math.sqrt(height * (height + 2.0 * radius_m)))
-
-
-def coverage(
-    camera: Camera, columns: ArrayLike, rows: ArrayLike, radius_m: float = MOON_RADIUS_M
-) -> tuple[Array, Array]:
-    """Share (n,) of pixels' area that shows the sphere, and the middles (n, 2), column and row in
-    the image, of that part; NaN where it is nothing.
-
-    Each pixel is cut into cells across which the limb is nearly straight: as many as its curvature
-    in the image asks for. ValueError from inside.
-    """
-    pixels = np.stack(np.broadcast_arrays(columns, rows), axis=-1).astype(np.float64).reshape(-1, 2)
-    position, limb = camera.position_mcmf_m, limb_angle(camera.position_mcmf_m, radius_m)
-    cells = _cells(camera.focal_length_px * math.tan(limb))
-    steps = np.arange(cells + 1) / cells - 0.5
-    off = np.stack(np.meshgrid(steps, steps), axis=-1)
-    shares, middles = np.empty(len(pixels)), np.empty((len(pixels), 2))
-    at_once = max(1, _CORNERS_AT_ONCE // off[..., 0].size)
-    for first in range(0, len(pixels), at_once):
-        part = slice(first, first + at_once)
-        directions = camera.rays(pixels[part, None, None] + off)
-        kernel.covered(limb - nadir_angles(position, directions), shares[part], middles[part])
-    middles = np.where(shares[:, None] > 0.0, pixels + middles, np.nan)
-    return shares, middles
-
-
-def _cells(curvature_px: float) -> int:
-    """Cells a side, for a limb whose radius of curvature in the image is so many pixels. A chord
-    across a cell of 1 / k pixels cuts off 1 / (12 r k^3) pixels^2, and k chords cross a pixel.
-    """
-    wanted = math.sqrt(1.0 / (6.0 * max(curvature_px, 1e-3) * COVERAGE_ERROR))
-    return min(max(math.ceil(wanted), _CELLS_LEAST), _CELLS_MOST)
-
-
-def pixel_angle(camera: Camera) -> float:
-    """Greatest angle between opposite corners of a pixel, radians, over the image."""
-    width, height = camera.image_size_px
-    column, row = (np.unique(np.linspace(0, n - 1, 33).round())[None, :] for n in (width, height))
-    corners = camera.rays(np.stack(np.broadcast_arrays(*_corner_grid(column[0], row[0])), axis=-1))
-    first = np.linalg.norm(corners[:, :, 1, 1] - corners[:, :, 0, 0], axis=-1)
-    second = np.linalg.norm(corners[:, :, 1, 0] - corners[:, :, 0, 1], axis=-1)
-    return 2.0 * math.asin(min(1.0, 0.5 * float(np.maximum(first, second).max())))
-
-
-def _corner_grid(columns: Array, rows: Array) -> tuple[Array, Array]:
-    """Columns and rows of the four corners of pixels, (rows, columns, 2, 2)."""
-    half = np.array([-0.5, 0.5])
-    return (
-        columns[None, :, None, None] + half[None, None, None, :],
-        rows[:, None, None, None] + half[None, None, :, None],
-    )
-
-
-def limb_pixels(camera: Camera, directions: Array, pixel_rad: float) -> NDArray[np.bool_]:
-    """Which pixels, by their middles' directions (..., 3), the limb may cross; ``pixel_rad``:
-    `pixel_angle`.
-    """
-    off = nadir_angles(camera.position_mcmf_m, directions) - limb_angle(camera.position_mcmf_m)
-    return np.asarray(np.abs(off) <= pixel_rad)

@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Float32
 from ..cameras.sensor import Reduced, Sensor
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +21,8 @@ class Photo:
     """
 
     name: str
-    signal: Float
-    weight: Float
+    signal: Float32
+    weight: Float32
     sensor: Sensor
     sun_position_mcmf_m: Array | None = None
     sun_direction_mcmf: Array | None = None

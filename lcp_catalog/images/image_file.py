@@ -10,22 +10,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..build.config import ALBEDO_ENCODINGS
+from ..arrays import Array, Float32
 from ..cameras.map_projected import MapImage
 from ..cameras.sensor import Sensor
 from ..errors import ImageError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import hits, lonlat
+from ..light.sun_choice import SunChoice
 from ..photometry.albedo_raster import decode_srgb
-from ..render.request import SunChoice
+from ..photometry.srgb import ALBEDO_ENCODINGS
 from .image import Photo
 from .pixels import ImagePixels, read_image
 from .special_pixels import Codes, Kinds, ends, isis_special, touching_edge
 from .sun_from_label import ImageLabel, read_image_label
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 log = logging.getLogger(__name__)
 
@@ -56,8 +53,8 @@ class PhotoOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    signal: Float
-    weight: Float
+    signal: Float32
+    weight: Float32
     saturated_share: float
     missing_share: float
 
@@ -146,7 +143,7 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
     return _Pixels(signal, weight, float((bright & valid).mean()), float((~valid).mean()))
 
 
-def _signal(image: ImagePixels, encoding: str) -> Float:
+def _signal(image: ImagePixels, encoding: str) -> Float32:
     """Samples as radiance up to a factor; ImageError for floats that are said to be codes of a display."""
     samples = image.samples
     if encoding == "linear" or image.is_decoded:

@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
-from ..build.config import ALBEDO_ENCODINGS
+from ..arrays import Mask
 from ..errors import ImageError, LabelError, LcpError
 from ..pds.pds3 import find_label, read_label_text
 from ..pds.pds4 import is_pds4
 from ..photometry.albedo_raster import decode_srgb
+from ..photometry.srgb import ALBEDO_ENCODINGS
 
 log = logging.getLogger(__name__)
 
-Mask = NDArray[np.bool_]
 
 REC_709 = (0.2126, 0.7152, 0.0722)
 """Luminance of red, green and blue (ITU-R BT.709)."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from ..arrays import Mask
 
 _FLOAT_CODES = {
     # null, low, low, high, high: the bits of the five most negative finite numbers, upwards of NULL

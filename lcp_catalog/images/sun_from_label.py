@@ -16,8 +16,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import ImageError, LabelError, SunError
 from ..pds import pvl
 from ..pds.isis_tables import sun_of_tables
@@ -29,7 +29,6 @@ from ..sun.times import instants
 from .pixels import ImagePixels
 from .special_pixels import NO_CODES, Codes
 
-Array = NDArray[np.float64]
 Item = tuple[str, Any]
 
 log = logging.getLogger(__name__)

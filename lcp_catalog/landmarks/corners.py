@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
+from ..arrays import Float32, Index, Mask
 
 _HIGH_PERCENTILE = 99.0
 """The response that counts as 1 in an image: high, so that one bright spot does not set the scale,
@@ -22,7 +20,7 @@ yet above the ground's noise.
 """
 
 
-def fill_missing(image: Image, size: int) -> Image:
+def fill_missing(image: Float32, size: int) -> Float32:
     """A copy whose NaN nodes hold the mean of the valid nodes in the ``size``-wide box around them.
 
     Where that box holds none, the mean of the whole image; all zeros where nothing at all is valid.
@@ -42,7 +40,7 @@ def fill_missing(image: Image, size: int) -> Image:
     return np.where(missing, local, filled).astype(np.float32)
 
 
-def robust_contrast(image: Image) -> float:
+def robust_contrast(image: Float32) -> float:
     """A standard deviation of the lit nodes that outliers do not move: (84th - 16th percentile) /
     2; 0 where nothing is lit.
     """
@@ -53,7 +51,7 @@ def robust_contrast(image: Image) -> float:
     return float(high - low) / 2.0
 
 
-def harris(image: Image, block: int = 7, k: float = 0.04) -> Image:
+def harris(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
     """Response of Harris and Stephens (1988) per node: det M - k trace(M)^2, M summed over
     ``block`` x ``block`` nodes.
 
@@ -79,7 +77,7 @@ def harris(image: Image, block: int = 7, k: float = 0.04) -> Image:
     return np.where(known > 0, response, np.float32(np.nan))
 
 
-def relative_response(image: Image, block: int = 7, k: float = 0.04) -> Image:
+def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
     """Fourth root of the Harris response over its own 99th percentile of positive lit responses,
     clipped to 0..1.
 
@@ -117,19 +115,19 @@ class Persistence:
         self.total = np.zeros(self.shape, dtype=np.float64)
         self.lit = np.zeros(self.shape, dtype=np.int32)
 
-    def add(self, image: Image) -> None:
+    def add(self, image: Float32) -> None:
         """Take in the image of one more condition."""
         self.total += np.nan_to_num(relative_response(image))
         self.lit += np.isfinite(image) & (np.nan_to_num(image) > 0.0)
         self.conditions += 1
 
-    def score(self) -> Image:
+    def score(self) -> Float32:
         """Mean relative response 0..1 over the conditions added; 0 before the first."""
         return (self.total / max(self.conditions, 1)).astype(np.float32)
 
 
 def candidates(
-    score: Image,
+    score: Float32,
     spacing_px: int,
     per_cell: int,
     border: int,

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float32]
-Array = NDArray[np.float64]
+from ..arrays import Array, Float32
 
 HARRIS_K = 0.04
 _CHUNK = 256
@@ -41,17 +40,17 @@ class Localization:
     the number of nodes squared; NaN where a node is missing.
     """
 
-    sigma_major_px: Float
-    sigma_minor_px: Float
-    axis_angle_rad: Float
-    harris: Float
+    sigma_major_px: Float32
+    sigma_minor_px: Float32
+    axis_angle_rad: Float32
+    harris: Float32
 
     def localizable(self, max_sigma_px: float) -> NDArray[np.bool_]:
         """Whether the worse axis is good enough."""
         return np.asarray(self.sigma_major_px <= max_sigma_px)
 
 
-def localization(patches: Float, noise: float) -> Localization:
+def localization(patches: Float32, noise: float) -> Localization:
     """Registration accuracy of patches (n, p, p); ``noise`` is 1 sigma of a pixel over the patch's
     mean lit (> 0) signal.
 
@@ -73,12 +72,12 @@ def localization(patches: Float, noise: float) -> Localization:
     return Localization(*(p.astype(np.float32) for p in parts))
 
 
-def lit_share(patches: Float) -> Array:
+def lit_share(patches: Float32) -> Array:
     """Share of each patch's nodes that are lit (> 0), (n,); a missing node is not lit."""
     return np.asarray((np.nan_to_num(patches) > 0.0).mean(axis=(1, 2)))
 
 
-def _tensors(patches: Float) -> tuple[Array, Array]:
+def _tensors(patches: Float32) -> tuple[Array, Array]:
     """(n, 3) xx, yy, xy of the plain structure tensor and of the one with gain and offset free; NaN
     for bad patches.
     """
@@ -103,7 +102,7 @@ def _three(tensor: Array) -> Array:
     return np.stack([tensor[:, 0, 0], tensor[:, 1, 1], tensor[:, 0, 1]], axis=1)
 
 
-def mean_lit_level(patches: Float) -> Array:
+def mean_lit_level(patches: Float32) -> Array:
     """Mean of each patch's lit (> 0) nodes, (n,); NaN where a node is missing or nothing is lit."""
     image = np.asarray(patches, dtype=np.float64)
     lit = np.nan_to_num(image) > 0.0
@@ -112,7 +111,7 @@ def mean_lit_level(patches: Float) -> Array:
     return np.where((count > 0) & np.isfinite(image).all(axis=(1, 2)), level, np.nan)
 
 
-def _normalised(patches: Float) -> Array:
+def _normalised(patches: Float32) -> Array:
     """Patches over their mean lit level, float64; all NaN where a node is missing or nothing is
     lit.
     """
@@ -145,12 +144,12 @@ def _ellipse(free: Array, plain: Array, noise: float) -> tuple[Array, Array, Arr
 
 
 def coarsest_scale(
-    patches: Float,
+    patches: Float32,
     noise: float,
     scales: Sequence[float],
     max_sigma_px: float,
     min_lit: float = 0.0,
-) -> Float:
+) -> Float32:
     """The coarsest of ``scales`` at which each patch is still placed to ``max_sigma_px`` of the
     *coarse* pixel, (n,).
 
@@ -171,7 +170,7 @@ def coarsest_scale(
     return best
 
 
-def decimate(patches: Float, scale: float) -> Float:
+def decimate(patches: Float32, scale: float) -> Float32:
     """Patches (n, p, p) as seen with pixels ``scale`` >= 1 times as wide: area means, (n, m, m), m
     = floor(p / scale).
 

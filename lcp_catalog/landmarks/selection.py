@@ -10,12 +10,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Places = tuple[ArrayLike, ArrayLike]
 
 ID_ROWS = 180_000

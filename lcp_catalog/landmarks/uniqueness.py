@@ -13,12 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Float32, Index
 from .corners import fill_missing
 from .localization import mean_lit_level
-
-Float = NDArray[np.float32]
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _FLAT = 1e-3
 """A window whose contrast is below this share of the whole image's is flat: it is like nothing."""
@@ -41,14 +38,14 @@ _COARSE_HALF_MIN = 8
 
 
 def second_peak(
-    image: Float,
+    image: Float32,
     rows: Index,
     cols: Index,
     half: int,
     search: int,
     exclusion: float | None = None,
     exact: bool = False,
-) -> Float:
+) -> Float32:
     """Highest correlation of each point's patch with anything else whose centre lies within
     +-``search`` nodes, (n,).
 
@@ -80,11 +77,11 @@ class _Level:
     windows correlations.
     """
 
-    image: Float
+    image: Float32
     size: int
 
     @cached_property
-    def contrast(self) -> Float:
+    def contrast(self) -> Float32:
         """Standard deviation of every whole window, by its north-west node; float64 sums; 0 where
         it is flat.
         """
@@ -99,13 +96,13 @@ class _Level:
         return contrast
 
     @cached_property
-    def inverse(self) -> Float:
+    def inverse(self) -> Float32:
         """1 / contrast, 0 for a flat window: it correlates 0."""
         return np.where(
             self.contrast > 0.0, 1.0 / np.where(self.contrast > 0.0, self.contrast, 1.0), 0.0
         ).astype(np.float32)
 
-    def template(self, row: int, col: int) -> Float:
+    def template(self, row: int, col: int) -> Float32:
         """The window with this north-west node, centred and scaled for `correlate`."""
         window = self.image[row : row + self.size, col : col + self.size]
         return np.asarray(
@@ -113,7 +110,7 @@ class _Level:
             dtype=np.float32,
         )
 
-    def correlate(self, template: Float, r0: int, r1: int, c0: int, c1: int) -> Float:
+    def correlate(self, template: Float32, r0: int, r1: int, c0: int, c1: int) -> Float32:
         """Correlation of a template with the windows whose north-west nodes are r0..r1, c0..c1
         (inclusive).
         """
@@ -126,7 +123,7 @@ class _Level:
 class _Finder:
     """One image, prepared once for all its points."""
 
-    image: Float
+    image: Float32
     half: int
     search: int
     exclusion: float
@@ -178,7 +175,7 @@ class _Finder:
         return self._highest(template, row, col, self._limits(row, col))
 
     def _highest(
-        self, template: Float, row: int, col: int, box: tuple[int, int, int, int]
+        self, template: Float32, row: int, col: int, box: tuple[int, int, int, int]
     ) -> float:
         """The highest maximum among the windows of the box; -1 for none.
 
@@ -243,7 +240,7 @@ class _Finder:
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
-def _maxima(score: Float) -> NDArray[np.bool_]:
+def _maxima(score: Float32) -> NDArray[np.bool_]:
     return np.asarray(score >= cv2.dilate(score, _NEIGHBOURS))
 
 
@@ -251,7 +248,7 @@ def _away(down: Index, right: Index, exclusion: float) -> NDArray[np.bool_]:
     return np.asarray((down**2)[:, None] + right**2 > max(exclusion, 0.0) ** 2)
 
 
-def expected_correlation(patches: Float, noise: float) -> Array:
+def expected_correlation(patches: Float32, noise: float) -> Array:
     """Correlation of each patch (n, p, p) with itself seen through noise, (n,): 1 / sqrt(1 + (noise
     / contrast)^2).
 
@@ -272,7 +269,7 @@ def expected_correlation(patches: Float, noise: float) -> Array:
     )
 
 
-def effective_samples(patches: Float) -> Array:
+def effective_samples(patches: Float32) -> Array:
     """How many independent samples each patch (n, p, p) is worth when it is correlated with another
     like it, (n,); 1..p^2.
 

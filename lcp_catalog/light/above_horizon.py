@@ -6,14 +6,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import SunError
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .sources import Lighting, Source
-
-Array = NDArray[np.float64]
 
 _ROUNDING_DEG = 1e-9  # of the Sun's elevation: one on the horizon is not below it
 

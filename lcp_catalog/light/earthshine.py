@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..sun.ephemeris import apparent_sun, lunar_rotation
@@ -27,8 +28,6 @@ from ..sun.limb_darkening import LimbDarkening
 from ..sun.times import Times, instants
 from .solar_disc import SolarDisc
 from .sources import Source
-
-Array = NDArray[np.float64]
 
 EARTH_RADIUS_M = 6_371_000.0
 """Mean radius (IUGG)."""

@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..errors import ImageError
 from .hdr_image import read_picture
-
-Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 

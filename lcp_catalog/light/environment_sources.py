@@ -20,14 +20,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..errors import ImageError
 from ..geometry.frames import azimuth_elevation
 from .environment_map import Panorama
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 log = logging.getLogger(__name__)
 

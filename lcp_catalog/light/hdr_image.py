@@ -17,9 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import ImageError
-
-Array = NDArray[np.float64]
 
 REC_709 = (0.2126, 0.7152, 0.0722)
 """Luminance of red, green and blue (ITU-R BT.709)."""

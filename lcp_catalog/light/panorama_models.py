@@ -10,11 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .environment_map import Panorama
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
+from ..arrays import Array
 from ..cameras.view import View
 from ..kernels.photometry import sky as kernel
 from ..photometry.laws import Reflectance
@@ -29,8 +30,6 @@ from ..terrain.occlusion import occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .environment_map import Panorama
-
-Array = NDArray[np.float64]
 
 SAMPLES = {"draft": (16, 8), "standard": (32, 8), "high": (64, 16), "reference": (128, 32)}
 """Azimuths, and elevations of each, of a tier."""

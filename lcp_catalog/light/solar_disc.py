@@ -16,16 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
-from ..kernels.rays import bundles as rays
-from ..kernels.rays import horizon
+from ..kernels.rays import bundles, horizon
 from ..sun.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
-from ..terrain import occlusion as shadows
+from ..terrain import occlusion
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.horizons import Nodes, Points, on_rim
-
-Array = NDArray[np.float64]
 
 STRIPS = {"draft": 1, "standard": 3, "high": 9}
 """Strips of a tier. ``reference`` doubles them from `FIRST_STRIPS` until no node changes by
@@ -131,7 +129,7 @@ class _Sun:
         out, tangents = np.empty((turn.size, 4)), np.empty(turn.size)
         for k, t in enumerate(turn):
             azimuth = self.azimuth + t
-            du, dv, _, _ = rays.scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)
+            du, dv, _, _ = bundles.scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)
             tangents[k] = 1.0 / (self.gsd_m * math.hypot(du, dv) * math.cos(t))
             low, high = (
                 math.tan(self.elevation + math.atan(y * self.radius)) / tangents[k]
@@ -263,7 +261,7 @@ def sunlit_share(
         undecided = np.isfinite(field.z_m[row0:row1, col0:col1])
     else:
         limits = source.limits(gradient)
-        touched, dark = shadows.occluded_sweep(
+        touched, dark = occlusion.occluded_sweep(
             field, source.azimuth, limits, accuracy, (row0, row1, col0, col1), far
         ).view(np.bool_)
         out[dark] = 0.0

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.frames import azimuth_elevation
 from .environment_map import Panorama
 from .environment_sources import Split
 from .solar_disc import MEAN_SUN, SolarDisc
-
-Array = NDArray[np.float64]
 
 _NEVER_UP_RAD = math.radians(9.0)
 """The horizon of the Moon's highest ground (10.8 km) over a sphere of its lowest (-9.1 km) dips by 8.7 deg."""

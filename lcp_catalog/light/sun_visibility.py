@@ -6,9 +6,9 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..accuracy import TIERS
+from ..arrays import Array
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.frames import EnuFrame, direction_enu
@@ -19,8 +19,6 @@ from ..terrain.horizons import Points
 from ..terrain.surroundings import build_surrounded, surroundings
 from ..terrain.terrain import Area, NodeWindow, Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
-
-Array = NDArray[np.float64]
 
 _LOWEST_DEG = -7.0
 """Deeper than this below the horizontal no summit of the Moon sees the horizon (6.4 deg from 10.8 km)."""

@@ -9,20 +9,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
-from ..kernels.matching import correlation as correlate
+from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .search_image import SearchImage, reduction
 from .templates import POINT_SPREAD_PX, render_patches
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _GRID_PX = 64
 """Reach of the grid, in its own pixels: the photograph is reduced to this, or until templates are `_SMALLEST_PX` a side."""
@@ -110,7 +106,7 @@ def correlation_maps(
     offset: Array,
     reach: int,
     psf_sigma_px: float = POINT_SPREAD_PX,
-) -> Float:
+) -> Float32:
     """Correlations of points (rows (n,) of the catalogue) at every whole offset within ``reach`` of where the image's sensor, plus
     ``offset`` (n, 2) rounded, has them, (n, 2 reach + 1, 2 reach + 1), rows before columns; NaN where there is none. Pixels of
     the image that is searched.
@@ -120,7 +116,7 @@ def correlation_maps(
     templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
     maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
     origin = templates.origin + np.round(offset).astype(np.int64)
-    correlate.maps(
+    correlation.maps(
         image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
     )
     return maps
@@ -143,7 +139,7 @@ def _thinned(rows: Index) -> Index:
     return rows[np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(np.int64)]
 
 
-def _vote(score: Float, known: Mask, slack: int) -> Array:
+def _vote(score: Float32, known: Mask, slack: int) -> Array:
     """-ln of the share of a map's offsets that correlate as highly or better, within ``slack`` of each; 0 where there is none."""
     level = np.where(known, np.clip(score, -1.0, 1.0), -1.0)
     level = ((level + 1.0) * (0.5 * (_LEVELS - 1))).astype(np.int64)

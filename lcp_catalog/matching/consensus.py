@@ -23,15 +23,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty
 from ..errors import PoseError
 from .pose import Pose, jacobian, residuals_px, solve
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 SIGNIFICANT = -6.0
 """log10 of the number of false alarms below which an agreement is no chance: one frame in a million."""

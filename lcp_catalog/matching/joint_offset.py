@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
@@ -30,9 +31,6 @@ from .search_area import SearchArea, slack_px
 from .search_image import SearchImage, reduction
 from .subpixel import peaks
 from .sun_check import with_sun
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SHOWS = -3.0
 """log10 of the number of false alarms below which an image is not said to be of another place."""

@@ -14,12 +14,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Reduced, Sensor
 from ..catalog.catalogue import Catalog
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 TOLERANCE_PX = 0.002
 """What the polynomial may differ from the sensor where it is checked."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import USABLE
 from ..images.image import Photo
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 RESOLUTION_SHARE = 0.5
 """Pixel of the photo that is searched, as a share of the DEM's true resolution."""

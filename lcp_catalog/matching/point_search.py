@@ -8,13 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Bytes, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
-from ..kernels.matching import search
-from ..kernels.matching import subpixel_fit as register
+from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import seek_back
 from ..landmarks.uniqueness import effective_samples, false_match_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -34,10 +34,6 @@ __all__ = [
     "working_photo",
 ]
 
-Array = NDArray[np.float64]
-Codes = NDArray[np.uint8]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _CHUNK = 128
 _CHUNK_PX = 2_000_000
@@ -176,7 +172,7 @@ def _as_matches(
     precise: Array,
     shift: Array,
     back: Array,
-    code: Codes,
+    code: Bytes,
 ) -> Matches:
     """In pixels of the image as it came."""
     f = task.image.factor
@@ -193,12 +189,12 @@ def _as_matches(
     )
 
 
-def _mark(code: Codes, where: ArrayLike, reason: str) -> None:
+def _mark(code: Bytes, where: ArrayLike, reason: str) -> None:
     """Say why of those nothing has been said of yet: their code is 0, which will mean found."""
     code[np.asarray(where) & (code == 0)] = CODE[reason]
 
 
-def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Codes:
+def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Bytes:
     """Codes of points on which the Sun has not risen, or which the camera sees edge-on; else 0."""
     up = task.catalog.rotation_mcmf_to_enu[rows, 2]
     towards = task.image.photo.sensor.towards(task.catalog.position_mcmf[rows])
@@ -209,7 +205,7 @@ def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Codes:
     return code
 
 
-def _judge_templates(templates: Templates, criteria: Criteria, code: Codes) -> None:
+def _judge_templates(templates: Templates, criteria: Criteria, code: Bytes) -> None:
     size = templates.mask.sum(axis=(1, 2))
     _mark(code, size == 0, "not seen")
     _mark(code, templates.lit_share < criteria.min_lit_share, "not lit")
@@ -221,7 +217,7 @@ def _judge_templates(templates: Templates, criteria: Criteria, code: Codes) -> N
     _mark(code, (size < criteria.min_pixels) | plain, "low contrast")
 
 
-def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Codes) -> Array:
+def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Bytes) -> Array:
     """What `search.seek` says of the templates that nothing has been said of, (n, `search.NUMBERS`)."""
     image, size = task.image, templates.mask.sum(axis=(1, 2))
     found = np.full((len(code), search.NUMBERS), np.nan)
@@ -235,7 +231,7 @@ def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code:
 
 
 def _judge_search(
-    task: _Task, templates: Templates, start: Index, found: Array, code: Codes
+    task: _Task, templates: Templates, start: Index, found: Array, code: Bytes
 ) -> None:
     _mark(code, found[:, 4] < task.criteria.min_area_share, "out of frame")
     few = found[:, 5] < task.criteria.min_real_share
@@ -248,9 +244,9 @@ def _judge_search(
 
 def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> Array:
     """What `register.refine` says of the templates that were sought, (n, `register.NUMBERS`)."""
-    out = np.full((len(sought), register.NUMBERS), np.nan)
-    part = np.full((int(sought.sum()), register.NUMBERS), np.nan)
-    register.refine(
+    out = np.full((len(sought), subpixel_fit.NUMBERS), np.nan)
+    part = np.full((int(sought.sum()), subpixel_fit.NUMBERS), np.nan)
+    subpixel_fit.refine(
         templates.drawing[sought], templates.sub, templates.sigma_px, LEAST_COVER, task.image.fine,
         task.image.weight, places[sought], np.zeros((len(part), 2)), part,
     )  # fmt: skip
@@ -259,7 +255,7 @@ def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> 
 
 
 def _judge_places(
-    task: _Task, templates: Templates, found: Array, precise: Array, code: Codes
+    task: _Task, templates: Templates, found: Array, precise: Array, code: Bytes
 ) -> None:
     correlation = precise[:, 2]
     settled = np.isfinite(precise).all(axis=1)
@@ -274,7 +270,7 @@ def _judge_places(
 
 
 def _sought_back(
-    task: _Task, templates: Templates, places: Index, precise: Array, code: Codes
+    task: _Task, templates: Templates, places: Index, precise: Array, code: Bytes
 ) -> Array:
     """How far from where it was found each point comes back to, working pixels (n,); NaN where nothing was found."""
     back = np.full(len(code), np.nan)

@@ -19,12 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Mask
 from ..cameras.scanners import project_beside
 from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 STEP_PX = 0.1
 """Corrections are varied by what moves the image by about this much."""

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
@@ -35,10 +35,6 @@ from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, in_view, narrowed, perhaps_in_view
 from .search_image import nothing_in, reduction
 from .sun_check import LightCheck, check_light
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 LOCATED = "located"
 NOT_HERE = "not this place"

@@ -14,15 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
 from ..photometry.laws import Reflectance
 from .coarse_offset import coarse_shift
 from .pose import jacobian
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _FARTHEST = 2.0
 """Points that a sensor puts further than this many images, and as many reaches of its middle, from the middle are out

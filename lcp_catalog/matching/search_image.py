@@ -9,14 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Reduced, Sensor
 from ..images.image import Photo
 from ..landmarks.corners import fill_missing
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _FILL_PX = 33
 """Missing pixels hold the mean of the valid ones around them, this far at first."""
@@ -33,8 +29,8 @@ class SearchImage:
     """
 
     photo: Photo
-    fine: Float
-    weight: Float
+    fine: Float32
+    weight: Float32
     factor: int
 
     @classmethod
@@ -51,12 +47,12 @@ class SearchImage:
         return cls(photo, np.ascontiguousarray(signal), weight, reduction(photo.sensor))
 
     @cached_property
-    def half(self) -> Float:
+    def half(self) -> Float32:
         """Means of 2 x 2 pixels; an odd last row or column left out."""
         return _halved(self.fine)
 
     @cached_property
-    def half_weight(self) -> Float:
+    def half_weight(self) -> Float32:
         return _halved(self.weight)
 
     def is_saturated(self, middle: Index, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -71,7 +67,7 @@ class SearchImage:
         return out
 
 
-def _halved(values: Float) -> Float:
+def _halved(values: Float32) -> Float32:
     rows, cols = (n // 2 for n in values.shape)
     blocks = values[: 2 * rows, : 2 * cols].reshape(rows, 2, cols, 2)
     return np.ascontiguousarray(blocks.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 
 def undone(image: Array, weight: Array, shift_px: tuple[float, float]) -> tuple[Array, Array]:

@@ -20,15 +20,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_search import Criteria, match
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: by how much the azimuth is turned and the elevation raised."""

@@ -13,19 +13,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
-from ..kernels.matching import draw_patch as patch
-from ..kernels.matching import point_spread as spread
+from ..kernels.matching import draw_patch, point_spread
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .patch_projection import node_pixels
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 POINT_SPREAD_PX = 0.5
 """Default 1 sigma of an image's point spread, beside the pixel's own square."""
@@ -49,9 +44,9 @@ class Templates:
     point: Index  # (n,) rows in the catalogue
     predicted_px: Array  # (n, 2) where the patch's centre is
     origin: Index  # (n, 2) column and row of the image
-    values: Float  # (n, rows, cols)
+    values: Float32  # (n, rows, cols)
     mask: Mask  # (n, rows, cols) pixels that lie on the patch
-    drawing: Float  # (n, rows * sub, cols * sub) NaN where the patch is not seen
+    drawing: Float32  # (n, rows * sub, cols * sub) NaN where the patch is not seen
     sub: int
     sigma_px: float
 
@@ -112,14 +107,14 @@ def render_patches(
     albedo = np.empty((len(rows), 0, 0), np.float32)
     if catalog.albedo is not None:
         albedo = np.nan_to_num(catalog.albedo[rows], nan=1.0)
-    patch.draw_patches(
+    draw_patch.draw_patches(
         catalog.dem[rows], catalog.gsd[rows].astype(np.float64), albedo,
         suns, np.ascontiguousarray(towards), pixels, origin, sub, model.code, model.numbers, drawing,
     )  # fmt: skip
     drawing[~seen] = np.nan
     values = np.empty((len(rows), row_count, cols), np.float32)
     mask = np.empty(values.shape, np.bool_)
-    spread.templates(drawing, sub, float(psf_sigma_px), float(least_cover), values, mask)
+    point_spread.templates(drawing, sub, float(psf_sigma_px), float(least_cover), values, mask)
     predicted = sensor.project(catalog.position_mcmf[rows])
     return Templates(rows, predicted, origin, values, mask, drawing, sub, float(psf_sigma_px))
 

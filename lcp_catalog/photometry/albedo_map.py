@@ -17,21 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Float32
 from ..atomic_files import file_facts
-from ..build.config import ALBEDO_ENCODINGS, ModelConfig
 from ..constants import MOON_RADIUS_M
-from ..dem.grid import Bounds
 from ..dem.raster import open_dataset
 from ..dem.tiles import Layer
 from ..errors import AlbedoError
+from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
-from ..kernels.resampling import heights as resample
+from ..kernels.resampling import heights
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Area, Terrain
 from .albedo_raster import AlbedoPixels, mean_value, open_pixels
-
-Array = NDArray[np.float64]
-Factors = NDArray[np.float32]
+from .srgb import ALBEDO_ENCODINGS
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +78,7 @@ class AlbedoMap:
         cls, path: Path | str, encoding: str | None = None, reference: float | None = None
     ) -> AlbedoMap:
         """A raster that GDAL reads, in a lunar CRS (cylindrical, polar stereographic or degrees), by
-        its first band; ``encoding`` is one of `config.ALBEDO_ENCODINGS` (None: linear, with a warning for what
+        its first band; ``encoding`` is one of `srgb.ALBEDO_ENCODINGS` (None: linear, with a warning for what
         looks like a picture). ``AlbedoError`` says what cannot be used.
 
         Without a ``reference`` every pixel is read once for the mean.
@@ -96,13 +94,6 @@ class AlbedoMap:
         raster = replace(pixels.raster, unit=_UNIT / value)
         return cls(replace(pixels, raster=raster), value, reference is None)
 
-    @classmethod
-    def of(cls, model: ModelConfig) -> AlbedoMap | None:
-        """The map of a build's configuration, if it names one."""
-        if model.albedo is None:
-            return None
-        return cls.open(model.albedo, model.albedo_encoding, model.albedo_reference)
-
     @property
     def name(self) -> str:
         """The file's name, without folders."""
@@ -110,7 +101,7 @@ class AlbedoMap:
 
     @property
     def encoding(self) -> str:
-        """One of `config.ALBEDO_ENCODINGS`."""
+        """One of `srgb.ALBEDO_ENCODINGS`."""
         return self.pixels.raster.encoding
 
     @property
@@ -168,10 +159,10 @@ class AlbedoMap:
         x, y, z = (np.ascontiguousarray(points[..., k]).ravel() for k in range(3))
         lon, lat = np.empty(x.size), np.empty(x.size)
         up_m = MOON_RADIUS_M + frame.height_m
-        resample.enu_to_lonlat(x, y, z, frame.rotation, up_m, lon, lat)
+        heights.enu_to_lonlat(x, y, z, frame.rotation, up_m, lon, lat)
         return self.at(np.degrees(lon), np.degrees(lat), gsd_m).reshape(points.shape[:-1])
 
-    def known_nodes(self, terrain: Terrain) -> Factors:
+    def known_nodes(self, terrain: Terrain) -> Float32:
         """Factors at the core window's nodes, (rows, cols); NaN where the map, or the ground, has
         nothing.
         """
@@ -183,15 +174,15 @@ class AlbedoMap:
             out[row - row0 : window[1] - row0] = self.at_enu(terrain.frame, points, field.gsd_m)
         return out
 
-    def at_nodes(self, terrain: Terrain) -> Factors:
+    def at_nodes(self, terrain: Terrain) -> Float32:
         """Factors at the core window's nodes, (rows, cols); 1 where the map has nothing."""
         return neutral(self.known_nodes(terrain))
 
-    def at_points(self, terrain: Terrain, points: Array) -> Factors:
+    def at_points(self, terrain: Terrain, points: Array) -> Float32:
         """Factors at ENU points (n, 3) of the surface, (n,); 1 where the map has nothing."""
         return neutral(self.at_enu(terrain.frame, points, terrain.field.gsd_m).astype(np.float32))
 
-    def patch(self, frame: EnuFrame, z_m: Factors, gsd_m: float) -> Factors:
+    def patch(self, frame: EnuFrame, z_m: Float32, gsd_m: float) -> Float32:
         """Factors at the nodes of a square patch around a frame's origin, (n, n); row 0 is north,
         column 0 west. NaN where the map has nothing.
         """
@@ -237,6 +228,6 @@ class AlbedoMap:
         return cover
 
 
-def neutral(factors: Factors) -> Factors:
+def neutral(factors: Float32) -> Float32:
     """Factors with 1 for what is not known."""
     return np.where(np.isnan(factors), np.float32(1.0), factors)

@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..dem.georeferenced import Gridded
 from ..dem.grid import Grid
 from ..dem.products import facts_of, product_name
 from ..dem.raster import Raster, open_dataset
 from ..errors import AlbedoError, DemError, LabelError
-
-Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 

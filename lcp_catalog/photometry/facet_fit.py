@@ -18,10 +18,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from .._version import __version__
+from ..arrays import Array
 from ..kernels.photometry import facet as kernel
 from .facet_file import FacetFile, nodes_table
 from .facet_model import (
@@ -37,7 +37,6 @@ from .facet_model import (
 )
 from .goniometer import Measurements, Sample
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 WEIGHT = 2.0

@@ -19,12 +19,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ConfigError
 from ..kernels.photometry import facet as kernel
-
-Array = NDArray[np.float64]
 
 ALBEDO = 0.12
 """Of the Moon's kind, as the Lambert law here has it; a measured surface wants its own."""

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..plots.svg import number
 from .facet_fit import Fit
 from .facet_model import FacetModel, Node, constants, lobes, shadowing_share
 from .goniometer import Measurements
-
-Array = NDArray[np.float64]
 
 _RADIUS = 190.0
 _PANEL = (470.0, 300.0)

@@ -22,11 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import MeasurementError
-
-Array = NDArray[np.float64]
 
 QUANTITIES = ("intensity", "brightness", "radiance_factor")
 LEAST_POINTS = 7

@@ -16,11 +16,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .laws import Reflectance, radiance_under, reflectance_model
-
-Array = NDArray[np.float64]
 
 AUTO = "auto"
 """The name of no law: the scene decides."""

@@ -25,14 +25,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..errors import ConfigError
-from ..kernels.photometry import images as shading
+from ..kernels.photometry import images
 from ..kernels.photometry import laws as kernel
 from .facet_file import facet_model, law_file
 from .hapke_parameters import DEFAULT_SET, HapkeSet, hapke_set
 from .phase_functions import DEFAULT_SURFACE, disc_law, surface_law
-
-Array = NDArray[np.float64]
 
 SINGLE_SCATTERING_ALBEDO = 0.21
 LAMBERT_ALBEDO = 0.12
@@ -217,15 +216,15 @@ def bands_of_nodes(
     incidence, emission = np.empty(shape, np.float32), np.empty(shape, np.float32)
     lit_side, near_side = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
     sun = np.asarray(lights[0][0], np.float64)
-    shading.angles_deg(planes, sun, incidence, lit_side)
-    shading.angles_deg(planes, camera, emission, near_side)
+    images.angles_deg(planes, sun, incidence, lit_side)
+    images.angles_deg(planes, camera, emission, near_side)
     across = float(np.linalg.norm(np.cross(sun, camera)))
     phase = np.full(shape, math.degrees(math.atan2(across, float(sun @ camera))), np.float32)
     phase[np.isnan(incidence)] = np.nan
     radiance = np.zeros(shape, np.float32)
     for direction, weight in lights:
         towards, share = np.asarray(direction, np.float64), np.asarray(weight, np.float32)
-        shading.add_light(radiance, planes, towards, camera, share, model.code, model.numbers)
+        images.add_light(radiance, planes, towards, camera, share, model.code, model.numbers)
     return NodeBands(radiance, incidence, emission, phase, lit_side, near_side)
 
 

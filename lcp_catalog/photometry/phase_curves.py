@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from .laws import Reflectance, radiance_factor
-
-Array = NDArray[np.float64]
 
 _PHASES_DEG = np.concatenate([np.linspace(0.0, 7.0, 15), np.linspace(8.0, 150.0, 72)])
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 PIXELS_MAX = 640_000
 """Most pixels of a picture: about half a megabyte as PNG."""

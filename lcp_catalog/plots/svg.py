@@ -13,15 +13,13 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import AnyArray
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from .png import encode_png
-
-Array = NDArray[Any]
 
 STEPS = 6
 """Colours from none to all."""
@@ -40,7 +38,7 @@ def shade_class(share: float) -> str:
     return f"c{min(STEPS - 1, int(share * (STEPS - 1) + 0.5))}"
 
 
-def hillshade(height_m: Array, cell_m: float) -> NDArray[np.uint8]:
+def hillshade(height_m: AnyArray, cell_m: float) -> NDArray[np.uint8]:
     """Relief lit from the north-west, stretched to 25..245, as (rows, cols, 2) grey and alpha;
     no ground is transparent.
     """
@@ -84,8 +82,8 @@ class SunDisc:
     the horizon the outer circle.
     """
 
-    sun_elevation: Array
-    sun_azimuth: Array
+    sun_elevation: AnyArray
+    sun_azimuth: AnyArray
 
     def definitions(self) -> str:
         """The cells' outlines, drawn once in a page and used by every disc in it."""
@@ -96,7 +94,7 @@ class SunDisc:
         ]
         return f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
 
-    def draw(self, share: Array, label: str, large: bool = False) -> str:
+    def draw(self, share: AnyArray, label: str, large: bool = False) -> str:
         """A disc of shares 0..1, shape (elevation, azimuth); NaN: not evaluated, no cell. Large
         ones carry a scale.
         """
@@ -146,7 +144,7 @@ def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
     )
 
 
-def _spans(values: Array, low: float, high: float) -> list[tuple[float, float]]:
+def _spans(values: AnyArray, low: float, high: float) -> list[tuple[float, float]]:
     """Cells around rising values: to the middle between neighbours, as wide outwards as inwards
     at the ends.
     """
@@ -158,7 +156,7 @@ def _spans(values: Array, low: float, high: float) -> list[tuple[float, float]]:
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _azimuth_spans(values: Array) -> list[tuple[float, float]]:
+def _azimuth_spans(values: AnyArray) -> list[tuple[float, float]]:
     """Cells around azimuths on the circle, none wider than the median step on either side."""
     if len(values) == 1:
         return [(float(values[0]) - 7.5, float(values[0]) + 7.5)]
@@ -206,7 +204,7 @@ def nice_step(span: float, parts: int) -> float:
     return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
 
 
-def _nice_edges(low: float, high: float, bins: int) -> Array:
+def _nice_edges(low: float, high: float, bins: int) -> AnyArray:
     step = nice_step(high - low, bins)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return np.arange(first, max(last, first + 1) + 1) * step
@@ -260,9 +258,9 @@ def _mark_path(name: str, css: str, place: str = "") -> str:
 class Map:
     """A shaded map in the frame of its centre; north is up at the centre."""
 
-    height: Array
-    x_m: Array
-    y_m: Array
+    height: AnyArray
+    x_m: AnyArray
+    y_m: AnyArray
     frame: EnuFrame
 
     @property
@@ -283,7 +281,7 @@ class Map:
     def _height_m(self) -> float:
         return len(self.y_m) * self._cell_m
 
-    def pixel(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Array, Array]:
+    def pixel(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[AnyArray, AnyArray]:
         """Where places of the frame lie in the drawing."""
         left, _, _, top = _MARGIN_PX
         west, north = self.x_m[0] - self._cell_m / 2, self.y_m[0] + self._cell_m / 2
@@ -350,7 +348,7 @@ class Map:
             (float(lat.min()), float(lat.max())),
         )
 
-    def _clipped(self, lon: Array, lat: Array) -> Array:
+    def _clipped(self, lon: AnyArray, lat: AnyArray) -> AnyArray:
         """The part of a line that lies inside the map, in pixels, (n, 2)."""
         x, y, _ = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         px, py = self.pixel(x, y)
@@ -375,7 +373,7 @@ class Map:
         )
 
 
-def _polyline(points: Array) -> str:
+def _polyline(points: AnyArray) -> str:
     some = np.unique(np.linspace(0, len(points) - 1, 24).astype(int))
     return '<polyline points="' + " ".join(f"{x:.1f},{y:.1f}" for x, y in points[some]) + '"/>'
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..errors import CameraError, ImageError
 from ..light.environment_map import Panorama
@@ -27,9 +28,6 @@ from ..light.sources import Lighting
 from ..terrain.horizons import Points
 from ..terrain.terrain import Terrain
 from .renderer import Photograph
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WHITE_PERCENTILE = 99.5
 """Of the render's lit radiance: what white of a background encoded for a display stands for, as in a preview."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..cameras.view import View
 from ..constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from ..kernels.photometry.laws import LAMBERT, LOMMEL_SEELIGER
 from ..light.solar_disc import penumbra_m
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from ..terrain.relief_bounds import Box, Relief, tangent_of
-
-Array = NDArray[np.float64]
 
 NORMAL_ROUNDING_RAD = 2.0**-24
 """By how much a normal kept in float32 is turned: each component is off by at most 2^-24 of itself,

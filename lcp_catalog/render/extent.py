@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, footprint, looking_camera
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
-from ..dem.grid import Bounds
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, CameraError
+from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..terrain.relief_bounds import (
     COARSE_NODES,
@@ -24,8 +23,6 @@ from ..terrain.relief_bounds import (
 from ..terrain.terrain import Area, NodeWindow, Terrain, build_terrain
 from .request import Request
 from .sphere_extent import Cap
-
-Array = NDArray[np.float64]
 
 RING_MAX_M = 200e3
 """No terrain further from the area than this is looked for that could hide it from the view."""

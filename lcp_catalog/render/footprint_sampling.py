@@ -14,11 +14,9 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.frames import mcmf_to_lonlat
-
-Array = NDArray[np.float64]
 
 PROBES_MOST = 16
 _RUNGS = (-6, 24)  # of the ladder: widths of 2^-6 to 2^24 pixels of the map

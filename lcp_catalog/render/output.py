@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .._version import __version__
 from ..constants import FRAME, MOON_RADIUS_M
@@ -16,8 +16,6 @@ from .pipeline import Scene
 from .rasters import geotiff, node_transform, orthographic_crs
 from .renderer import Photograph
 from .sphere_pipeline import SphereScene
-
-Array = NDArray[np.float64]
 
 
 def encode(scene: Scene | SphereScene, result: Photograph) -> bytes:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
@@ -32,7 +32,7 @@ from ..terrain.terrain import (
     require_room,
     terrain_from_area,
 )
-from . import decisions as effects
+from . import decisions
 from .compositing import composite
 from .decisions import Decision
 from .extent import (
@@ -50,8 +50,6 @@ from .renderer import Photograph, render_camera, render_enu
 from .request import Request
 from .sphere_pipeline import SphereScene, expose_sphere, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,13 +242,13 @@ def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
     """Decisions about what lights the scene besides its first source."""
     if light.others:
         plane = request.in_camera_plane
-        rays = effects.EVERY_PIXEL if plane else effects.Rays.of(request.accuracy)
-        yield effects.several_sources(len(light.others), rays)
+        rays = decisions.EVERY_PIXEL if plane else decisions.Rays.of(request.accuracy)
+        yield decisions.several_sources(len(light.others), rays)
     if light.sky is not None and request.environment is not None:
         samples = SAMPLES[request.accuracy.tier]
         rms = sky_rms(request.accuracy, request.in_camera_plane)
         name = request.environment.panorama.name
-        yield effects.sky_light(name, light.sky.power_above, samples, rms)
+        yield decisions.sky_light(name, light.sky.power_above, samples, rms)
 
 
 def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | None:
@@ -258,4 +256,4 @@ def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | N
     if albedo is None:
         return None
     where = f"around {terrain.frame.lon_deg:.6g}, {terrain.frame.lat_deg:.6g}"
-    return effects.albedo(albedo, albedo.check_cover(albedo.cover(terrain), where))
+    return decisions.albedo(albedo, albedo.check_cover(albedo.cover(terrain), where))

@@ -11,9 +11,9 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
+from ..arrays import Array
 from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
@@ -42,8 +42,6 @@ from .error_bounds import (
     ray_angle_rad,
 )
 from .sphere_error_bounds import SphereCost, sphere_cost
-
-Array = NDArray[np.float64]
 
 _SLOPE_NODES = 256  # of a side, whose slopes say how rough a terrain is
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
+from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, camera_view
 from ..errors import CameraError
@@ -37,9 +38,7 @@ from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .plan import ScenePlan, parallel_view, plan_scene
 
-Array = NDArray[np.float64]
 Band = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 
 _BLOCK_ROWS = 256

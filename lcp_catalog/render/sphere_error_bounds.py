@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array
 from ..cameras.view import View
 from ..constants import MOON_RADIUS_M
 from ..photometry.laws import Reflectance, radiance_under
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .error_bounds import NORMAL_ROUNDING_RAD, STORED
-
-Array = NDArray[np.float64]
 
 _RADIUS_UP = np.array([0.0, 0.0, MOON_RADIUS_M])
 

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, camera_view, looking_camera
 from ..constants import HIGHEST_M, MOON_RADIUS_M
 from ..errors import AreaError, CameraError
-from ..geometry import sphere_intersection as sphere_rays
+from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame, enu_rotation
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
 from ..photometry.laws import Reflectance
 from ..terrain.terrain import NodeWindow, require_room
-from . import decisions as effects
+from . import decisions
 from .decisions import Decision
 from .plan import ScenePlan
 from .renderer import Photograph
@@ -28,8 +28,6 @@ from .request import Request
 from .sphere_extent import Extent
 from .sphere_plan import sphere_plan
 from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 64
 """Pixels or nodes a side at which a scene is looked at before it is rendered."""
@@ -134,12 +132,12 @@ def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
     camera = request.view.camera
     if camera is None:
         raise AreaError("no area: state --center and --size, or --bounds, or a --camera")
-    require_above(camera.name, float(sphere_rays.heights(camera.position_mcmf_m)))
+    require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
     width, height = camera.image_size_px
-    _, middle = sphere_rays.hits(
+    _, middle = sphere_intersection.hits(
         camera.position_mcmf_m, camera.rays([(width - 1) / 2, (height - 1) / 2])
     )
-    lon, lat = sphere_rays.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
+    lon, lat = sphere_intersection.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
     return EnuFrame(float(lon), float(lat)), None
 
 
@@ -187,7 +185,7 @@ def _sample(
     if request.in_camera_plane and camera is not None:
         rows, cols = (np.unique(np.linspace(0, n - 1, _SAMPLES).round()) for n in camera.shape)
         rays = camera.rays(np.stack(np.meshgrid(cols, rows), axis=-1)).reshape(-1, 3)
-        away, points = sphere_rays.hits(camera.position_mcmf_m, rays)
+        away, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
         seen = np.isfinite(away)
         if not seen.any():
             away, points, rays = _under(camera)
@@ -209,9 +207,9 @@ def _sample(
 
 
 def _under(camera: Camera) -> tuple[Array, Array, Array]:
-    """The point under a camera, as `sphere_rays.hits` gives it: for an image whose samples are sky."""
+    """The point under a camera, as `sphere_intersection.hits` gives it: for an image whose samples are sky."""
     down = -camera.position_mcmf_m[None] / np.linalg.norm(camera.position_mcmf_m)
-    return (*sphere_rays.hits(camera.position_mcmf_m, down), down)
+    return (*sphere_intersection.hits(camera.position_mcmf_m, down), down)
 
 
 def _choose(
@@ -222,7 +220,7 @@ def _choose(
     lit = points[:: max(1, len(points) // _SAMPLES)], towards[:: max(1, len(points) // _SAMPLES)]
     up = np.sum(lit[0] * sun, axis=-1) > 0.0
     up |= not up.any()
-    lon, lat = sphere_rays.lonlat(lit[0][up])
+    lon, lat = sphere_intersection.lonlat(lit[0][up])
     turned = [enu_rotation(*place) for place in zip(lon, lat, strict=True)]
     suns = np.array([rotation @ sun for rotation in turned])
     cameras = np.array([r @ d for r, d in zip(turned, lit[1][up], strict=True)])
@@ -230,10 +228,10 @@ def _choose(
 
 
 def _albedo_decision(albedo: AlbedoMap, frame: EnuFrame, points: Array, pixel_m: Array) -> Decision:
-    factors = albedo.at(*sphere_rays.lonlat(points), float(np.median(pixel_m)))
+    factors = albedo.at(*sphere_intersection.lonlat(points), float(np.median(pixel_m)))
     cover = Cover.of(factors, np.ones(len(points), dtype=np.bool_))
     where = f"around {frame.lon_deg:.6g}, {frame.lat_deg:.6g}"
-    return effects.albedo(albedo, albedo.check_cover(cover, where))
+    return decisions.albedo(albedo, albedo.check_cover(cover, where))
 
 
 def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:

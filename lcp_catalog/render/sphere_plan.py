@@ -11,7 +11,7 @@ from ..constants import HIGHEST_M, LOWEST_M
 from ..light.solar_disc import SHARE_RMS
 from ..light.sources import Lighting
 from ..photometry.law_choice import Choice
-from . import decisions as effects
+from . import decisions
 from .decisions import Decision
 from .plan import ScenePlan
 
@@ -26,13 +26,13 @@ def sphere_plan(
         cast_shadows=_cast_shadows(),
         occlusion=_occlusion(),
         perspective=Decision(
-            effects.PERSPECTIVE, True, "a direction a point", 0.0, effects.PERSPECTIVE_UNIT
+            decisions.PERSPECTIVE, True, "a direction a point", 0.0, decisions.PERSPECTIVE_UNIT
         ),
         solar_disc=_solar_disc(light),
         relief=_relief(shift_px),
         float_width=Decision("float width", True, "float64 throughout", 0.0, "rad of a normal"),
-        reflectance=effects.reflectance(choice),
-        others=(_curvature(), *effects.always(half_m)[1:], albedo or effects.albedo()),
+        reflectance=decisions.reflectance(choice),
+        others=(_curvature(), *decisions.always(half_m)[1:], albedo or decisions.albedo()),
     )
 
 

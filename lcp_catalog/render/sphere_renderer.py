@@ -20,23 +20,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError, SunError
-from ..geometry import sphere_intersection as sphere_rays
+from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting, Source
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
 from ..terrain.terrain import NodeWindow
+from . import limb
 from .footprint_sampling import Map, seen_through
 from .renderer import Photograph
 from .sphere_extent import Extent
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _BLOCK_PIXELS = 1 << 18
 _FACING = 1e-9  # least cosine of emission that a footprint is stretched by
@@ -117,12 +115,12 @@ def render_sphere_camera(
 
     Raises as `render_sphere_enu`.
     """
-    height = float(sphere_rays.heights(camera.position_mcmf_m))
+    height = float(sphere_intersection.heights(camera.position_mcmf_m))
     require_above(camera.name, height)
     rows, cols = camera.shape
     out = _empty((rows, cols), np.float64)
     position = np.full((rows, cols, 3), np.nan)
-    pixel_rad = sphere_rays.pixel_angle(camera)
+    pixel_rad = limb.pixel_angle(camera)
     at_once = max(1, _BLOCK_PIXELS // cols)
     for first in range(0, rows, at_once):
         block = slice(first, min(first + at_once, rows))
@@ -187,7 +185,7 @@ def check_camera(frame: EnuFrame, view: View) -> None:
     if view.position_m is None:
         return
     name = view.camera.name if view.camera else "the view"
-    require_above(name, float(sphere_rays.heights(frame.to_mcmf(view.position_m))))
+    require_above(name, float(sphere_intersection.heights(frame.to_mcmf(view.position_m))))
 
 
 def require_above(name: str, height_m: float) -> None:
@@ -212,19 +210,19 @@ def _look(camera: Camera, rows: slice, pixel_rad: float) -> tuple[Array, Array, 
     """
     column, row = np.meshgrid(np.arange(camera.shape[1]), np.arange(rows.start, rows.stop))
     rays = camera.rays(np.stack([column, row], axis=-1))
-    near = sphere_rays.limb_pixels(camera, rays, pixel_rad)
-    share, middle = sphere_rays.coverage(camera, column[near], row[near])
+    near = limb.limb_pixels(camera, rays, pixel_rad)
+    share, middle = limb.coverage(camera, column[near], row[near])
     rays[near] = np.where(
         share[:, None] > 0.0, camera.rays(np.where(share[:, None] > 0.0, middle, 0.0)), rays[near]
     )
-    found, points = sphere_rays.hits(camera.position_mcmf_m, rays)
+    found, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
     shares = np.isfinite(found).astype(np.float64)
     shares[near] = share
     missed = (shares > 0.0) & np.isnan(found)  # by rounding: the limb itself
     if missed.any():
         along = np.maximum(-(rays[missed] @ camera.position_mcmf_m), 0.0)
         nearest = camera.position_mcmf_m + along[:, None] * rays[missed]
-        points[missed] = sphere_rays.on_sphere(nearest)
+        points[missed] = sphere_intersection.on_sphere(nearest)
     return shares, points, rays
 
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import ConfigError
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.uint8] | NDArray[np.uint16]
 
 BITS_MAX = 16

@@ -13,22 +13,20 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Float32
 from ..cameras.frame_camera import Camera
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
 from ..images.image import Photo
+from ..light.sun_choice import SunChoice
 from ..render.pipeline import Scene, prepare
 from ..render.renderer import render_camera
-from ..render.request import Request, SunChoice, ViewChoice
-from ..sun import ephemeris as sun
+from ..render.request import Request, ViewChoice
+from ..sun import ephemeris
 from .detector import Detector, Numbers, gathered, response
-
-Array = NDArray[np.float64]
-Float = NDArray[np.float32]
 
 SAMPLES_LEAST, SAMPLES_MOST = 2, 4
 """Rays along a pixel's side where none are stated: one a cell, within these."""
@@ -102,7 +100,7 @@ class Frame:
     known), and the number that is read out; ``camera`` has the Sun's position.
     """
 
-    radiance: Float
+    radiance: Float32
     numbers: Numbers
     full_scale: float
     detector: Detector
@@ -111,7 +109,7 @@ class Frame:
     sources: tuple[Path, ...]
 
     @property
-    def signal(self) -> Float:
+    def signal(self) -> Float32:
         """Radiance factor by the numbers, NaN where the ground is not known."""
         step = self.full_scale / self.detector.highest
         known = np.isfinite(self.radiance)
@@ -200,11 +198,11 @@ def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> A
     if own is not None and choice == SunChoice():
         return np.asarray(own)
     time = choice.instant(camera)
-    away_m = ASTRONOMICAL_UNIT_M if time is None else sun.sun_distance_m(time)
+    away_m = ASTRONOMICAL_UNIT_M if time is None else ephemeris.sun_distance_m(time)
     return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
 
 
-def _rendered(ground: Ground, camera: Camera) -> Float:
+def _rendered(ground: Ground, camera: Camera) -> Float32:
     """Radiance factor at a camera's pixel centres, some rows after the other; 0 for the sky. CameraError
     when no ray meets ground.
     """

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
+from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import camera_view
 from ..catalog.catalogue import Catalog
@@ -23,16 +24,15 @@ from ..catalog.hdf5 import read_catalog
 from ..geometry.frames import EnuFrame
 from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
+from ..light.sun_choice import SunChoice
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from ..render.plan import plan_scene
 from ..render.renderer import render_camera
-from ..render.request import SunChoice
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import NodeWindow, Terrain
 from .frame import sun_position, windowed
 
-Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -18,12 +18,11 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import SunError
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from .times import Times, instants
-
-Array = NDArray[np.float64]
 
 DIRECTION_ERROR_DEG = 0.005
 """Bound on the error of a direction to the Sun in the mean-Earth frame."""

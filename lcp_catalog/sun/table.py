@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, FRAME, SOLAR_RADIUS_RAD
 from ..geometry.frames import EnuFrame, azimuth_elevation, mcmf_to_lonlat
 from .ephemeris import DIRECTION_ERROR_DEG, ERROR_YEARS, apparent_sun
 from .limb_darkening import VISIBLE, LimbDarkening
 from .times import Instants, Times, instants
-
-Array = NDArray[np.float64]
 
 DECIMALS = 6
 """Of the figures that `SunTable.records` gives; far below their error."""

@@ -14,9 +14,8 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import SunError
-
-Array = NDArray[np.float64]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2099
 """Years in which the Earth's series (ERFA's epv00) holds."""

@@ -16,12 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array, Mask
 from ..kernels.rays import horizon
-from ..kernels.shadows import far_terrain as far
+from ..kernels.shadows import far_terrain
 from .heightfield import Heightfield, Window
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PLACES = 8
 """Nodes between the places for which a tier below `high` finds the heights of far shadows."""
@@ -158,8 +156,8 @@ class FarTerrain:
             horizon.shadow_heights(z, pyramid, summit, u, v, du, dv, np.array([dz]), raised)
             heights[some] = raised[0]
         marks = occluded.view(np.uint8)
-        far.shade(field.z_m, blocks.window, PLACES, heights, doubt, marks)
-        open_rows, open_cols = np.nonzero(marks == far.OPEN)
+        far_terrain.shade(field.z_m, blocks.window, PLACES, heights, doubt, marks)
+        open_rows, open_cols = np.nonzero(marks == far_terrain.OPEN)
         points = _nodes(field, open_rows + row0, open_cols + col0)
         marks[open_rows, open_cols] = self.occluded(points, direction)
 

@@ -16,16 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..kernels.rays import bundles as rays
-from ..kernels.rays import camera_tiles as coherent
-from ..kernels.rays import isolated_patches as fragments
-from ..kernels.rays import max_pyramid as pyramid
-from ..kernels.rays import surface
-from ..kernels.shadows import scan_lines as lines
-from ..kernels.shadows import steep_tiles as steep
+from ..arrays import Array, Mask
+from ..kernels.rays import bundles, camera_tiles, isolated_patches, max_pyramid, surface
+from ..kernels.shadows import scan_lines, steep_tiles
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Window = tuple[int, int, int, int]
 """First row, row behind the last, first column, column behind the last."""
 
@@ -69,7 +63,7 @@ class Heightfield:
         """Lowest and highest height (inf, -inf where there is none), and whether any node is
         nodata.
         """
-        low, high, holes = pyramid.extremes(self.z_m)
+        low, high, holes = max_pyramid.extremes(self.z_m)
         return float(low), float(high), bool(holes)
 
     @property
@@ -82,7 +76,7 @@ class Heightfield:
         if window == self.whole:
             return self.extremes_m[0]
         row0, row1, col0, col1 = window
-        low, _, _ = pyramid.extremes(np.ascontiguousarray(self.z_m[row0:row1, col0:col1]))
+        low, _, _ = max_pyramid.extremes(np.ascontiguousarray(self.z_m[row0:row1, col0:col1]))
         return float(low)
 
     @cached_property
@@ -90,7 +84,7 @@ class Heightfield:
         """Steepest facet of each tile of nodes, metres a cell, and which tiles touch nodata
         (`kernels.steep`).
         """
-        gradients, holed = steep.tile_gradients(self.z_m)
+        gradients, holed = steep_tiles.tile_gradients(self.z_m)
         return gradients, holed
 
     @property
@@ -101,13 +95,13 @@ class Heightfield:
     @cached_property
     def transposed_m(self) -> NDArray[np.float32]:
         """Heights with rows and columns exchanged, for passes that go along the rows."""
-        return lines.transposed(self.z_m)
+        return scan_lines.transposed(self.z_m)
 
     @cached_property
     def _pyramid(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        return pyramid.build_pyramid(self.z_m)
+        return max_pyramid.build_pyramid(self.z_m)
 
     @property
     def traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
@@ -133,7 +127,7 @@ class Heightfield:
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         if not math.isfinite(east + north + up) or max(abs(east), abs(north), abs(up)) == 0.0:
             raise ValueError(f"no direction: {direction!r}")
-        du, dv, dz, _ = rays.scaled(east, -north, up * self.gsd_m)
+        du, dv, dz, _ = bundles.scaled(east, -north, up * self.gsd_m)
         return float(du), float(dv), float(dz)
 
     def occluded_nodes(self, direction: ArrayLike, window: Window | None = None) -> Mask:
@@ -152,7 +146,7 @@ class Heightfield:
             if dz < 0.0:
                 surface.existing_nodes(self.z_m, bounds, out)
             return out
-        rays.occluded_nodes(*self.traced, du, dv, dz, bounds, out)
+        bundles.occluded_nodes(*self.traced, du, dv, dz, bounds, out)
         return out
 
     def occluded_nodes_from(self, position_m: ArrayLike, window: Window | None = None) -> Mask:
@@ -165,7 +159,7 @@ class Heightfield:
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
         if self.is_surface and out.size:
             camera = self._node_units(position_m)
-            rays.occluded_nodes_from(*self.traced, *camera, bounds, out)
+            bundles.occluded_nodes_from(*self.traced, *camera, bounds, out)
         return out
 
     def _node_units(self, position_m: ArrayLike) -> tuple[float, float, float]:
@@ -187,7 +181,9 @@ class Heightfield:
         ray = self.ray_in_cells(direction)
         if self.is_surface and len(points):
             u, v = self._uv(points[:, 0], points[:, 1])
-            rays.occluded_points(*self.traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out)
+            bundles.occluded_points(
+                *self.traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out
+            )
         return out
 
     def _uv(self, x_m: Array, y_m: Array) -> tuple[Array, Array]:
@@ -207,7 +203,7 @@ class Heightfield:
         if self.is_surface and out.size:
             origin = self._node_units(origin_m)
             ahead = ahead.reshape(*out.shape, 3)
-            coherent.first_hits(*self.traced, *origin, self.gsd_m, ahead, out)
+            camera_tiles.first_hits(*self.traced, *origin, self.gsd_m, ahead, out)
         return out.reshape(shape)
 
     def occluded_alone(
@@ -221,7 +217,7 @@ class Heightfield:
         size = 2 * half + 1
         out = np.zeros((centre_rows.size, size, size), dtype=np.bool_)
         if half > 0 and centre_rows.size:
-            fragments.occluded_alone(
+            isolated_patches.occluded_alone(
                 self.z_m, centre_rows, centre_cols, half, *self.ray_in_cells(direction), out
             )
         return out

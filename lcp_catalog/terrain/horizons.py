@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..kernels.rays import horizon
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

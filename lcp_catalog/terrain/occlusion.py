@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Mask
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .occlusion_scan import LIKELY, PROVED, draft_occluded, hybrid_occluded
-
-Mask = NDArray[np.bool_]
 
 
 def occluded(

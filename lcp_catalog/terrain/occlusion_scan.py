@@ -11,15 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.rays import bundles as rays
-from ..kernels.shadows import draft
-from ..kernels.shadows import proved_bounds as bounds
-from ..kernels.shadows import scan_lines as lines
-from ..kernels.shadows import steep_tiles as steep
+from ..arrays import Array, Mask
+from ..kernels.rays import bundles
+from ..kernels.shadows import draft, proved_bounds, scan_lines, steep_tiles
 from .heightfield import Heightfield, Window
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 EPSILON = 2.0**-24
 """Rounding of one float32 operation, relative."""
@@ -72,10 +67,10 @@ class SunAhead:
         self.top = max(0, row0 - self._reach(window))
 
     def stencil(
-        self, cells: int, on_node: float = lines.ON_LINE
+        self, cells: int, on_node: float = scan_lines.ON_LINE
     ) -> tuple[NDArray[np.int64], Array]:
         """The edges nearest to a node, in the turned raster (`lines.near_stencil`)."""
-        nodes, weights = lines.near_stencil(*self._unit, cells, on_node)
+        nodes, weights = scan_lines.near_stencil(*self._unit, cells, on_node)
         if self.transposed:
             nodes = np.ascontiguousarray(nodes[:, [1, 0, 3, 2]])
         if self.flipped:
@@ -94,7 +89,7 @@ class SunAhead:
         gradients, holed = self.field.tile_gradients_m
         cliffs = np.where(holed, math.inf, gradients)  # beside nodata there may be any
         turned = self.transposed, self.flipped, self.z.shape, self.shear
-        found = steep.awake(cliffs, *turned, slope, reach, self.top, self.window, width)
+        found = steep_tiles.awake(cliffs, *turned, slope, reach, self.top, self.window, width)
         return np.asarray(found)
 
     def _reach(self, window: Window) -> int:
@@ -117,13 +112,13 @@ def draft_occluded(
     shape = (slopes.size, row1 - row0, col1 - col0)
     if not _casts(field, shape, float(slopes.min(initial=0.0))):
         return np.zeros(shape, dtype=np.uint8)
-    du, dv, _, _ = rays.scaled(math.sin(azimuth_rad), -math.cos(azimuth_rad), 0.0)
+    du, dv, _, _ = bundles.scaled(math.sin(azimuth_rad), -math.cos(azimuth_rad), 0.0)
     rises = slopes * math.hypot(du, dv)
     sun = SunAhead(field, (du, dv, float(rises.min())), window)
     nodes, weights = _padded(*sun.stencil(draft.NEAR_CELLS))
     stride = _LEAST_STRIDE + sun.stride(float(np.abs(rises).max()))
     a0, a1, b0, b1 = sun.window
-    awake = sun.awake(float(slopes.min()), lines.LINES)
+    awake = sun.awake(float(slopes.min()), scan_lines.LINES)
     out = np.empty(shape if slopes.size > 1 or sun.transposed else 0, dtype=np.uint8)
     for first in range(0, slopes.size, draft.SUNS):
         some = slice(first, first + draft.SUNS)
@@ -154,13 +149,15 @@ def hybrid_occluded(
     unlike = field.has_holes or (effort.proved and not np.array_equal(stencil[0], sure_stencil[0]))
     a0, a1, b0, b1 = sun.window
     marks = np.empty((a1 - a0, b1 - b0), dtype=np.uint8)
-    bounds.mark(
-        sun.z, bounds.without_borders(sun.z) if field.has_holes else sun.z, proved, unlike,
+    proved_bounds.mark(
+        sun.z, proved_bounds.without_borders(sun.z) if field.has_holes else sun.z, proved, unlike,
         sun.flipped, (sun.shear, sun.rise, sun.rise / sun.length, sun.lean), effort.density,
         effort.cells, stencil, sure_stencil,
         slacks(field, sun.rise, stride, sun.window[1] - sun.top), (sun.top, stride), sun.window, marks,
     )  # fmt: skip
-    traced = bounds.settle(*field.traced, ray, marks, sun.transposed, sun.flipped, window, out)
+    traced = proved_bounds.settle(
+        *field.traced, ray, marks, sun.transposed, sun.flipped, window, out
+    )
     return out, int(traced)
 
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..cameras.view import View
 from .heightfield import Heightfield, Window
 from .terrain import Terrain
-
-Array = NDArray[np.float64]
 
 COARSE_NODES = 8
 """A support ring is looked for on nodes so many times coarser."""

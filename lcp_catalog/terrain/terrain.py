@@ -19,17 +19,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Int16
 from ..constants import MOON_RADIUS_M
-from ..dem.grid import Bounds
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
+from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..kernels.resampling import heights as resample
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int16]
 
 _TOLERANCE_M = 1e-3
 _ITERATIONS = 40
@@ -210,7 +208,7 @@ class Terrain:
     frame: EnuFrame
     core: Window
     window: NodeWindow  # of the whole field
-    product_index: Indices  # (rows, cols): which of ``products`` gave the height, -1 none
+    product_index: Int16  # (rows, cols): which of ``products`` gave the height, -1 none
     products: tuple[str, ...]
     far: FarTerrain | None = None
 
@@ -324,7 +322,7 @@ def native_gsd_m(dems: DemSet, area: Area) -> float:
 
 def _heights(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float
-) -> tuple[NDArray[np.float32], Indices]:
+) -> tuple[NDArray[np.float32], Int16]:
     """ENU z of a window's nodes and the DEM of each, a block of rows after the other."""
     rows, cols = window.shape
     z, index = np.empty((rows, cols), np.float32), np.empty((rows, cols), np.int16)
@@ -338,9 +336,7 @@ def _heights(
     return z, index
 
 
-def _solve(
-    dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float
-) -> tuple[Array, Indices]:
+def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> tuple[Array, Int16]:
     """ENU z over nodes (n,), NaN where there is no ground, and the index of each one's DEM."""
     up_m = MOON_RADIUS_M + frame.height_m
     away2 = x * x + y * y

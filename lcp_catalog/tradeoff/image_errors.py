@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Mask
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import Conditions, Image, Sweep
 from ..dem.mosaic import DemSet
 from ..threads import limit_threads
-
-Mask = NDArray[np.bool_]
 
 REFERENCE = "reference"
 

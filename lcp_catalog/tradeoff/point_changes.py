@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import AnyArray
 from ..build.area_job import Candidates
 from ..build.assembly import choose
 from ..build.config import BuildConfig
 from ..catalog.flags import evaluated, usable
 from ..landmarks.selection import nearest, stable_id
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class Change:
     p95: float | None
 
     @classmethod
-    def of(cls, differences: Array) -> Change:
+    def of(cls, differences: AnyArray) -> Change:
         if not len(differences):
             return cls(None, None)
         low, high = np.percentile(np.abs(differences), [50.0, 95.0])
@@ -86,7 +84,7 @@ def _ids(candidates: Candidates) -> NDArray[np.int64]:
     return stable_id(candidates.lon_deg, candidates.lat_deg)
 
 
-def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> Array:
+def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
     """The greatest major axis over usable conditions, as the catalogue states it; the rows are points and have one."""
     evaluation = candidates.evaluation
     works = usable(evaluation.condition[rows])

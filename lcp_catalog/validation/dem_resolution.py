@@ -20,12 +20,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..terrain.terrain import Terrain
 from .point_spread import SIGMA_PER_FWHM
-
-Array = NDArray[np.float64]
 
 TILES = (512, 256, 128, 64, 32)
 """Sides of the tiles that spectra are averaged over: the first that leaves out no more than half of the heights."""

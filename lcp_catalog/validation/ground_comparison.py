@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
+from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Reduced, Sensor
 from ..cameras.view import View, sensor_view
@@ -24,21 +24,19 @@ from ..catalog.catalogue import Catalog
 from ..errors import AreaError
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..images.image import Photo
+from ..light.sun_choice import SunChoice
 from ..matching.templates import nodes_mcmf
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..render.pipeline import Scene, expose, prepare
 from ..render.renderer import render_enu
-from ..render.request import Request, SunChoice, ViewChoice
+from ..render.request import Request, ViewChoice
 from ..terrain.heightfield import Heightfield
 from ..terrain.terrain import NodeWindow, Terrain
 from .dem_resolution import of_terrain
 from .orthoimage import orthorectify, terrain_nodes
 from .point_spread import Pair, paired
 from .window_correlation import WindowComparison, compare, of_patches
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SEARCH_CELLS = 2
 """How far each window's own best place is looked for, for the quiver."""

@@ -12,15 +12,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Mask
 from ..images.image import Photo
-from ..kernels.resampling import area_means as footprint
+from ..kernels.resampling import area_means
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _FINE_PX = 4.0
 """Where the narrowest footprints are wider than twice this, the image is reduced until they are not: a footprint's
@@ -95,7 +93,7 @@ def _means(photo: Photo, seen: Mask, at: Array, down: Array, right: Array) -> tu
     weight = np.where(photo.valid, photo.weight, 0.0).astype(np.float32)
     light = np.where(weight > 0.0, photo.signal, 0.0).astype(np.float32)
     signal, mass = np.empty(int(seen.sum())), np.empty(int(seen.sum()))
-    footprint.means(light, weight, at[seen], down[seen], right[seen], signal, mass)
+    area_means.means(light, weight, at[seen], down[seen], right[seen], signal, mass)
     whole = np.full(seen.shape, np.nan), np.zeros(seen.shape)
     for out, values in zip(whole, (signal, mass), strict=True):
         out[seen] = values

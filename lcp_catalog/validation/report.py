@@ -14,8 +14,7 @@ from ..matching.sun_check import LightCheck
 from ..plots.greyscale import Pictures
 from ..plots.html_page import facts, header, page, tiles
 from ..plots.svg import number
-from . import report_marks as match_charts
-from . import window_charts
+from . import report_marks, window_charts
 from .report_points import points_section, residuals_section, table_section
 from .report_pose import pose_section
 from .report_windows import windows_section
@@ -35,7 +34,7 @@ def render(verdict: Verdict, pictures: Sequence[Pictures]) -> str:
         ),
         _data_section(verdict),
     ]
-    style = match_charts.STYLE + window_charts.STYLE + STYLE
+    style = report_marks.STYLE + window_charts.STYLE + STYLE
     return page(f"Validation of {catalog}: {names}", body, style, _SCRIPT)
 
 

@@ -14,10 +14,9 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..matching.matches import FOUND
 from ..plots.svg import nice_step, number
-
-Array = NDArray[np.float64]
 
 CANVAS = 960.0
 """Width of a drawing over an image, in its own units; less for one that would be higher than `TALLEST` times that."""

@@ -6,17 +6,15 @@ import math
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..matching.matches import FOUND, REASONS
 from ..plots.greyscale import Pictures, grey, shrunk
 from ..plots.svg import data_uri, number
-from . import report_marks as match_charts
+from . import report_marks
 from .report_marks import SCALE_ROOM, Arrows, Frame
 from .result import LOCATED, ImageVerdict
 from .tables import error_ellipses
-
-Array = NDArray[np.float64]
 
 ROWS_MAX = 1500
 """Points that the page's table shows; the CSV beside it has all."""
@@ -43,17 +41,17 @@ def points_section(image: ImageVerdict, shown: Pictures) -> str:
     if not len(image.matches):
         return f"{title}<p class='none'>No control point is in view.</p>"
     frame, arrows = _frame(image), _arrows(image)
-    times = match_charts.magnification(frame, arrows)
+    times = report_marks.magnification(frame, arrows)
     under = _photo_picture(frame, shown)
-    marks = match_charts.reason_marks(frame, _places(image), _reasons(image), _titles(image))
-    over = match_charts.arrow_marks(frame, arrows, times)
-    key = match_charts.scale_arrow(frame, times, arrows, "px") if len(arrows.by) else ""
+    marks = report_marks.reason_marks(frame, _places(image), _reasons(image), _titles(image))
+    over = report_marks.arrow_marks(frame, arrows, times)
+    key = report_marks.scale_arrow(frame, times, arrows, "px") if len(arrows.by) else ""
     drawn = frame.drawing(
         under + marks + over + key,
         f"control points in {image.facts.name}",
         SCALE_ROOM if key else 0,
     )
-    counts = match_charts.reason_key(image.matches.counts().items(), MEANINGS)
+    counts = report_marks.reason_key(image.matches.counts().items(), MEANINGS)
     return (
         f"{title}<figure class='drawn'>{drawn}"
         f"<figcaption>{_arrow_sentence(image)}{counts}</figcaption></figure>"
@@ -101,7 +99,7 @@ def _arrows(image: ImageVerdict) -> Arrows:
     located = image.verdict == LOCATED
     by = (image.residual_px if located else image.matches.offset_px)[found]
     start = image.matches.found_px[found] - by
-    over, css = match_charts.error_classes(by, image.matches.covariance_px2[found])
+    over, css = report_marks.error_classes(by, image.matches.covariance_px2[found])
     titles = [
         f"{identifier}: {number(dx)} px right, {number(dy)} down"
         + (f", {number(times)} sigma" if located else "")
@@ -122,14 +120,14 @@ def residuals_section(image: ImageVerdict) -> str:
     arrows = _arrows(image)
     if image.verdict != LOCATED or not len(arrows.by):
         return ""
-    drawn = match_charts.quiver(
+    drawn = report_marks.quiver(
         _frame(image), arrows, f"residuals of the points in {image.facts.name}", "px"
     )
-    counts = {css: arrows.css.count(css) for _, css in match_charts.ERROR_CLASSES}
+    counts = {css: arrows.css.count(css) for _, css in report_marks.ERROR_CLASSES}
     legend = "".join(
         f"<li><b class='{css}'>{name}</b> {counts[css]}</li>"
         for (_, css), name in zip(
-            match_charts.ERROR_CLASSES,
+            report_marks.ERROR_CLASSES,
             ("within 1 sigma", "1 to 2", "2 to 3", "beyond 3"),
             strict=True,
         )

@@ -6,18 +6,15 @@ import math
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..catalog.summary import percent
 from ..plots.greyscale import Pictures, grey, shrunk
 from ..plots.svg import data_uri, number
-from . import report_marks as match_charts
-from . import window_charts
+from . import report_marks, window_charts
 from .report_marks import Arrows, Frame
 from .result import ImageVerdict, WindowFigures
 from .window_correlation import WindowComparison
-
-Array = NDArray[np.float64]
 
 ARROWS_MAX = 1200
 """Windows whose offsets are drawn; of more, every second, third ... one."""
@@ -140,7 +137,7 @@ def _window_quiver(frame: Frame, w: WindowComparison) -> str:
     offsets = w.offset_px[chosen]
     titles = [f"{number(dx)} cells right, {number(dy)} down" for dx, dy in offsets]
     arrows = Arrows(corners + (w.size - 1) / 2.0, offsets, [""] * len(chosen), titles)
-    drawn = match_charts.quiver(frame, arrows, "offsets of the windows", "cells")
+    drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells")
     text = (
         f"Where each window’s image lies off its render: {len(chosen)} of {int(sure.sum())} windows that "
         f"correlate above {OFFSET_CORRELATION:g} there."

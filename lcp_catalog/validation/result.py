@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._version import __version__
+from ..arrays import Array
 from ..cameras.sensor import ON_MAP
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
@@ -24,8 +25,6 @@ from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Located
 from ..matching.sun_check import LightCheck
 from ..plots.svg import number
 from .window_correlation import WindowComparison
-
-Array = NDArray[np.float64]
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
 """What may be said of an image."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
 from ..cameras.camera_file import read_sensor
@@ -25,6 +24,7 @@ from ..geometry.frames import EnuFrame, azimuth_elevation, lonlat_to_mcmf
 from ..images.image import Photo
 from ..images.image_file import PhotoOptions, center_of, open_photo
 from ..images.pixels import image_shape
+from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
 from ..matching.point_search import points_in_view
 from ..matching.pose import PositionError, position_error
@@ -32,11 +32,9 @@ from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Located, Options
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX, Pictures
-from ..render.request import SunChoice
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
 from .result import ImageFacts, ImageVerdict, PointFigures, Verdict, WindowFigures
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 log = logging.getLogger(__name__)

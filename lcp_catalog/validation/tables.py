@@ -9,12 +9,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..matching.matches import REASONS
 from .result import DIGITS, ImageVerdict
-
-Array = NDArray[np.float64]
 
 POINT_COLUMNS = (
     "image", "point_id", "longitude_deg", "latitude_deg",

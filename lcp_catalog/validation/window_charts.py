@@ -11,11 +11,10 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..plots.svg import nice_step, number
 from .report_marks import Frame
 from .window_correlation import WindowComparison
-
-Array = NDArray[np.float64]
 
 LIMITS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 """Between the colours of correlation."""

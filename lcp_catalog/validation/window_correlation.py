@@ -18,9 +18,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..matching.subpixel import moved, moves, peaks, undone
-
-Array = NDArray[np.float64]
 
 SIZE = 16
 STEP = 16

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lcp_catalog.build import run as build_module
+from lcp_catalog.build import run
 from lcp_catalog.build.area_job import run_area
 from lcp_catalog.build.config import (
     AreaConfig,
@@ -204,7 +204,7 @@ def test_a_broken_run_is_resumed(
             raise RuntimeError("a bit fell over")
         return run_area(job)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(build_module, "run_area", fails_at_the_end)
+    monkeypatch.setattr(run, "run_area", fails_at_the_end)
     with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
         build_catalog(plan, output)
     assert not output.exists()
@@ -217,7 +217,7 @@ def test_a_broken_run_is_resumed(
         done.append(job.task.name)  # type: ignore[attr-defined]
         return run_area(job)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(build_module, "run_area", counts)
+    monkeypatch.setattr(run, "run_area", counts)
     build_catalog(plan, output, resume=True)
     assert done == [victim]
     assert output.read_bytes() == built.read_bytes()
@@ -233,7 +233,7 @@ def test_keep_going_writes_what_there_is(
             raise RuntimeError("no")
         return run_area(job)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(build_module, "run_area", fails_first)
+    monkeypatch.setattr(run, "run_area", fails_first)
     report = build_catalog(plan, tmp_path / "partly.h5", keep_going=True)
     assert list(report.failed) == [victim]
     assert verify(tmp_path / "partly.h5") == []

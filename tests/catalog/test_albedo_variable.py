@@ -15,7 +15,7 @@ import xarray
 from helpers import catalogs
 from helpers.products import DEGREE_M, geotiff
 
-from lcp_catalog.build import run as build_module
+from lcp_catalog.build import run
 from lcp_catalog.build.area_job import area_sweep, run_area
 from lcp_catalog.build.checkpoints import Shards
 from lcp_catalog.build.config import (
@@ -196,7 +196,7 @@ def test_a_broken_run_gives_the_same_bytes(
             raise RuntimeError("a bit fell over")
         return run_area(job)
 
-    monkeypatch.setattr(build_module, "run_area", fails)
+    monkeypatch.setattr(run, "run_area", fails)
     with pytest.raises(AreaFailedError):
         build_catalog(plan, tmp_path / "again.h5")
     monkeypatch.undo()

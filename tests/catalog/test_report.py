@@ -17,7 +17,7 @@ from lcp_catalog.catalog.hdf5 import Overview, write_catalog
 from lcp_catalog.catalog.summary import summary
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.plots import svg as charts
+from lcp_catalog.plots import svg
 from lcp_catalog.plots.png import encode_png
 
 
@@ -102,7 +102,7 @@ def test_a_region_without_ground_and_one_node_has_a_page() -> None:
 @pytest.mark.parametrize("lat", [-90.0, 89.9, 0.0])
 def test_a_map_anywhere_parses(lat: float) -> None:
     x = np.linspace(-40e3, 40e3, 33)
-    drawn = charts.Map(np.zeros((33, 33)), x, x[::-1], EnuFrame(359.9, lat)).draw([], "map")
+    drawn = svg.Map(np.zeros((33, 33)), x, x[::-1], EnuFrame(359.9, lat)).draw([], "map")
     parsed(drawn)
     assert "nan" not in drawn
 
@@ -135,7 +135,7 @@ def test_written_page_is_whole_and_kept(tmp_path: Path) -> None:
     ],
 )
 def test_numbers_read_well(value: float, text: str) -> None:
-    assert charts.number(value) == text
+    assert svg.number(value) == text
 
 
 # -- pictures
@@ -165,16 +165,16 @@ def test_what_is_no_picture_is_refused(pixels: np.ndarray) -> None:
 
 def test_slopes_to_the_north_west_are_bright() -> None:
     row, col = np.indices((21, 21)) - 10
-    lit = charts.hillshade(500.0 - 30.0 * np.hypot(row, col), 100.0)  # a cone
+    lit = svg.hillshade(500.0 - 30.0 * np.hypot(row, col), 100.0)  # a cone
     assert lit[4, 4, 0] > 200  # row 0 is north, column 0 west
     assert lit[16, 16, 0] < 100
     holed = np.zeros((5, 5))
     holed[0, 0] = np.nan
-    assert charts.hillshade(holed, 1.0)[0, 0, 1] == 0
+    assert svg.hillshade(holed, 1.0)[0, 0, 1] == 0
 
 
 def test_the_disc_has_north_up_and_east_right() -> None:
-    disc = charts.SunDisc(np.array([0.0, 30.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
+    disc = svg.SunDisc(np.array([0.0, 30.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
     outline = re.search(r'id="s1-1" d="M([^A]*)A', disc.definitions())
     assert outline is not None
     x, y = (float(v) for v in outline[1].split())  # elevation 15, azimuth 45: up and right
@@ -190,7 +190,7 @@ def test_the_disc_has_north_up_and_east_right() -> None:
 
 def test_a_map_puts_places_where_they_are() -> None:
     x = np.arange(-5, 6) * 100.0
-    chart = charts.Map(np.zeros((11, 11)), x, x[::-1], EnuFrame(0.0, 0.0))
+    chart = svg.Map(np.zeros((11, 11)), x, x[::-1], EnuFrame(0.0, 0.0))
     west, north = chart.pixel(-550.0, 550.0)
     east, south = chart.pixel(550.0, -550.0)
     assert (west, north) == pytest.approx((84.0, 14.0))
@@ -200,8 +200,8 @@ def test_a_map_puts_places_where_they_are() -> None:
 
 def test_histograms_count_everything() -> None:
     values = np.random.default_rng(2).normal(5.0, 2.0, 500)
-    drawn = charts.histogram([*values, np.nan], "m", "h")
+    drawn = svg.histogram([*values, np.nan], "m", "h")
     parsed(drawn)
     assert sum(int(n) for n in re.findall(r": (\d+)</title>", drawn)) == 500
-    assert "3 points" in charts.histogram([2.0, 2.0, 2.0], "m", "h")
-    assert "no values" in charts.histogram([np.nan], "m", "h")
+    assert "3 points" in svg.histogram([2.0, 2.0, 2.0], "m", "h")
+    assert "no values" in svg.histogram([np.nan], "m", "h")

@@ -12,8 +12,8 @@ from helpers.products import DEGREE_M, cylinder, geotiff
 from lcp_cli.main import run
 from lcp_cli.options import ENCODINGS
 
-from lcp_catalog.build.config import ALBEDO_ENCODINGS
 from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
+from lcp_catalog.photometry.srgb import ALBEDO_ENCODINGS
 
 AREA = ["--center", "30.5", "10.5", "--size", "24"]
 SUN = ["--sun-azimuth", "100", "--sun-elevation", "20"]

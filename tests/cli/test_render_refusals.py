@@ -7,10 +7,9 @@ import pytest
 from helpers.renders import AREA, SUN, camera_file, read, rolling, write_dem
 from lcp_cli.main import run
 
-from lcp_catalog import atomic_files as files
+from lcp_catalog import atomic_files
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.render import output as render_file
-from lcp_catalog.render import pipeline as exposure
+from lcp_catalog.render import output, pipeline
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +91,7 @@ def test_a_camera_without_a_sun_is_a_usage_error(dem, tmp_path, out, capsys):
     assert run(["render", dem, "-o", str(out), "--camera", camera]) == 0
 
 
-@pytest.mark.parametrize(("room", "broken"), [(render_file, "encode"), (exposure, "expose")])
+@pytest.mark.parametrize(("room", "broken"), [(output, "encode"), (pipeline, "expose")])
 def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, room, broken):
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -108,7 +107,7 @@ def test_a_full_disk_leaves_nothing(dem, tmp_path, monkeypatch, capsys):
     def full(path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files, "_sync", full)
+    monkeypatch.setattr(atomic_files, "_sync", full)
     target, preview = tmp_path / "OUT.tif", tmp_path / "OUT.png"
     arguments = ["render", dem, "-o", str(target), *AREA, *SUN, "--preview", str(preview)]
     assert run(arguments) == 1

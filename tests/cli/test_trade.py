@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from lcp_cli.main import run
 
-from lcp_catalog.tradeoff import measurement as tradeoff
-from lcp_catalog.tradeoff import timing as trade_runs
+from lcp_catalog.tradeoff import measurement, timing
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -52,8 +51,8 @@ def test_it_writes_table_page_and_data(
 ) -> None:
     """Each tier in a process of its own (or here, which is quick); flags lie over the file; the file's own tier does not matter."""
     if not own:
-        workers = trade_runs.Workers
-        monkeypatch.setattr(tradeoff, "Workers", lambda isolated: workers(isolated=not isolated))
+        workers = timing.Workers
+        monkeypatch.setattr(measurement, "Workers", lambda isolated: workers(isolated=not isolated))
     folder = tmp_path / "trade"
     flags = ["--config", config, "--areas", "1", "--rounds", "1", "--sun-elevations", "10,30"]
     assert run(["trade", DEM, "-o", str(folder), *flags]) == 0

@@ -21,7 +21,7 @@ from helpers.products import DEGREE_M, EQC
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem import coverage_arcs as parallels
+from lcp_catalog.dem import coverage_arcs
 from lcp_catalog.dem.coverage import MOON_KM2
 from lcp_catalog.dem.dem import Dem
 
@@ -172,7 +172,7 @@ def test_areas_are_those_of_random_points(some: list, seed: int) -> None:
 
 def test_many_maps_turned_against_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """So many crossings of edges that they are thinned out: maps each with a central meridian of its own."""
-    monkeypatch.setattr(parallels, "_CROSSINGS", 60)
+    monkeypatch.setattr(coverage_arcs, "_CROSSINGS", 60)
     some = []
     for k in range(10):
         left, bottom = -500 + 97 * (k % 5), -350 + 171 * (k // 5)

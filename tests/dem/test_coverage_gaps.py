@@ -10,9 +10,9 @@ from helpers.bare_files import R_KM, covered, cylinder, plane_rectangle, polar, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem import coverage_arcs as parallels
-from lcp_catalog.dem.connected_regions import around
+from lcp_catalog.dem import coverage_arcs
 from lcp_catalog.dem.coverage import _follow
+from lcp_catalog.geometry.bounds import around
 
 
 @settings(deadline=None, max_examples=40)
@@ -101,7 +101,7 @@ def test_the_box_around_arcs_knows_those_that_come_round() -> None:
 def test_rows_of_one_segment_with_other_counts_are_not_followed() -> None:
     """Where crossings were thinned out, a row may have fewer arcs than the one below it: nothing is said to go on then."""
     row, segment = np.array([0, 0, 0, 1]), np.zeros(4, np.int64)
-    arcs = parallels.Arcs(row, segment, *(np.zeros(4) for _ in range(6)))
+    arcs = coverage_arcs.Arcs(row, segment, *(np.zeros(4) for _ in range(6)))
     assert _follow(arcs, np.ones(4, bool)).shape == (0, 2)
-    alike = parallels.Arcs(np.array([0, 0, 1, 1]), segment, *(np.zeros(4) for _ in range(6)))
+    alike = coverage_arcs.Arcs(np.array([0, 0, 1, 1]), segment, *(np.zeros(4) for _ in range(6)))
     assert _follow(alike, np.array([False, True, True, True])).tolist() == [[0, 2]]

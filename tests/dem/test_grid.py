@@ -11,8 +11,9 @@ from helpers.products import EQC, label_text
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.dem.grid import Grid, enclosing_arc
+from lcp_catalog.dem.grid import Grid
 from lcp_catalog.errors import LabelError
+from lcp_catalog.geometry.bounds import enclosing_arc
 from lcp_catalog.pds.pds3 import Label
 
 SPHERE = pyproj.CRS("+proj=longlat +R=1737400 +no_defs")

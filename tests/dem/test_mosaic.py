@@ -25,7 +25,7 @@ from rasterio.enums import Resampling
 from rasterio.transform import from_origin
 from rasterio.warp import reproject
 
-from lcp_catalog.dem import tiles as layers_module
+from lcp_catalog.dem import tiles
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.raster import Raster
@@ -158,7 +158,7 @@ class TestResampling:
         dems = DemSet.open([cylinder(tmp_path / "g.tif", 0.0, 90.0, (180, 360), 1.0)])
         lon, lat = np.meshgrid(np.linspace(-180.0, 180.0, 50), np.linspace(-90.0, 90.0, 40))
         whole = [dems.heights(lon, lat, gsd)[0] for gsd in (3e4, 1.2e5)]
-        monkeypatch.setattr(layers_module, "_WINDOW_PIXELS", 900)
+        monkeypatch.setattr(tiles, "_WINDOW_PIXELS", 900)
         for before, gsd in zip(whole, (3e4, 1.2e5), strict=True):
             np.testing.assert_array_equal(dems.heights(lon, lat, gsd)[0], before)
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry import sphere_intersection as sphere_rays
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
+from lcp_catalog.render import limb
 
 R = MOON_RADIUS_M
 RANGE_ERROR = 2e-15
@@ -31,13 +32,16 @@ def ray(height, angle, rng):
     return up * (R + height), -math.cos(angle) * up + math.sin(angle) * side
 
 
-def limb(height):
+def seen_radius(height):
     return math.asin(min(1.0, R / (R + height)))
 
 
 def relative_error(position, direction):
     """Of our range; inf where one of us sees sky and the other does not."""
-    ours, true = float(sphere_rays.ranges(position, direction)), exact_range(position, direction)
+    ours, true = (
+        float(sphere_intersection.ranges(position, direction)),
+        exact_range(position, direction),
+    )
     if true is None or math.isnan(ours):
         return 0.0 if true is None and math.isnan(ours) else math.inf
     if true == 0:
@@ -51,7 +55,7 @@ def test_ranges_from_a_metre_to_a_million_kilometres(exponent):
     rng = np.random.default_rng(exponent)
     for k in range(60):
         height = 10.0 ** (exponent + rng.random())
-        angle = limb(height)
+        angle = seen_radius(height)
         angle *= (
             rng.random() if k % 3 == 0 else 1.0 + rng.choice([-1, 1]) * 10 ** -rng.uniform(1, 16)
         )
@@ -98,7 +102,7 @@ def test_sky_is_what_passes_outside(up, side, log_height, log_off, outside):
     assume(sine < 1.0)
     direction = -math.sqrt(1.0 - sine * sine) * up + sine * unit(across)
     miss = exact_miss(position, direction)
-    assert np.isnan(sphere_rays.ranges(position, direction)) == bool(miss > 0)
+    assert np.isnan(sphere_intersection.ranges(position, direction)) == bool(miss > 0)
 
 
 def test_the_textbook_formula_fails_where_ours_does_not():
@@ -107,7 +111,7 @@ def test_the_textbook_formula_fails_where_ours_does_not():
     rays = []
     for _ in range(100):
         height = 10.0 ** rng.uniform(0, 2)
-        rays.append(ray(height, limb(height) * (1.0 - 10.0 ** rng.uniform(-14, -6)), rng))
+        rays.append(ray(height, seen_radius(height) * (1.0 - 10.0 ** rng.uniform(-14, -6)), rng))
     worst = 0.0
     for position, direction in rays:
         true, found = exact_range(position, direction), float(naive_ranges(position, direction))
@@ -119,11 +123,11 @@ def test_the_textbook_formula_fails_where_ours_does_not():
 
 def test_on_the_sphere_itself():
     on = np.array([R, 0.0, 0.0])
-    assert sphere_rays.ranges(on, [-1.0, 0.0, 0.0]) == 0.0
-    assert np.isnan(sphere_rays.ranges(on, [1.0, 0.0, 0.0]))
-    assert np.isnan(sphere_rays.ranges(on, [0.0, 1.0, 0.0]))
-    assert float(sphere_rays.heights(on)) == 0.0
-    assert sphere_rays.limb_angle(on) == pytest.approx(math.pi / 2)
+    assert sphere_intersection.ranges(on, [-1.0, 0.0, 0.0]) == 0.0
+    assert np.isnan(sphere_intersection.ranges(on, [1.0, 0.0, 0.0]))
+    assert np.isnan(sphere_intersection.ranges(on, [0.0, 1.0, 0.0]))
+    assert float(sphere_intersection.heights(on)) == 0.0
+    assert sphere_intersection.limb_angle(on) == pytest.approx(math.pi / 2)
 
 
 def test_spheres_whose_radius_has_a_long_square():
@@ -134,7 +138,7 @@ def test_spheres_whose_radius_has_a_long_square():
         position = unit(rng.normal(size=3)) * (radius * (1.0 + 1e-6 * rng.random()))
         direction = -position / radius + 0.9 * unit(rng.normal(size=3))
         true = exact_range(position, direction, radius)
-        found = sphere_rays.ranges(position, direction, radius)
+        found = sphere_intersection.ranges(position, direction, radius)
         assert np.isnan(found) == (true is None)
         if true is not None:
             assert abs(float((mpmath.mpf(float(found)) - true) / true)) < RANGE_ERROR
@@ -142,7 +146,7 @@ def test_spheres_whose_radius_has_a_long_square():
 
 def test_a_tangent_ray_touches():
     """(R, R, 0) looks along -y: it meets the sphere in (R, 0, 0), where both roots are one."""
-    assert sphere_rays.ranges([R, R, 0.0], [0.0, -2.0, 0.0]) == R
+    assert sphere_intersection.ranges([R, R, 0.0], [0.0, -2.0, 0.0]) == R
 
 
 def test_heights_are_exact():
@@ -151,7 +155,9 @@ def test_heights_are_exact():
         p = unit(rng.normal(size=3)) * (R + rng.choice([-1, 1]) * 10.0 ** rng.uniform(-8, 6))
         with mpmath.workdps(60):
             true = mpmath.sqrt(sum(mpmath.mpf(float(x)) ** 2 for x in p)) - mpmath.mpf(R)
-        assert float(sphere_rays.heights(p)) == pytest.approx(float(true), rel=1e-15, abs=0.0)
+        assert float(sphere_intersection.heights(p)) == pytest.approx(
+            float(true), rel=1e-15, abs=0.0
+        )
 
 
 def test_limb_angle_of_low_cameras():
@@ -159,10 +165,10 @@ def test_limb_angle_of_low_cameras():
     for away in (R + 0.0137, R + 1.37, R + 1234.567, R + 1.01e9):
         with mpmath.workdps(40):
             true = mpmath.asin(mpmath.mpf(R) / mpmath.mpf(away))
-        found = sphere_rays.limb_angle(np.array([0.0, away, 0.0]))
+        found = sphere_intersection.limb_angle(np.array([0.0, away, 0.0]))
         assert found == pytest.approx(float(true), rel=1e-15, abs=0.0)
     with pytest.raises(ValueError, match="no limb"):
-        sphere_rays.limb_angle(np.array([0.0, R - 1.0, 0.0]))
+        sphere_intersection.limb_angle(np.array([0.0, R - 1.0, 0.0]))
 
 
 def test_hits_and_their_places():
@@ -175,11 +181,11 @@ def test_hits_and_their_places():
     for distance, good_m in ((1e6, 2e-9), (1e9, 5e-7)):
         camera = unit([1.0, 2.0, -1.5]) * (R + distance)
         facing = places @ camera > R * R + 1e-3 * R * distance
-        found, points = sphere_rays.hits(camera, places[facing] - camera)
+        found, points = sphere_intersection.hits(camera, places[facing] - camera)
         seen_under = np.sum(points * unit(camera - places[facing]), axis=-1) / R
         assert (np.linalg.norm(points - places[facing], axis=-1) * seen_under).max() < good_m
         assert found == pytest.approx(np.linalg.norm(places[facing] - camera, axis=-1), rel=1e-13)
-        back_lon, back_lat = sphere_rays.lonlat(points)
+        back_lon, back_lat = sphere_intersection.lonlat(points)
         assert np.abs(back_lat - lat[facing]).max() < 1e-9
         turn = (back_lon - lon[facing] + 180.0) % 360.0 - 180.0
         assert (np.abs(turn) * np.cos(np.radians(back_lat))).max() < 1e-9
@@ -190,16 +196,16 @@ def test_hits_and_their_places():
 def test_shapes_and_refusals():
     d = np.tile([0.0, 0.0, -1.0], (3, 4, 1))
     p = np.array([0.0, 0.0, 2.0 * R])
-    assert (sphere_rays.ranges(p, d) == R).all()
-    assert sphere_rays.ranges(p, d).shape == (3, 4)
-    assert (sphere_rays.ranges(d * -3.0 * R, d) == 2 * R).all()
-    assert sphere_rays.ranges(p, d[0, 0]).shape == ()
-    assert sphere_rays.ranges(p, d * 1e-300)[0, 0] == R
-    assert sphere_rays.ranges(p, d * 1e300)[0, 0] == R
-    assert sphere_rays.ranges(p, np.zeros((0, 3))).shape == (0,)
+    assert (sphere_intersection.ranges(p, d) == R).all()
+    assert sphere_intersection.ranges(p, d).shape == (3, 4)
+    assert (sphere_intersection.ranges(d * -3.0 * R, d) == 2 * R).all()
+    assert sphere_intersection.ranges(p, d[0, 0]).shape == ()
+    assert sphere_intersection.ranges(p, d * 1e-300)[0, 0] == R
+    assert sphere_intersection.ranges(p, d * 1e300)[0, 0] == R
+    assert sphere_intersection.ranges(p, np.zeros((0, 3))).shape == (0,)
     for position, direction in ((p[:2], d), (p, d * 0), (p * np.nan, d), (p, d + np.inf)):
         with pytest.raises(ValueError, match="no rays"):
-            sphere_rays.ranges(position, direction)
+            sphere_intersection.ranges(position, direction)
 
 
 def looking_at_limb(radius_px, distance=3.0 * R, size=(40, 40), distortion=(0, 0, 0, 0, 0)):
@@ -221,19 +227,19 @@ def looking_at_limb(radius_px, distance=3.0 * R, size=(40, 40), distortion=(0, 0
 def test_coverage_against_brute_force(radius_px, distance):
     camera = looking_at_limb(radius_px, distance)
     column, row = np.meshgrid(np.arange(40), np.arange(40))
-    share, middle = sphere_rays.coverage(camera, column, row)
+    share, middle = limb.coverage(camera, column, row)
     cut = np.flatnonzero((share > 0.0) & (share < 1.0))
     assert cut.size >= 9
     for k in np.random.default_rng(1).choice(cut, 5, replace=False):
         true = sampled_coverage(camera, column.flat[k], row.flat[k], 700)
-        assert share[k] == pytest.approx(true, abs=sphere_rays.COVERAGE_ERROR + 0.5 / 700)
+        assert share[k] == pytest.approx(true, abs=limb.COVERAGE_ERROR + 0.5 / 700)
         towards = camera.rays(middle[k])
-        assert not np.isnan(sphere_rays.ranges(camera.position_mcmf_m, towards))
+        assert not np.isnan(sphere_intersection.ranges(camera.position_mcmf_m, towards))
     pixels = np.stack([column, row], -1).astype(float)
-    near = sphere_rays.limb_pixels(camera, camera.rays(pixels), sphere_rays.pixel_angle(camera))
+    near = limb.limb_pixels(camera, camera.rays(pixels), limb.pixel_angle(camera))
     assert near.ravel()[cut].all()
     assert near.sum() < 0.3 * near.size or distance < 3 * R
-    ground = ~np.isnan(sphere_rays.ranges(camera.position_mcmf_m, camera.rays(pixels)))
+    ground = ~np.isnan(sphere_intersection.ranges(camera.position_mcmf_m, camera.rays(pixels)))
     far = ~near
     assert (share.reshape(40, 40)[far] == ground[far]).all()
 
@@ -242,11 +248,11 @@ def test_coverage_through_a_lens():
     """With distortion the limb is no conic; pixels beside it are still found."""
     camera = looking_at_limb(60.0, 2.0 * R, distortion=(-0.3, 0.12, 0.002, -0.001, 0.0))
     column, row = np.meshgrid(np.arange(40), np.arange(40))
-    share, _ = sphere_rays.coverage(camera, column, row)
-    near = sphere_rays.limb_pixels(
+    share, _ = limb.coverage(camera, column, row)
+    near = limb.limb_pixels(
         camera,
         camera.rays(np.stack([column, row], -1).astype(float)),
-        sphere_rays.pixel_angle(camera),
+        limb.pixel_angle(camera),
     )
     cut = np.flatnonzero((share > 0.0) & (share < 1.0))
     assert near.ravel()[cut].all()
@@ -264,5 +270,5 @@ def test_a_moon_of_a_few_pixels_keeps_its_area():
         rotation = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
         camera = Camera(position, rotation, focal, (side / 2 - 0.2, side / 2 - 0.6), (side, side))
         column, row = np.meshgrid(np.arange(side), np.arange(side))
-        share, _ = sphere_rays.coverage(camera, column, row)
+        share, _ = limb.coverage(camera, column, row)
         assert share.sum() == pytest.approx(math.pi * radius_px**2, rel=1e-3)

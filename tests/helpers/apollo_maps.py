@@ -22,7 +22,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Photo
 from lcp_catalog.images.image_file import open_photo
-from lcp_catalog.render.request import SunChoice
+from lcp_catalog.light.sun_choice import SunChoice
 
 UNCERTAIN = Uncertainty(1500.0)
 NET_M = (803.0, -194.0)

@@ -18,6 +18,7 @@ from helpers.twins_match import catalog_of_patches
 from numpy.typing import NDArray
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
@@ -34,7 +35,6 @@ from lcp_catalog.simulation.frame import DemGround, frame
 from lcp_catalog.sun.ephemeris import direction_from_subsolar
 from lcp_catalog.terrain.terrain import sample_patch
 
-Array = NDArray[np.float64]
 Renderer = Callable[[Camera, "Shot"], Photo]
 
 SUN_M = 1.496e11

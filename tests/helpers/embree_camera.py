@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
 
@@ -26,7 +25,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from helpers.embree_mesh import Nodes, enu_axes, mcmf, read_nodes, triangles
 
-Array = NDArray[np.float64]
+from lcp_catalog.arrays import Array
 
 SUN_M = 1.496e11
 LIFT_M = 0.5

@@ -21,8 +21,7 @@ pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows o
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from lcp_catalog.arrays import Array, Mask
 
 RADIUS_M = 1_737_400.0
 LIFT_M = 0.2

@@ -25,9 +25,10 @@ from helpers.products import DEGREE_M, EQC, geotiff
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.render.output import encode
 from lcp_catalog.render.pipeline import expose, prepare
-from lcp_catalog.render.request import Request, SunChoice
+from lcp_catalog.render.request import Request
 from lcp_catalog.terrain.terrain import Area
 
 AGREED = 0.995

@@ -12,8 +12,9 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Photo
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+from lcp_catalog.render.request import Request, ViewChoice
 from lcp_catalog.simulation import frame as simulate
 from lcp_catalog.simulation.detector import Detector
 

@@ -22,7 +22,7 @@ from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
 from lcp_catalog.images.image import Photo
 from lcp_catalog.images.image_file import PhotoOptions, open_photo
-from lcp_catalog.render.request import SunChoice
+from lcp_catalog.light.sun_choice import SunChoice
 
 MOON = (
     'GEOGCS["m",DATUM["d",SPHEROID["s",1737400,0]],PRIMEM["p",0],UNIT["degree",0.0174532925199433]]'

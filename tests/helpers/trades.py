@@ -10,7 +10,7 @@ import pytest
 from helpers import products, synthetic
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build import sweep as sweep_module
+from lcp_catalog.build import sweep
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -22,7 +22,7 @@ from lcp_catalog.build.config import (
 from lcp_catalog.build.evaluation import Evaluation
 from lcp_catalog.build.run import Build
 from lcp_catalog.terrain.occlusion import occluded_sweep
-from lcp_catalog.tradeoff import measurement as tradeoff
+from lcp_catalog.tradeoff import measurement
 
 GSD_M = 474.0
 CONFIG = BuildConfig(
@@ -60,7 +60,7 @@ def faulty(monkeypatch: pytest.MonkeyPatch, flips: Any, tier: str = "draft") -> 
             return dark
         return dark ^ flips(azimuth, dark).astype(np.uint8)
 
-    monkeypatch.setattr(sweep_module, "occluded_sweep", wrong)
+    monkeypatch.setattr(sweep, "occluded_sweep", wrong)
 
 
 def one_in_a_hundred(azimuth: float, dark: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def one_in_a_hundred(azimuth: float, dark: np.ndarray) -> np.ndarray:
 
 
 def tiers(build: Build) -> dict[str, Any]:
-    return {tier: tradeoff._in_tier(build.jobs[0], tier) for tier in TIERS}
+    return {tier: measurement._in_tier(build.jobs[0], tier) for tier in TIERS}
 
 
 def candidates(places: list[tuple[float, float]], states: list[list[int]]) -> list[Any]:

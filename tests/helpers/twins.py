@@ -16,7 +16,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from lcp_catalog.arrays import Array
+
 FAR = 1e30
 
 

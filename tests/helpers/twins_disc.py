@@ -8,11 +8,10 @@ import math
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
+from lcp_catalog.arrays import Array
 from lcp_catalog.terrain.heightfield import Heightfield
 
-Array = NDArray[np.float64]
 LAW = (0.30, 0.93, -0.23)  # Allen's Astrophysical Quantities, 550 nm
 
 

@@ -15,7 +15,7 @@ from lcp_catalog.matching.pose import Pose, position_error, solve
 from lcp_catalog.matching.position_fix import Located
 from lcp_catalog.matching.sun_check import LightCheck
 from lcp_catalog.plots.greyscale import Pictures
-from lcp_catalog.validation import result as v
+from lcp_catalog.validation import result
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 WIDTH, HEIGHT = 640, 480
@@ -95,20 +95,20 @@ def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
     return Pictures(dice.uniform(size=(HEIGHT // 2, WIDTH // 2)), 2, image, render)
 
 
-def windows(shown: Pictures) -> v.WindowFigures:
+def windows(shown: Pictures) -> result.WindowFigures:
     """Of the ground's pictures."""
     found = compare(shown.ground_image, shown.ground_render, gsd_m=948.0, search_px=2)
     return figures_of(found)
 
 
-def figures_of(found: WindowComparison) -> v.WindowFigures:
+def figures_of(found: WindowComparison) -> result.WindowFigures:
     places = np.linspace(3.0, 4.0, found.count), np.linspace(26.0, 25.0, found.count)
-    return v.WindowFigures(found, "from the heights' spectrum", "heights of 118 m", *places)
+    return result.WindowFigures(found, "from the heights' spectrum", "heights of 118 m", *places)
 
 
 def image(
     name: str = "frame.png", n: int = 60, located: bool = True, seed: int = 0
-) -> v.ImageVerdict:
+) -> result.ImageVerdict:
     """A verdict with a pose and windows, or one without."""
     found, places = matches(n, seed)
     pose, error, corrected = None, None, np.full((n, 2), np.nan)
@@ -116,7 +116,7 @@ def image(
         solution = solved(found, places)
         corrected = solution.sensor.project(places)
         pose, error = solution, position_error(solution, camera())
-    points = v.PointFigures(
+    points = result.PointFigures(
         np.arange(n, dtype=np.int64) * 7 + 10**15,
         np.linspace(0.0, 1.0, n),
         np.linspace(-1.0, 1.0, n),
@@ -134,14 +134,14 @@ def image(
         shifts_px=(0.25, np.nan),
     )
     verdict, reason = (
-        (v.LOCATED, "")
+        (result.LOCATED, "")
         if located
-        else (v.NOT_HERE, "3 of 30 points agree, as many as chance would give")
+        else (result.NOT_HERE, "3 of 30 points agree, as many as chance would give")
     )
-    facts = v.ImageFacts(
+    facts = result.ImageFacts(
         name, WIDTH, HEIGHT, "framing camera", 200.0, 90.0, 30.0, 0.0, "the camera file", 0.01, 0.0
     )
-    return v.ImageVerdict(
+    return result.ImageVerdict(
         facts,
         Located(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
         points,
@@ -151,17 +151,17 @@ def image(
     )
 
 
-def nothing(name: str = "blank.png") -> v.ImageVerdict:
+def nothing(name: str = "blank.png") -> result.ImageVerdict:
     """An image that says nothing, with no point in view."""
     empty, pairs = np.empty(0), np.empty((0, 2))
     none = Matches(
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
     )  # fmt: skip
-    said = Located(v.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
-    return v.ImageVerdict(v.ImageFacts(name), said, v.PointFigures.none())
+    said = Located(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
+    return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none())
 
 
-def whole() -> v.Verdict:
+def whole() -> result.Verdict:
     """Three images: located, elsewhere, nothing."""
     images = (image(), image("other.png", located=False), nothing())
-    return v.Verdict(images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None})
+    return result.Verdict(images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None})

@@ -19,7 +19,7 @@ from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
 from lcp_catalog.images.image_file import PhotoOptions, center_of, open_photo
-from lcp_catalog.render.request import SunChoice
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.sun.ephemeris import sun_direction_at
 
 # -- what took it

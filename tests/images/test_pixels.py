@@ -11,7 +11,7 @@ from helpers.photo_files import SHAPE, photo, refused, scene
 from rasterio.enums import ColorInterp
 
 from lcp_catalog.errors import ImageError
-from lcp_catalog.images import pixels as image_pixels
+from lcp_catalog.images import pixels
 from lcp_catalog.images.image_file import PhotoOptions
 from lcp_catalog.images.pixels import read_image
 
@@ -166,9 +166,9 @@ def test_a_band_that_is_asked_for_has_its_own_mask_and_is_no_luminance(tmp_path:
 
 def test_images_that_are_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
-    monkeypatch.setattr(image_pixels, "_MOST_PIXELS", 2400)
+    monkeypatch.setattr(pixels, "_MOST_PIXELS", 2400)
     photo(path)
-    monkeypatch.setattr(image_pixels, "_MOST_PIXELS", 2399)
+    monkeypatch.setattr(pixels, "_MOST_PIXELS", 2399)
     refused("60 x 40 pixels, 1 bands; at most 0.002399 million", path, files.camera_over(SHAPE))
 
 

@@ -23,6 +23,7 @@ from helpers.synthetic import cratered
 from scipy import ndimage
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera, camera_from_json
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Photo
@@ -44,8 +45,6 @@ CORRELATION = 0.98
 """At 58 S a pixel of the map is half as wide as it is high: the product's cells average what the mesh has in full; nine random
 rays a pixel leave noise as well.
 """
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from helpers.small_world import LAW, World, mirrored, overhead
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Photo
-from lcp_catalog.matching import joint_offset as room
-from lcp_catalog.matching import position_fix as rooms
+from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.coarse_offset import CoarseShift, coarse_shift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, WholeGround, whole_ground
@@ -245,7 +244,7 @@ def test_a_rival_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     photo = believed(faint(clear(), 0))
     for rival, sure in ((-6.1, False), (-5.9, True)):
         shift = CoarseShift((-8.0, -12.0), -12.0, rival, 4.0, 81)
-        monkeypatch.setattr(room, "coarse_shift", lambda *_, shift=shift, **__: shift)
+        monkeypatch.setattr(joint_offset, "coarse_shift", lambda *_, shift=shift, **__: shift)
         found = together(photo, check_sun=False)
         assert (found.pose is not None) == sure
         assert sure or found.reason == "another place shows about as well"
@@ -255,7 +254,7 @@ def test_ranks_and_correlations_show_one_place(monkeypatch: pytest.MonkeyPatch) 
     """A highest mean correlation 5 searched pixels from where the votes were counted is not the place that was counted."""
     photo = believed(faint(clear(), 0))
     shift = CoarseShift((-8.0 + 20.0, -12.0), -12.0, 0.0, 4.0, 81)
-    monkeypatch.setattr(room, "coarse_shift", lambda *_, **__: shift)
+    monkeypatch.setattr(joint_offset, "coarse_shift", lambda *_, **__: shift)
     found = together(photo, check_sun=False)
     assert found.pose is None
     assert "not sure" in found.reason
@@ -345,13 +344,13 @@ def test_a_place_beyond_the_stated_uncertainty_is_told() -> None:
 
 def test_weak_evidence_refutes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
     said = WholeGround(81, SHOWS - 1.0, 0.0, reason="too little to tell its place by")
-    monkeypatch.setattr(rooms, "whole_ground", lambda *_, **__: said)
+    monkeypatch.setattr(position_fix, "whole_ground", lambda *_, **__: said)
     photo = believed(replace(clear(), signal=clouds((1000, 1000), 7).astype(np.float32)))
     answer = locate(points(), photo, UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
     assert "10^-4; but too little to tell its place by" in answer.reason
     monkeypatch.setattr(
-        rooms, "whole_ground", lambda *_, **__: replace(said, log10_false_alarms=SHOWS)
+        position_fix, "whole_ground", lambda *_, **__: replace(said, log10_false_alarms=SHOWS)
     )
     assert locate(points(), photo, UNCERTAIN, LAW).verdict == NOT_HERE
 
@@ -359,12 +358,14 @@ def test_weak_evidence_refutes_no_place(monkeypatch: pytest.MonkeyPatch) -> None
 def test_points_that_cannot_be_looked_for_have_no_vote(monkeypatch: pytest.MonkeyPatch) -> None:
     """The western half of the image is missing, and with it the points on it."""
     asked = []
-    monkeypatch.setattr(rooms, "whole_ground", lambda *given, **_: asked.append(given[5].points))
+    monkeypatch.setattr(
+        position_fix, "whole_ground", lambda *given, **_: asked.append(given[5].points)
+    )
     photo = faint(clear(), 0)
     weight = photo.weight.copy()
     weight[:, :500] = 0.0
     answer = locate(points(), believed(replace(photo, weight=weight)), UNCERTAIN, LAW)
-    there = np.isin(answer.matches.code, rooms.SEARCHED)
+    there = np.isin(answer.matches.code, position_fix.SEARCHED)
     assert np.array_equal(asked[0], answer.matches.point[there])
     assert 30 < there.sum() < 50
 
@@ -374,8 +375,8 @@ def test_a_shift_that_showed_at_a_coarse_scale_is_not_forgotten(
 ) -> None:
     """Far off, the whole image is shifted first; where points then agree on nothing the place is not refuted."""
     nobody = Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
-    monkeypatch.setattr(rooms, "agree", lambda *_, **__: nobody)
-    monkeypatch.setattr(rooms, "whole_ground", lambda *_, **__: None)
+    monkeypatch.setattr(position_fix, "agree", lambda *_, **__: nobody)
+    monkeypatch.setattr(position_fix, "whole_ground", lambda *_, **__: None)
     far, known = Uncertainty(9000.0, 0.009), overhead()
     photo = world().photo(known)
     given = photo.with_sensor(known.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))

@@ -9,10 +9,7 @@ from helpers.match_frames import hadley_photo
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.kernels.matching import correlation as correlate
-from lcp_catalog.kernels.matching import point_spread as spread
-from lcp_catalog.kernels.matching import search
-from lcp_catalog.kernels.matching import subpixel_fit as register
+from lcp_catalog.kernels.matching import correlation, point_spread, search, subpixel_fit
 from lcp_catalog.kernels.matching.backward_search import seek_back
 from lcp_catalog.matching.search_image import SearchImage
 
@@ -45,9 +42,9 @@ def test_correlations_are_the_masked_normalised_ones(seed, rows, cols, level):
     if mask.sum() < 3:
         return
     template = np.empty(values.shape, np.float32)
-    count = correlate.centred(values, mask, template)
+    count = correlation.centred(values, mask, template)
     ones = np.ones(image.shape, np.float32)
-    score, real = correlate.correlations(image, ones, template, mask, count, 3, 4, 7, 6, 0.7)
+    score, real = correlation.correlations(image, ones, template, mask, count, 3, 4, 7, 6, 0.7)
     expected = [
         [brute_correlation(image[r : r + rows, c : c + cols], values, mask) for c in range(4, 10)]
         for r in range(3, 10)
@@ -61,9 +58,11 @@ def test_correlations_are_those_of_opencv(photo):
     values = np.ascontiguousarray(image.fine[100:121, 90:109])
     template = np.empty(values.shape, np.float32)
     whole = np.ones(values.shape, bool)
-    count = correlate.centred(values, whole, template)
+    count = correlation.centred(values, whole, template)
     ones = np.ones(image.fine.shape, np.float32)
-    score, _ = correlate.correlations(image.fine, ones, template, whole, count, 60, 50, 81, 81, 0.7)
+    score, _ = correlation.correlations(
+        image.fine, ones, template, whole, count, 60, 50, 81, 81, 0.7
+    )
     expected = cv2.matchTemplate(image.fine[60:161, 50:149], values, cv2.TM_CCOEFF_NORMED)
     np.testing.assert_allclose(score, expected, atol=1e-5)
     assert np.unravel_index(np.argmax(score), score.shape) == (40, 40)
@@ -75,10 +74,10 @@ def test_places_with_too_little_that_is_real_are_not_looked_at():
     weight[:, :8] = 0.0
     values, mask = rng.standard_normal((5, 5)).astype(np.float32), np.ones((5, 5), bool)
     template = np.empty((5, 5), np.float32)
-    count = correlate.centred(values, mask, template)
-    score, real = correlate.correlations(image, weight, template, mask, count, 0, 0, 16, 16, 0.7)
+    count = correlation.centred(values, mask, template)
+    score, real = correlation.correlations(image, weight, template, mask, count, 0, 0, 16, 16, 0.7)
     # of 5 columns 0.7 are 3.5: from column 7 on four of them are real
-    assert (score[:, :7] == correlate.NOWHERE).all()
+    assert (score[:, :7] == correlation.NOWHERE).all()
     assert (score[:, 7:] >= -1.0).all()
     assert real == 1.0
 
@@ -122,17 +121,17 @@ def drawn(seed, size=30, sub=4, smooth=1.3):
 def shifted(fine, sub, sigma, right, down):
     """What `spread.see` makes of a drawing that is moved; 0 where nothing is seen."""
     light, known = np.empty_like(fine[0]), np.empty_like(fine[0])
-    spread.unveil(fine[0], sub, light, known)
+    point_spread.unveil(fine[0], sub, light, known)
     rows, cols = fine.shape[1] // sub, fine.shape[2] // sub
     out = np.empty((4, rows, cols), np.float32)
-    spread.see(light, known, sub, sigma, right, down, False, out)
+    point_spread.see(light, known, sub, sigma, right, down, False, out)
     return out[0], out[3]
 
 
 def refined(fine, sub, sigma, image, weight):
-    out = np.full((1, register.NUMBERS), np.nan)
+    out = np.full((1, subpixel_fit.NUMBERS), np.nan)
     start = np.zeros((1, 2), np.int64)
-    register.refine(fine, sub, sigma, 0.95, image, weight, start, np.zeros((1, 2)), out)
+    subpixel_fit.refine(fine, sub, sigma, 0.95, image, weight, start, np.zeros((1, 2)), out)
     return out[0]
 
 

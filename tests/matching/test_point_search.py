@@ -118,9 +118,9 @@ def test_search_starts_at_the_offset(catalog, camera, photo, found):
 
 
 def test_points_at_once_change_nothing(catalog, photo, found, monkeypatch):
-    from lcp_catalog.matching import point_search as module
+    from lcp_catalog.matching import point_search
 
-    monkeypatch.setattr(module, "_CHUNK_PX", 20_000)
+    monkeypatch.setattr(point_search, "_CHUNK_PX", 20_000)
     again = match(catalog, photo, LAW, 20.0)
     np.testing.assert_array_equal(again.code, found.code)
     np.testing.assert_allclose(again.found_px[found.found], found.found_px[found.found], atol=1e-6)

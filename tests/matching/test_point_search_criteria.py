@@ -14,7 +14,7 @@ from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.images.image import Photo
 from lcp_catalog.landmarks.uniqueness import effective_samples, false_match_probability
-from lcp_catalog.matching import point_search as module
+from lcp_catalog.matching import point_search
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.point_search import Criteria, match, points_in_view
 from lcp_catalog.matching.templates import render_patches
@@ -292,11 +292,13 @@ def test_what_is_rendered_at_once_is_bounded(bump, roll_deg) -> None:
     """Patches of 320 pixels a side: so many that their templates, however they lie in the image, hold two million pixels."""
     camera = above_it(roll_deg=roll_deg, focal_px=6000.0)
     size = np.prod(drawn(camera).shape)
-    count = module._at_once(bump, plain_photo(np.ones(camera.shape), camera), np.zeros(500, int))
+    count = point_search._at_once(
+        bump, plain_photo(np.ones(camera.shape), camera), np.zeros(500, int)
+    )
     assert size > 1e5
     assert 0.3e6 < count * size < 2.1e6
     near, far = (
-        module._at_once(bump, plain_photo(np.ones((160, 160)), above_it(focal_px=f)), np.zeros(9, int))
+        point_search._at_once(bump, plain_photo(np.ones((160, 160)), above_it(focal_px=f)), np.zeros(9, int))
         for f in (60000.0, 60.0)
     )  # fmt: skip
     assert (near, far) == (1, 128)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from helpers.twins_match import at_half, correlation_at, correlations_near, sought
 
-from lcp_catalog.kernels.matching import correlation as correlate
-from lcp_catalog.kernels.matching import search
+from lcp_catalog.kernels.matching import correlation, search
 
 LEAST_REAL = 0.5
 
@@ -165,7 +164,7 @@ def test_uphill_goes_step_by_step_to_the_top_and_not_beyond_its_limits() -> None
     image = image.astype(np.float32)
     values, mask = image[16:33, 23:40].copy(), np.ones((17, 17), bool)
     template = np.empty(values.shape, np.float32)
-    count = correlate.centred(values, mask, template)
+    count = correlation.centred(values, mask, template)
     ones = np.ones(image.shape, np.float32)
     for limits, end in (((0, 33, 0, 43), (16, 23)), ((18, 33, 0, 43), (18, 23)), ((0, 14, 25, 43), (14, 25))):  # fmt: skip
         start = (min(max(20, limits[0]), limits[1]), 28)
@@ -186,7 +185,7 @@ def test_uphill_a_place_with_too_little_that_is_real_is_none(gone: int, looked_a
     weight[:, 20 : 20 + gone] = 0.0
     values, mask = image[10:26, 20:36].copy(), np.ones((16, 16), bool)
     template = np.empty(values.shape, np.float32)
-    count = correlate.centred(values, mask, template)
+    count = correlation.centred(values, mask, template)
     found = search._at(image, weight, template, mask, count, 10, 20, 0.53)
     assert found == (pytest.approx(1.0, abs=1e-5) if looked_at else -2.0)
 
@@ -201,9 +200,9 @@ def test_bounds_are_those_of_what_is_covered() -> None:
         rows, cols = np.nonzero(mask)
         if rows.size:
             wanted = (rows.min(), rows.max() + 1, cols.min(), cols.max() + 1)
-            assert correlate.bounds(mask) == wanted
+            assert correlation.bounds(mask) == wanted
         else:
-            assert correlate.bounds(mask)[0] >= correlate.bounds(mask)[1]
+            assert correlation.bounds(mask)[0] >= correlation.bounds(mask)[1]
 
 
 @pytest.mark.parametrize("contrast", [1e-3, 1e-1])
@@ -215,9 +214,9 @@ def test_little_contrast_is_contrast(contrast: float) -> None:
     image[6:14, 5:13] = pattern
     values, mask = (1.0 + contrast * pattern).astype(np.float32), np.ones((8, 8), bool)
     template = np.empty(values.shape, np.float32)
-    assert correlate.centred(values, mask, template) == 64
+    assert correlation.centred(values, mask, template) == 64
     ones = np.ones(image.shape, np.float32)
-    score, _ = correlate.correlations(
+    score, _ = correlation.correlations(
         image.astype(np.float32), ones, template, mask, 64, 0, 0, 13, 33, 0.7
     )
     assert score[6, 5] == pytest.approx(1.0, abs=1e-3)
@@ -230,11 +229,11 @@ def test_flat_ground_correlates_with_nothing() -> None:
     image[:, 30:] += rng.standard_normal((30, 30)).astype(np.float32)
     values, mask = rng.standard_normal((7, 7)).astype(np.float32), np.ones((7, 7), bool)
     template = np.empty(values.shape, np.float32)
-    assert correlate.centred(values, mask, template) == 49
+    assert correlation.centred(values, mask, template) == 49
     ones = np.ones(image.shape, np.float32)
-    score, _ = correlate.correlations(image, ones, template, mask, 49, 0, 0, 24, 54, 0.7)
+    score, _ = correlation.correlations(image, ones, template, mask, 49, 0, 0, 24, 54, 0.7)
     assert (score[:, :24] == 0.0).all()
-    assert correlate.centred(np.full((7, 7), 0.1, np.float32), mask, template) == 0
+    assert correlation.centred(np.full((7, 7), 0.1, np.float32), mask, template) == 0
 
 
 def test_just_enough_that_is_real_is_enough() -> None:
@@ -244,9 +243,9 @@ def test_just_enough_that_is_real_is_enough() -> None:
     weight = np.where(np.arange(20) < 8, 0.0, 1.0).astype(np.float32) * np.ones((8, 1), np.float32)
     values, mask = rng.standard_normal((4, 4)).astype(np.float32), np.ones((4, 4), bool)
     template = np.empty(values.shape, np.float32)
-    correlate.centred(values, mask, template)
-    score, _ = correlate.correlations(image, weight, template, mask, 16, 0, 0, 5, 17, 0.5)
-    assert (score[:, :6] == correlate.NOWHERE).all()
+    correlation.centred(values, mask, template)
+    score, _ = correlation.correlations(image, weight, template, mask, 16, 0, 0, 5, 17, 0.5)
+    assert (score[:, :6] == correlation.NOWHERE).all()
     assert (score[:, 6:] >= -1.0).all()
 
 
@@ -257,7 +256,7 @@ def test_maps_are_loops_over_every_offset(seed: int) -> None:
     values, mask, row, col = cut(image, seed, 9, 11)
     origin = (col + seed - 3, row - 2 * seed + 5)
     out = np.empty((1, 19, 19), np.float32)
-    correlate.maps(
+    correlation.maps(
         image, weight, values[None].astype(np.float32), mask[None], np.array([origin]), 9, LEAST_REAL, out
     )  # fmt: skip
     wanted, _ = correlations_near(image, weight, values, mask, origin, 9, LEAST_REAL)

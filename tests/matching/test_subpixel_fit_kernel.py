@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from helpers.twins_match import newey_west, way_back
 
-from lcp_catalog.kernels.matching import point_spread as spread
-from lcp_catalog.kernels.matching import subpixel_fit as register
+from lcp_catalog.kernels.matching import point_spread, subpixel_fit
 from lcp_catalog.kernels.matching.backward_search import seek_back
 
 SUB, SIGMA, LEAST = 4, 0.5, 0.95
@@ -26,15 +25,15 @@ def drawing(seed: int, rows: int = 22, cols: int = 26, smooth: float = 1.3) -> n
 def seen(fine: np.ndarray, right: float, down: float) -> np.ndarray:
     """Value, slopes right and down, cover (4, rows, cols) of a drawing that is moved."""
     light, known = np.empty_like(fine), np.empty_like(fine)
-    spread.unveil(fine, SUB, light, known)
+    point_spread.unveil(fine, SUB, light, known)
     out = np.empty((4, fine.shape[0] // SUB, fine.shape[1] // SUB), np.float32)
-    spread.see(light, known, SUB, SIGMA, right, down, True, out)
+    point_spread.see(light, known, SUB, SIGMA, right, down, True, out)
     return out
 
 
 def refined(fine, image, weight, place=(0, 0), start=(0.0, 0.0)) -> np.ndarray:
-    out = np.full((1, register.NUMBERS), np.nan)
-    register.refine(
+    out = np.full((1, subpixel_fit.NUMBERS), np.nan)
+    subpixel_fit.refine(
         fine[None], SUB, SIGMA, LEAST, image.astype(np.float32), weight.astype(np.float32),
         np.array([place], np.int64), np.array([start]), out,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from helpers.small_world import HADLEY, World, overhead
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.images.image import Photo
-from lcp_catalog.matching import sun_check as light_check
+from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.search_area import in_view
 from lcp_catalog.matching.sun_check import LightCheck, check_light, with_sun
@@ -57,7 +57,7 @@ def test_a_law_is_not_taken_for_a_sun(points, rough: Photo, monkeypatch) -> None
     found = checked(points, rough)
     assert (found.law, found.fits) == ("hapke", True)
     assert found.correlation > max(found.correlations)
-    monkeypatch.setattr(light_check, "LAWS", ())
+    monkeypatch.setattr(sun_check, "LAWS", ())
     alone = checked(points, rough)
     assert not alone.fits
     assert alone.turns_deg[alone.preferred][0] != 0.0

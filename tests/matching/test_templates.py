@@ -11,9 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.kernels.matching import draw_patch as patch
-from lcp_catalog.kernels.matching import point_spread as spread
-from lcp_catalog.kernels.matching import subpixel_fit as register
+from lcp_catalog.kernels.matching import draw_patch, point_spread, subpixel_fit
 from lcp_catalog.matching.patch_projection import TOLERANCE_PX, node_pixels
 from lcp_catalog.matching.templates import nodes_mcmf, render_patches
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, photometry, reflectance_model
@@ -56,8 +54,8 @@ def beside_rays(catalog, frame, camera, sun, model=DEFAULT_MODEL, rays=6):
 
 def shift_between(template, traced, both):
     """Where the rays' picture lies from the template, pixels (2,)."""
-    out = np.full((1, register.NUMBERS), np.nan)
-    register.refine(
+    out = np.full((1, subpixel_fit.NUMBERS), np.nan)
+    subpixel_fit.refine(
         template.drawing, template.sub, template.sigma_px, 0.95, traced.astype(np.float32),
         both.astype(np.float32), np.zeros((1, 2), np.int64), np.zeros((1, 2)), out,
     )  # fmt: skip
@@ -287,7 +285,7 @@ def test_clearance_is_negative_exactly_where_the_patch_shades_itself(seed, azimu
     z = (rng.standard_normal((14, 11)).cumsum(0) * 40.0).astype(np.float32)
     sun = np.round(direction_enu(azimuth, elevation), 15)
     out = np.empty(z.shape, np.float32)
-    patch.clearances(z, GSD_M, sun, out)
+    draw_patch.clearances(z, GSD_M, sun, out)
     np.testing.assert_array_equal(out < 0.0, Heightfield(z, GSD_M).occluded_nodes(sun))
 
 
@@ -306,10 +304,10 @@ def test_a_wave_is_damped_as_square_and_gaussian_damp_it(cycles, sigma, shift, s
     wave = np.broadcast_to(2.0 + np.cos(2 * np.pi * cycles * place), (rows * sub, cols * sub))
     wave = np.ascontiguousarray(wave.T if down else wave, dtype=np.float32)
     light, known = np.empty_like(wave), np.empty_like(wave)
-    spread.unveil(wave, sub, light, known)
+    point_spread.unveil(wave, sub, light, known)
     out = np.empty((4, rows, cols), np.float32)
     moves = (0.3, shift) if down else (shift, 0.3)
-    spread.see(light, known, sub, sigma, *moves, True, out)
+    point_spread.see(light, known, sub, sigma, *moves, True, out)
     damped = np.sinc(cycles) * np.exp(-2 * (np.pi * cycles * sigma) ** 2)
     turn = 2 * np.pi * cycles * (np.arange(cols) - shift)
     inner = slice(6, -6)
@@ -328,7 +326,7 @@ def test_a_samples_own_square_is_taken_out_of_the_spread(sub, cycles, sigma):
     place = (np.arange(24 * sub) + 0.5) / sub - 0.5
     wave = np.tile(np.cos(2 * np.pi * cycles * place), (24 * sub, 1)).astype(np.float32)
     values, mask = np.empty((1, 24, 24), np.float32), np.empty((1, 24, 24), np.bool_)
-    spread.templates(wave[None], sub, sigma, 0.9, values, mask)
+    point_spread.templates(wave[None], sub, sigma, 0.9, values, mask)
     narrow2 = sigma**2 - 1.0 / (12.0 * sub**2)
     left = np.sinc(cycles) * np.sinc(cycles / sub) * np.exp(-2 * (np.pi * cycles) ** 2 * narrow2)
     wanted = left * np.cos(2 * np.pi * cycles * np.arange(24))
@@ -349,7 +347,7 @@ def test_the_point_spread_stays_within_the_patch():
     drawing = np.full((1, 60, 60), 5.0, np.float32)
     drawing[:, :, :30] = np.nan
     values, mask = np.empty((1, 20, 20), np.float32), np.empty((1, 20, 20), np.bool_)
-    spread.templates(drawing, 3, 0.7, 0.9, values, mask)
+    point_spread.templates(drawing, 3, 0.7, 0.9, values, mask)
     assert not mask[0, :, :10].any()
     assert mask[0, 5:15, 11:17].all()
     np.testing.assert_allclose(values[mask], 5.0, rtol=1e-5)

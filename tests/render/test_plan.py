@@ -125,13 +125,13 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
 
 def test_renders_take_the_path_that_the_plan_says(monkeypatch):
     """The cheaper one where an effect is off, the fuller one where it is on."""
-    from lcp_catalog.render import renderer as render
+    from lcp_catalog.render import renderer
 
     called = []
     for name in ("occluded", "sunlit_share", "_hidden", "parallel_view"):
-        original = getattr(render, name)
+        original = getattr(renderer, name)
         monkeypatch.setattr(
-            render, name, lambda *a, n=name, f=original, **k: (called.append(n), f(*a, **k))[1]
+            renderer, name, lambda *a, n=name, f=original, **k: (called.append(n), f(*a, **k))[1]
         )
     flat, rough = make(np.zeros((9, 9))), make(np.random.default_rng(1).normal(size=(9, 9)) * 30)
     sun, far = direction_enu(80.0, 20.0), View(position_m=direction_enu(30.0, 50.0) * 1e9)

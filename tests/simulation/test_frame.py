@@ -21,9 +21,10 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError, CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import Request, SunChoice, ViewChoice
+from lcp_catalog.render.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import (
     DemGround,

@@ -10,13 +10,11 @@ import pytest
 from helpers.synthetic import cratered
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from lcp_catalog.kernels.rays import bundles as rays
-from lcp_catalog.kernels.rays import camera_tiles as coherent
+from lcp_catalog.arrays import Array
+from lcp_catalog.kernels.rays import bundles, camera_tiles
 from lcp_catalog.terrain.heightfield import Heightfield
 
-Array = NDArray[np.float64]
 X0, Y0, GSD = 120.0, -70.0, 10.0
 KINDS = ("smooth", "rough", "spikes", "pits", "steps", "flat", "sloping")
 
@@ -25,7 +23,9 @@ def alone(field: Heightfield, origin: Array, directions: Array) -> Array:
     """Each ray by itself."""
     out = np.full(directions.shape[:-1], np.nan)
     flat = np.ascontiguousarray(directions, dtype=np.float64).reshape(-1, 3)
-    rays.first_hits(*field.traced, *field._node_units(origin), field.gsd_m, flat, out.reshape(-1))
+    bundles.first_hits(
+        *field.traced, *field._node_units(origin), field.gsd_m, flat, out.reshape(-1)
+    )
     return out
 
 
@@ -196,7 +196,7 @@ def test_no_terrain_lies_above_a_clear_height(seed: int, kind: str, holes: bool)
     if not np.isfinite(summit) or levels[2].size == 1:
         return
     top = min(oz, float(summit))
-    clear = coherent._clear_height(levels, u, v, oz, (a[0], a[1], b[0], b[1]), top)
+    clear = camera_tiles._clear_height(levels, u, v, oz, (a[0], a[1], b[0], b[1]), top)
     assert clear <= top
     high = np.where(np.isnan(z), -np.inf, z)
     for height in np.linspace(clear, top, 60) if clear < top else ():  # else it promises nothing

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.kernels.shadows import scan_lines as lines
-from lcp_catalog.terrain import occlusion_scan as shadow_lines
+from lcp_catalog.kernels.shadows import scan_lines
+from lcp_catalog.terrain import occlusion_scan
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 from lcp_catalog.terrain.occlusion_scan import LIKELY, PROVED, Effort, hybrid_occluded
@@ -127,7 +127,7 @@ class TestDraft:
     def test_fewer_lines_would_not_keep_the_bound(self, craters, monkeypatch):
         """What the bound owes to two lines a column and the stencil: without the stencil, it breaks."""
         none = (np.zeros((1, 4), np.int64), np.zeros((1, 3)))  # an edge that is nowhere
-        monkeypatch.setattr(lines, "near_stencil", lambda *_: none)
+        monkeypatch.setattr(scan_lines, "near_stencil", lambda *_: none)
         share = (craters.swept("draft") != craters.exact).mean(axis=(2, 3))
         assert share.max() > TIERS["draft"].node_error
 
@@ -144,7 +144,7 @@ class TestDraft:
                 cases.append((field, direction_enu(rng.uniform(0, 360), elevation)))
         skipping = [occluded(field, towards, TIERS["draft"]) for field, towards in cases]
         asleep = 0
-        awake = shadow_lines.SunAhead.awake
+        awake = occlusion_scan.SunAhead.awake
 
         def all_awake(sun, slope, width):
             nonlocal asleep
@@ -152,7 +152,7 @@ class TestDraft:
             asleep += int((~found).sum())
             return np.ones_like(found)
 
-        monkeypatch.setattr(shadow_lines.SunAhead, "awake", all_awake)
+        monkeypatch.setattr(occlusion_scan.SunAhead, "awake", all_awake)
         for (field, direction), mask in zip(cases, skipping, strict=True):
             differs = mask != occluded(field, direction, TIERS["draft"])
             assert not (mask[differs] | field.occluded_nodes(direction)[differs]).any()
@@ -270,7 +270,7 @@ class TestHigh:
         )
 
     def test_without_slack_it_would_be_wrong(self, monkeypatch):
-        monkeypatch.setattr(shadow_lines, "slacks", lambda *_: (-1e-2, -1e-2))
+        monkeypatch.setattr(occlusion_scan, "slacks", lambda *_: (-1e-2, -1e-2))
         field = Heightfield(cratered(96, relief_m=0.01), 20.0)
         wrong = 0
         for azimuth in AZIMUTHS:

@@ -17,8 +17,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.build.area_job import Candidates
 from lcp_catalog.build.run import Build
 from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
-from lcp_catalog.tradeoff import measurement as tradeoff
-from lcp_catalog.tradeoff import report as trade_report
+from lcp_catalog.tradeoff import measurement, report
 from lcp_catalog.tradeoff.measurement import Trade, measure_trade, spread
 from lcp_catalog.tradeoff.timing import TimedArea
 
@@ -102,8 +101,8 @@ def test_seconds_are_medians_and_tiers_take_turns(
         seconds = warm + (2.0 if tier == "draft" else 4.0) * (9.0 if seen == 3 else 1.0)
         return TimedArea(seconds, seconds / 2.0, empty, 1.0, float(len(calls)))
 
-    monkeypatch.setattr(tradeoff, "timed_area", stand_in)
-    monkeypatch.setattr(tradeoff, "_images", lambda *_: ({t: tradeoff.ImageChanges() for t in TIERS}, None))  # fmt: skip
+    monkeypatch.setattr(measurement, "timed_area", stand_in)
+    monkeypatch.setattr(measurement, "_images", lambda *_: ({t: measurement.ImageChanges() for t in TIERS}, None))  # fmt: skip
     trade = measure_trade(build, areas=2, rounds=3, isolated=False)
     assert (trade.compared["areas"], trade.compared["rounds"]) == (2, 3)
     rows = trade.rows
@@ -139,13 +138,13 @@ def test_the_middle_comes_first_then_what_is_far_away_and_slivers_last() -> None
 
 
 def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
-    html = trade_report.render_trade(trade)
+    html = report.render_trade(trade)
     page = parsed(html)
     assert not re.search(r"url\(|@import|https?://|<link|<script|<iframe", html)
     assert len(page.addresses) == len(TIERS)
     assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
     assert page.counts["circle"] == 2 * len(TIERS)
-    assert page.counts["tr"] == len(trade_report.COLUMNS) + 1 + len(trade.models.rows())
+    assert page.counts["tr"] == len(report.COLUMNS) + 1 + len(trade.models.rows())
     assert f"2 of {trade.compared['areas_of']} areas" in html
     assert "craters.tif" in html
     assert str(Path.home()) not in html
@@ -153,10 +152,10 @@ def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
 
 
 def test_the_table_has_a_column_a_tier(trade: Trade) -> None:
-    text = trade_report.markdown(trade)
+    text = report.markdown(trade)
     tiers, _, laws = text.partition("\n## ")
     table = [line for line in tiers.splitlines() if line.startswith("|")]
-    assert len(table) == len(trade_report.COLUMNS) + 1
+    assert len(table) == len(report.COLUMNS) + 1
     assert len([line for line in laws.splitlines() if line.startswith("|")]) == 2 + len(
         trade.models.rows()
     )
@@ -165,14 +164,14 @@ def test_the_table_has_a_column_a_tier(trade: Trade) -> None:
 
 def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    trade_report.write_trade(trade, folder)
-    assert sorted(p.name for p in folder.iterdir()) == sorted(trade_report.FILES)
+    report.write_trade(trade, folder)
+    assert sorted(p.name for p in folder.iterdir()) == sorted(report.FILES)
     written = json.loads((folder / "trade.json").read_text())
-    assert written["advice"] == trade_report.advice(trade.rows)
+    assert written["advice"] == report.advice(trade.rows)
     with pytest.raises(OutputExistsError, match="--overwrite"):
-        trade_report.write_trade(trade, folder)
-    trade_report.write_trade(trade, folder, overwrite=True)
+        report.write_trade(trade, folder)
+    report.write_trade(trade, folder, overwrite=True)
     with pytest.raises(OutputError, match="not a folder"):
-        trade_report.check_trade_folder(folder / "trade.json", overwrite=True)
+        report.check_trade_folder(folder / "trade.json", overwrite=True)
     with pytest.raises(OutputError, match="does not exist"):
-        trade_report.check_trade_folder(tmp_path / "no" / "where", overwrite=False)
+        report.check_trade_folder(tmp_path / "no" / "where", overwrite=False)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.tradeoff import report as trade_report
+from lcp_catalog.tradeoff import report
 from lcp_catalog.tradeoff.pareto_plot import front, pareto
 
 
@@ -49,15 +49,15 @@ def test_advice_follows_its_rules() -> None:
     draft = row("draft", 3.0, 3e-3, points_lost=3, points_gained=2, conditions_changed_share=0.004)
     standard = row("standard", 4.0, 1e-4, points_lost=1, points_gained=1, conditions_changed_share=1e-3)  # fmt: skip
     rows = [draft, standard, row("high", 6.0), row("reference", 10.0)]
-    assert named(trade_report.advice(rows)) == ["high", "standard", "draft", "high", "draft"]
+    assert named(report.advice(rows)) == ["high", "standard", "draft", "high", "draft"]
     # a tier that saves less than a tenth is not named
     rows[2] = row("high", 9.5)
-    assert named(trade_report.advice(rows))[0] == "reference"
+    assert named(report.advice(rows))[0] == "reference"
     rows[0] = draft | {"cpu_seconds": 3.8}
-    assert named(trade_report.advice(rows))[2] == "standard"
+    assert named(report.advice(rows))[2] == "standard"
     # too many changed conditions are not the same catalogue, however few points are lost
     rows[1] = standard | {"conditions_changed_share": 0.02}
-    assert named(trade_report.advice(rows))[1] == "reference"
+    assert named(report.advice(rows))[1] == "reference"
 
 
 def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
@@ -78,7 +78,7 @@ def test_pictures_show_which_way_a_node_is_wrong() -> None:
     lit[0, 0] = -1
     wrong = np.zeros((9, 9), np.int8)
     wrong[2, 2], wrong[6, 6] = 1, -1
-    pixels = trade_report._wrong_pixels(lit, wrong)
+    pixels = report._wrong_pixels(lit, wrong)
     assert pixels[0, 0, 3] == 0
     over, under = pixels[2, 2].astype(int), pixels[6, 6].astype(int)
     assert over[0] > 2 * over[2]  # red: lit where it should be dark

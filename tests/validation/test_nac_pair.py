@@ -19,6 +19,7 @@ from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
 from lcp_catalog.dem.terraces import smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Photo
+from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.joint_offset import whole_ground
 from lcp_catalog.matching.point_choice import working_photo
 from lcp_catalog.matching.position_fix import (
@@ -32,7 +33,6 @@ from lcp_catalog.matching.position_fix import (
 )
 from lcp_catalog.matching.search_area import SearchArea
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import SunChoice
 from lcp_catalog.validation.window_correlation import compare
 
 WITHIN_M = 2.0

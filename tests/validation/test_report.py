@@ -11,9 +11,7 @@ from helpers import verdicts
 from helpers.pages import Page, decoded, parsed
 
 from lcp_catalog.plots.greyscale import PIXELS_MAX, Pictures, grey
-from lcp_catalog.validation import report_points as points_section
-from lcp_catalog.validation import result as v
-from lcp_catalog.validation import window_charts
+from lcp_catalog.validation import report_points, result, window_charts
 from lcp_catalog.validation.report import STYLE, render
 from lcp_catalog.validation.window_correlation import of_patches
 
@@ -26,9 +24,9 @@ def html() -> str:
     return render(verdicts.whole(), [verdicts.pictures(), Pictures(), Pictures()])
 
 
-def alone(image: v.ImageVerdict, shown: Pictures | None = None) -> str:
+def alone(image: result.ImageVerdict, shown: Pictures | None = None) -> str:
     """A page of one image; it parses."""
-    html = render(v.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
+    html = render(result.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
     parsed(html)
     return html
 
@@ -155,20 +153,20 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
     found = whole.document()["images"][0]
     assert f"{found['points_found']} of 60" in text
     assert "points in view were found" in text
-    assert f"{v.number(found['offset_px']['median'])} px" in text
+    assert f"{result.number(found['offset_px']['median'])} px" in text
     assert f"{100 * found['windows']['share_above_0_9']:.1f} % above 0.9" in text
-    assert f"{v.number(found['pose']['position_sigma_m'])} m" in text
-    assert f"{v.number(found['pose']['position_error_m'])} m against the true place" in text
+    assert f"{result.number(found['pose']['position_sigma_m'])} m" in text
+    assert f"{result.number(found['pose']['position_error_m'])} m against the true place" in text
     assert (
         "fits: median correlation 0.9; under other Suns 0.625 (turned -20°), – (raised +10°)"
         in text
     )
     for reason, count in image.matches.counts().items():
         assert re.search(rf"\b{reason}\s+{count}:", text)
-    for word in v.VERDICTS:
+    for word in result.VERDICTS:
         assert word in text
     turn = image.pose.pose.correction[3] * 180 * 3600 / np.pi
-    assert f"{v.number(turn).replace('-', '−')} ″" in text
+    assert f"{result.number(turn).replace('-', '−')} ″" in text
     assert not re.search(r"\b(nan|inf|None)\b", text)
 
 
@@ -178,7 +176,7 @@ def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
     light = replace(image.located.light, law="hapke")
     other = replace(image, located=replace(image.located, light=light))
     assert "fits (rendered with hapke, which the image is more like)" in texts(alone(other))
-    assert v.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+    assert result.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
 
 
 def test_the_table_has_every_point(html: str) -> None:
@@ -200,7 +198,7 @@ def test_the_table_has_every_point(html: str) -> None:
 
 
 def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(points_section, "ROWS_MAX", 10)
+    monkeypatch.setattr(report_points, "ROWS_MAX", 10)
     html = alone(verdicts.image())
     assert len(re.findall(r"<tr class='(?:is|not)-found'", html)) == 10
     assert "Table of the 60 points in view. The first 10 are here, all in the CSV." in html
@@ -260,7 +258,7 @@ def test_texts_cannot_become_markup() -> None:
         windows=replace(image.windows, resolution=bad, against=bad),
     )
     lost = replace(verdicts.nothing(name), windows_reason=bad)
-    whole = v.Verdict((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
+    whole = result.Verdict((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
     html = render(whole, [verdicts.pictures(), Pictures()])
     parsed(html)
     assert html.count("<script>") == 1
@@ -290,7 +288,7 @@ def test_without_pictures_there_are_still_figures() -> None:
     assert "<figure class='layer" not in html
 
 
-def of_patches_alone(count: int) -> tuple[v.ImageVerdict, Pictures]:
+def of_patches_alone(count: int) -> tuple[result.ImageVerdict, Pictures]:
     """Patches with ever more noise."""
     dice = np.random.default_rng(9)
     renders = dice.normal(size=(count, 36, 36))

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import REASONS
-from lcp_catalog.validation import report_marks as match_charts
-from lcp_catalog.validation import window_charts
+from lcp_catalog.validation import report_marks, window_charts
 from lcp_catalog.validation.report_marks import CANVAS, SYMBOLS, Arrows, Frame
 from lcp_catalog.validation.report_points import MEANINGS
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
@@ -62,7 +61,7 @@ def test_a_strip_is_no_taller_than_a_page() -> None:
 def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
     frame = Frame(480, 320)
     start, by = np.array([[10.0, 20.0], [100.0, 50.0]]), np.array([[0.5, -0.25], [0.001, 0.0]])
-    drawn = match_charts.arrow_marks(frame, Arrows(start, by, ["", ""], ["a<b", "c"]), 100.0)
+    drawn = report_marks.arrow_marks(frame, Arrows(start, by, ["", ""], ["a<b", "c"]), 100.0)
     parsed(drawn)
     assert "a&lt;b" in drawn
     first, second = re.findall(r'<path d="([^"]*)"', drawn)
@@ -79,24 +78,24 @@ def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
 def test_magnification_is_a_round_number_that_fits(length: float, width: int) -> None:
     frame = Frame(width, width)
     by = np.full((20, 2), [length, 0.0])
-    times = match_charts.magnification(frame, Arrows(by, by, [""] * 20, [""] * 20))
+    times = report_marks.magnification(frame, Arrows(by, by, [""] * 20, [""] * 20))
     assert float(f"{times:.0e}"[0]) in (1.0, 2.0, 5.0)
     assert 56.0 / 2.51 <= length * times * frame.scale <= 56.01
 
 
 def test_without_arrows_nothing_is_magnified() -> None:
     none = Arrows(np.empty((0, 2)), np.empty((0, 2)), [], [])
-    assert match_charts.magnification(Frame(10, 10), none) == 1.0
+    assert report_marks.magnification(Frame(10, 10), none) == 1.0
     still = Arrows(np.zeros((1, 2)), np.zeros((1, 2)), [""], [""])
-    parsed(match_charts.quiver(Frame(10, 10), still, "q", "px"))
+    parsed(report_marks.quiver(Frame(10, 10), still, "q", "px"))
 
 
 def test_the_scale_arrow_is_what_it_says() -> None:
     frame = Frame(1000, 500)
     by = np.full((5, 2), [0.03, 0.04])
     arrows = Arrows(np.zeros((5, 2)), by, [""] * 5, [""] * 5)
-    times = match_charts.magnification(frame, arrows)
-    drawn = match_charts.scale_arrow(frame, times, arrows, "px")
+    times = report_marks.magnification(frame, arrows)
+    drawn = report_marks.scale_arrow(frame, times, arrows, "px")
     said = re.search(r">([\d.]+) px; arrows ([\d.]+) times their length", drawn)
     assert said is not None
     assert float(said[2]) == times
@@ -107,7 +106,7 @@ def test_the_scale_arrow_is_what_it_says() -> None:
 
 def test_arrows_of_their_own_length_are_said_to_be() -> None:
     by = np.full((5, 2), [40.0, 0.0])
-    drawn = match_charts.quiver(Frame(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px")
+    drawn = report_marks.quiver(Frame(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px")
     assert "px; arrows as long as they are<" in drawn
     assert "times" not in drawn
 
@@ -117,12 +116,12 @@ def test_residuals_are_judged_by_their_covariances() -> None:
     root = dice.normal(size=(4000, 2, 2))
     covariance = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(2)
     residual = (np.linalg.cholesky(covariance) @ dice.normal(size=(4000, 2, 1)))[..., 0]
-    over, css = match_charts.error_classes(residual, covariance)
+    over, css = report_marks.error_classes(residual, covariance)
     wanted = [
         math.sqrt(0.5 * r @ np.linalg.inv(c) @ r) for r, c in zip(residual, covariance, strict=True)
     ]
     np.testing.assert_allclose(over, wanted, rtol=1e-9)
-    shares = [css.count(name) / 4000 for _, name in match_charts.ERROR_CLASSES]
+    shares = [css.count(name) / 4000 for _, name in report_marks.ERROR_CLASSES]
     expected = [
         1 - math.exp(-1),
         math.exp(-1) - math.exp(-4),
@@ -130,7 +129,7 @@ def test_residuals_are_judged_by_their_covariances() -> None:
         math.exp(-9),
     ]
     np.testing.assert_allclose(shares, expected, atol=0.025)  # as the page's caption says
-    assert match_charts.error_classes(np.ones((1, 2)), np.full((1, 2, 2), np.nan))[1] == ["beyond3"]
+    assert report_marks.error_classes(np.ones((1, 2)), np.full((1, 2, 2), np.nan))[1] == ["beyond3"]
 
 
 def test_every_reason_has_its_own_symbol_and_meaning() -> None:
@@ -139,14 +138,14 @@ def test_every_reason_has_its_own_symbol_and_meaning() -> None:
     filled = [reason for reason, (path, css) in SYMBOLS.items() if css == "found"]
     assert filled == ["found"]
     for _, css in SYMBOLS.values():
-        assert f".mark .{css}{{" in match_charts.STYLE
-    for _, css in match_charts.ERROR_CLASSES:
-        assert css == "within2" or f".{css} path{{" in match_charts.STYLE
+        assert f".mark .{css}{{" in report_marks.STYLE
+    for _, css in report_marks.ERROR_CLASSES:
+        assert css == "within2" or f".{css} path{{" in report_marks.STYLE
 
 
 def test_marks_stand_in_the_image_alone() -> None:
     pixels = np.array([[10.0, 10.0], [-5.0, 10.0], [np.nan, np.nan]])
-    drawn = match_charts.reason_marks(
+    drawn = report_marks.reason_marks(
         Frame(96, 96), pixels, ["weak", "found", "found"], ["a", "b", "c"]
     )
     parsed(drawn)
@@ -278,8 +277,8 @@ def test_every_class_of_a_drawing_has_a_rule() -> None:
     drawn = (
         window_charts.correlation_histogram(image.windows.compared) + window_charts.colour_scale()
     )
-    drawn += match_charts.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
-    style = match_charts.STYLE + window_charts.STYLE
+    drawn += report_marks.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
+    style = report_marks.STYLE + window_charts.STYLE
     used = {
         name for names in re.findall(r'class=["\']([^"\']*)["\']', drawn) for name in names.split()
     }

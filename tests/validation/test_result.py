@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import FOUND, REASONS
-from lcp_catalog.validation import result as v
+from lcp_catalog.validation import result
 
 CONTRACT = {
     "image": str,
@@ -31,7 +31,7 @@ CONTRACT = {
 
 
 @pytest.fixture(scope="module")
-def whole() -> v.Verdict:
+def whole() -> result.Verdict:
     return verdicts.whole()
 
 
@@ -39,12 +39,12 @@ def refused(text: str) -> float:
     raise AssertionError(f"{text} is no JSON")
 
 
-def read(whole: v.Verdict) -> dict:
+def read(whole: result.Verdict) -> dict:
     """The text as a strict reader takes it."""
     return json.loads(whole.to_json(), parse_constant=refused)
 
 
-def test_every_image_has_what_the_contract_promises(whole: v.Verdict) -> None:
+def test_every_image_has_what_the_contract_promises(whole: result.Verdict) -> None:
     located, elsewhere, blank = read(whole)["images"]
     for image in (located, elsewhere, blank):
         for name, kind in CONTRACT.items():
@@ -57,10 +57,10 @@ def test_every_image_has_what_the_contract_promises(whole: v.Verdict) -> None:
                 assert kind <= set(image[name])
     assert located["pose"] is not None
     assert elsewhere["pose"] is blank["pose"] is None
-    assert [image["verdict"] for image in (located, elsewhere, blank)] == list(v.VERDICTS)
+    assert [image["verdict"] for image in (located, elsewhere, blank)] == list(result.VERDICTS)
 
 
-def test_figures_are_those_of_the_rows(whole: v.Verdict) -> None:
+def test_figures_are_those_of_the_rows(whole: result.Verdict) -> None:
     image = whole.images[0]
     rows = [i for i in range(len(image.matches)) if REASONS[image.matches.code[i]] == FOUND]
     offsets = [math.dist(image.matches.found_px[i], image.matches.predicted_px[i]) for i in rows]
@@ -79,7 +79,7 @@ def test_figures_are_those_of_the_rows(whole: v.Verdict) -> None:
     assert found["correlation"]["p05"] == pytest.approx(twentieths[0], rel=1e-9)
 
 
-def test_what_was_not_found_is_counted_by_reason(whole: v.Verdict) -> None:
+def test_what_was_not_found_is_counted_by_reason(whole: result.Verdict) -> None:
     found = read(whole)["images"][0]
     codes = whole.images[0].matches.code.tolist()
     assert FOUND not in found["not_found"]
@@ -89,7 +89,7 @@ def test_what_was_not_found_is_counted_by_reason(whole: v.Verdict) -> None:
     assert sum(found["not_found"].values()) + found["points_found"] == found["points_in_view"]
 
 
-def test_windows_are_those_compared(whole: v.Verdict) -> None:
+def test_windows_are_those_compared(whole: result.Verdict) -> None:
     compared = whole.images[0].windows.compared
     found = read(whole)["images"][0]["windows"]
     values = compared.correlation.tolist()
@@ -109,7 +109,7 @@ def test_windows_are_those_compared(whole: v.Verdict) -> None:
     assert found["resolution"] == "from the heights' spectrum"
 
 
-def test_without_windows_the_same_names_have_no_values(whole: v.Verdict) -> None:
+def test_without_windows_the_same_names_have_no_values(whole: result.Verdict) -> None:
     located, elsewhere, _ = read(whole)["images"]
     assert list(elsewhere["windows"]) == list(located["windows"])
     assert elsewhere["windows"]["count"] == 0
@@ -117,7 +117,7 @@ def test_without_windows_the_same_names_have_no_values(whole: v.Verdict) -> None
     assert elsewhere["windows"]["reason"] == "without a place there is nothing to compare"
 
 
-def test_a_pose_says_where_and_how_well(whole: v.Verdict) -> None:
+def test_a_pose_says_where_and_how_well(whole: result.Verdict) -> None:
     figures = whole.images[0].pose
     found = read(whole)["images"][0]["pose"]
     covariance = np.array(found["covariance"])
@@ -134,7 +134,7 @@ def test_a_pose_says_where_and_how_well(whole: v.Verdict) -> None:
     assert found["sigma"]["turn_y_rad"] == pytest.approx(math.sqrt(covariance[4, 4]))
 
 
-def test_what_was_checked_is_told(whole: v.Verdict) -> None:
+def test_what_was_checked_is_told(whole: result.Verdict) -> None:
     located, elsewhere, _ = read(whole)["images"]
     assert located["log10_false_alarms"] == -40.25
     assert located["log10_false_alarms_rival"] == -0.5
@@ -156,7 +156,7 @@ def test_what_was_checked_is_told(whole: v.Verdict) -> None:
 
 
 def test_a_map_has_two_axes_and_no_position() -> None:
-    found = v.PoseFigures(verdicts.on_map()).figures()
+    found = result.PoseFigures(verdicts.on_map()).figures()
     assert found["position_mcmf_m"] is found["position_error_m"] is None
     assert found["correction"] == {"east_m": 3.0, "north_m": -4.0}
     assert found["position_sigma_m"] == pytest.approx(math.sqrt(13.0))
@@ -176,7 +176,7 @@ def test_a_scanner_stands_where_its_middle_line_saw() -> None:
     posed = verdicts.image().pose
     assert posed is not None
     scan = SimpleNamespace(corrections=posed.pose.sensor.corrections, shape=(401, 101), looks=looks)
-    found = v.PoseFigures(replace(posed.pose, sensor=scan)).position_mcmf_m
+    found = result.PoseFigures(replace(posed.pose, sensor=scan)).position_mcmf_m
     assert found.tolist() == [2e6, 2000.0, 50.0]
 
 
@@ -195,7 +195,7 @@ def test_what_is_not_known_is_no_part_of_a_median() -> None:
     assert math.isnan(found["correlation"]["p05"])
 
 
-def test_equal_verdicts_are_equal_bytes(whole: v.Verdict) -> None:
+def test_equal_verdicts_are_equal_bytes(whole: result.Verdict) -> None:
     assert verdicts.whole().to_json() == whole.to_json()
     assert whole.to_json().endswith("}\n")
 
@@ -209,19 +209,19 @@ def test_equal_verdicts_are_equal_bytes(whole: v.Verdict) -> None:
     )
 )
 def test_anything_plain_is_json(value: object) -> None:
-    text = json.dumps(v.plain(value), allow_nan=False)
-    assert v.plain(json.loads(text)) == v.plain(value)
+    text = json.dumps(result.plain(value), allow_nan=False)
+    assert result.plain(json.loads(text)) == result.plain(value)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_numbers_keep_ten_digits(value: float) -> None:
-    found = v.plain(np.float64(value))
+    found = result.plain(np.float64(value))
     assert type(found) is float
     assert abs(found - value) <= 0.51e-9 * abs(value)
 
 
 def test_arrays_and_their_numbers_become_plain() -> None:
-    found = v.plain(
+    found = result.plain(
         {"a": np.array([[1.0, np.nan], [np.inf, -0.0]]), 3: (np.int64(2), np.bool_(True))}
     )
     assert found == {"a": [[1.0, None], [None, 0.0]], "3": [2, True]}
@@ -235,7 +235,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
         lambda: replace(located, located=replace(located.located, verdict="perhaps")),
         lambda: replace(located, located=replace(located.located, pose=None)),
         lambda: replace(elsewhere, located=replace(elsewhere.located, pose=located.located.pose)),
-        lambda: replace(located, points=v.PointFigures.none()),
+        lambda: replace(located, points=result.PointFigures.none()),
         lambda: replace(located.facts, name="folder/frame.png"),
     ):
         with pytest.raises(ValueError, match=r"frame\.png|perhaps"):
@@ -245,19 +245,19 @@ def test_what_does_not_fit_together_is_refused() -> None:
 # -- in a terminal
 
 
-def test_a_few_lines_say_it(whole: v.Verdict) -> None:
-    lines = v.summary_lines(whole)
+def test_a_few_lines_say_it(whole: result.Verdict) -> None:
+    lines = result.summary_lines(whole)
     image, figures = whole.images[0], read(whole)["images"][0]
     assert lines[0] == "frame.png: located"
     assert lines[1].startswith(f"  points   {figures['points_found']} of 60 in view found; ")
     assert f"{figures['not_found']['weak']} weak" in lines[1]
-    assert f"median {v.number(figures['offset_px']['median'])} px" in lines[2]
-    assert f"95 % within {v.number(figures['offset_px']['p95'])} px" in lines[2]
-    assert f"after the pose {v.number(figures['residual_px']['median'])} px" in lines[2]
+    assert f"median {result.number(figures['offset_px']['median'])} px" in lines[2]
+    assert f"95 % within {result.number(figures['offset_px']['p95'])} px" in lines[2]
+    assert f"after the pose {result.number(figures['residual_px']['median'])} px" in lines[2]
     share = 100 * figures["windows"]["share_above_0_9"]
     assert f"{share:.1f} % above 0.9" in lines[3]
     assert "no offset was removed" in lines[3]
-    assert f"error {v.number(image.pose.position_error_m)} m" in lines[4]
+    assert f"error {result.number(image.pose.position_error_m)} m" in lines[4]
     assert lines[5].startswith("other.png: not this place: 3 of 30")
     assert "  windows  none compared: without a place there is nothing to compare" in lines
     assert lines[-3:] == [

@@ -1,0 +1,60 @@
+"""The Sun of a request: angles, an instant, or the subsolar point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..cameras.frame_camera import Camera
+from ..errors import SunError
+from ..geometry.frames import EnuFrame
+from ..sun import ephemeris
+from .solar_disc import MEAN_SUN, SolarDisc, radius_at
+
+
+@dataclass(frozen=True)
+class SunChoice:
+    """How the Sun is stated: angles at the area's centre, an instant, or the subsolar point;
+    nothing: the camera's own.
+    """
+
+    azimuth_deg: float | None = None
+    elevation_deg: float | None = None
+    time_utc: str | None = None
+    subsolar_deg: tuple[float, float] | None = None
+
+    def direction_mcmf(self, frame: EnuFrame, camera: Camera | None) -> Array:
+        """Unit MCMF direction to the Sun from a frame's origin; SunError when none is stated."""
+        if self.azimuth_deg is not None and self.elevation_deg is not None:
+            return ephemeris.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
+        if self.time_utc is not None:
+            return ephemeris.sun_direction_at(self.time_utc)
+        if self.subsolar_deg is not None:
+            return ephemeris.direction_from_subsolar(*self.subsolar_deg)
+        if camera is not None and camera.sun_position_mcmf_m is not None:
+            return ephemeris.direction_from_position(frame, camera.sun_position_mcmf_m)
+        if camera is not None and camera.time_utc is not None:
+            return ephemeris.sun_direction_at(camera.time_utc)
+        raise SunError("no Sun is stated, and the camera has none of its own")
+
+    def instant(self, camera: Camera | None) -> str | None:
+        """The time that is stated, or the camera's where no Sun is."""
+        if self.time_utc is not None or self._is_direction:
+            return self.time_utc
+        return None if camera is None else camera.time_utc
+
+    def disc(self, frame: EnuFrame, camera: Camera | None) -> SolarDisc:
+        """The Sun's disc by its distance, where a position or an instant says that; else the mean
+        one.
+        """
+        position = None if camera is None else camera.sun_position_mcmf_m
+        if self.time_utc is None and not self._is_direction and position is not None:
+            return SolarDisc(radius_at(float(np.linalg.norm(position - frame.origin_mcmf_m))))
+        time = self.instant(camera)
+        return MEAN_SUN if time is None else SolarDisc(radius_at(ephemeris.sun_distance_m(time)))
+
+    @property
+    def _is_direction(self) -> bool:
+        return self.azimuth_deg is not None or self.subsolar_deg is not None
