@@ -53,8 +53,15 @@ def enu_rotation(lon_deg: float, lat_deg: float) -> Array:
 
 
 def direction_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> Array:
-    """Unit vectors (..., 3) east, north, up; azimuth clockwise from north, elevation above the horizontal."""
-    azimuth, elevation = np.broadcast_arrays(np.radians(azimuth_deg), np.radians(elevation_deg))
+    """Unit vectors (..., 3) east, north, up; azimuth clockwise from north, elevation above the
+    horizontal plane, both in degrees, scalars or arrays that broadcast.
+    """
+    return direction_enu_rad(np.radians(azimuth_deg), np.radians(elevation_deg))
+
+
+def direction_enu_rad(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Array:
+    """`direction_enu` of angles in radians."""
+    azimuth, elevation = np.broadcast_arrays(azimuth_rad, elevation_rad)
     level = np.cos(elevation)
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
 
