@@ -8,7 +8,7 @@ PHOTO := sample_data/AS15-M-0414
 CATALOG := build/hadley.h5
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery test test-slow check bench bench-peers clean venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-peers clean venv
 
 all: catalog
 
@@ -40,6 +40,11 @@ catalog: $(READY)
 gallery: $(READY)
 	@mkdir -p build
 	$(BIN)/python docs/gallery.py build/gallery
+
+docs: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "docs       build/site/index.html"
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow'
