@@ -9,8 +9,8 @@ from typing import Any
 
 from ..constants import MOON_RADIUS_M
 from ..errors import DemError, LabelError
-from ..pds.pds3 import Label, find_image
-from ..pds.pds4 import product_label
+from ..pds.label import Label
+from ..pds.label_files import find_image, product_label
 from .georeferenced import Gridded
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
@@ -157,7 +157,7 @@ def _compare_bytes(image: Path, label: Label) -> None:
     """An image that is too long has a wrong label as surely as one that is too short; objects that
     the label counts in its file's size may stand around it.
     """
-    size, allowed = image.stat().st_size, max(label.image_bytes, label.claims.file_bytes or 0)
+    size, allowed = image.stat().st_size, max(label.image_bytes, label.declared.file_bytes or 0)
     if size < label.image_bytes:
         raise DemError(
             f"{image}: has {size} bytes where its label {label.path.name} says {label.image_bytes}: "

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import LcpError
-from ..pds.pds3 import Label
-from ..pds.pds4 import product_label
+from ..pds.label import Label
+from ..pds.label_files import product_label
+from ..pds.pds3 import read_pds3
 from .dem import Dem
 from .grid import Grid
 from .pixel_survey import POSSIBLE_M, Extreme, PixelSurvey, survey_pixels
@@ -73,7 +74,7 @@ def _label_of(path: Path) -> Label | None:
         return product_label(path)
     for beside in sorted(path.parent.iterdir()):
         if beside.name.lower() == f"{path.stem.lower()}.lbl":
-            label = Label.read(beside)
+            label = read_pds3(beside)
             return label if label.image_name.lower() == path.name.lower() else None
     return None
 
@@ -92,7 +93,7 @@ def _sizes(dem: Dem, label: Label | None) -> list[str]:
         return [] if said == there else [f"{dem.path}: {text}; {_AGAIN}"]
     if label.compressed:
         return []
-    stated = label.claims.file_bytes
+    stated = label.declared.file_bytes
     if stated is not None and stated < label.image_bytes:
         return [
             f"{label.path}: states a file of {stated} bytes, which cannot hold "
@@ -182,8 +183,8 @@ def _extremes(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
     if dem.raster.raw_dtype is not None and np.dtype(dem.raster.raw_dtype).kind == "f":
         step = 1.0 / dem.raster.scale_m
     for key, said, found in (
-        ("MINIMUM", label.claims.minimum, survey.lowest),
-        ("MAXIMUM", label.claims.maximum, survey.highest),
+        ("MINIMUM", label.declared.minimum, survey.lowest),
+        ("MAXIMUM", label.declared.maximum, survey.highest),
     ):
         if said is None or found is None:
             continue
@@ -200,17 +201,17 @@ def _extremes(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
 
 def _sums(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
     """MD5 of the image (of the pixels alone where the label is in front of them), and the sum of its samples."""
-    problems, claims = [], label.claims
-    if claims.md5 is not None:
+    problems, declared = [], label.declared
+    if declared.md5 is not None:
         digest = _md5(dem.path, label.image_offset_bytes if label.image_name == "" else 0)
-        if digest != claims.md5:
+        if digest != declared.md5:
             problems.append(
-                f"states the MD5 sum {claims.md5}, {dem.path.name} has {digest}; {_AGAIN}"
+                f"states the MD5 sum {declared.md5}, {dem.path.name} has {digest}; {_AGAIN}"
             )
     there = survey.sample_sum
-    if claims.checksum is not None and there is not None and claims.checksum % 2**32 != there:
+    if declared.checksum is not None and there is not None and declared.checksum % 2**32 != there:
         problems.append(
-            f"states the CHECKSUM {claims.checksum}, the samples add up to {there}; {_AGAIN}"
+            f"states the CHECKSUM {declared.checksum}, the samples add up to {there}; {_AGAIN}"
         )
     return problems
 
@@ -247,18 +248,18 @@ def _map(dem: Dem, label: Label) -> list[str]:
 
 def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
     """North and west were compared when the label was read."""
-    box, claims = grid.bounds, label.claims
+    box, declared = grid.bounds, label.declared
     pixel_deg = (box.north - box.south) / grid.height
     wrong = []
-    if claims.south_deg is not None and abs(claims.south_deg - box.south) > 1.5 * pixel_deg:
+    if declared.south_deg is not None and abs(declared.south_deg - box.south) > 1.5 * pixel_deg:
         wrong.append(
-            f"states MINIMUM_LATITUDE {claims.south_deg:g}, its last line ends at {box.south:.6g}"
+            f"states MINIMUM_LATITUDE {declared.south_deg:g}, its last line ends at {box.south:.6g}"
         )
-    if claims.east_deg is not None:
-        away = abs((claims.east_deg - box.east + 180.0) % 360.0 - 180.0)
+    if declared.east_deg is not None:
+        away = abs((declared.east_deg - box.east + 180.0) % 360.0 - 180.0)
         if away > 1.5 * (box.east - box.west) / grid.width:
             wrong.append(
-                f"states EASTERNMOST_LONGITUDE {claims.east_deg:g}, its last column ends at {box.east:.6g}"
+                f"states EASTERNMOST_LONGITUDE {declared.east_deg:g}, its last column ends at {box.east:.6g}"
             )
     return wrong
 
@@ -273,11 +274,11 @@ def _polar_bounds(grid: Grid, label: Label) -> list[str]:
     edge = np.ones(column.shape, dtype=bool)
     edge[1:-1, 1:-1] = False
     away = 90.0 - grid.pole * grid.lonlat(column, row)[1]
-    claims = label.claims
+    declared = label.declared
     inner, outer = (
-        (claims.south_deg, claims.north_deg)
+        (declared.south_deg, declared.north_deg)
         if grid.pole < 0
-        else (claims.north_deg, claims.south_deg)
+        else (declared.north_deg, declared.south_deg)
     )
     slack = 0.02 * float(away.max()) + 1e-3
     wrong = []

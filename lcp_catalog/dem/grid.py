@@ -21,7 +21,7 @@ from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import Bounds, enclosing_arc
-from ..pds.pds3 import Label
+from ..pds.label import Label
 from .crs import Crs, Projection
 
 EDGE_PX = 1e-6

@@ -21,7 +21,8 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from ..arrays import Mask
 from ..errors import ImageError, LabelError, LcpError
-from ..pds.pds3 import find_label, read_label_text
+from ..pds.label_files import find_label
+from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
 from ..photometry.albedo_raster import decode_srgb
 from ..photometry.srgb import ALBEDO_ENCODINGS

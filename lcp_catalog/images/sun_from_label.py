@@ -21,7 +21,8 @@ from ..arrays import Array
 from ..errors import ImageError, LabelError, SunError
 from ..pds import pvl
 from ..pds.isis_tables import sun_of_tables
-from ..pds.pds3 import find_label, read_label_text
+from ..pds.label_files import find_label
+from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
 from ..pds.pvl import Quantity
 from ..sun.ephemeris import direction_from_subsolar, sun_direction_at

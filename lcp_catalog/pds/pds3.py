@@ -10,79 +10,58 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from . import pvl
-from .declared_statistics import Claims
+from .label import DeclaredStatistics, Label
 from .pvl import Pvl, Quantity
-from .samples import Samples
 
 log = logging.getLogger(__name__)
 _MAX_LABEL_BYTES = 262_144
 _CYLINDRICAL = {"SIMPLE CYLINDRICAL", "EQUIRECTANGULAR", "EQUIDISTANT CYLINDRICAL"}
+_SAMPLES = {
+    ("LSB_INTEGER", 16): "<i2",
+    ("PC_INTEGER", 16): "<i2",
+    ("MSB_INTEGER", 16): ">i2",
+    ("INTEGER", 16): ">i2",
+    ("SUN_INTEGER", 16): ">i2",
+    ("LSB_INTEGER", 32): "<i4",
+    ("MSB_INTEGER", 32): ">i4",
+    ("PC_REAL", 32): "<f4",
+    ("IEEE_REAL", 32): ">f4",
+    ("REAL", 32): ">f4",
+    ("SUN_REAL", 32): ">f4",
+    ("PC_REAL", 64): "<f8",
+    ("IEEE_REAL", 64): ">f8",
+}
 _MATERIAL_SHIFT_PX = 0.1
 """A MAP_SCALE that moves the far edge by less than this share of a pixel is only rounded, and
 nobody needs to hear of it.
 """
 
 
-@dataclass(frozen=True)
-class Label:
-    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader
-    of rasters.
-
-    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of
-    height. Pixel (row,
-    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y =
-    (line_offset - row) *
-    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at
-    the pole.
+def read_pds3(path: Path) -> Label:
+    """The label in ``path``: detached, or attached in front of an image. LabelError names what is
+    wrong with it.
     """
+    text = read_label_text(path)
+    if text is None:
+        raise LabelError(f"{path}: not a PDS3 label (it does not begin with PDS_VERSION_ID)")
+    return parse_pds3(text, path)
 
-    path: Path
-    product_id: str
-    projection: str  # "equirectangular" | "polar-stereographic"
-    center_lon_deg: float
-    center_lat_deg: float  # standard parallel of the cylinder, or +-90
-    pixel_m: float
-    line_offset: float
-    sample_offset: float
-    lines: int
-    line_samples: int
-    height_scale_m: float
-    missing: tuple[float, ...]
-    sample_dtype: str | None  # None: the compressed file itself says it
-    image_name: str
-    image_offset_bytes: int
-    compressed: bool
-    claims: Claims = field(default_factory=Claims)
 
-    @property
-    def image_bytes(self) -> int:
-        """Size that an uncompressed image file must have at least."""
-        size = int((self.sample_dtype or "i2")[-1])
-        return self.image_offset_bytes + self.lines * self.line_samples * size
-
-    @classmethod
-    def read(cls, path: Path) -> Label:
-        """The label in ``path``: detached, or attached in front of an image; ``LabelError`` says
-        what is wrong with it.
-        """
-        text = read_label_text(path)
-        if text is None:
-            raise LabelError(f"{path}: not a PDS3 label (it does not begin with PDS_VERSION_ID)")
-        return cls.from_text(text, path)
-
-    @classmethod
-    def from_text(cls, text: str, path: Path) -> Label:
-        """The label of ``text``; ``path`` is where it stood."""
-        try:
-            return _Interpreter(pvl.parse_pvl(text), path).label()
-        except LabelError as error:
-            raise LabelError(f"{path}: {error}") from None
+def parse_pds3(text: str, path: Path) -> Label:
+    """The label with that text; ``path`` is the file that holds it."""
+    try:
+        return _Interpreter(pvl.parse_pvl(text), path).label()
+    except LabelError as error:
+        raise LabelError(f"{path}: {error}") from None
 
 
 def read_label_text(path: Path) -> str | None:
@@ -92,48 +71,6 @@ def read_label_text(path: Path) -> str | None:
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"PDS_VERSION_ID"):
         return None
     return head.decode("latin-1")
-
-
-def find_label(image: Path) -> Path:
-    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there
-    is none.
-
-    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid
-    (0..360 against -180..180).
-    """
-    if read_label_text(image) is not None:
-        return image
-    beside = {p.name.lower(): p for p in sorted(image.parent.iterdir())}
-    stem, ending = image.stem.lower(), image.suffix.lower().lstrip(".")
-    for name in (f"{stem}_{ending}.lbl", f"{stem}.lbl"):
-        label = beside.get(name)
-        if label is not None and (ending != "jp2" or _describes_compressed(label)):
-            return label
-    wanted = f"{image.stem}_JP2.LBL" if ending == "jp2" else f"{image.stem}.LBL"
-    why = (
-        "a bare JP2 does not say its heights' scale"
-        if ending == "jp2"
-        else "an .IMG is bare numbers"
-    )
-    raise LabelError(
-        f"{image}: its label {wanted} is missing ({why}); put the product's label beside it"
-    )
-
-
-def find_image(label: Label) -> Path:
-    """The file that holds the label's pixels, whatever the case of its name."""
-    if label.image_name == "":
-        return label.path
-    for path in sorted(label.path.parent.iterdir()):
-        if path.name.lower() == label.image_name.lower():
-            return path
-    raise LabelError(
-        f"{label.path}: the image that it describes, {label.image_name}, is not beside it; put it there"
-    )
-
-
-def _describes_compressed(path: Path) -> bool:
-    return "COMPRESSED_FILE" in pvl.parse_pvl(read_label_text(path) or "")
 
 
 class _Interpreter:
@@ -149,7 +86,7 @@ class _Interpreter:
         self.file: Pvl = plain if isinstance(plain, dict) else statements
         self.image: Pvl = pvl.table(self.file, "IMAGE") or pvl.table(statements, "IMAGE") or {}
         self.map: Pvl = pvl.table(statements, "IMAGE_MAP_PROJECTION") or {}
-        self.samples = Samples(self.image, self.compressed)
+        self.samples = _Samples(self.image, self.compressed)
 
     def label(self) -> Label:
         if not self.map:
@@ -181,10 +118,35 @@ class _Interpreter:
             image_name=name,
             image_offset_bytes=offset,
             compressed=self.compressed is not None,
-            claims=Claims.from_pvl(self.root, self.file, self.image, self.compressed, self.map),
+            declared=self._declared(),
         )
         self._compare_with_bounds(label)
         return label
+
+    def _declared(self) -> DeclaredStatistics:
+        """Of the compressed file where there is one, else of the image and of its file."""
+        compressed, image, map_ = self.compressed, self.image, self.map
+        tables = [image, self.file, self.root] if compressed is None else [compressed, self.root]
+        md5 = next(
+            (t["MD5_CHECKSUM"] for t in tables if isinstance(t.get("MD5_CHECKSUM"), str)), None
+        )
+        size = checksum = None
+        if compressed is None:
+            records = _first([self.file, self.root], "FILE_RECORDS")
+            record_bytes = _first([self.file, self.root], "RECORD_BYTES")
+            size = None if records is None or record_bytes is None else int(records * record_bytes)
+            checksum = _first([image], "CHECKSUM")
+        return DeclaredStatistics(
+            minimum=_first([image], "MINIMUM", "DERIVED_MINIMUM"),
+            maximum=_first([image], "MAXIMUM", "DERIVED_MAXIMUM"),
+            md5=None if md5 is None else md5.lower(),
+            checksum=None if checksum is None else int(checksum),
+            file_bytes=size,
+            north_deg=pvl.number(map_, "MAXIMUM_LATITUDE"),
+            south_deg=pvl.number(map_, "MINIMUM_LATITUDE"),
+            west_deg=pvl.number(map_, "WESTERNMOST_LONGITUDE"),
+            east_deg=pvl.number(map_, "EASTERNMOST_LONGITUDE"),
+        )
 
     def _refuse_foreign_maps(self) -> None:
         target = pvl.text(self.root, "TARGET_NAME")
@@ -392,3 +354,65 @@ class _Interpreter:
                 f"SAMPLE_PROJECTION_OFFSET puts the west edge at {west:.6g} deg, "
                 f"WESTERNMOST_LONGITUDE at {said_west:g}"
             )
+
+
+def _first(tables: list[Pvl], *keys: str) -> float | None:
+    found = (pvl.number(table, key) for table in tables for key in keys)
+    return next((value for value in found if value is not None), None)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """What a label's tables say about the numbers in its image; refusals are ``LabelError``."""
+
+    image: Pvl
+    compressed: Pvl | None  # the table of the compressed file, which is looked at first
+
+    def dtype(self) -> str:
+        """numpy's name of the type in which an uncompressed image is stored."""
+        kind, bits = (
+            pvl.text(self.image, "SAMPLE_TYPE"),
+            int(pvl.wanted(self.image, "SAMPLE_BITS")),
+        )
+        if (kind, bits) not in _SAMPLES:
+            raise LabelError(f"samples of type {kind} with {bits} bits are not supported")
+        return _SAMPLES[kind, bits]
+
+    def tables(self) -> Iterator[Pvl]:
+        """Where a key of the pixels may stand, the file at hand first."""
+        if self.compressed is not None:
+            yield self.compressed
+        yield self.image
+
+    def missing(self) -> Iterator[float]:
+        """Sample values that mean "nothing here"; "N/A" and silence mean that there are none."""
+        for table in self.tables():
+            for key in ("MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "CORE_NULL", "NULL"):
+                yield from self._constants(table.get(key), key)
+            for key in table:
+                if re.fullmatch(r"CORE_(LOW|HIGH)_(REPR|INSTR)_SATURATION", key):
+                    yield from self._constants(table[key], key)
+
+    def _constants(self, value: Any, key: str) -> Iterator[float]:
+        for item in value if isinstance(value, list) else [value]:
+            number = item.value if isinstance(item, Quantity) else item
+            if isinstance(number, float):
+                yield number
+            elif isinstance(number, str) and re.fullmatch(r"16#[0-9A-Fa-f]+#", number):
+                yield _from_hex(number[3:-1], self.dtype() if self.compressed is None else "<i2")
+            elif isinstance(number, str) and number.upper() not in (
+                "N/A",
+                "UNK",
+                "NULL",
+                "NONE",
+                "",
+            ):
+                raise LabelError(f"{key} = {number} is not understood")
+
+
+def _from_hex(digits: str, dtype: str) -> float:
+    """A missing constant given by its bits, most significant first."""
+    import numpy as np  # noqa: PLC0415  # only labels with such a constant
+
+    kind = np.dtype(dtype).newbyteorder(">")
+    return float(np.frombuffer(bytes.fromhex(digits.zfill(2 * kind.itemsize)), dtype=kind)[0])

@@ -1,4 +1,4 @@
-"""PDS4 labels (XML) of lunar DEMs, as the same ``Label`` that PDS3 texts give; and any product's label by any of its files.
+"""PDS4 labels (XML) of lunar DEMs, as the same ``Label`` that PDS3 texts give.
 
 Elements as in LOLA's LDEM labels: ``cart:`` for the map, one ``Array_2D`` for the pixels. GDAL reads such files too, but
 gives zeros for the end of an image that is cut short, and takes no notice of longitudes that grow to the west.
@@ -13,8 +13,7 @@ from xml.etree import ElementTree
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from . import pvl
-from .declared_statistics import Claims
-from .pds3 import Label, find_label, read_label_text
+from .label import DeclaredStatistics, Label
 
 _DTYPES = {
     "IEEE754LSBSingle": "<f4",
@@ -34,29 +33,6 @@ _CONSTANTS = (
     "not_applicable_constant",
     "saturated_constant",
 )
-
-
-def product_label(path: Path) -> Label | None:
-    """The label of a product given by its label or its image; None for files that say everything themselves.
-
-    ``LabelError`` for an .IMG or .JP2 whose label is missing, and for labels that cannot be trusted.
-    """
-    ending = path.suffix.lower()
-    if ending == ".lbl" or read_label_text(path) is not None:
-        return Label.read(path)
-    if ending == ".xml" and is_pds4(path):
-        return read_pds4(path)
-    if ending not in (".img", ".jp2"):
-        return None
-    try:
-        return Label.read(find_label(path))
-    except LabelError:
-        beside = [
-            p for p in sorted(path.parent.iterdir()) if p.name.lower() == f"{path.stem.lower()}.xml"
-        ]
-        if beside and is_pds4(beside[0]):
-            return read_pds4(beside[0])
-        raise
 
 
 def is_pds4(path: Path) -> bool:
@@ -142,7 +118,7 @@ class _Pds4:
             image_name=name,
             image_offset_bytes=int(self.number("offset")),
             compressed=False,
-            claims=self._claims(),
+            declared=self._declared(),
         )
 
     def _refuse_foreign_maps(self) -> None:
@@ -220,9 +196,9 @@ class _Pds4:
             )
         return metres if factor is None else factor * metres
 
-    def _claims(self) -> Claims:
+    def _declared(self) -> DeclaredStatistics:
         size = self.maybe("file_size")
-        return Claims(
+        return DeclaredStatistics(
             minimum=self.maybe("minimum"),
             maximum=self.maybe("maximum"),
             md5=self.text("md5_checksum").lower() or None,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.errors import LabelError
 from lcp_catalog.geometry.bounds import enclosing_arc
-from lcp_catalog.pds.pds3 import Label
+from lcp_catalog.pds.pds3 import parse_pds3
 
 SPHERE = pyproj.CRS("+proj=longlat +R=1737400 +no_defs")
 CYLINDER = Grid("equirectangular", 3600, 1800, 3000.0, -5.0e6, 2.7e6, 180.0, 0.0)
@@ -24,7 +24,7 @@ NORTH_75 = Grid("polar-stereographic", 3000, 3000, 200.0, -3e5, 3e5, 30.0, 75.0)
 
 
 def grid_of(name: str) -> Grid:
-    return Grid.from_label(Label.from_text(label_text(name), Path(f"{name}.LBL")))
+    return Grid.from_label(parse_pds3(label_text(name), Path(f"{name}.LBL")))
 
 
 def crs_of(grid: Grid) -> pyproj.CRS:

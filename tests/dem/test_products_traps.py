@@ -21,7 +21,7 @@ from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.height_survey import survey
 from lcp_catalog.errors import DemError, LabelError
-from lcp_catalog.pds.pds3 import Label
+from lcp_catalog.pds.pds3 import parse_pds3
 
 
 class TestTraps:
@@ -251,7 +251,7 @@ class TestScaleWithoutUnit:
     def test_the_radius_shows_it(self) -> None:
         for name, scale in (("LDEM_16", 0.5), ("SLDEM2015_512_00N_30N_000_045_FLOAT", 1000.0)):
             text = label_text(name).replace("    UNIT  ", "    NO_UNIT  ")
-            assert Label.from_text(text, Path("X.LBL")).height_scale_m == scale
+            assert parse_pds3(text, Path("X.LBL")).height_scale_m == scale
 
     @pytest.mark.parametrize("name", ["LDEM_16", "SLDEM2015_512_00N_30N_000_045_FLOAT"])
     def test_nothing_shows_it(self, name: str) -> None:
@@ -261,14 +261,14 @@ class TestScaleWithoutUnit:
             .replace("    OFFSET  ", "    NO_OFFSET  ")
         )
         with pytest.raises(LabelError, match="SCALING_FACTOR has no UNIT"):
-            Label.from_text(text, Path("X.LBL"))
+            parse_pds3(text, Path("X.LBL"))
 
     def test_whole_unscaled_numbers_are_metres(self) -> None:
         text = cut(
             label_text("WAC_GLD100_E000N1800_016P_attached"),
             BANDS="1\r\n SCALING_FACTOR = 1.0\r\n OFFSET = 0.0",
         )
-        assert Label.from_text(text, Path("X.LBL")).height_scale_m == 1.0
+        assert parse_pds3(text, Path("X.LBL")).height_scale_m == 1.0
 
     def test_a_jp2_does_not_take_the_scale_of_real_numbers(self, ldem_4: Path) -> None:
         """Kilometres of an uncompressed float image are not those of a JP2's counts."""
@@ -278,4 +278,4 @@ class TestScaleWithoutUnit:
             head = head.replace(f"  {key} ", f"  NO_{key} ")
         tail = cut(tail, SAMPLE_TYPE="PC_REAL", UNIT="KILOMETER", SCALING_FACTOR=1, OFFSET=1737.4)
         whole = f"{head}OBJECT = UNCOMPRESSED_FILE{tail}"
-        assert Label.from_text(whole, Path("X.LBL")).height_scale_m == 0.5
+        assert parse_pds3(whole, Path("X.LBL")).height_scale_m == 0.5

@@ -11,11 +11,13 @@ import pytest
 from helpers.products import cut, label_text
 
 from lcp_catalog.errors import LabelError
-from lcp_catalog.pds.pds3 import Label, find_image, find_label
+from lcp_catalog.pds.label import Label
+from lcp_catalog.pds.label_files import find_image, find_label
+from lcp_catalog.pds.pds3 import parse_pds3, read_pds3
 
 
 def read(text: str) -> Label:
-    return Label.from_text(text, Path("folder/X.LBL"))
+    return parse_pds3(text, Path("folder/X.LBL"))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_polar_labels_keep_their_exact_map_scale() -> None:
 
 
 def test_jp2_label_takes_the_compressed_file(ldem_4: Path) -> None:
-    label = Label.read(ldem_4 / "LDEM_4_JP2.LBL")  # holds COMPRESSED_FILE and UNCOMPRESSED_FILE
+    label = read_pds3(ldem_4 / "LDEM_4_JP2.LBL")  # holds COMPRESSED_FILE and UNCOMPRESSED_FILE
     assert label.image_name == "LDEM_4.JP2"
     assert label.compressed
     assert label.height_scale_m == 0.5
@@ -106,7 +108,7 @@ def test_rounded_map_scale_is_rebuilt_and_said(caplog: pytest.LogCaptureFixture)
 def test_a_harmlessly_rounded_map_scale_is_not_worth_a_word(
     caplog: pytest.LogCaptureFixture, ldem_4: Path
 ) -> None:
-    Label.read(ldem_4 / "LDEM_4.LBL")  # 7580.84 for 7580.8376: 0.0005 pixel
+    read_pds3(ldem_4 / "LDEM_4.LBL")  # 7580.84 for 7580.8376: 0.0005 pixel
     assert not caplog.records
 
 
@@ -166,7 +168,7 @@ class TestFinding:
     def test_each_image_has_its_own_label(self, ldem_4: Path) -> None:
         assert find_label(ldem_4 / "LDEM_4.IMG").name == "LDEM_4.LBL"
         assert find_label(ldem_4 / "LDEM_4.JP2").name == "LDEM_4_JP2.LBL"
-        assert find_image(Label.read(ldem_4 / "LDEM_4_JP2.LBL")).name == "LDEM_4.JP2"
+        assert find_image(read_pds3(ldem_4 / "LDEM_4_JP2.LBL")).name == "LDEM_4.JP2"
 
     def test_the_img_label_is_not_taken_for_a_jp2(self, ldem_4: Path, tmp_path: Path) -> None:
         for name in ("LDEM_4.JP2", "LDEM_4.LBL"):
@@ -178,12 +180,12 @@ class TestFinding:
         shutil.copy(ldem_4 / "LDEM_4.LBL", tmp_path / "ldem_4.lbl")
         shutil.copy(ldem_4 / "LDEM_4.IMG", tmp_path / "ldem_4.img")
         assert find_label(tmp_path / "ldem_4.img").name == "ldem_4.lbl"
-        assert find_image(Label.read(tmp_path / "ldem_4.lbl")).name == "ldem_4.img"
+        assert find_image(read_pds3(tmp_path / "ldem_4.lbl")).name == "ldem_4.img"
 
     def test_a_missing_partner_is_named(self, ldem_4: Path, tmp_path: Path) -> None:
         shutil.copy(ldem_4 / "LDEM_4.LBL", tmp_path)
         with pytest.raises(LabelError, match=r"LDEM_4\.IMG, is not beside it"):
-            find_image(Label.read(tmp_path / "LDEM_4.LBL"))
+            find_image(read_pds3(tmp_path / "LDEM_4.LBL"))
         (tmp_path / "LDEM_4.LBL").rename(tmp_path / "OTHER.LBL")
         (tmp_path / "LDEM_4.IMG").write_bytes(b"\0" * 16)
         with pytest.raises(LabelError, match=r"LDEM_4\.LBL is missing"):

@@ -1,0 +1,63 @@
+"""The label of a lunar DEM product: its statements about the pixels and the map, in one form for PDS3
+and PDS4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class DeclaredStatistics:
+    """None where the label is silent. ``minimum`` and ``maximum`` are as the label writes them: samples or
+    heights; degrees for the bounds.
+    """
+
+    minimum: float | None = None
+    maximum: float | None = None
+    md5: str | None = None
+    checksum: int | None = None  # PDS3: the unsigned 32-bit sum of all values of the image
+    file_bytes: int | None = None  # of the file that holds the image
+    north_deg: float | None = None
+    south_deg: float | None = None
+    west_deg: float | None = None
+    east_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader
+    of rasters.
+
+    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of
+    height. Pixel (row,
+    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y =
+    (line_offset - row) *
+    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at
+    the pole.
+    """
+
+    path: Path
+    product_id: str
+    projection: str  # "equirectangular" | "polar-stereographic"
+    center_lon_deg: float
+    center_lat_deg: float  # standard parallel of the cylinder, or +-90
+    pixel_m: float
+    line_offset: float
+    sample_offset: float
+    lines: int
+    line_samples: int
+    height_scale_m: float
+    missing: tuple[float, ...]
+    sample_dtype: str | None  # None: the compressed file itself says it
+    image_name: str
+    image_offset_bytes: int
+    compressed: bool
+    declared: DeclaredStatistics = field(default_factory=DeclaredStatistics)
+
+    @property
+    def image_bytes(self) -> int:
+        """Size that an uncompressed image file must have at least."""
+        size = int((self.sample_dtype or "i2")[-1])
+        return self.image_offset_bytes + self.lines * self.line_samples * size

@@ -1,0 +1,76 @@
+"""The files of a product: which label describes which image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import LabelError
+from . import pvl
+from .label import Label
+from .pds3 import read_label_text, read_pds3
+from .pds4 import is_pds4, read_pds4
+
+
+def product_label(path: Path) -> Label | None:
+    """The label of a product given by its label or its image; None for files that say everything themselves.
+
+    ``LabelError`` for an .IMG or .JP2 whose label is missing, and for labels that cannot be trusted.
+    """
+    ending = path.suffix.lower()
+    if ending == ".lbl" or read_label_text(path) is not None:
+        return read_pds3(path)
+    if ending == ".xml" and is_pds4(path):
+        return read_pds4(path)
+    if ending not in (".img", ".jp2"):
+        return None
+    try:
+        return read_pds3(find_label(path))
+    except LabelError:
+        beside = [
+            p for p in sorted(path.parent.iterdir()) if p.name.lower() == f"{path.stem.lower()}.xml"
+        ]
+        if beside and is_pds4(beside[0]):
+            return read_pds4(beside[0])
+        raise
+
+
+def find_label(image: Path) -> Path:
+    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there
+    is none.
+
+    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid
+    (0..360 against -180..180).
+    """
+    if read_label_text(image) is not None:
+        return image
+    beside = {p.name.lower(): p for p in sorted(image.parent.iterdir())}
+    stem, ending = image.stem.lower(), image.suffix.lower().lstrip(".")
+    for name in (f"{stem}_{ending}.lbl", f"{stem}.lbl"):
+        label = beside.get(name)
+        if label is not None and (ending != "jp2" or _describes_compressed(label)):
+            return label
+    wanted = f"{image.stem}_JP2.LBL" if ending == "jp2" else f"{image.stem}.LBL"
+    why = (
+        "a bare JP2 does not say its heights' scale"
+        if ending == "jp2"
+        else "an .IMG is bare numbers"
+    )
+    raise LabelError(
+        f"{image}: its label {wanted} is missing ({why}); put the product's label beside it"
+    )
+
+
+def find_image(label: Label) -> Path:
+    """The file that holds the label's pixels, whatever the case of its name."""
+    if label.image_name == "":
+        return label.path
+    for path in sorted(label.path.parent.iterdir()):
+        if path.name.lower() == label.image_name.lower():
+            return path
+    raise LabelError(
+        f"{label.path}: the image that it describes, {label.image_name}, is not beside it; put it there"
+    )
+
+
+def _describes_compressed(path: Path) -> bool:
+    return "COMPRESSED_FILE" in pvl.parse_pvl(read_label_text(path) or "")
