@@ -1,4 +1,4 @@
-"""What the user reads when something went wrong, and the exit code that Make sees."""
+"""Error messages of the command line and their exit codes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ EXIT_INTERRUPTED = 130
 
 
 def exit_code_of(error: BaseException) -> int:
-    """Print one line about ``error`` on stderr and give its exit code; what is no failure of ours to name is raised again."""
+    """Print one line about ``error`` on stderr and return its exit code."""
     if isinstance(error, click.ClickException):
         error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        click.echo("lcp: interrupted; no output was left half-written", err=True)
+        click.echo("lcp: interrupted; no incomplete output was left", err=True)
         return EXIT_INTERRUPTED
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else EXIT_FAILED
@@ -35,7 +35,7 @@ def _one_line(error: BaseException) -> str:
     elif isinstance(error, OSError):
         text = str(error)
     elif isinstance(error, MemoryError):
-        text = "out of memory; take a smaller area, a coarser --gsd or fewer --jobs"
+        text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"
     return " ".join(text.split())

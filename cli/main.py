@@ -1,6 +1,6 @@
-"""The ``lcp`` command: finds commands without importing them, and turns errors into one line and an exit code.
+"""The ``lcp`` command: the list of subcommands, and the exit code of a run.
 
-Commands are imported only when they are run, so that ``lcp --help`` stays quick.
+A subcommand's module is imported only when it runs, so that ``lcp --help`` is quick.
 """
 
 from __future__ import annotations
@@ -14,21 +14,24 @@ from lcp_catalog._version import __version__
 
 COMMANDS = {
     # name: (module, one line for the overview)
-    "dem": ("dem", "Look at DEM products."),
-    "render": ("render", "Render an area under one Sun and one view."),
-    "sun": ("sun", "Say where the Sun stands over a place."),
+    "dem": ("dem", "Describe, check or map DEM products."),
+    "render": ("render", "Render a terrain image for one Sun direction and one view."),
+    "sun": ("sun", "Compute the Sun's azimuth and elevation at a place."),
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
-    "inspect": ("inspect", "Say what is in a catalogue, and whether it is intact."),
-    "report": ("report", "Draw a catalogue as one self-contained page."),
-    "validate": ("validate", "Find a catalogue's points in images, and compare them with renders."),
+    "inspect": ("inspect", "Summarise a catalogue and check that it is intact."),
+    "report": ("report", "Write a catalogue report as one self-contained HTML page."),
+    "validate": (
+        "validate",
+        "Find a catalogue's points in images and compare the images with renders.",
+    ),
     "fit-reflectance": ("fit_reflectance", "Fit a reflectance model to goniometer measurements."),
-    "simulate": ("simulate", "Take a frame with a camera that never flew."),
-    "trade": ("trade", "Measure what each accuracy tier costs and changes."),
+    "simulate": ("simulate", "Simulate a camera image with detector noise and blur."),
+    "trade": ("trade", "Measure the run time and the errors of each accuracy tier."),
 }
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name and imports a command's module when it is asked for."""
+    """Command group that imports a command's module on first use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -47,10 +50,10 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="lcp")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for debugging.")
+@click.option("--debug", is_flag=True, help="Show the traceback if an error occurs.")
+@click.option("-v", "--verbose", count=True, help="Log to stderr; -vv for debug messages.")
 def cli(debug: bool, verbose: int) -> None:
-    """Catalogues of lunar control points: made from DEMs, proved by rendering."""
+    """Build and use catalogues of lunar control points, made from DEMs and tested on renders."""
     if verbose:
         import logging
 
@@ -61,14 +64,18 @@ def cli(debug: bool, verbose: int) -> None:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run the command line and exit: 0 done, 1 failed, 2 wrong usage, 3 and 4 as the command says, 130 interrupted."""
+    """Run the command line and exit.
+
+    Exit codes: 0 success, 1 failure, 2 wrong usage, 3 and 4 as the command's help states,
+    130 interrupted.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     sys.exit(run(arguments))
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line; the exit code is returned. One line on stderr says what went wrong."""
-    from .failures import exit_code_of  # nothing heavy: errors only
+    """Run the command line and return the exit code. An error prints one line on stderr."""
+    from .failures import exit_code_of  # a light import: error classes only
 
     try:
         result = cli.main(args=arguments, prog_name="lcp", standalone_mode=False)

@@ -1,7 +1,6 @@
-"""Every flag that more than one command has, once: groups of options as decorators.
+"""Options that several commands share, as decorators, and checks of their combinations.
 
-A group gives a command plain keyword arguments under the names that stand here; nothing is read or
-computed.
+A group passes the parsed values to the command as keyword arguments. No file is read here.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from .value_types import (
 Command = Callable[..., Any]
 
 TIERS = ("draft", "standard", "high", "reference")
-"""Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.accuracy`."""
+"""Names of the accuracy tiers, a copy of those in `lcp_catalog.accuracy`; a test compares them."""
 
 REFLECTANCE_HELP = (
-    f"Law of reflection: {', '.join(REFLECTANCES)}, some with :SET (hapke:wac-643-mare, minnaert:0.7; "
-    "docs/reflectance.md); default: auto, the one that the scene's phases want."
+    f"Reflectance model of the surface (law): {', '.join(REFLECTANCES)}; some take a parameter set, like "
+    "hapke:wac-643-mare or minnaert:0.7. Default: auto, chosen by the phase angles of the scene."
 )
 
 
@@ -47,8 +46,8 @@ product_order_option = click.option(
     "--product-order",
     type=Names(),
     metavar="NAME,NAME...",
-    help="Products, families or files that come first wherever they have a height; default: the product meant for the "
-    "latitude, then the finer pixel, then as given.",
+    help="Order of precedence where DEMs overlap: product names, product families or file names. Default: products made "
+    "for the latitude first, then finer pixels, then the order of the arguments.",
 )
 
 dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
@@ -61,18 +60,20 @@ area_options = option_group(
         nargs=2,
         type=click.Tuple([LONGITUDE, LATITUDE]),
         metavar="LON LAT",
-        help="Centre of the area, degrees; with --size.",
+        help="Centre of the area, degrees; needs --size.",
     ),
-    click.option("--size", "size_km", type=POSITIVE, metavar="KM", help="Side of the area."),
+    click.option(
+        "--size", "size_km", type=POSITIVE, metavar="KM", help="Side length of the square area."
+    ),
     click.option(
         "--bounds",
         nargs=4,
         type=click.Tuple([LONGITUDE, LATITUDE] * 2),
         metavar="W S E N",
-        help="Area by its bounds, degrees; may cross the antimeridian.",
+        help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian.",
     ),
     click.option(
-        "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: the DEM's own."
+        "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: that of the DEM."
     ),
 )
 
@@ -81,7 +82,7 @@ sun_angle_options = option_group(
         "--sun-azimuth",
         type=AZIMUTH,
         metavar="DEG",
-        help="Azimuth of the Sun, clockwise from north, at the area's centre.",
+        help="Azimuth of the Sun at the area's centre, clockwise from north.",
     ),
     click.option(
         "--sun-elevation",
@@ -90,14 +91,18 @@ sun_angle_options = option_group(
         help="Elevation of the Sun above the horizontal at the area's centre.",
     ),
     click.option(
-        "--time", "time_utc", type=Instant(), metavar="UTC", help="Sun of an instant, ISO 8601."
+        "--time",
+        "time_utc",
+        type=Instant(),
+        metavar="UTC",
+        help="Time in ISO 8601; the Sun's position is computed for it.",
     ),
     click.option(
         "--subsolar",
         nargs=2,
         type=click.Tuple([LONGITUDE, LATITUDE]),
         metavar="LON LAT",
-        help="Sun overhead at a place.",
+        help="Subsolar point, degrees: the place where the Sun is at the zenith.",
     ),
 )
 
@@ -108,8 +113,8 @@ sun_options = option_group(
         "sun_model",
         type=click.Choice(["point", "disc"]),
         default=None,
-        help="Shape of the Sun; default: a point in draft and standard, a disc in high and "
-        "reference.",
+        help="Model of the Sun: point source or extended disc; default: point in the tiers draft and standard, disc in "
+        "high and reference.",
     ),
 )
 
@@ -118,15 +123,15 @@ accuracy_options = option_group(
         "--accuracy",
         type=click.Choice(TIERS),
         default=None,
-        help="Share of nodes whose shadow may be wrong: draft 0.5 %, standard 0.02 % (the default), "
-        "high none, reference none and float64 throughout.",
+        help="Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 % (default), "
+        "high 0, reference 0 with float64 arithmetic throughout.",
     ),
     click.option(
         "--tolerance",
         type=Number(0.0),
         metavar="T",
         default=None,
-        help="Instead of --accuracy: the fastest tier whose errors stay within this share.",
+        help="Permitted share of nodes with a wrong shadow; selects the fastest sufficient tier. Replaces --accuracy.",
     ),
 )
 
@@ -141,50 +146,49 @@ model_options = option_group(
 )
 
 ENCODINGS = ("linear", "srgb")
-"""Like `REFLECTANCES`: written out, and held by a test against `lcp_catalog.build.config`."""
+"""Encodings of pixel values, a copy of those of the library; a test compares them."""
 
 albedo_options = option_group(
     click.option(
         "--albedo",
         "albedo_path",
         metavar="MAP",
-        help="A map of the ground's relative brightness, any raster in a lunar CRS; radiance is "
-        "multiplied by its value over a reference.",
+        help="Albedo map: a raster of relative surface brightness in a lunar CRS. Radiance is multiplied by the ratio of "
+        "its value to --albedo-reference.",
     ),
     click.option(
         "--albedo-encoding",
         type=click.Choice(ENCODINGS),
         default=None,
-        help="What MAP holds: values proportional to brightness (the default), or the codes of a "
-        "display image.",
+        help="Encoding of MAP: linear (values proportional to brightness, the default) or srgb (codes of a display "
+        "image).",
     ),
     click.option(
         "--albedo-reference",
         type=POSITIVE,
         default=None,
         metavar="V",
-        help="The value, decoded, whose factor is 1; default: MAP's own mean over the ground.",
+        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP over the area.",
     ),
 )
 
-overwrite_option = click.option(
-    "--overwrite", is_flag=True, help="Replace an output that exists already."
-)
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing output.")
 
 depfile_option = click.option(
-    "--depfile", metavar="FILE", help="Also write what was read, as a rule for make."
+    "--depfile", metavar="FILE", help="Also write the list of input files as a rule for make."
 )
 
 
 def output_option(metavar: str, required: bool = True) -> Callable[[Command], Command]:
-    """``-o``, the file that a command makes."""
-    return click.option("-o", "--output", required=required, metavar=metavar, help="What to write.")
+    """Option ``-o`` for the output file, or for a folder (``DIR``)."""
+    what = "Output folder." if metavar == "DIR" else "Output file."
+    return click.option("-o", "--output", required=required, metavar=metavar, help=what)
 
 
 def check_area(
     center: tuple[float, float] | None, size_km: float | None, bounds: tuple[float, ...] | None
 ) -> None:
-    """Usage error for area flags that contradict each other or say half."""
+    """Raise a usage error for contradictory or incomplete area options."""
     if center and bounds:
         raise click.UsageError("--center and --bounds exclude each other")
     if bool(center) != (size_km is not None):
@@ -202,7 +206,7 @@ def check_sun(
     time_utc: str | None,
     subsolar: tuple[float, float] | None,
 ) -> bool:
-    """Whether flags state a Sun; usage error for more than one or half of one."""
+    """Return True if the options state a Sun. Usage error for several statements or half of one."""
     if (azimuth is None) != (elevation is None):
         raise click.UsageError("--sun-azimuth and --sun-elevation go together")
     stated = [azimuth is not None, time_utc is not None, subsolar is not None]
@@ -214,13 +218,13 @@ def check_sun(
 
 
 def check_albedo(path: str | None, encoding: str | None, reference: float | None) -> None:
-    """Usage error for what says how a map is read without one."""
+    """Raise a usage error for albedo options without ``--albedo``."""
     for flag, value in (("--albedo-encoding", encoding), ("--albedo-reference", reference)):
         if path is None and value is not None:
             raise click.UsageError(f"{flag} needs --albedo MAP")
 
 
 def check_accuracy(tier: str | None, tolerance: float | None) -> None:
-    """Usage error for a tier and a tolerance at once."""
+    """Raise a usage error if both a tier and a tolerance are given."""
     if tier is not None and tolerance is not None:
         raise click.UsageError("--accuracy and --tolerance exclude each other")

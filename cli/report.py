@@ -1,4 +1,4 @@
-"""``lcp report``: a catalogue as one self-contained page."""
+"""``lcp report``: a catalogue as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from . import options
 @options.output_option("REPORT.html")
 @options.overwrite_option
 def command(catalog: str, output: str, overwrite: bool) -> None:
-    """Draw a catalogue as one page: the map, the patches, and the Suns they serve under.
+    """Write a catalogue report: map of the points, their patches, and their usable Sun directions.
 
-    The page is one file, needs no network and shows the same in ten years.
+    The report is one HTML file without external references: it can be read offline.
     """
     from lcp_catalog.catalog.report import write_report
 

@@ -1,4 +1,4 @@
-"""``lcp trade``: every accuracy tier against ``reference``, on the user's own DEM and sweep."""
+"""``lcp trade``: run time and errors of the accuracy tiers on the user's own DEM and sweep."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from .options import (
     "--areas",
     type=click.IntRange(1),
     metavar="N",
-    help="How many of the build's areas to compute, spread over the region; default 4.",
+    help="Number of the build's areas to compute, spread over the region; default 4.",
 )
 @click.option(
     "--rounds",
     type=click.IntRange(1),
     metavar="N",
-    help="How often each area is computed in each tier, for the median time; default 2.",
+    help="Number of timed runs of each area in each tier; the median counts; default 2.",
 )
 @overwrite_option
 def command(
@@ -56,10 +56,13 @@ def command(
     overwrite: bool,
     **flags: Any,
 ) -> None:
-    """Measure what each accuracy tier costs and what it changes, on your own DEM and sweep.
+    """Measure the run time and the errors of each accuracy tier on your own DEM and sweep.
 
-    Some areas of the build that the same flags would make are computed in every tier, the tiers in turn, each in a process of its
-    own. DIR gets trade.json, trade.html (a page with table, plot and pictures) and trade.md (the table to paste).
+    The options describe a build as in `lcp build-catalog`. Some areas of that build are computed
+    in every tier, each tier in a process of its own, and compared with the tier `reference`.
+
+    Writes DIR/trade.json, DIR/trade.html (table, plot and images) and DIR/trade.md (the table in
+    Markdown).
     """
     config = configuration(**flags)
     from lcp_catalog.build.run import Build

@@ -1,4 +1,4 @@
-"""``lcp validate``: a catalogue against images: are its points there, where was the camera, does the render look alike."""
+"""``lcp validate``: control points found in images, the camera's position, images against renders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 EXIT_NO = 4
 
 DEFAULT_LAW = "lunar-lambert"
-"""What a navigator should carry (docs/photographs.md): it has a phase function, which a wide image needs."""
+"""Default reflectance model. It has a phase function, which wide images need."""
 
 
 @click.command("validate")
@@ -29,8 +29,8 @@ DEFAULT_LAW = "lunar-lambert"
     "cameras",
     multiple=True,
     metavar="CAMERA.json",
-    help="What took the image: CAMERA.json, USGS ISD or .tsai; one for all images, or one for each in their order. "
-    "Default: the image is map-projected and says so itself.",
+    help="Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
+    "Default: none, for images that are georeferenced map projections.",
 )
 @options.sun_angle_options
 @click.option(
@@ -38,22 +38,23 @@ DEFAULT_LAW = "lunar-lambert"
     "dems",
     multiple=True,
     metavar="DEM",
-    help="Compare the whole image with renders of this DEM, too (again for more files); else the catalogue's patches alone.",
+    help="Compare the whole image with renders of this DEM (repeat the option for more files). Default: compare with the "
+    "catalogue's patches only.",
 )
 @click.option(
     "--gsd",
     "gsd_m",
     type=POSITIVE,
     metavar="M",
-    help="Cells on which windows are compared; default: the true resolution of --dem, estimated from its heights; "
-    "of patches alone their own cells.",
+    help="Cell size at which windows are compared; default: the effective resolution of --dem, estimated from its "
+    "heights, or the cell size of the patches.",
 )
 @click.option(
     "--reflectance",
     type=LAW,
     default=DEFAULT_LAW,
     show_default=True,
-    help="Law of reflection of the renders.",
+    help="Reflectance model (law) of the renders.",
 )
 @options.albedo_options
 @options.accuracy_options
@@ -64,7 +65,7 @@ DEFAULT_LAW = "lunar-lambert"
     default=1.0,
     show_default=True,
     metavar="KM",
-    help="How well the camera's position is known (a map's place), 1 sigma of each axis; 0: exactly.",
+    help="Uncertainty of the camera's position, or of a map's georeference: 1 sigma per axis; 0: exact.",
 )
 @click.option(
     "--attitude-sigma",
@@ -73,7 +74,7 @@ DEFAULT_LAW = "lunar-lambert"
     default=0.1,
     show_default=True,
     metavar="DEG",
-    help="How well its attitude is known, 1 sigma about each axis; 0: exactly.",
+    help="Uncertainty of the camera's attitude: 1 sigma about each axis; 0: exact.",
 )
 @click.option(
     "--window",
@@ -81,54 +82,54 @@ DEFAULT_LAW = "lunar-lambert"
     default=16,
     show_default=True,
     metavar="N",
-    help="Side of the windows that are compared, cells.",
+    help="Side length of the compared windows, cells.",
 )
 @click.option(
     "--step",
     type=click.IntRange(1),
     metavar="N",
-    help="From window to window; default: side by side.",
+    help="Spacing of the windows, cells; default: the window's side, so that windows adjoin.",
 )
 @click.option(
     "--remove-offset",
     is_flag=True,
-    help="Shift the whole image by what it is off before windows are compared (the report says by how much).",
+    help="Remove the image's overall offset before windows are compared; the report states it.",
 )
 @click.option(
     "--encoding",
     type=click.Choice(options.ENCODINGS),
     default=options.ENCODINGS[0],
     show_default=True,
-    help="What the image's numbers are: proportional to radiance, or the codes of a display picture.",
+    help="Encoding of the image: linear (values proportional to radiance) or srgb (codes of a display image).",
 )
 @click.option(
     "--band",
     type=click.IntRange(1),
     metavar="N",
-    help="Band of the image; default: the first, of colours their luminance.",
+    help="Band of the image; default: the first band, or the luminance of a colour image.",
 )
 @click.option(
     "--nodata",
     type=Finite(),
     metavar="V",
-    help="A value that means nothing here, beside those that the image states itself.",
+    help="Additional nodata value, besides those that the image file declares.",
 )
 @click.option(
     "--faint",
     is_flag=True,
-    help="For ground that hardly shades: let matches through that are doubtful alone; what agrees decides.",
+    help="For low-contrast terrain: accept weak matches and rely on their mutual agreement.",
 )
 @click.option(
     "--known-pose",
     is_flag=True,
-    help="The camera file's position is the truth: report the found one's error against it.",
+    help="Take the camera file's position as the true one and report the error of the estimated position.",
 )
 @click.option(
     "--require",
     metavar="EXPR",
-    help="Exit code 4 unless this holds for every image, like 'share_above_0_9>=0.85 and points_found>=20'.",
+    help="Condition for every image, like 'share_above_0_9>=0.85 and points_found>=20'; exit code 4 if it fails.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print report.json on stdout, too.")
+@click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
 @options.overwrite_option
 @options.depfile_option
 def command(
@@ -142,11 +143,15 @@ def command(
     depfile: str | None,
     **flags: Any,
 ) -> int:
-    """Find a catalogue's points in images, and compare the images with renders.
+    """Find a catalogue's points in images and compare the images with renders.
 
-    DIR gets report.json, report.html (one page that needs no network), points.csv and windows.csv. See docs/validation.md.
+    The camera's position and attitude are estimated from the points that are found.
 
-    Exit code 4: an image is not the place that its camera file says, or --require does not hold.
+    Writes DIR/report.json, DIR/report.html (one self-contained page), DIR/points.csv and
+    DIR/windows.csv.
+
+    Exit code 4: an image does not show the place that its camera file states, or --require is
+    not met.
     """
     files = _paired(images, cameras)
     from lcp_catalog.validation.requirement import Requirement
@@ -154,8 +159,8 @@ def command(
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not flags["known_pose"]:
         raise click.UsageError(
-            "--require: a position's error is only known with --known-pose (the camera file's position is the truth); "
-            "add it, or demand position_sigma_m"
+            "--require: the position error is known only with --known-pose (the camera file's position is the true one); "
+            "add --known-pose, or require position_sigma_m"
         )
     from lcp_catalog.validation.output import check_validation_folder, write_validation
     from lcp_catalog.validation.result import summary_lines
@@ -180,10 +185,10 @@ def command(
 
 
 def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFiles]:
-    """Each image with its camera; usage error where the numbers do not fit."""
+    """Return each image with its camera file. Usage error if their numbers do not match."""
     if len(cameras) not in {0, 1, len(images)}:
         raise click.UsageError(
-            f"{len(cameras)} --camera for {len(images)} images: state one, or one for each in their order"
+            f"{len(cameras)} --camera for {len(images)} images: give one, or one per image in the same order"
         )
     from lcp_catalog.validation.run import ImageFiles
 

@@ -1,4 +1,4 @@
-"""The types of values that flags take: what is refused where it stands, with the flag's name."""
+"""Types of option values. An invalid value is a usage error that names the option."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 REFLECTANCES = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke", "facet")
-"""Written out, so that no flag needs the kernels to be imported; a test holds it against
-`lcp_catalog.photometry.laws`.
+"""Names of the reflectance models, a copy of those in `lcp_catalog.photometry.laws`; a test
+compares them. The copy saves the import of the kernels when options are parsed.
 """
 
 
 class Number(click.FloatRange):
-    """A number within bounds; nan and inf are none."""
+    """A finite number within bounds; nan and inf are invalid."""
 
     name = "number"
 
@@ -28,7 +28,7 @@ class Number(click.FloatRange):
 
 
 class Finite(click.types.FloatParamType):
-    """A number without bounds; nan and inf are none."""
+    """A finite number; nan and inf are invalid."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -40,13 +40,13 @@ class Finite(click.types.FloatParamType):
 
 
 class Instant(click.ParamType):
-    """A time in ISO 8601; without a zone it is UTC."""
+    """A time in ISO 8601; UTC if it has no time zone."""
 
     name = "time"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from lcp_catalog.errors import SunError
-        from lcp_catalog.sun.times import instants  # erfa: only when a time is given
+        from lcp_catalog.sun.times import instants  # imports erfa
 
         try:
             instants(value)
@@ -56,7 +56,7 @@ class Instant(click.ParamType):
 
 
 class Law(click.ParamType):
-    """A law of reflection by name, with what may follow a colon; or auto, which leaves it to the scene."""
+    """Name of a reflectance model, with an optional parameter set after a colon, or ``auto``."""
 
     name = "law"
 
@@ -67,15 +67,13 @@ class Law(click.ParamType):
         law, colon, _ = str(value).partition(":")
         if law not in REFLECTANCES and value != "auto":
             self.fail(
-                f"{value!r} is no law of reflection; there are {', '.join(REFLECTANCES)}.",
+                f"{value!r} is not a reflectance model; valid names: {', '.join(REFLECTANCES)}.",
                 param,
                 ctx,
             )
-        if colon and law != "facet":  # a facet's file is read, and complained of, with the others
+        if colon and law != "facet":  # a facet model's file is checked when it is read
             from lcp_catalog.errors import ConfigError
-            from lcp_catalog.photometry.laws import (
-                reflectance_model,  # numba: only when it is asked
-            )
+            from lcp_catalog.photometry.laws import reflectance_model  # imports numba
 
             try:
                 reflectance_model(value)
@@ -88,7 +86,7 @@ LAW = Law()
 
 
 class Step(click.ParamType):
-    """A step of time like 30m, 6h, 1d, 3600s or PT6H, in seconds."""
+    """Time step like 30m, 6h, 1d, 3600s or PT6H; converted to seconds."""
 
     name = "step"
 
@@ -110,7 +108,7 @@ AZIMUTH = Number(-360, 360)
 
 
 class Names(click.ParamType):
-    """Names with commas between them."""
+    """Names separated by commas."""
 
     name = "names"
 

@@ -159,7 +159,7 @@ def test_what_is_there_is_not_replaced(place, report, capsys) -> None:
         (["--require", "share_above=0.9"], 2, "--require"),
         (["--require", "beauty>1"], 2, "beauty"),
         (["--require", ""], 2, "'' is no condition"),
-        (["--require", "position_error_m<100"], 2, "only known with --known-pose"),
+        (["--require", "position_error_m<100"], 2, "known only with --known-pose"),
         (["--dem", "none.tif"], 1, "none.tif: there is no such file"),
         (["--dem", __file__], 1, "not a DEM that can be read here"),
         (["--depfile", "nowhere/report.d"], 1, "nowhere does not exist"),
