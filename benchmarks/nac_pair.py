@@ -48,7 +48,7 @@ from lcp_catalog.images.image import Photo
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.pipeline import Scene
+from lcp_catalog.rendering.pipeline import Scene
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 OVERLAP = 4.0

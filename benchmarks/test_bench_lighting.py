@@ -17,7 +17,7 @@ from lcp_catalog.light.panorama_models import Lamp, cie_sky, with_lamps
 from lcp_catalog.light.sky_sampling import sky_at_nodes
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 

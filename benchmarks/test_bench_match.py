@@ -21,7 +21,7 @@ from lcp_catalog.matching import point_search, templates
 from lcp_catalog.matching.point_search import match, points_in_view
 from lcp_catalog.matching.search_image import SearchImage
 from lcp_catalog.photometry.laws import DEFAULT_MODEL
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation import frame as simulate
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.threads import limit_threads, thread_limit

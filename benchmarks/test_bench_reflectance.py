@@ -22,7 +22,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.photometry.images import add_light, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded_sweep
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain

@@ -18,8 +18,8 @@ from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render import limb
-from lcp_catalog.render.sphere_renderer import render_sphere_camera, sphere_nodes
+from lcp_catalog.rendering import limb
+from lcp_catalog.rendering.sphere_renderer import render_sphere_camera, sphere_nodes
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.threads import limit_threads
 

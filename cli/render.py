@@ -13,7 +13,7 @@ from . import options, render_options
 
 if TYPE_CHECKING:
     from lcp_catalog.light.environment import Environment
-    from lcp_catalog.render.request import Request
+    from lcp_catalog.rendering.request import Request
 
 
 @click.command()
@@ -60,8 +60,8 @@ def command(
     request = _request(dem, **flags)
 
     from lcp_catalog.atomic_files import check_output
-    from lcp_catalog.render.output import explain as explained
-    from lcp_catalog.render.pipeline import prepare
+    from lcp_catalog.rendering.output import explain as explained
+    from lcp_catalog.rendering.pipeline import prepare
 
     for name, replaced in ((output, overwrite), (preview, overwrite), (depfile, True)):
         if name:
@@ -95,9 +95,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
-    from lcp_catalog.render.compositing import Backdrop
-    from lcp_catalog.render.request import Request, ViewChoice
-    from lcp_catalog.render.sphere_extent import Cap
+    from lcp_catalog.rendering.compositing import Backdrop
+    from lcp_catalog.rendering.request import Request, ViewChoice
+    from lcp_catalog.rendering.sphere_extent import Cap
     from lcp_catalog.terrain.terrain import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
@@ -161,9 +161,9 @@ def _write(
 ) -> None:
     """Render and write; OUT.tif appears last, when everything else is whole."""
     from lcp_catalog.atomic_files import depfile_text, write_aside
-    from lcp_catalog.render.output import encode
-    from lcp_catalog.render.pipeline import expose
-    from lcp_catalog.render.rasters import picture, png
+    from lcp_catalog.rendering.output import encode
+    from lcp_catalog.rendering.pipeline import expose
+    from lcp_catalog.rendering.rasters import picture, png
 
     result = expose(scene)
     with ExitStack() as stack:

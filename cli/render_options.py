@@ -108,7 +108,7 @@ view_options = option_group(
 )
 
 SURFACES = ("auto", "heightfield", "sphere")
-"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.render.pipeline`."""
+"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.rendering.pipeline`."""
 
 surface_option = click.option(
     "--surface",

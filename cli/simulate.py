@@ -141,7 +141,7 @@ def _ground(
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
-    from lcp_catalog.render.request import Request, ViewChoice
+    from lcp_catalog.rendering.request import Request, ViewChoice
     from lcp_catalog.simulation.frame import DemGround
     from lcp_catalog.simulation.patch_ground import PatchGround, is_catalog
 

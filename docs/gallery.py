@@ -31,7 +31,7 @@ from lcp_catalog.photometry.facet_plot import brightness_chart, intensity_chart,
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
 from lcp_catalog.photometry.phase_curves import phase_curve_chart, polar_chart
 from lcp_catalog.plots.png import encode_png
-from lcp_catalog.render.rasters import picture
+from lcp_catalog.rendering.rasters import picture
 
 LCP = Path(sys.executable).with_name("lcp")
 DEM = "sample_data/hadley_gld100_256ppd.tif"

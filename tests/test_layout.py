@@ -27,7 +27,7 @@ ORDER = [
     "photometry",
     "light",
     "images",
-    "render",
+    "rendering",
     "catalog",
     "build",
     "matching",
@@ -39,7 +39,7 @@ ORDER = [
 
 FENCES = {
     # package: sub-packages or modules of the library that may import it
-    "rasterio": {"dem", "render", "images"},
+    "rasterio": {"dem", "rendering", "images"},
     "cv2": {"landmarks", "matching", "light", "threads"},
     "h5py": {"catalog"},
     "distributed": {"build"},

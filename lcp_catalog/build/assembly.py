@@ -24,9 +24,9 @@ from ..dem.mosaic import DemSet
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..landmarks.selection import coverage, select, stable_id
 from ..photometry.albedo_map import AlbedoMap, Cover
-from ..render import decisions as effects
-from ..render.decisions import Decision
-from ..render.error_bounds import limb_tangent
+from ..rendering import decisions as effects
+from ..rendering.decisions import Decision
+from ..rendering.error_bounds import limb_tangent
 from ..terrain.terrain import Area, NodeWindow, build_terrain
 from .area_job import Candidates
 from .config import BuildConfig

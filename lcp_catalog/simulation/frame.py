@@ -22,9 +22,9 @@ from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
 from ..images.image import Photo
 from ..light.sun_choice import SunChoice
-from ..render.pipeline import Scene, prepare
-from ..render.renderer import render_camera
-from ..render.request import Request, ViewChoice
+from ..rendering.pipeline import Scene, prepare
+from ..rendering.renderer import render_camera
+from ..rendering.request import Request, ViewChoice
 from ..sun import ephemeris
 from .detector import Detector, Numbers, gathered, response
 

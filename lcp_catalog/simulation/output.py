@@ -10,7 +10,7 @@ from typing import Any
 from .._version import __version__
 from ..constants import FRAME
 from ..errors import OutputError
-from ..render.rasters import geotiff, png
+from ..rendering.rasters import geotiff, png
 from .frame import Frame
 
 PNG, TIFF = (".png",), (".tif", ".tiff")

@@ -26,8 +26,8 @@ from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from ..render.plan import plan_scene
-from ..render.renderer import render_camera
+from ..rendering.plan import plan_scene
+from ..rendering.renderer import render_camera
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import NodeWindow, Terrain

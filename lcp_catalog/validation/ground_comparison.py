@@ -28,9 +28,9 @@ from ..light.sun_choice import SunChoice
 from ..matching.templates import nodes_mcmf
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
-from ..render.pipeline import Scene, expose, prepare
-from ..render.renderer import render_enu
-from ..render.request import Request, ViewChoice
+from ..rendering.pipeline import Scene, expose, prepare
+from ..rendering.renderer import render_enu
+from ..rendering.request import Request, ViewChoice
 from ..terrain.heightfield import Heightfield
 from ..terrain.terrain import NodeWindow, Terrain
 from .dem_resolution import of_terrain

@@ -8,7 +8,7 @@ from lcp_catalog.cameras.view import View, camera_view, looking_camera, sensor_v
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 

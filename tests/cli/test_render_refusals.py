@@ -9,7 +9,7 @@ from lcp_cli.main import run
 
 from lcp_catalog import atomic_files
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.render import output, pipeline
+from lcp_catalog.rendering import output, pipeline
 
 
 @pytest.fixture(scope="module")

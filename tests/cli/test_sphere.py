@@ -15,7 +15,7 @@ from lcp_cli.main import run
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.render import request
+from lcp_catalog.rendering import request
 from lcp_catalog.terrain.terrain import _SIZE_MAX_KM
 
 R = MOON_RADIUS_M

@@ -13,7 +13,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
-from lcp_catalog.render import limb
+from lcp_catalog.rendering import limb
 
 R = MOON_RADIUS_M
 RANGE_ERROR = 2e-15

@@ -24,9 +24,9 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.pipeline import Scene, expose, prepare
-from lcp_catalog.render.renderer import Photograph
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.pipeline import Scene, expose, prepare
+from lcp_catalog.rendering.renderer import Photograph
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.terrain.terrain import Area
 

@@ -19,9 +19,9 @@ from lcp_catalog.images.image import Photo
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.albedo_raster import decode_srgb
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.pipeline import Scene, expose, prepare
-from lcp_catalog.render.renderer import Photograph, render_enu
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.pipeline import Scene, expose, prepare
+from lcp_catalog.rendering.renderer import Photograph, render_enu
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.validation.dem_resolution import Resolution, of_terrain
 from lcp_catalog.validation.ground_comparison import rendered_cell_m
 from lcp_catalog.validation.orthoimage import Ortho, orthorectify, terrain_nodes

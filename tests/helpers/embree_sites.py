@@ -26,9 +26,9 @@ from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.render.output import encode
-from lcp_catalog.render.pipeline import expose, prepare
-from lcp_catalog.render.request import Request
+from lcp_catalog.rendering.output import encode
+from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.request import Request
 from lcp_catalog.terrain.terrain import Area
 
 AGREED = 0.995

@@ -18,9 +18,9 @@ from lcp_catalog.images.image import Photo
 from lcp_catalog.images.image_file import open_photo
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.pipeline import Scene, expose, prepare
-from lcp_catalog.render.rasters import geotiff
-from lcp_catalog.render.request import Request
+from lcp_catalog.rendering.pipeline import Scene, expose, prepare
+from lcp_catalog.rendering.rasters import geotiff
+from lcp_catalog.rendering.request import Request
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
 
 PAIR = Path("images") / "nac-tranqpit1-pair"

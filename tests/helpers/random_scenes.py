@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.render.plan import plan_scene
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.plan import plan_scene
+from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 

@@ -18,9 +18,9 @@ import rasterio
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
-from lcp_catalog.render.pipeline import expose, prepare
-from lcp_catalog.render.renderer import render_enu
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 
 SAMPLE = Path(__file__).parents[2] / "sample_data"

@@ -24,7 +24,7 @@ from lcp_catalog.light.solar_disc import SolarDisc, disc_directions, sunlit_shar
 from lcp_catalog.light.sources import Lighting, Source
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.sun.limb_darkening import LimbDarkening
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain

@@ -29,7 +29,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.matching.point_search import match
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import DemGround, frame
 

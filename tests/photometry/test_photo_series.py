@@ -15,7 +15,7 @@ from helpers import apollo_frames as apollo
 
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.pipeline import expose
+from lcp_catalog.rendering.pipeline import expose
 
 CARRIED = ("lunar-lambert", "hapke", "lommel-seeliger:rolo")
 """Laws with a published phase function."""

@@ -20,7 +20,7 @@ from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.light.sources import Lighting, Source
 from lcp_catalog.photometry.hapke_parameters import HapkeSet
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.renderer import render_enu
 
 SHAPE = (23, 1100)
 """More than two runs of 512 a row, the last one short."""

@@ -24,7 +24,7 @@ from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_e
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import (
     DemGround,

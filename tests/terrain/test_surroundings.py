@@ -25,7 +25,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.rays.bundles import scaled
-from lcp_catalog.render.plan import plan_scene
+from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
 from lcp_catalog.terrain.horizons import Nodes
 from lcp_catalog.terrain.surroundings import (

@@ -17,7 +17,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Photo
 from lcp_catalog.matching.templates import nodes_mcmf
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import photo as simulated
 from lcp_catalog.validation import ground_comparison

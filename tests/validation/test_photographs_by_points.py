@@ -14,8 +14,8 @@ from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.catalog.hdf5 import read_catalog
 from lcp_catalog.catalog.schema import USABLE
-from lcp_catalog.render.pipeline import expose, prepare
-from lcp_catalog.render.request import Request, ViewChoice
+from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.terrain.terrain import Area
 

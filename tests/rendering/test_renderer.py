@@ -10,8 +10,8 @@ from lcp_catalog.cameras.frame_camera import camera_from_json
 from lcp_catalog.cameras.view import View, camera_view, looking_camera, nadir_view, oblique_view
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.render.plan import plan_scene
-from lcp_catalog.render.renderer import render_camera, render_enu
+from lcp_catalog.rendering.plan import plan_scene
+from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import ring_needed_m, steepness
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain

@@ -19,8 +19,12 @@ from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.light.sources import Lighting
-from lcp_catalog.render.renderer import render_camera, render_enu
-from lcp_catalog.render.sphere_renderer import render_sphere_camera, render_sphere_enu, sphere_nodes
+from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.sphere_renderer import (
+    render_sphere_camera,
+    render_sphere_enu,
+    sphere_nodes,
+)
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 

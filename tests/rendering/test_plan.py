@@ -15,9 +15,9 @@ from lcp_catalog.build.config import BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.cameras.view import View, nadir_view, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.render.error_bounds import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
-from lcp_catalog.render.plan import plan_scene, ring_decision
-from lcp_catalog.render.renderer import render_enu
+from lcp_catalog.rendering.error_bounds import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
+from lcp_catalog.rendering.plan import plan_scene, ring_decision
+from lcp_catalog.rendering.renderer import render_enu
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -125,7 +125,7 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
 
 def test_renders_take_the_path_that_the_plan_says(monkeypatch):
     """The cheaper one where an effect is off, the fuller one where it is on."""
-    from lcp_catalog.render import renderer
+    from lcp_catalog.rendering import renderer
 
     called = []
     for name in ("occluded", "sunlit_share", "_hidden", "parallel_view"):

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import View, camera_view, looking_camera, nadir_view
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.render.plan import plan_scene
+from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain.relief_bounds import steepness
 
 pytestmark = pytest.mark.usefixtures("one_thread")

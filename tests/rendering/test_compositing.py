@@ -17,8 +17,8 @@ from lcp_catalog.light.hdr_image import Picture
 from lcp_catalog.light.panorama_models import Lamp, room, uniform
 from lcp_catalog.light.solar_disc import SolarDisc
 from lcp_catalog.light.sources import Lighting, Source
-from lcp_catalog.render.compositing import Backdrop, composite, shadow_factor
-from lcp_catalog.render.renderer import render_camera
+from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor
+from lcp_catalog.rendering.renderer import render_camera
 from lcp_catalog.sun.limb_darkening import LimbDarkening
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
