@@ -1,9 +1,11 @@
-"""Shadows, sweeps and camera rays against Mitsuba 3 (llvm) and Embree on the same surface, all in turn in one process.
+"""Shadows, sweeps and camera rays compared with Mitsuba 3 (llvm) and Embree on the same surface, in turn in one process.
 
-Run by `make bench-peers`; the peers are in a dependency group of their own, never run-time dependencies. Mitsuba traces with the
-Embree that is built into it; the other column is Embree 4 as Open3D's RaycastingScene drives it. Their meshes are split along the
-same diagonal, and their rays are lifted by a centimetre off the nodes, as they have no edge-crossing test; so some of their masks
-differ from ours. The figures to quote are the ratios: the machine's speed drifts, and drifts for all.
+Run by `make bench-peers`. The peers are a dependency group of their own, never run-time dependencies; they install with pip
+alone. Mitsuba traces with the Embree built into it, on as many threads as lcp; its llvm variant loads the system's LLVM
+library, and without that library its columns are left out. The other peer is Embree 4 through embreex, which uses one thread.
+The peers' meshes are split along the same diagonal as ours. They have no edge-crossing test, so their rays start one centimetre
+above the nodes, and some of their masks differ from ours for that reason. Quote the ratios: the speed of a shared machine
+drifts, and it drifts for all.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +30,8 @@ os.environ.setdefault("OMP_NUM_THREADS", str(THREADS))
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import open3d as o3d
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
@@ -35,8 +39,11 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 
-mi.set_variant("llvm_ad_rgb")
-dr.set_thread_count(THREADS)
+HAS_MITSUBA = bool(dr.has_backend(dr.JitBackend.LLVM))
+"""True if the system has the LLVM library that Mitsuba's llvm variant loads."""
+if HAS_MITSUBA:
+    mi.set_variant("llvm_ad_rgb")
+    dr.set_thread_count(THREADS)
 
 CELL_M = 20.0
 LIFT_M = 0.01
@@ -102,21 +109,20 @@ class Mitsuba:
 
 
 class Embree:
-    """Answers of Embree 4 through Open3D."""
+    """Masks by Embree 4 through embreex, on one thread."""
 
     def __init__(self, z: np.ndarray) -> None:
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
-        self.scene.add_triangles(
-            o3d.core.Tensor(nodes(z).reshape(-1, 3)), o3d.core.Tensor(faces(*z.shape))
+        self.scene = EmbreeScene()
+        self.mesh = TriangleMesh(
+            self.scene, nodes(z).reshape(-1, 3), faces(*z.shape).astype(np.int32)
         )
-        self.rays = np.empty((z.size, 6), np.float32)
-        self.rays[:, :3] = nodes(z, LIFT_M).reshape(-1, 3)
-        self.shadows(np.array([0.0, 0.0, 1.0]))  # the tree is made with the first question
+        self.origins = nodes(z, LIFT_M).reshape(-1, 3)
+        self.rays = np.empty_like(self.origins)
+        self.shadows(np.array([0.0, 0.0, 1.0]))  # the first query builds the tree
 
     def shadows(self, direction: np.ndarray) -> np.ndarray:
-        self.rays[:, 3:] = direction
-        found = self.scene.test_occlusions(o3d.core.Tensor.from_numpy(self.rays), nthreads=THREADS)
-        return found.numpy()
+        self.rays[:] = direction
+        return np.asarray(self.scene.run(self.origins, self.rays, query="OCCLUDED")) >= 0
 
 
 def timed(task: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
@@ -135,12 +141,14 @@ def terrain(n: int) -> np.ndarray:
     return np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]])
 
 
-def shadows(n: int, field: Heightfield, mitsuba: Mitsuba, embree: Embree) -> None:
+def shadows(n: int, field: Heightfield, peers: dict[str, Mitsuba | Embree]) -> None:
     """Table of the tiers and peers by the Sun's elevation: medians over the azimuths."""
+    base = list(peers)[-1]
     print(
-        f"\nShadows of {n} x {n} nodes: Mnode/s, times Mitsuba, share of nodes that differ from `reference`\n"
+        f"\nShadows of {n} x {n} nodes: Mnode/s, ratio to {base}, share of nodes that differ from "
+        "`reference`\n"
     )
-    names = [*TIERS, "Embree (Open3D)", "Mitsuba"]
+    names = [*TIERS, *peers]
     print("| Sun | " + " | ".join(names) + " |\n| ---: |" + " --- |" * len(names))
     for elevation in ELEVATIONS_DEG:
         speed: dict[str, list[float]] = {name: [] for name in names}
@@ -149,10 +157,8 @@ def shadows(n: int, field: Heightfield, mitsuba: Mitsuba, embree: Embree) -> Non
             direction = direction_enu(17.0 + 60.0 * turn, elevation)
             masks = {}
             for name in names:
-                if name == "Mitsuba":
-                    seconds, masks[name] = timed(mitsuba.shadows, direction)
-                elif name.startswith("Embree"):
-                    seconds, masks[name] = timed(embree.shadows, direction)
+                if name in peers:
+                    seconds, masks[name] = timed(peers[name].shadows, direction)
                 else:
                     seconds, masks[name] = timed(occluded, field, direction, TIERS[name])
                 speed[name].append(n * n / seconds / 1e6)
@@ -160,9 +166,7 @@ def shadows(n: int, field: Heightfield, mitsuba: Mitsuba, embree: Embree) -> Non
                 differ[name].append(np.mean(masks[name].ravel() != masks["reference"].ravel()))
         cells = []
         for name in names:
-            ratio = statistics.median(
-                a / b for a, b in zip(speed[name], speed["Mitsuba"], strict=True)
-            )
+            ratio = statistics.median(a / b for a, b in zip(speed[name], speed[base], strict=True))
             share = 100.0 * statistics.mean(differ[name])
             cells.append(f"{statistics.median(speed[name]):.0f}, x{ratio:.3g}, {share:.4f} %")
         print(f"| {elevation:g} deg | " + " | ".join(cells) + " |", flush=True)
@@ -297,23 +301,28 @@ def memory(field: Heightfield) -> None:
 
 
 def main(sizes: list[int]) -> None:
-    print(
-        f"{platform.processor() or platform.machine()}, {THREADS} threads, Mitsuba {mi.__version__}, Open3D {o3d.__version__}"
-    )
+    processor = platform.processor() or platform.machine()
+    print(f"{processor}, {THREADS} threads, Mitsuba {mi.__version__}, embreex {version('embreex')}")
+    if not HAS_MITSUBA:
+        print("Mitsuba is left out: install the system's LLVM library to compare with it")
     for n in sizes:
         z = terrain(n)
-        field, mitsuba, embree = Heightfield(z, CELL_M), Mitsuba(z), Embree(z)
-        for tier in TIERS.values():  # compiled, the pyramid and the transposed copy made
+        field, peers = Heightfield(z, CELL_M), {"Embree (1 thread)": Embree(z)}
+        if HAS_MITSUBA:
+            peers["Mitsuba"] = Mitsuba(z)
+        for tier in TIERS.values():  # compile; make the pyramid and the transposed copy
             for azimuth in (10.0, 100.0):
                 occluded(field, direction_enu(azimuth, 5.0), tier)
         occluded_sweep(field, 0.1, np.radians(SWEEP_DEG), TIERS["draft"])
-        mitsuba.shadows(direction_enu(10.0, 5.0))
-        shadows(n, field, mitsuba, embree)
-        del embree
-        sweep(n, field, mitsuba)
-        cameras(n, field, mitsuba)
+        for peer in peers.values():
+            peer.shadows(direction_enu(10.0, 5.0))
+        shadows(n, field, peers)
+        del peers["Embree (1 thread)"]
+        if HAS_MITSUBA:
+            sweep(n, field, peers["Mitsuba"])
+            cameras(n, field, peers["Mitsuba"])
         memory(field)
-        del mitsuba
+        peers.clear()
     growth()
 
 
