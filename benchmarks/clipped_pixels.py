@@ -19,10 +19,11 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import numpy as np
 
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.images.image_file import open_photo
-from lcp_catalog.matching.point_search import match, points_in_view
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import find_points
 
 FRAME = ROOT / "sample_data" / "AS15-M-0414.png"
 RIGHT_PX = 1.25
@@ -40,9 +41,9 @@ def clipped(photo: Photo, below: float, above: float, weight: float) -> tuple[Ph
 
 
 def main() -> None:
-    catalog = read_catalog(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "hadley.h5")
+    catalog = open_catalog(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "hadley.h5")
     photo = open_photo(FRAME, read_camera(FRAME.with_name("AS15-M-0414_camera.json")))
-    points = points_in_view(catalog, photo)
+    points = points_in_view(catalog, photo.sensor)
     lines = [
         "| clipped | pixels | weight | found | right | median offset, px |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -51,7 +52,7 @@ def main() -> None:
     for below, above in cases:
         for weight in WEIGHTS:
             changed, share = clipped(photo, below, above, weight)
-            found = match(catalog, changed, reach_px=REACH_PX, points=points)
+            found = find_points(catalog, changed, reach_px=REACH_PX, points=points)
             off = np.linalg.norm(found.offset_px[found.found], axis=1)
             what = f"below {below:g}" if np.isfinite(below) else f"above {above:g}"
             what = what if share else "nothing"

@@ -40,7 +40,7 @@ from helpers.closed_loops import (
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 
@@ -107,7 +107,7 @@ def loop(name: str, asked: argparse.Namespace) -> None:
     done = {row["shot"]["number"] for row in read_rows(path)} if path.exists() else set()
     place = PLACES[name]
     dem = asked.data / place.dem
-    site = Site(name, dem, read_catalog(built(name, place, dem, asked.output)))
+    site = Site(name, dem, open_catalog(built(name, place, dem, asked.output)))
     take = renderer(asked.renderer, place, dem)
     for shot, camera in site.shots(asked.frames, asked.seed, Draw()):
         if shot.number in done:

@@ -25,7 +25,7 @@ from helpers.apollo_frames import series_keys
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Photo
-from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, Located, locate
+from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, PositionFix, locate
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -62,11 +62,11 @@ def main() -> None:
     print("\n".join(lines))
 
 
-def found(catalog: Catalog, photo: Photo) -> Located:
+def found(catalog: Catalog, photo: Photo) -> PositionFix:
     return locate(catalog, photo, maps.UNCERTAIN, LAW)
 
 
-def frames(right: dict[str, Located]) -> list[str]:
+def frames(right: dict[str, PositionFix]) -> list[str]:
     lines = ["| frame | verdict | by | points found | log10 of false alarms | east, m | north, m |"]
     lines.append("| --- | --- | --- | ---: | ---: | ---: | ---: |")
     for key, answer in right.items():
@@ -81,7 +81,7 @@ def frames(right: dict[str, Located]) -> list[str]:
     return lines
 
 
-def spread(right: dict[str, Located]) -> list[str]:
+def spread(right: dict[str, PositionFix]) -> list[str]:
     """Medians and robust spreads of the corrections, of frames located by points and by the ground as a whole."""
     lines = []
     for by in (BY_POINTS, BY_GROUND):
@@ -97,7 +97,7 @@ def spread(right: dict[str, Located]) -> list[str]:
     return lines
 
 
-def wrong(catalog: Catalog, photos: dict[str, Photo], right: dict[str, Located]) -> list[str]:
+def wrong(catalog: Catalog, photos: dict[str, Photo], right: dict[str, PositionFix]) -> list[str]:
     """Verdicts on maps made into what they are not, and under Suns turned by known angles."""
     said: dict[str, Counter[str]] = {}
     for key, photo in photos.items():
@@ -120,7 +120,7 @@ def wrong(catalog: Catalog, photos: dict[str, Photo], right: dict[str, Located])
     return lines
 
 
-def told(answer: Located) -> str:
+def told(answer: PositionFix) -> str:
     """The verdict, by what, and whether the Sun was to blame."""
     by = f" by {answer.by}" if answer.pose is not None or answer.by == BY_GROUND else ""
     return answer.verdict + by + (", Sun" if "Sun" in answer.reason else "")

@@ -27,7 +27,7 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import LOCATED, Located, Options, locate
+from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, locate
 
 UNCERTAIN = Uncertainty(frames.OFF_M, frames.OFF_RAD)
 
@@ -118,7 +118,9 @@ def spoilt(data: Path, options: argparse.Namespace) -> Iterator[str]:
 
 def verdict(catalog: Catalog, image: Photo, known: Photo) -> str:
     """What is said, and how far off a pose is; WRONG where it is."""
-    answer: Located = locate(catalog, frames.displaced(image, 0), UNCERTAIN, frames.LAW, Options())
+    answer: PositionFix = locate(
+        catalog, frames.displaced(image, 0), UNCERTAIN, frames.LAW, Options()
+    )
     if answer.pose is None:
         return answer.verdict + (", Sun" if "Sun" in answer.reason else "")
     error = position_error(answer.pose, known.sensor)

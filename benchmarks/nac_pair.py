@@ -41,7 +41,7 @@ from helpers.pit_pair import (
 )
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.dem.terraces import bending, smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Photo
@@ -141,7 +141,7 @@ def picture(path: Path, *values: np.ndarray) -> None:
 
 def located(photo: Photo, dem: Path, out: Path) -> list[str]:
     """`lcp build-catalog` of the smoothed DTM, and `locate` of the orthoimage, its map moved on purpose."""
-    catalog = read_catalog(build_catalog(dem, out / "pit.h5"))
+    catalog = open_catalog(build_catalog(dem, out / "pit.h5"))
     lines = [
         f"## `locate`, {len(catalog)} points", "",
         "| law | criteria | map moved by, m | verdict | by | points agreeing | east, m | north, m | log10 of false alarms |",

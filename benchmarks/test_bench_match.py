@@ -18,7 +18,8 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.kernels.matching import draw_patch, point_spread, search, subpixel_fit
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching import point_search, templates
-from lcp_catalog.matching.point_search import match, points_in_view
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.matching.search_image import SearchImage
 from lcp_catalog.photometry.laws import DEFAULT_MODEL
 from lcp_catalog.rendering.request import Request, ViewChoice
@@ -46,7 +47,7 @@ def scene():
     camera = looking_at(frame, 300e3, 0, 0, 20, 300e3 / GSD_M, (640, 640))
     request = Request([HADLEY], sun=SunChoice(90, 20), view=ViewChoice(camera), disc=False)
     photo = simulate.photo(request, Detector(blur_px=0.5, noise=0.02, bits=12, seed=1))
-    return catalog, photo, np.resize(points_in_view(catalog, photo), POINTS)
+    return catalog, photo, np.resize(points_in_view(catalog, photo.sensor), POINTS)
 
 
 def processor_seconds(task) -> float:
@@ -65,11 +66,11 @@ def test_points_a_second(benchmark, scene):
     catalog, photo, rows = scene
     with limit_threads(1):
         spent = processor_seconds(
-            lambda: match(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
+            lambda: find_points(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
         )
     with limit_threads(thread_limit()):
         start = time.perf_counter()
-        found = match(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
+        found = find_points(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
         wall = time.perf_counter() - start
     benchmark.extra_info["found"] = int(found.found.sum())
     benchmark.extra_info["points_a_second_of_one_core"] = round(POINTS / spent)
@@ -77,7 +78,9 @@ def test_points_a_second(benchmark, scene):
     print(
         f"\n{POINTS / spent:.0f} points a second and core; {POINTS / wall:.0f} with {thread_limit()} threads now"
     )
-    benchmark.pedantic(match, (catalog, photo, DEFAULT_MODEL, REACH_PX), {"points": rows}, rounds=1)
+    benchmark.pedantic(
+        find_points, (catalog, photo, DEFAULT_MODEL, REACH_PX), {"points": rows}, rounds=1
+    )
 
 
 def test_stages(benchmark, scene, monkeypatch):
@@ -95,10 +98,10 @@ def test_stages(benchmark, scene, monkeypatch):
     ):
         monkeypatch.setattr(module, name, timed(getattr(module, name), name, spent))
     with limit_threads(1):
-        match(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
+        find_points(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
         spent.clear()
         start = time.process_time()
-        match(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
+        find_points(catalog, photo, DEFAULT_MODEL, REACH_PX, points=rows)
         spent["match"] = time.process_time() - start
     for name, seconds in spent.items():
         benchmark.extra_info[name] = round(1e6 * seconds / POINTS)

@@ -35,7 +35,7 @@ __all__ = [
     "Catalog",
     "Coverage",
     "Overview",
-    "read_catalog",
+    "open_catalog",
     "verify",
     "write_catalog",
 ]
@@ -166,7 +166,7 @@ def _digests(
 # -- reading
 
 
-def read_catalog(path: Path | str) -> Catalog:
+def open_catalog(path: Path | str) -> Catalog:
     """Read a catalogue whole. CatalogError, one line, when it is none or is damaged; `verify`
     says everything that is wrong.
     """

@@ -27,7 +27,7 @@ from ..plots.svg import (
     shade_class,
     symbol,
 )
-from .hdf5 import Catalog, read_catalog
+from .hdf5 import Catalog, open_catalog
 from .schema import COVERAGE_STATUS
 from .summary import (
     Statistics,
@@ -62,7 +62,7 @@ def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool =
     as `files.check_output` does.
     """
     check_output(output, overwrite)
-    page = render_report(read_catalog(catalog_path), Path(catalog_path).name)
+    page = render_report(open_catalog(catalog_path), Path(catalog_path).name)
     write_bytes(output, page.encode("utf-8"), overwrite)
 
 

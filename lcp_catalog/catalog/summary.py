@@ -15,7 +15,7 @@ from ..constants import FRAME
 from ..errors import CatalogError
 from ..plots.svg import number
 from .flags import evaluated, usable
-from .hdf5 import Catalog, read_catalog, verify
+from .hdf5 import Catalog, open_catalog, verify
 from .schema import COVERAGE_STATUS
 
 
@@ -84,7 +84,7 @@ def describe(path: Path | str) -> dict[str, Any]:
     }
     found |= {"schema_version": None, "sources": None, "bounds": None}
     try:
-        catalog = read_catalog(path)
+        catalog = open_catalog(path)
     except CatalogError as error:
         if not problems:  # it changed meanwhile
             found |= {"intact": False, "problems": [str(error)]}

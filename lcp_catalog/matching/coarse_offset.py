@@ -17,6 +17,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Photo
 from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .point_choice import evenly
 from .search_image import SearchImage, reduction
 from .templates import POINT_SPREAD_PX, render_patches
 
@@ -74,7 +75,7 @@ def coarse_shift(
     is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent, or, where their patches
     overlap, as so many: ``share`` of their number (`consensus.independent_share`), with the same mean vote.
     """
-    rows = _thinned(np.asarray(points, dtype=np.int64))
+    rows = evenly(np.asarray(points, dtype=np.int64), _MOST_POINTS)
     if not len(rows):
         return None
     factor, size = _scale(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
@@ -130,13 +131,6 @@ def _scale(
     size = float(np.median(catalog.gsd[rows])) * catalog.patch_nodes / pixel
     factor = max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
     return factor, size / factor
-
-
-def _thinned(rows: Index) -> Index:
-    """At most so many, evenly from the list."""
-    if len(rows) <= _MOST_POINTS:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(np.int64)]
 
 
 def _vote(score: Float32, known: Mask, slack: int) -> Array:

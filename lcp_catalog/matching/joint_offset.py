@@ -26,6 +26,7 @@ from ..images.image import Photo
 from ..photometry.laws import Reflectance
 from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
+from .point_choice import evenly
 from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
 from .search_image import SearchImage, reduction
@@ -110,18 +111,11 @@ def whole_ground(
     """
     if len(area) < FEWEST:
         return None
-    some = area.only(_evenly(np.arange(len(area)), _MOST_POINTS))
+    some = area.only(evenly(np.arange(len(area)), _MOST_POINTS))
     search = _Search(
         catalog, photo, given, uncertainty, model, some, width_px, common_px, check_sun
     )
     return search.found()
-
-
-def _evenly(rows: Index, most: int) -> Index:
-    """At most so many of the rows, evenly from the list."""
-    if len(rows) <= most:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +276,7 @@ class _Search:
         another one that does as well or better moves the place.
         """
         rows, z = self.area.points, self.z_maps(photo, self.area.points, _SUN_PX)
-        some = _evenly(np.flatnonzero(_whole_middle(z)), _MOST_UNDER_SUNS)
+        some = evenly(np.flatnonzero(_whole_middle(z)), _MOST_UNDER_SUNS)
         if len(some) < FEWEST:
             return "too few points are there to hold other Suns against the stated one", 0.0
         rows, z = rows[some], z[some]

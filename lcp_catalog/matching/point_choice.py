@@ -1,4 +1,4 @@
-"""Which of a catalogue's points serve an image's Sun and view, and at which scale the image is best compared."""
+"""The points of a catalogue that suit a Sun and a camera, and the scale at which an image is searched for them."""
 
 from __future__ import annotations
 
@@ -7,49 +7,99 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Mask
-from ..cameras.sensor import pixel_size_m
+from ..arrays import Array, Index, Mask
+from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import USABLE
+from ..errors import SunError
+from ..geometry.frames import direction_enu
 from ..images.image import Photo
 
 RESOLUTION_SHARE = 0.5
-"""Pixel of the photo that is searched, as a share of the DEM's true resolution."""
+"""Pixel size of the searched image as a share of the DEM's true resolution."""
 _WIDEST_PX = 48
-"""Templates wider than this say no more than ones half as wide."""
+"""Largest useful side of a template; wider ones give no more information than ones half as wide."""
 
 
-def usable_now(catalog: Catalog, photo: Photo, points: ArrayLike | None = None) -> Mask:
-    """Whether the condition of the catalogue that is nearest to the photo's Sun and view is usable, for each point, (n,).
+def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
+    """Rows (n,), ascending, of the points that lie in the sensor's image and on the side of the Moon that faces it."""
+    pixels = sensor.project(catalog.position_mcmf)
+    return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
 
-    Nearest by the angle between directions, first of the views, then of the Suns of its grid.
+
+def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
+    """Those rows whose point lies on the side of the Moon that faces the sensor."""
+    up = catalog.rotation_mcmf_to_enu[rows, 2]
+    return np.asarray(rows[(sensor.towards(catalog.position_mcmf[rows]) * up).sum(-1) > 0.0])
+
+
+def choose_points(
+    catalog: Catalog,
+    sensor: Sensor,
+    sun_direction: ArrayLike | None = None,
+    most: int | None = None,
+) -> Index:
+    """Rows (n,), ascending, of the points in view that are usable under a Sun and a camera (`usable_points`).
+
+    ``sun_direction``: unit MCMF vector (3,); default: from each point to the sensor's own Sun position (SunError if it
+    has none). ``most``: upper limit of n; the points kept are evenly spread over the catalogue's order.
     """
-    rows = np.arange(len(catalog)) if points is None else np.asarray(points, dtype=np.int64)
-    places, rotation = catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
-    sun = np.einsum("nij,nj->ni", rotation, photo.sun_directions(places))
-    camera = np.einsum("nij,nj->ni", rotation, photo.sensor.towards(places))
+    rows = points_in_view(catalog, sensor)
+    suns = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_direction)
+    chosen = rows[usable_points(catalog, rows, sensor, suns)]
+    return chosen if most is None else evenly(chosen, most)
+
+
+def evenly(rows: Index, most: int) -> Index:
+    """At most ``most`` of the rows, evenly spread over the list, its ends included."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)]
+
+
+def usable_points(
+    catalog: Catalog, points: ArrayLike, sensor: Sensor, sun_directions: ArrayLike
+) -> Mask:
+    """True (n,) for the points (rows (n,) of the catalogue) that are usable in the catalogue's condition nearest to a view
+    and a Sun; ``sun_directions`` (n, 3): unit MCMF vectors.
+
+    The nearest view and then the nearest Sun of the catalogue's grid are those at the smallest angle.
+    """
+    rows = np.asarray(points, dtype=np.int64)
+    rotation = catalog.rotation_mcmf_to_enu[rows]
+    sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, dtype=np.float64))
+    camera = np.einsum("nij,nj->ni", rotation, sensor.towards(catalog.position_mcmf[rows]))
     elevation, azimuth = np.meshgrid(catalog.sun_elevation, catalog.sun_azimuth, indexing="ij")
-    suns = _directions(azimuth, elevation).reshape(-1, 3)
-    views = _directions(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
+    suns = direction_enu(azimuth, elevation).reshape(-1, 3)
+    views = direction_enu(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
     view = np.argmax(np.nan_to_num(camera, nan=-1.0) @ views.T, axis=1)
     nearest = np.argmax(sun @ suns.T, axis=1)
     condition = catalog.condition[rows, view].reshape(len(rows), -1)
     return np.asarray((condition[np.arange(len(rows)), nearest] & USABLE) == USABLE)
 
 
-def _directions(azimuth_deg: Array, elevation_deg: Array) -> Array:
-    """Unit east-north-up directions (..., 3)."""
-    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
-    level = np.cos(elevation)
-    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
+def directions_to_sun(
+    sensor: Sensor, points_mcmf_m: Array, sun_direction: ArrayLike | None = None
+) -> Array:
+    """Unit MCMF vectors (n, 3) from points (n, 3) to the Sun: ``sun_direction`` ((3,) or (n, 3)), or, where that is None,
+    towards the sensor's own Sun position. SunError if the sensor has none.
+    """
+    if sun_direction is not None:
+        given = np.asarray(sun_direction, dtype=np.float64)
+        return np.broadcast_to(given, points_mcmf_m.shape)
+    if sensor.sun_position_mcmf_m is None:
+        raise SunError(f"{sensor.name}: has no position of the Sun; give the direction to the Sun")
+    away = sensor.sun_position_mcmf_m - points_mcmf_m
+    return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
 def working_photo(
     catalog: Catalog, photo: Photo, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
 ) -> Photo:
-    """The photo, reduced by the whole number that brings its pixel at the points nearest below ``resolution_share`` of the true
-    resolution of their DEM (its cell, where that is coarser or nothing else is known), and templates to at most
-    48 pixels a side.
+    """The image, reduced by a whole number to the scale at which it is searched.
+
+    Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution of their DEM (the
+    DEM's cell where that is coarser, or where the true resolution is unknown); templates become at most 48 pixels wide.
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):

@@ -18,22 +18,10 @@ from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import seek_back
 from ..landmarks.uniqueness import effective_samples, false_match_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from .coarse_offset import CoarseShift, coarse_shift
 from .matches import CODE, Matches
-from .point_choice import usable_now, working_photo
+from .point_choice import points_in_view
 from .search_image import SearchImage, full_pixels
 from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
-
-__all__ = [
-    "CoarseShift",
-    "Criteria",
-    "coarse_shift",
-    "match",
-    "points_in_view",
-    "usable_now",
-    "working_photo",
-]
-
 
 _CHUNK = 128
 _CHUNK_PX = 2_000_000
@@ -75,7 +63,7 @@ class _Task:
     whole_search: bool
 
 
-def match(
+def find_points(
     catalog: Catalog,
     photo: Photo,
     model: Reflectance = DEFAULT_MODEL,
@@ -94,7 +82,11 @@ def match(
     show (docs/matching.md). ValueError where the photo has no valid pixel.
     """
     task = _Task(catalog, SearchImage.of(photo), model, criteria, whole_search)
-    rows = points_in_view(catalog, photo) if points is None else np.asarray(points, dtype=np.int64)
+    rows = (
+        points_in_view(catalog, photo.sensor)
+        if points is None
+        else np.asarray(points, dtype=np.int64)
+    )
     factor = task.image.factor
     reach = np.broadcast_to(np.asarray(reach_px, np.float64) / factor, rows.shape)
     offset = np.zeros(2) if offset_px is None else np.asarray(offset_px, np.float64)
@@ -112,32 +104,6 @@ def _at_once(catalog: Catalog, photo: Photo, rows: Index) -> int:
     sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)
     largest = float(np.max(1.5 * sides, initial=1.0)) ** 2
     return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
-
-
-def points_in_view(catalog: Catalog, photo: Photo, most: int | None = None) -> Index:
-    """Rows of the points that the sensor puts into the image, on the side of the Moon that it sees, (n,), rising.
-
-    Of more than ``most`` those stay that are usable under the image's Sun and view (`usable_now`), then others, each evenly over
-    the catalogue.
-    """
-    pixels = photo.sensor.project(catalog.position_mcmf)
-    inside = photo.sensor.in_image(pixels)
-    facing = np.zeros(len(catalog), dtype=np.bool_)
-    towards = photo.sensor.towards(catalog.position_mcmf[inside])
-    facing[inside] = np.sum(towards * catalog.rotation_mcmf_to_enu[inside, 2], axis=-1) > 0.0
-    rows = np.flatnonzero(facing)
-    if most is None or len(rows) <= most:
-        return rows
-    good = usable_now(catalog, photo, rows)
-    first = _evenly(rows[good], most)
-    return np.sort(np.concatenate([first, _evenly(rows[~good], most - len(first))]))
-
-
-def _evenly(rows: Index, most: int) -> Index:
-    """At most so many of the rows, evenly from the list."""
-    if len(rows) <= most:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)] if most else rows[:0]
 
 
 def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Matches:

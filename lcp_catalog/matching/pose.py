@@ -76,10 +76,24 @@ class Pose:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def position_mcmf_m(self) -> Array:
+        """Position (3,) of the corrected sensor, MCMF metres; of a scanner, at the middle line of its image. ValueError
+        for a map-projected image, which has no position.
+        """
+        if self.sensor.corrections != POSE:
+            raise ValueError(f"{self.sensor.name}: a map-projected image has no position")
+        return _middle_ray(self.sensor)[0]
+
+    @property
+    def position_covariance_m2(self) -> Array:
+        """Covariance (3, 3) of `position_mcmf_m`; of a map-projected image (2, 2), of its shift east and north."""
+        length = 3 if self.sensor.corrections == POSE else len(self.correction)
+        return self.covariance[:length, :length]
+
+    @property
     def position_sigma_m(self) -> float:
         """1 sigma of the position, all directions together: the root of its covariance's trace."""
-        length = 3 if len(self.correction) == len(POSE) else len(self.correction)
-        return float(np.sqrt(np.trace(self.covariance[:length, :length])))
+        return float(np.sqrt(np.trace(self.position_covariance_m2)))
 
 
 @dataclass(frozen=True)
@@ -184,10 +198,14 @@ def _steps(sensor: Sensor, points: Array) -> Array:
         raise PoseError(f"{sensor.name}: none of the {len(points)} points lies before it")
     if sensor.corrections != POSE:
         return np.full(len(sensor.corrections), STEP_PX * ground_m)
-    rows, cols = sensor.shape
-    origin, _ = sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
-    range_m = float(np.median(np.linalg.norm(points - origin, axis=-1)))
+    range_m = float(np.median(np.linalg.norm(points - _middle_ray(sensor)[0], axis=-1)))
     return np.repeat([STEP_PX * ground_m, STEP_PX * ground_m / range_m], 3)
+
+
+def _middle_ray(sensor: Sensor) -> tuple[Array, Array]:
+    """Origin and direction (3,) of the ray through the middle of a sensor's image."""
+    rows, cols = sensor.shape
+    return sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
 
 
 def _problem(
@@ -371,12 +389,8 @@ def position_error(pose: Pose, known: Sensor) -> PositionError:
     """Where a solved camera stands against where it is known to stand; of a scanner its middle line. ValueError for a
     map, which stands nowhere.
     """
-    if pose.sensor.corrections != POSE:
-        raise ValueError(f"{known.name}: a map-projected image has no position")
-    rows, cols = known.shape
-    middle = [(cols - 1) / 2.0, (rows - 1) / 2.0]
-    (stands, _), (stood, ahead) = (s.looks(middle) for s in (pose.sensor, known))
-    off, covariance = stands - stood, pose.covariance[:3, :3]
+    position, ahead = _middle_ray(known)
+    off, covariance = pose.position_mcmf_m - position, pose.position_covariance_m2
     along = float(off @ ahead)
     variance = float(ahead @ covariance @ ahead)
     total = float(np.trace(covariance))

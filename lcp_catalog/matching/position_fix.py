@@ -29,10 +29,10 @@ from .consensus import (
 )
 from .joint_offset import WholeGround, whole_ground
 from .matches import CODE, FOUND, Matches
-from .point_choice import working_photo
-from .point_search import Criteria, match
+from .point_choice import points_in_view, working_photo
+from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
-from .search_area import SearchArea, in_view, narrowed, perhaps_in_view
+from .search_area import SearchArea, narrowed, perhaps_in_view
 from .search_image import nothing_in, reduction
 from .sun_check import LightCheck, check_light
 
@@ -86,7 +86,7 @@ is left to the consensus, whose count of false alarms does not ask how good a ma
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class PositionFix:
     """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are
     the inliers. ``log10_false_alarms``: of solutions as good by chance; ``rival``: the same of the best other one.
     """
@@ -107,7 +107,7 @@ def locate(
     uncertainty: Uncertainty,
     model: Reflectance = DEFAULT_MODEL,
     options: Options = Options(),
-) -> Located:
+) -> PositionFix:
     """Seek a catalogue's points in a photograph whose sensor is known within an uncertainty, and solve for the
     sensor.
 
@@ -118,9 +118,9 @@ def locate(
     search = _Search(catalog, photo, working, uncertainty, model, options)
     if not len(area):
         reason = f"none of the catalogue's {len(catalog)} points can be in view"
-        return Located(CANNOT_SAY, reason, search.unmatched())
+        return PositionFix(CANNOT_SAY, reason, search.unmatched())
     if (missing := nothing_in(photo)) is not None:
-        return Located(CANNOT_SAY, missing, search.unmatched(area.points))
+        return PositionFix(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))
 
 
@@ -157,7 +157,7 @@ class _Search:
             code=np.full(count, CODE["weak"], dtype=np.uint8),
         )
 
-    def located(self, area: SearchArea) -> Located:
+    def located(self, area: SearchArea) -> PositionFix:
         """The whole search over an area, and the verdict."""
         options, far, coarse = self.options, float(np.median(area.reach_px)), None
         if far > options.most_reach_px * self.factor:
@@ -177,24 +177,24 @@ class _Search:
                     f"the stated uncertainty turns and scales the image by {slack:.0f} px: "
                     "too much to be searched; state a smaller one"
                 )
-                return Located(CANNOT_SAY, reason, self.unmatched(area.points))
+                return PositionFix(CANNOT_SAY, reason, self.unmatched(area.points))
             if chance > SIGNIFICANT:
                 reason = f"of {len(area)} points in view no shift within {far:.0f} px shows more than chance"
-                return Located(NOT_HERE, reason, self.unmatched(area.points))
+                return PositionFix(NOT_HERE, reason, self.unmatched(area.points))
             if math.isfinite(chance):
                 coarse = WholeGround(len(area), chance, 0.0, reason="only at a coarse scale")
-        matches = self.match(self.working, area)
+        matches = self.sought(self.working, area)
         score = self.agreement(matches, area)
         if not score.significant or score.pose is None:
             return self.refused(matches, area, score, coarse)
         matches, pose = self.settled(score.pose)
         return self.judged(matches, pose, score)
 
-    def match(self, photo: Photo, area: SearchArea) -> Matches:
+    def sought(self, photo: Photo, area: SearchArea) -> Matches:
         """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was
         given.
         """
-        found = match(
+        found = find_points(
             self.catalog,
             photo,
             self.model,
@@ -239,9 +239,9 @@ class _Search:
 
     def near(self, pose: Pose) -> Matches:
         """Sought near where the corrected sensor has them."""
-        rows = in_view(self.catalog, pose.sensor)
+        rows = points_in_view(self.catalog, pose.sensor)
         reach = np.full(len(rows), self.options.second_reach_px * self.factor)
-        return self.match(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
+        return self.sought(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
 
     def corrected(self, pose: Pose) -> Photo:
         """The searched photograph with the corrected sensor."""
@@ -281,7 +281,7 @@ class _Search:
 
     def refused(
         self, matches: Matches, area: SearchArea, score: Consensus, coarse: WholeGround | None
-    ) -> Located:
+    ) -> PositionFix:
         """What all points together say where single ones give no place (``coarse``: have said); else why there is none."""
         searched = np.isin(matches.code, SEARCHED)
         undecided = score.log10_false_alarms < SIGNIFICANT
@@ -292,15 +292,15 @@ class _Search:
         figures = (None, score.log10_false_alarms, score.rival_log10)
         if self.if_here(searched, area) > SIGNIFICANT:
             reason = f"too few points can be looked for: {_counted(matches)}"
-            return Located(CANNOT_SAY, reason, matches, *figures)
+            return PositionFix(CANNOT_SAY, reason, matches, *figures)
         if undecided:
             reason = "the points found agree on two places about as well"
-            return Located(CANNOT_SAY, reason, matches, *figures)
+            return PositionFix(CANNOT_SAY, reason, matches, *figures)
         reason = (
             f"of {searched.sum()} points looked for {matches.found.sum()} were found, "
             "and they agree on no place"
         )
-        return Located(NOT_HERE, reason, matches, *figures)
+        return PositionFix(NOT_HERE, reason, matches, *figures)
 
     def whole(self, area: SearchArea, width_px: float) -> WholeGround | None:
         """What the points of an area, patches so wide, say together."""
@@ -316,7 +316,7 @@ class _Search:
             check_sun=self.options.check_light,
         )
 
-    def by_ground(self, matches: Matches, whole: WholeGround) -> Located:
+    def by_ground(self, matches: Matches, whole: WholeGround) -> PositionFix:
         """The verdict where the ground as a whole shows. Found are the points that agree with its place by themselves."""
         figures = (whole.log10_false_alarms, whole.rival_log10)
         shows = (
@@ -326,14 +326,14 @@ class _Search:
         lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
         if whole.pose is None or lacking:
             reason = f"single points agree on no place; {shows}; but {lacking}"
-            return Located(CANNOT_SAY, reason, matches, None, *figures, by=BY_GROUND)
+            return PositionFix(CANNOT_SAY, reason, matches, None, *figures, by=BY_GROUND)
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
-        return Located(LOCATED, reason, told_apart(matches, used), pose, *figures, by=BY_GROUND)
+        return PositionFix(LOCATED, reason, told_apart(matches, used), pose, *figures, by=BY_GROUND)
 
     def if_here(self, searched: Mask, area: SearchArea) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of the points that could be looked for agreed."""
@@ -345,21 +345,21 @@ class _Search:
             return 0.0
         return log10_false_alarms(np.sort(chance)[::-1], agrees, least)
 
-    def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Located:
+    def judged(self, matches: Matches, pose: Pose, score: Consensus) -> PositionFix:
         """The verdict on a pose that is no chance."""
         figures = (score.log10_false_alarms, score.rival_log10)
         if far := self.too_far(pose):
-            return Located(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
+            return PositionFix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
         light = self.light(matches, pose) if self.options.check_light else None
         if light is not None and not light.fits:
-            return Located(CANNOT_SAY, light.complaint, matches, None, *figures, light)
+            return PositionFix(CANNOT_SAY, light.complaint, matches, None, *figures, light)
         if light is not None and light.doubt_px > 0.0:
             pose = self.solution(matches, pose.used, light.doubt_px)
         reason = (
             f"{pose.used.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
-        return Located(LOCATED, reason, matches, pose, *figures, light)
+        return PositionFix(LOCATED, reason, matches, pose, *figures, light)
 
     def too_far(self, pose: Pose) -> str:
         """What speaks against a correction that is larger than the stated uncertainty allows; empty where it is not."""

@@ -20,6 +20,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Photo
 from ..photometry.laws import Reflectance
 from .coarse_offset import coarse_shift
+from .point_choice import facing
 from .pose import jacobian
 
 _FARTHEST = 2.0
@@ -58,18 +59,6 @@ class SearchArea:
             offset_px=self.offset_px[rows],
             reach_px=self.reach_px[rows],
         )
-
-
-def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
-    """Those of the rows on whose side of the Moon the sensor is."""
-    up = catalog.rotation_mcmf_to_enu[rows, 2]
-    return np.asarray(rows[(sensor.towards(catalog.position_mcmf[rows]) * up).sum(-1) > 0.0])
-
-
-def in_view(catalog: Catalog, sensor: Sensor) -> Index:
-    """Rows of the points that a sensor has in its image."""
-    pixels = sensor.project(catalog.position_mcmf)
-    return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
 
 
 def perhaps_in_view(

@@ -25,7 +25,7 @@ from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
 from ..images.image import Photo
 from ..photometry.laws import Reflectance, reflectance_model
-from .point_search import Criteria, match
+from .point_search import Criteria, find_points
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: by how much the azimuth is turned and the elevation raised."""
@@ -169,7 +169,7 @@ class _Points:
         ground, answers = self.catalog.position_mcmf[self.rows], []
         for turn in turns_deg:
             answers.append(
-                match(
+                find_points(
                     self.catalog,
                     with_sun(self.photo, ground, *turn),
                     law,

@@ -21,6 +21,7 @@ from ..catalog.catalogue import Catalog
 from ..kernels.matching import draw_patch, point_spread
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .patch_projection import node_pixels
+from .point_choice import directions_to_sun
 
 POINT_SPREAD_PX = 0.5
 """Default 1 sigma of an image's point spread, beside the pixel's own square."""
@@ -83,21 +84,25 @@ def render_patches(
     catalog: Catalog,
     index: ArrayLike,
     sensor: Sensor,
-    sun_directions: ArrayLike,
+    sun_directions: ArrayLike | None = None,
     model: Reflectance = DEFAULT_MODEL,
     *,
     psf_sigma_px: float = POINT_SPREAD_PX,
     least_cover: float = LEAST_COVER,
 ) -> Templates:
-    """Render patches (rows ``index`` (n,) of the catalogue) into a sensor's pixels; ``sun_directions`` (n, 3) unit MCMF.
+    """Render patches (rows ``index`` (n,) of the catalogue) into the pixels of a sensor.
 
-    The law defaults to Lommel-Seeliger. All templates are as large as the largest one. A patch that the sensor cannot have seen
-    whole, or that takes over 2048 pixels a side, gives an empty mask. Memory: 4 sub^2 + 5 bytes a template's pixel, 64 a node.
+    ``sun_directions``: unit MCMF vectors towards the Sun, (n, 3), or (3,) for all patches; default: from the sensor's own
+    Sun position (SunError if it has none). ``model``: reflectance law, default Lommel-Seeliger.
+
+    All templates are as large as the largest one. The mask is empty for a patch that the sensor does not see whole or that
+    covers more than 2048 pixels along a side. Memory: 4 sub^2 + 5 bytes per template pixel, 64 per node.
     """
     rows = np.asarray(index, dtype=np.int64)
     nodes = nodes_mcmf(catalog, rows)
     rotation = catalog.rotation_mcmf_to_enu[rows]
-    suns = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, dtype=np.float64))
+    directions = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_directions)
+    suns = np.einsum("nij,nj->ni", rotation, directions)
     corners = nodes[:, [0, 0, -1, -1], [0, -1, 0, -1]]
     towards = np.einsum("nij,ncj->nci", rotation, sensor.towards(corners))
     pixels = node_pixels(catalog, rows, nodes, sensor)

@@ -20,7 +20,7 @@ from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import camera_view
 from ..catalog.catalogue import Catalog
-from ..catalog.hdf5 import read_catalog
+from ..catalog.hdf5 import open_catalog
 from ..geometry.frames import EnuFrame
 from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
@@ -116,7 +116,7 @@ class PatchGround:
         """A catalogue's file under the Sun of a choice, whose angles are those at the middle of its map;
         ``how``: model, accuracy, disc.
         """
-        catalog = read_catalog(path)
+        catalog = open_catalog(path)
         middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
         return cls(catalog, path, sun_position(choice, middle, camera), **how)
 

@@ -21,7 +21,7 @@ from ..arrays import Array
 from ..cameras.sensor import ON_MAP
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
-from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Located
+from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
 from ..matching.sun_check import LightCheck
 from ..plots.svg import number
 from .window_correlation import WindowComparison
@@ -143,7 +143,7 @@ class ImageVerdict:
     """All that was found of one image. ``error`` is that of its pose, where the true one is known."""
 
     facts: ImageFacts
-    located: Located
+    located: PositionFix
     points: PointFigures  # of the rows of ``located.matches``
     windows: WindowFigures | None = None
     windows_reason: str = ""  # why there are none

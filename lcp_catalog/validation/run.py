@@ -17,7 +17,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.scanners import LineScanner, PushFrame
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..catalog.hdf5 import read_catalog
+from ..catalog.hdf5 import open_catalog
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.frames import EnuFrame, azimuth_elevation, lonlat_to_mcmf
@@ -26,9 +26,9 @@ from ..images.image_file import PhotoOptions, center_of, open_photo
 from ..images.pixels import image_shape
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
-from ..matching.point_search import points_in_view
+from ..matching.point_choice import points_in_view
 from ..matching.pose import PositionError, position_error
-from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Located, Options, locate
+from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Options, PositionFix, locate
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX, Pictures
@@ -137,7 +137,7 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
         files.require()
     if request.dem_paths:
         DemSet.open(request.dem_paths, ())
-    catalog = read_catalog(request.catalog_path)
+    catalog = open_catalog(request.catalog_path)
     images, pictures = [], []
     sources = [request.catalog_path]
     for done, (files, name) in enumerate(
@@ -200,7 +200,7 @@ def _opened(request: Validation, files: ImageFiles) -> Photo:
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
     """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
-    nothing = Located(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
+    nothing = PositionFix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
     return ImageVerdict(ImageFacts(name), nothing, PointFigures.none())
 
 
@@ -212,13 +212,13 @@ def _ground(
     try:
         if request.dem_paths:
             return against_dem(photo, request.dem_paths, *how, request.albedo), ""
-        return against_patches(photo, catalog, points_in_view(catalog, photo), *how), ""
+        return against_patches(photo, catalog, points_in_view(catalog, photo.sensor), *how), ""
     except LcpError as error:
         log.info("%s: windows: %s", photo.name, error)
         return None, str(error)
 
 
-def _error(request: Validation, located: Located, given: Sensor) -> PositionError | None:
+def _error(request: Validation, located: PositionFix, given: Sensor) -> PositionError | None:
     if not request.pose_is_known or located.pose is None or given.corrections != POSE:
         return None
     return position_error(located.pose, given)
@@ -235,7 +235,7 @@ def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
     )
 
 
-def _points(catalog: Catalog, located: Located, sensor: Sensor) -> PointFigures:
+def _points(catalog: Catalog, located: PositionFix, sensor: Sensor) -> PointFigures:
     rows = located.matches.point
     places = catalog.position_mcmf[rows]
     corrected = sensor.project(places) if located.pose else np.full((len(rows), 2), np.nan)

@@ -20,7 +20,7 @@ from lcp_catalog.build.config import (
     ViewConfig,
 )
 from lcp_catalog.build.run import Build, build_catalog
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog, verify
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
@@ -53,7 +53,7 @@ def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def catalog(built: Path) -> Catalog:
-    return read_catalog(built)
+    return open_catalog(built)
 
 
 def test_the_file_is_intact_and_has_points(built: Path, catalog: Catalog) -> None:
@@ -190,7 +190,7 @@ def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_p
     path = tmp_path / "again.toml"
     path.write_text(catalog.config)
     build_catalog(Build.plan((DEM,), BuildConfig.from_toml(path)), tmp_path / "again.h5")
-    np.testing.assert_array_equal(read_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
+    np.testing.assert_array_equal(open_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
 
 
 def test_a_broken_run_is_resumed(

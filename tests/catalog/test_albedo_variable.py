@@ -28,7 +28,7 @@ from lcp_catalog.build.config import (
 )
 from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.catalog import summary
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog, verify, write_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import (
@@ -96,7 +96,7 @@ def built(
 
 @pytest.fixture(scope="module")
 def catalog(built: tuple[Build, Path]) -> Catalog:
-    return read_catalog(built[1])
+    return open_catalog(built[1])
 
 
 def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
     assert len(catalog) >= 4
     plan = Build.plan((ball,), CONFIG)
     build_catalog(plan, tmp_path / "bare.h5")
-    assert len(read_catalog(tmp_path / "bare.h5")) == 0
+    assert len(open_catalog(tmp_path / "bare.h5")) == 0
     assert (catalog.shadow_dependence == 0.0).all()
     assert (catalog.occlusion_dependence == 0.0).all()
 
@@ -276,14 +276,14 @@ class TestTheFile:
         return tmp_path / "albedo.h5"
 
     def test_what_was_written_is_read(self, path: Path) -> None:
-        before, after = self.made(), read_catalog(path)
+        before, after = self.made(), open_catalog(path)
         np.testing.assert_array_equal(after.albedo, before.albedo)
         assert after.albedo_map == before.albedo_map
         assert verify(path) == []
 
     def test_without_a_map_there_is_none(self, tmp_path: Path) -> None:
         write_catalog(catalogs.catalog(6), tmp_path / "bare.h5")
-        found = read_catalog(tmp_path / "bare.h5")
+        found = open_catalog(tmp_path / "bare.h5")
         assert found.albedo is found.albedo_map is None
         with h5py.File(tmp_path / "bare.h5") as file:
             assert "albedo" not in file

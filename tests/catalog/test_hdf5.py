@@ -14,7 +14,7 @@ import xarray
 from helpers import catalogs
 
 from lcp_catalog.catalog import hdf5, layout, schema
-from lcp_catalog.catalog.hdf5 import read_catalog, verify, write_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.landmarks.selection import Status
 
@@ -57,7 +57,7 @@ def copy(written: Path, tmp_path: Path) -> Path:
 
 
 def test_what_was_written_is_read(written: Path) -> None:
-    before, after = catalogs.catalog(12), read_catalog(written)
+    before, after = catalogs.catalog(12), open_catalog(written)
     for name, array in before.values().items():
         np.testing.assert_array_equal(after.values()[name], array, err_msg=name)
     assert after.attributes() == before.attributes()
@@ -162,7 +162,7 @@ def test_a_catalogue_without_points(tmp_path: Path) -> None:
     path = tmp_path / "empty.h5"
     write_catalog(catalogs.catalog(0), path)
     assert verify(path) == []
-    assert len(read_catalog(path)) == 0
+    assert len(open_catalog(path)) == 0
     with xarray.open_dataset(path, engine="h5netcdf") as found:
         assert found.sizes["point"] == 0
         assert found["dem"].shape == (0, 9, 9)
@@ -182,7 +182,7 @@ def test_an_output_that_exists_is_kept(copy: Path) -> None:
         write_catalog(catalogs.catalog(2), copy)
     assert copy.read_bytes() == before
     write_catalog(catalogs.catalog(2), copy, overwrite=True)
-    assert len(read_catalog(copy)) == 2
+    assert len(open_catalog(copy)) == 2
     assert os.listdir(copy.parent) == ["copy.h5"]
 
 
@@ -243,7 +243,7 @@ def test_a_spoilt_value_is_named(copy: Path, name: str) -> None:
     assert any(line.startswith(text) for line in problems), problems
     assert any(line.startswith("content_sha256") for line in problems)
     with pytest.raises(CatalogError, match=str(copy)):
-        read_catalog(copy)
+        open_catalog(copy)
 
 
 def test_a_frame_that_is_turned_is_named(copy: Path) -> None:
@@ -320,7 +320,7 @@ def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
         groups = hdf5._group_attributes(file)
         file.attrs["content_sha256"] = layout.digest(values, attributes, groups)
     assert verify(copy) == []
-    found = read_catalog(copy)
+    found = open_catalog(copy)
     assert np.isnan(found.elevation_sigma).all()
     assert len(found.dem_resolution) == len(found) == 12
     with h5py.File(copy, "r+") as file:
@@ -338,7 +338,7 @@ def test_a_changed_byte_is_noticed_by_its_checksum(copy: Path) -> None:
     assert len(problems) == 1
     assert problems[0].startswith("dem: cannot be read")
     with pytest.raises(CatalogError):
-        read_catalog(copy)
+        open_catalog(copy)
 
 
 @pytest.mark.parametrize(
@@ -348,7 +348,7 @@ def test_no_damage_raises_or_passes(
     written: Path, tmp_path: Path, count: int, noticed: int
 ) -> None:
     """One byte turned at so many places: it is noticed, or what is read is equal all the same."""
-    sound, turned = read_catalog(written).values(), tmp_path / "turned.h5"
+    sound, turned = open_catalog(written).values(), tmp_path / "turned.h5"
     assert catalogs.noticed_damage(written, sound, turned, seed=3, count=count) > noticed
 
 
@@ -369,4 +369,4 @@ def test_other_files(tmp_path: Path) -> None:
     assert verify(other)[0].startswith("not a catalogue of control points")
     assert verify(tmp_path / "none.h5") == ["there is no such file"]
     with pytest.raises(CatalogError, match="there is no such file"):
-        read_catalog(tmp_path / "none.h5")
+        open_catalog(tmp_path / "none.h5")

@@ -10,7 +10,7 @@ import rasterio
 from helpers import transplanted
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
 
@@ -26,7 +26,7 @@ def build(out: Path, labels: list[Path], *area: object, suns: list[str]) -> Cata
     """By one command, as a user would."""
     words = ["build-catalog", *labels, "-o", out, *area, "--gsd", GSD_M, "--jobs", 2, *VIEWS, *suns]
     assert run([str(word) for word in words]) == 0
-    return read_catalog(out)
+    return open_catalog(out)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from helpers.small_world import mirrored
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Photo
@@ -41,7 +41,7 @@ def built(shared: Path, folder: Path) -> Catalog:
         bounds = [str(value) for value in BOUNDS_DEG]
         options = ["-o", str(path), "--config", str(config), "--bounds", *bounds, "--jobs", "1"]
         assert run(["build-catalog", str(series_dem(shared)), *options]) == 0
-    return read_catalog(path)
+    return open_catalog(path)
 
 
 def frame(shared: Path, key: str) -> Photo:

@@ -12,7 +12,7 @@ import numpy as np
 import rasterio
 
 from lcp_catalog.catalog.flags import summarise_usable
-from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, read_catalog, verify
+from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
 from lcp_catalog.catalog.schema import COVERAGE_STATUS
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
@@ -179,6 +179,6 @@ def noticed_damage(
         if verify(turned):
             noticed += 1
             continue
-        for name, array in read_catalog(turned).values().items():
+        for name, array in open_catalog(turned).values().items():
             np.testing.assert_array_equal(array, sound[name], err_msg=name)
     return noticed

@@ -26,8 +26,8 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Photo
-from lcp_catalog.matching.point_search import match
-from lcp_catalog.matching.position_fix import LOCATED, Located, Options, locate
+from lcp_catalog.matching.point_search import find_points
+from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -269,7 +269,7 @@ class Row:
 
     @property
     def is_false(self) -> bool:
-        """Located somewhere else."""
+        """PositionFix somewhere else."""
         return self.located and not self.off_px <= FALSE_PX
 
 
@@ -295,7 +295,7 @@ def bias_px(catalog: Catalog, photo: Photo) -> tuple[tuple[float, float], tuple[
     """Mean over a photo's matches of found minus where its camera has them, column and row, each counted by its own covariance,
     and the mean's sigma by their scatter; matches further off than 2 pixels are no matches.
     """
-    matches = match(catalog, photo, reach_px=8.0, criteria=OPTIONS.criteria)
+    matches = find_points(catalog, photo, reach_px=8.0, criteria=OPTIONS.criteria)
     near = matches.found & (np.abs(np.nan_to_num(matches.offset_px, nan=9.0)).max(axis=1) < 2.0)
     off = matches.offset_px[near]
     if len(off) < 3:
@@ -312,7 +312,7 @@ def _compared(
     shot: Shot,
     camera: Camera,
     believed: Camera,
-    found: Located,
+    found: PositionFix,
     attitude: bool,
     seconds: float,
 ) -> Row:

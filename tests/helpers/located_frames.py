@@ -18,12 +18,12 @@ from lcp_cli.main import run
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import pixel_size_m
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import Located
-from lcp_catalog.matching.search_area import in_view
+from lcp_catalog.matching.position_fix import PositionFix
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -90,7 +90,7 @@ def built(data: Path, ground: Ground, folder: Path, bounds: tuple[float, ...] = 
         area = [str(v) for v in bounds or ground.bounds_deg]
         options = ["-o", str(path), "--config", str(config), "--bounds", *area, "--jobs", "1"]
         assert run(["build-catalog", str(dem), *options]) == 0
-    return read_catalog(path)
+    return open_catalog(path)
 
 
 def frame(data: Path, key: str) -> Photo:
@@ -132,7 +132,7 @@ def transplanted(photo: Photo, other: Photo) -> Photo:
 
 def spoilt(photo: Photo, catalog: Catalog) -> Iterator[tuple[str, Photo]]:
     """The frame, with its camera as it stands, made into what it is not."""
-    ground = catalog.position_mcmf[in_view(catalog, photo.sensor)]
+    ground = catalog.position_mcmf[points_in_view(catalog, photo.sensor)]
     for turn, up in ((20, 0), (-20, 0), (0, 20), (0, -10), (10, 0), (-10, 0)):
         yield f"Sun {turn:+d} deg azimuth, {up:+d} deg elevation", with_sun(photo, ground, turn, up)
     for side in ("left-right", "up-down"):
@@ -162,7 +162,7 @@ def spoilt(photo: Photo, catalog: Catalog) -> Iterator[tuple[str, Photo]]:
     )
 
 
-def worst_off_m(answer: Located, catalog: Catalog, known: Camera) -> float:
+def worst_off_m(answer: PositionFix, catalog: Catalog, known: Camera) -> float:
     """How far, on the ground across the line of sight, the worst accepted match lies from where the known camera has
     it.
     """
@@ -172,12 +172,12 @@ def worst_off_m(answer: Located, catalog: Catalog, known: Camera) -> float:
     return float((np.hypot(*off.T) * pixel_size_m(known, ground)).max())
 
 
-def is_wrong(answer: Located, catalog: Catalog, known: Camera) -> bool:
+def is_wrong(answer: PositionFix, catalog: Catalog, known: Camera) -> bool:
     """Whether a pose is given, and it is outside its own 3 sigma (0.27 % of three dimensions: 14.2), or puts the
     frame's middle more than 3 pixels off.
     """
     if answer.pose is None:
         return False
-    middle = catalog.position_mcmf[in_view(catalog, known)].mean(axis=0)
+    middle = catalog.position_mcmf[points_in_view(catalog, known)].mean(axis=0)
     off = np.linalg.norm(answer.pose.sensor.project(middle) - known.project(middle))
     return position_error(answer.pose, known).squared > 14.2 or off > 3.0

@@ -12,7 +12,7 @@ from lcp_catalog.cameras.sensor import ON_MAP, Uncertainty
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
-from lcp_catalog.matching.position_fix import Located
+from lcp_catalog.matching.position_fix import PositionFix
 from lcp_catalog.matching.sun_check import LightCheck
 from lcp_catalog.plots.greyscale import Pictures
 from lcp_catalog.validation import result
@@ -143,7 +143,7 @@ def image(
     )
     return result.ImageVerdict(
         facts,
-        Located(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
+        PositionFix(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
         points,
         windows(pictures()) if located else None,
         "" if located else "without a place there is nothing to compare",
@@ -157,7 +157,7 @@ def nothing(name: str = "blank.png") -> result.ImageVerdict:
     none = Matches(
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
     )  # fmt: skip
-    said = Located(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
+    said = PositionFix(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
     return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none())
 
 

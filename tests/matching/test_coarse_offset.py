@@ -20,7 +20,7 @@ from lcp_catalog.matching.coarse_offset import (
     _vote,
     coarse_shift,
 )
-from lcp_catalog.matching.point_search import points_in_view
+from lcp_catalog.matching.point_choice import points_in_view
 
 catalog = pytest.fixture(hadley_catalog, scope="module")
 camera = pytest.fixture(hadley_camera, scope="module")
@@ -36,7 +36,7 @@ def test_the_coarse_offset_is_found_and_chance_is_not(catalog, camera, photo):
         ),
     )
     wrong = photo.with_sensor(moved)
-    rows = points_in_view(catalog, wrong)
+    rows = points_in_view(catalog, wrong.sensor)
     for reach, grid in ((90.0, 128), (160.0, 64)):
         shift = coarse_shift(catalog, wrong, LAW, reach, points=rows, grid_px=grid)
         assert (
@@ -54,7 +54,7 @@ def test_the_coarse_offset_is_found_and_chance_is_not(catalog, camera, photo):
 
 
 def test_an_offset_of_each_point_is_added_before(catalog, camera, photo):
-    rows = points_in_view(catalog, photo)
+    rows = points_in_view(catalog, photo.sensor)
     known = np.random.default_rng(1).integers(-9, 10, (len(catalog), 2)).astype(float)
     # a function of the rows; points sought where they are not agree on nothing
     apart = coarse_shift(catalog, photo, LAW, 30.0, points=rows, offset_px=lambda r: 3.0 * known[r])
@@ -64,7 +64,7 @@ def test_an_offset_of_each_point_is_added_before(catalog, camera, photo):
 
 
 def test_slack_bears_points_that_do_not_lie_together(catalog, photo):
-    rows = points_in_view(catalog, photo)
+    rows = points_in_view(catalog, photo.sensor)
     rng = np.random.default_rng(6)
     apart = rng.integers(-8, 9, (len(catalog), 2)).astype(float)
     without, with_slack = (
@@ -80,7 +80,7 @@ def test_slack_bears_points_that_do_not_lie_together(catalog, photo):
 
 
 def test_with_nothing_around_the_peak_nothing_is_said(catalog, photo):
-    rows = points_in_view(catalog, photo)
+    rows = points_in_view(catalog, photo.sensor)
     assert coarse_shift(catalog, photo, LAW, 4.0, points=rows) is None
     assert coarse_shift(catalog, photo, LAW, 90.0, points=[]) is None
 
@@ -104,7 +104,7 @@ def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
         principal_point_px=middle,
         image_size_px=(640, 640),
     )
-    rows = points_in_view(catalog, photo)
+    rows = points_in_view(catalog, photo.sensor)
     how = {"points": rows, "grid_px": 64}
     native = coarse_shift(catalog, photo, LAW, 90.0, offset_px=(20.0, -8.0), slack_px=4.0, **how)
     found = coarse_shift(
@@ -124,7 +124,7 @@ def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
 )  # fmt: skip
 def test_the_photo_is_reduced_so_that_the_grid_holds_the_reach(catalog, photo, reach, grid, factor):
     """Until patches of 33 nodes, a pixel each, are 8 pixels wide: by 4."""
-    found, size = _scale(catalog, photo, points_in_view(catalog, photo), reach, grid)
+    found, size = _scale(catalog, photo, points_in_view(catalog, photo.sensor), reach, grid)
     assert found == factor
     assert size == pytest.approx(33.0 / factor, rel=0.02)
 

@@ -27,7 +27,7 @@ from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera, camera_from_json
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Photo
-from lcp_catalog.matching.point_search import match
+from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -167,7 +167,7 @@ def residuals(catalog: Catalog, photo: Photo) -> tuple[int, Array]:
     """How many matches there are, and the mean of found minus where the true camera has it (2,), each counted by its own
     covariance: what is mostly shadow is placed badly, and says so.
     """
-    matches = match(catalog, photo, LAW, 6.0)
+    matches = find_points(catalog, photo, LAW, 6.0)
     found = matches.found
     weight = 1.0 / matches.covariance_px2[found][:, [0, 1], [0, 1]]
     mean = np.sum(weight * matches.offset_px[found], axis=0) / np.sum(weight, axis=0)

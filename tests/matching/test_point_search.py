@@ -10,15 +10,17 @@ from helpers.lone_hill import EAST, above_it, bump_catalog, picture, plain_photo
 from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo, taken
 from helpers.twins_match import catalog_of_patches, looking_at
 
+from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.matching.matches import REASONS
-from lcp_catalog.matching.point_search import (
-    Criteria,
-    match,
+from lcp_catalog.matching.point_choice import (
+    choose_points,
     points_in_view,
-    usable_now,
+    usable_points,
     working_photo,
 )
+from lcp_catalog.matching.point_search import Criteria, find_points
+from lcp_catalog.matching.templates import render_patches
 
 catalog = pytest.fixture(hadley_catalog, scope="module")
 camera = pytest.fixture(hadley_camera, scope="module")
@@ -29,7 +31,7 @@ above = pytest.fixture(above_it, scope="module")
 
 @pytest.fixture(scope="module")
 def found(catalog, photo):
-    return match(catalog, photo, LAW, 20.0)
+    return find_points(catalog, photo, LAW, 20.0)
 
 
 # -- the whole
@@ -51,7 +53,9 @@ def test_errors_agree_with_their_covariance(catalog, camera, found):
         result = (
             found
             if seed == 0
-            else match(catalog, taken(camera, azimuth, elevation, noise, seed=seed), LAW, 10.0)
+            else find_points(
+                catalog, taken(camera, azimuth, elevation, noise, seed=seed), LAW, 10.0
+            )
         )
         good = result.found & (np.hypot(*result.offset_px.T) < 1.0)
         e, c = result.offset_px[good], result.covariance_px2[good]
@@ -64,7 +68,7 @@ def test_errors_agree_with_their_covariance(catalog, camera, found):
 
 
 def test_halves_find_what_the_whole_search_finds(catalog, photo):
-    quick, whole = (match(catalog, photo, LAW, 40.0, whole_search=w) for w in (False, True))
+    quick, whole = (find_points(catalog, photo, LAW, 40.0, whole_search=w) for w in (False, True))
     both = quick.found & whole.found
     assert both.sum() >= 0.95 * whole.found.sum() > 20
     np.testing.assert_allclose(quick.found_px[both], whole.found_px[both], atol=1e-6)
@@ -73,7 +77,7 @@ def test_halves_find_what_the_whole_search_finds(catalog, photo):
 
 
 def test_gain_and_offset_of_the_image_do_not_matter(catalog, photo, found):
-    other = match(catalog, replace(photo, signal=photo.signal * 250.0 - 3.0), LAW, 20.0)
+    other = find_points(catalog, replace(photo, signal=photo.signal * 250.0 - 3.0), LAW, 20.0)
     np.testing.assert_array_equal(other.code, found.code)
     np.testing.assert_allclose(other.found_px[found.found], found.found_px[found.found], atol=2e-3)
 
@@ -83,14 +87,16 @@ def test_answers_are_in_the_pixels_of_the_image_as_it_came(catalog, camera):
         EnuFrame(3.5, 26.0, -1000.0), 300e3, 15, 60, 37, 2 * 300e3 / GSD_M, (400, 400)
     )
     reduced = taken(fine).reduced(2)
-    result = match(catalog, reduced, LAW, 20.0)
+    result = find_points(catalog, reduced, LAW, 20.0)
     good = result.found
     np.testing.assert_allclose(
         result.predicted_px, fine.project(catalog.position_mcmf[result.point]), atol=1e-6
     )
     assert good.sum() >= 8
     assert np.abs(np.median(result.offset_px[good], axis=0)).max() < 0.06
-    near = match(catalog, reduced, LAW, 10.0, offset_px=(16.0, 0.0))  # sought where nothing is
+    near = find_points(
+        catalog, reduced, LAW, 10.0, offset_px=(16.0, 0.0)
+    )  # sought where nothing is
     apart = (near.offset_px - (16.0, 0.0))[near.found]
     assert np.abs(apart).max(initial=0.0) <= 10.0 + 2 * 2
     sigma = np.sqrt(result.covariance_px2[good][:, [0, 1], [0, 1]])
@@ -108,7 +114,9 @@ def test_search_starts_at_the_offset(catalog, camera, photo, found):
     wrong = photo.with_sensor(moved)
     rows = found.point[found.found][:12]
     offset = np.tile((30.4, -21.7), (len(rows), 1))
-    result = match(catalog, wrong, LAW, np.full(len(rows), 3.0), points=rows, offset_px=offset)
+    result = find_points(
+        catalog, wrong, LAW, np.full(len(rows), 3.0), points=rows, offset_px=offset
+    )
     assert result.found.sum() >= 10
     np.testing.assert_allclose(
         result.found_px[result.found],
@@ -121,7 +129,7 @@ def test_points_at_once_change_nothing(catalog, photo, found, monkeypatch):
     from lcp_catalog.matching import point_search
 
     monkeypatch.setattr(point_search, "_CHUNK_PX", 20_000)
-    again = match(catalog, photo, LAW, 20.0)
+    again = find_points(catalog, photo, LAW, 20.0)
     np.testing.assert_array_equal(again.code, found.code)
     np.testing.assert_allclose(again.found_px[found.found], found.found_px[found.found], atol=1e-6)
 
@@ -130,7 +138,7 @@ def test_threads_change_nothing(catalog, photo, found):
     from lcp_catalog.threads import limit_threads
 
     with limit_threads(1):
-        again = match(catalog, photo, LAW, 20.0)
+        again = find_points(catalog, photo, LAW, 20.0)
     for name in found.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
 
@@ -139,13 +147,13 @@ def test_threads_change_nothing(catalog, photo, found):
 
 
 def reasons(catalog, photo, reach=8.0, **more):
-    result = match(catalog, photo, LAW, reach, points=np.arange(len(catalog)), **more)
+    result = find_points(catalog, photo, LAW, reach, points=np.arange(len(catalog)), **more)
     return [REASONS[code] for code in result.code]
 
 
 def test_a_picture_of_the_patch_is_found(bump, above):
     photo = plain_photo(picture(above, [(3, -5)]), above, EAST)
-    result = match(bump, photo, LAW, 8.0)
+    result = find_points(bump, photo, LAW, 8.0)
     assert REASONS[result.code[0]] == "found"
     assert result.offset_px[0] == pytest.approx((3, -5), abs=0.01)
 
@@ -188,7 +196,7 @@ def test_a_few_bad_pixels_do_not_matter(bump, above):
     signal, weight = picture(above, [(2, 1)]), np.ones(above.shape, np.float32)
     bad = rng.random(above.shape) < 0.08
     signal[bad], weight[bad] = 50.0, 0.0
-    result = match(bump, plain_photo(signal, above, EAST, weight), LAW, 6.0)
+    result = find_points(bump, plain_photo(signal, above, EAST, weight), LAW, 6.0)
     assert REASONS[result.code[0]] == "found"
     assert result.offset_px[0] == pytest.approx((2, 1), abs=0.02)
 
@@ -196,40 +204,63 @@ def test_a_few_bad_pixels_do_not_matter(bump, above):
 def test_a_photo_without_a_valid_pixel_is_refused(bump, above):
     nothing = np.zeros(above.shape, np.float32)
     with pytest.raises(ValueError, match="no pixel of it is valid"):
-        match(bump, plain_photo(nothing, above, EAST, nothing), LAW)
+        find_points(bump, plain_photo(nothing, above, EAST, nothing), LAW)
 
 
 def test_no_points_no_matches(bump, photo):
-    assert len(match(bump, photo, LAW)) == 0  # the hill is not at Hadley
+    assert len(find_points(bump, photo, LAW)) == 0  # the hill is not at Hadley
 
 
 # -- which points, which scale
 
 
 def test_points_in_view_are_in_the_image_and_face_it(catalog, photo):
-    rows = points_in_view(catalog, photo)
+    rows = points_in_view(catalog, photo.sensor)
     inside = photo.sensor.in_image(photo.sensor.project(catalog.position_mcmf))
     np.testing.assert_array_equal(rows, np.flatnonzero(inside))
     far = catalog_of_patches(catalog.dem[:1], [EnuFrame(183.5, -26.0)], GSD_M)  # behind the Moon
     assert far.position_mcmf.shape == (1, 3)
-    assert len(points_in_view(far, photo)) == 0
+    assert len(points_in_view(far, photo.sensor)) == 0
 
 
-def test_usable_points_come_first(catalog, photo):
-    rows = points_in_view(catalog, photo)
-    usable = usable_now(catalog, photo, rows)
-    count = int(usable.sum())
-    for most in (1, count - 1, count, count + 3, len(rows) - 1, len(rows), 1000):
-        chosen = points_in_view(catalog, photo, most)
-        assert len(chosen) == min(most, len(rows)) == len(np.unique(chosen))
+def test_chosen_points_are_in_view_and_usable(catalog, photo):
+    rows = points_in_view(catalog, photo.sensor)
+    suns = photo.sun_directions(catalog.position_mcmf[rows])
+    usable = rows[usable_points(catalog, rows, photo.sensor, suns)]
+    assert 0 < len(usable) < len(rows)
+    middle = photo.sun_directions(catalog.position_mcmf.mean(axis=0))
+    np.testing.assert_array_equal(choose_points(catalog, photo.sensor, middle), usable)
+    for most in (0, 1, len(usable) - 1, len(usable), 1000):
+        chosen = choose_points(catalog, photo.sensor, middle, most)
+        assert len(chosen) == min(most, len(usable)) == len(np.unique(chosen))
+        assert np.isin(chosen, usable).all()
         assert (np.diff(chosen) > 0).all()
-        assert np.isin(chosen, rows[usable]).sum() == min(most, count)
+
+
+def test_the_sun_of_a_camera_is_used_where_no_other_is_given(catalog, camera):
+    with pytest.raises(SunError, match="has no position of the Sun"):
+        choose_points(catalog, camera)
+    with pytest.raises(SunError, match="has no position of the Sun"):
+        render_patches(catalog, [0], camera)
+    direction = catalog.rotation_mcmf_to_enu[0].T @ direction_enu(130.0, 30.0)
+    lit = replace(
+        camera, sun_position_mcmf_m=1.5e11 * direction
+    )  # so far away that its rays are parallel
+    np.testing.assert_array_equal(
+        choose_points(catalog, lit), choose_points(catalog, lit, direction)
+    )
+    own, given = (
+        render_patches(catalog, [0, 1], lit),
+        render_patches(catalog, [0, 1], lit, direction),
+    )
+    np.testing.assert_allclose(own.values, given.values, rtol=1e-4, atol=1e-6)
 
 
 def test_usable_is_the_nearest_condition(catalog, photo):
     towards = photo.sensor.towards(catalog.position_mcmf)
     suns = photo.sun_directions(catalog.position_mcmf)
-    for row, answer in enumerate(usable_now(catalog, photo)):
+    usable = usable_points(catalog, np.arange(len(catalog)), photo.sensor, suns)
+    for row, answer in enumerate(usable):
         turn = catalog.rotation_mcmf_to_enu[row]
         views = [
             turn @ towards[row] @ direction_enu(a, 90 - o)
@@ -241,7 +272,7 @@ def test_usable_is_the_nearest_condition(catalog, photo):
             for j, a in enumerate(catalog.sun_azimuth)
         )
         assert answer == (catalog.condition[row, int(np.argmax(views)), best[1], best[2]] == 31)
-    assert 0 < usable_now(catalog, photo).sum() < len(catalog)
+    assert 0 < usable.sum() < len(catalog)
 
 
 @pytest.mark.parametrize(("pixel_m", "factor"), [(150.0, 1), (75.0, 2), (20.0, 7), (400.0, 1)])
@@ -249,5 +280,5 @@ def test_working_photo_has_half_the_resolution_of_the_dem(catalog, pixel_m, fact
     # the DEM resolves 300 m: pixels up to 150 m are searched
     camera = looking_at(EnuFrame(3.5, 26.0, -1000.0), 100e3, 0, 0, 0, 100e3 / pixel_m, (140, 140))
     blank = plain_photo(np.ones((140, 140)), camera, EAST)
-    rows = points_in_view(catalog, blank)
+    rows = points_in_view(catalog, blank.sensor)
     assert working_photo(catalog, blank, rows).signal.shape == (140 // factor, 140 // factor)

@@ -16,7 +16,8 @@ from lcp_catalog.images.image import Photo
 from lcp_catalog.landmarks.uniqueness import effective_samples, false_match_probability
 from lcp_catalog.matching import point_search
 from lcp_catalog.matching.matches import REASONS, Matches
-from lcp_catalog.matching.point_search import Criteria, match, points_in_view
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import Criteria, find_points
 from lcp_catalog.matching.templates import render_patches
 
 bump = pytest.fixture(bump_catalog, scope="module")
@@ -24,7 +25,7 @@ above = pytest.fixture(above_it, scope="module")
 
 
 def sought(bump, photo: Photo, reach: float = 6.0, **more) -> Matches:
-    return match(bump, photo, LAW, reach, points=[0], **more)
+    return find_points(bump, photo, LAW, reach, points=[0], **more)
 
 
 def said(bump, photo: Photo, reach: float = 6.0, **criteria: float) -> str:
@@ -191,7 +192,7 @@ def test_small_templates_are_searched_at_full_resolution() -> None:
     photo = plain_photo(rng.standard_normal((110, 110)).cumsum(0).cumsum(1), camera)
     loose = Criteria(min_correlation=0.0, max_false_match=1.0, min_contrast=0.0)
     quick, whole = (
-        match(hadley_catalog(), photo, LAW, 20.0, whole_search=w, criteria=loose)
+        find_points(hadley_catalog(), photo, LAW, 20.0, whole_search=w, criteria=loose)
         for w in (False, True)
     )
     assert np.isfinite(whole.second).sum() > 20
@@ -211,10 +212,10 @@ def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
     middle = tuple((c + 0.5) * 2.0 - 0.5 for c in full.sensor.principal_point_px)
     fine = replace(fine, principal_point_px=middle)
     reduced = replace(full, sensor=Reduced(fine, 2))
-    rows = points_in_view(hadley_catalog(), full)[::2]
+    rows = points_in_view(hadley_catalog(), full.sensor)[::2]
     offset = np.random.default_rng(0).choice([-6.0, 6.0], (len(rows), 2))  # twice that is beyond
-    native = match(hadley_catalog(), full, LAW, 7.0, points=rows, offset_px=offset)
-    found = match(hadley_catalog(), reduced, LAW, 14.0, points=rows, offset_px=2.0 * offset)
+    native = find_points(hadley_catalog(), full, LAW, 7.0, points=rows, offset_px=offset)
+    found = find_points(hadley_catalog(), reduced, LAW, 14.0, points=rows, offset_px=2.0 * offset)
     np.testing.assert_array_equal(found.code, native.code)
     assert native.found.sum() >= 10
     for name in ("correlation", "second"):
@@ -283,8 +284,8 @@ def test_a_point_on_the_far_side_is_not_in_view_though_it_lies_in_the_image(bump
     pixel = camera.project(antipode.position_mcmf)
     assert camera.in_image(pixel).all()
     blank = plain_photo(np.ones(camera.shape), camera)
-    assert len(points_in_view(antipode, blank)) == 0
-    assert points_in_view(bump, blank).tolist() == [0]
+    assert len(points_in_view(antipode, blank.sensor)) == 0
+    assert points_in_view(bump, blank.sensor).tolist() == [0]
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0])

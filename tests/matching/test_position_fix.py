@@ -18,18 +18,19 @@ from lcp_catalog.images.image import Photo
 from lcp_catalog.matching.coarse_offset import CoarseShift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE
+from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.pose import jacobian, position_error, spread_px2
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,
     NOT_HERE,
-    Located,
     Options,
+    PositionFix,
     locate,
     nothing_in,
 )
-from lcp_catalog.matching.search_area import in_view, narrowed, perhaps_in_view
+from lcp_catalog.matching.search_area import narrowed, perhaps_in_view
 from lcp_catalog.matching.sun_check import check_light, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
@@ -58,14 +59,14 @@ def believed(photo: Photo, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) 
     return photo.with_sensor(photo.sensor.moved(sigmas * draw))
 
 
-def off_px(answer: Located, points: Catalog, known: Camera) -> np.ndarray:
+def off_px(answer: PositionFix, points: Catalog, known: Camera) -> np.ndarray:
     """How far the inliers lie from where the known sensor has them."""
     matches = answer.matches
     true = known.project(points.position_mcmf[matches.point])
     return np.hypot(*(matches.found_px - true)[matches.found].T)
 
 
-def is_right(answer: Located, points: Catalog, known: Camera) -> bool:
+def is_right(answer: PositionFix, points: Catalog, known: Camera) -> bool:
     """A pose within its own sigmas (of three dimensions, 0.1 % of right ones have more than 16.3), and all it accepts
     within 1.5 cells of the ground.
     """
@@ -315,7 +316,7 @@ def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: 
     for seed in range(20):
         given = believed(photo, seed)
         area = perhaps_in_view(points, given.sensor, UNCERTAIN, 3.0)
-        assert set(in_view(points, photo.sensor)) <= set(area.points)
+        assert set(points_in_view(points, photo.sensor)) <= set(area.points)
         true = photo.sensor.project(points.position_mcmf[area.points])
         off = np.abs(true - given.sensor.project(points.position_mcmf[area.points])).max(-1)
         assert (off <= area.reach_px).mean() > 0.9
@@ -327,7 +328,7 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
     known = overhead(size_px=20, pixel_m=200.0)
     given = known.moved([0.0, 30e3, 0.0, 0.0, 0.0, 0.0])
     area = perhaps_in_view(points, given, Uncertainty(12e3), 3.0)
-    assert set(in_view(points, known)) <= set(area.points)
+    assert set(points_in_view(points, known)) <= set(area.points)
     assert len(area) < len(points)
 
 
@@ -335,7 +336,7 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
 
 
 def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
-    rows = in_view(points, photo.sensor)
+    rows = points_in_view(points, photo.sensor)
     check = check_light(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
     assert check.fits
     assert check.complaint == ""

@@ -15,14 +15,14 @@ from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Photo
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.point_search import match
+from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.matching.pose import solve, spread_px2
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,
     NOT_HERE,
-    Located,
     Options,
+    PositionFix,
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
@@ -47,13 +47,13 @@ def image() -> Photo:
     return Photo("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
 
 
-@pytest.mark.parametrize(("sigma_m", "first"), [(3000.0, "match"), (6000.0, "match"), (10e3, "narrowed")])  # fmt: skip
+@pytest.mark.parametrize(("sigma_m", "first"), [(3000.0, "find_points"), (6000.0, "find_points"), (10e3, "narrowed")])  # fmt: skip
 def test_the_whole_image_is_shifted_first_from_64_searched_pixels_on(
     few: Catalog, image: Photo, monkeypatch: pytest.MonkeyPatch, sigma_m: float, first: str
 ) -> None:
     """Pixels of 200 m, searched at half: 45, 90 and 150 pixels are 3 sigma."""
 
-    asked = {name: Mock(side_effect=InterruptedError(name)) for name in ("match", "narrowed")}
+    asked = {name: Mock(side_effect=InterruptedError(name)) for name in ("find_points", "narrowed")}
     for name, stop in asked.items():
         monkeypatch.setattr(f"lcp_catalog.matching.position_fix.{name}", stop)
     with pytest.raises(InterruptedError, match=first):
@@ -72,13 +72,13 @@ def test_reaches_are_in_the_searched_photographs_pixels(
 
     def listen(*given: object, **more: object) -> Matches:
         reaches.append(np.unique(given[3]).tolist())
-        return match(*given, **more)
+        return find_points(*given, **more)
 
     def fits(*given: object) -> LightCheck:
         suns.append(given[-1])
         return light(0.1)
 
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.match", listen)
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.check_light", fits)
     camera = overhead(pixel_m=200.0, size_px=320)
     answer = locate(few, World().photo(camera), Uncertainty(200.0), LAW, Options(common_px=0.2))
@@ -96,7 +96,7 @@ def test_reaches_are_in_the_searched_photographs_pixels(
 
 def narrowed_to(
     few: Catalog, image: Photo, monkeypatch: pytest.MonkeyPatch, chance: float, places: float
-) -> Located:
+) -> PositionFix:
     """The answer where the whole image's shift is no chance but once in so many, and points are sought in an area of so many;
     they then agree on two places.
     """
@@ -116,7 +116,7 @@ def narrowed_to(
 
     said = Consensus(np.zeros(0, dtype=bool), None, -40.0, -39.0)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.narrowed", narrow)
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.match", nowhere)
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", nowhere)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.agree", lambda *_, **__: said)
     return locate(few, image, Uncertainty(10e3), LAW, QUICK)
 

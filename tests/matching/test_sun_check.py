@@ -95,7 +95,7 @@ def hills():
 
 def listened(monkeypatch, hills, correlations, places, count, **how):
     listener = Listener(correlations, places)
-    monkeypatch.setattr("lcp_catalog.matching.sun_check.match", listener)
+    monkeypatch.setattr("lcp_catalog.matching.sun_check.find_points", listener)
     monkeypatch.setattr("lcp_catalog.matching.sun_check.LAWS", ())  # other laws: test_light_laws
     camera = above_it()
     rng = np.random.default_rng(1)

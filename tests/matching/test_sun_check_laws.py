@@ -10,8 +10,8 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.images.image import Photo
 from lcp_catalog.matching import sun_check
+from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.search_area import in_view
 from lcp_catalog.matching.sun_check import LightCheck, check_light, with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -47,7 +47,7 @@ def rough(world, request) -> Photo:
 
 
 def checked(points, photo: Photo, turn_deg: float = 0.0) -> LightCheck:
-    rows = in_view(points, photo.sensor)
+    rows = points_in_view(points, photo.sensor)
     stated = with_sun(photo, points.position_mcmf[rows], turn_deg, 0.0)
     return check_light(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
 

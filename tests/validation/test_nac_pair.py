@@ -15,7 +15,7 @@ from helpers import pit_pair as pit
 from helpers.small_world import mirrored
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog, read_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.dem.terraces import smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Photo
@@ -78,7 +78,7 @@ def grounds(dems: dict[str, Path], sun: SunChoice) -> dict[str, pit.Ground]:
 @pytest.fixture(scope="module")
 def catalog(dems: dict[str, Path]) -> Catalog:
     path = dems["smooth"].with_name("pit.h5")
-    return read_catalog(pit.build_catalog(dems["smooth"], path))
+    return open_catalog(pit.build_catalog(dems["smooth"], path))
 
 
 def scores(photo: Photo, ground: pit.Ground, side: int) -> np.ndarray:

@@ -12,7 +12,7 @@ import rasterio
 from lcp_catalog.build.config import BuildConfig
 from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.catalog.hdf5 import read_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.rendering.pipeline import expose, prepare
 from lcp_catalog.rendering.request import Request, ViewChoice
@@ -42,7 +42,7 @@ def test_usable_points_look_like_the_photograph(tmp_path: Path) -> None:
     build_catalog(
         Build.plan((DEM,), BuildConfig.from_toml(SAMPLE / "hadley.toml")), tmp_path / "c.h5", jobs=2
     )
-    catalog = read_catalog(tmp_path / "c.h5")
+    catalog = open_catalog(tmp_path / "c.h5")
     assert len(catalog.point_id) >= 100
     camera = read_camera(SAMPLE / "AS15-M-0414_camera.json")
     scene = prepare(Request([DEM], area=Area(3.5, 26.0, 158.0), view=ViewChoice(camera=camera)))
