@@ -20,8 +20,8 @@ import numpy as np
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.catalog.hdf5 import open_catalog
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import find_points
 
@@ -32,7 +32,7 @@ DARK, BRIGHT = (15.0, 40.0), (170.0, 140.0)
 WEIGHTS = (1.0, 0.5, 0.25, 0.0)
 
 
-def clipped(photo: Photo, below: float, above: float, weight: float) -> tuple[Photo, float]:
+def clipped(photo: Image, below: float, above: float, weight: float) -> tuple[Image, float]:
     """The photo with values clipped, those weighed; and their share."""
     hit = (photo.signal <= below) | (photo.signal >= above)
     signal = np.clip(photo.signal, below, above).astype(np.float32)
@@ -42,7 +42,7 @@ def clipped(photo: Photo, below: float, above: float, weight: float) -> tuple[Ph
 
 def main() -> None:
     catalog = open_catalog(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "hadley.h5")
-    photo = open_photo(FRAME, read_camera(FRAME.with_name("AS15-M-0414_camera.json")))
+    photo = open_image(FRAME, read_camera(FRAME.with_name("AS15-M-0414_camera.json")))
     points = points_in_view(catalog, photo.sensor)
     lines = [
         "| clipped | pixels | weight | found | right | median offset, px |",

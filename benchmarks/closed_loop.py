@@ -41,7 +41,7 @@ from lcp_cli.main import run
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import open_catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 
 
@@ -123,7 +123,7 @@ def loop(name: str, asked: argparse.Namespace) -> None:
         )
 
 
-def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Photo:
+def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Image:
     """A frame, taken once: to look again costs no rendering."""
     if not path.exists():
         photo = take(camera, shot)
@@ -132,7 +132,7 @@ def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Photo:
         return photo
     with np.load(path) as saved:
         pixels = saved["signal"], saved["weight"]
-    return Photo(camera.name, *pixels, camera, sun_position_mcmf_m=camera.sun_position_mcmf_m)
+    return Image(camera.name, *pixels, camera, sun_position_mcmf_m=camera.sun_position_mcmf_m)
 
 
 def built(name: str, place: Place, dem: Path, folder: Path) -> Path:

@@ -24,7 +24,7 @@ from helpers import apollo_maps as maps
 from helpers.apollo_frames import series_keys
 
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, PositionFix, locate
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
@@ -62,7 +62,7 @@ def main() -> None:
     print("\n".join(lines))
 
 
-def found(catalog: Catalog, photo: Photo) -> PositionFix:
+def found(catalog: Catalog, photo: Image) -> PositionFix:
     return locate(catalog, photo, maps.UNCERTAIN, LAW)
 
 
@@ -97,7 +97,7 @@ def spread(right: dict[str, PositionFix]) -> list[str]:
     return lines
 
 
-def wrong(catalog: Catalog, photos: dict[str, Photo], right: dict[str, PositionFix]) -> list[str]:
+def wrong(catalog: Catalog, photos: dict[str, Image], right: dict[str, PositionFix]) -> list[str]:
     """Verdicts on maps made into what they are not, and under Suns turned by known angles."""
     said: dict[str, Counter[str]] = {}
     for key, photo in photos.items():

@@ -25,7 +25,7 @@ from helpers import located_frames as frames
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, locate
 
@@ -64,7 +64,7 @@ def located(data: Path, options: argparse.Namespace) -> Iterator[str]:
         yield cells
 
 
-def row(key: str, catalog: Catalog, photo: Photo, draws: int) -> str:
+def row(key: str, catalog: Catalog, photo: Image, draws: int) -> str:
     answers, seconds = [], []
     for seed in range(draws):
         start = time.perf_counter()
@@ -116,7 +116,7 @@ def spoilt(data: Path, options: argparse.Namespace) -> Iterator[str]:
         yield f"| {name} | " + " | ".join(c.get(name, "-") for c in columns.values()) + " |"
 
 
-def verdict(catalog: Catalog, image: Photo, known: Photo) -> str:
+def verdict(catalog: Catalog, image: Image, known: Image) -> str:
     """What is said, and how far off a pose is; WRONG where it is."""
     answer: PositionFix = locate(
         catalog, frames.displaced(image, 0), UNCERTAIN, frames.LAW, Options()

@@ -44,7 +44,7 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.dem.terraces import bending, smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate
 from lcp_catalog.photometry.laws import reflectance_model
@@ -139,7 +139,7 @@ def picture(path: Path, *values: np.ndarray) -> None:
     )
 
 
-def located(photo: Photo, dem: Path, out: Path) -> list[str]:
+def located(photo: Image, dem: Path, out: Path) -> list[str]:
     """`lcp build-catalog` of the smoothed DTM, and `locate` of the orthoimage, its map moved on purpose."""
     catalog = open_catalog(build_catalog(dem, out / "pit.h5"))
     lines = [
@@ -200,7 +200,7 @@ def main() -> None:
     sys.stdout.write("\n".join(lines) + "\n")
 
 
-def registration(folder: Path, photo: Photo, grounds: dict[str, Ground]) -> list[str]:
+def registration(folder: Path, photo: Image, grounds: dict[str, Ground]) -> list[str]:
     lines = [
         "## Registration", "",
         "| surface | windows, m | count | waves, m | east, m | north, m | mean correlation there |",
@@ -228,7 +228,7 @@ def band_name(band: tuple[float, float] | None) -> str:
     return "all" if band is None else f"{band[0]}-{band[1]}"
 
 
-def suns(photo: Photo, dem: Path, scene: Scene) -> list[str]:
+def suns(photo: Image, dem: Path, scene: Scene) -> list[str]:
     """Mean correlation of windows of 64 m under Suns of the same height and other azimuths: albedo does not mind, shading does."""
     azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
     lines = [
@@ -248,7 +248,7 @@ def suns(photo: Photo, dem: Path, scene: Scene) -> list[str]:
     return [*lines, ""]
 
 
-def window_tables(photo: Photo, grounds: dict[str, Ground], out: Path) -> list[str]:
+def window_tables(photo: Image, grounds: dict[str, Ground], out: Path) -> list[str]:
     lines = [
         "## Windows", "",
         "| surface | cell, m | windows | above 0.9 | above 0.7 | above 0.5 | median | median, textured half | best |",
@@ -270,7 +270,7 @@ def window_tables(photo: Photo, grounds: dict[str, Ground], out: Path) -> list[s
     return [*lines, ""]
 
 
-def limits(photo: Photo, grounds: dict[str, Ground], out: Path, like: list[object]) -> list[str]:
+def limits(photo: Image, grounds: dict[str, Ground], out: Path, like: list[object]) -> list[str]:
     ground = grounds["steps smoothed"]
     image, weight = on_ground(photo, ground.nodes)
     keep = far_from_hole(ground, weight)

@@ -46,7 +46,7 @@ def scene():
     frame = EnuFrame(3.5, 26.0, -1000.0)
     camera = looking_at(frame, 300e3, 0, 0, 20, 300e3 / GSD_M, (640, 640))
     request = Request([HADLEY], sun=SunChoice(90, 20), view=ViewChoice(camera), disc=False)
-    photo = simulate.photo(request, Detector(blur_px=0.5, noise=0.02, bits=12, seed=1))
+    photo = simulate.simulated_image(request, Detector(blur_px=0.5, noise=0.02, bits=12, seed=1))
     return catalog, photo, np.resize(points_in_view(catalog, photo.sensor), POINTS)
 
 

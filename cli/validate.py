@@ -208,7 +208,7 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
 
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.cameras.sensor import Uncertainty
-    from lcp_catalog.images.image_file import PhotoOptions
+    from lcp_catalog.images.image_file import ImageOptions
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
@@ -228,5 +228,5 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         pose_is_known=flags["known_pose"],
         faint=flags["faint"],
-        pixels=PhotoOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
+        pixels=ImageOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
     )

@@ -23,7 +23,7 @@ from ..landmarks.uniqueness import (
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.occlusion import occluded
 from .config import BuildConfig
-from .sweep import Image, Sweep
+from .sweep import RenderedImage, Sweep
 
 SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
 """Decimations at which a patch is tried, as multiples of its cell size."""
@@ -92,7 +92,7 @@ def evaluate(
 def _judge(
     result: Evaluation,
     at: tuple[slice, int, int, int],
-    image: Image,
+    image: RenderedImage,
     patches: _Patches,
     config: BuildConfig,
     gsd_m: float,

@@ -84,7 +84,7 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
 
 
 @dataclass(frozen=True)
-class Image:
+class RenderedImage:
     """One condition's picture of the window: radiance factor, 0 in shadow, NaN where nothing is seen."""
 
     view: int
@@ -129,7 +129,7 @@ class Sweep:
             return np.zeros(self.normals.shape[:2], dtype=np.bool_)
         return occluded(self.field, direction, self.accuracy, self.window)
 
-    def images(self, views: tuple[int, ...] | None = None) -> Iterator[Image]:
+    def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those named)."""
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
         law = (self.reflectance.code, self.reflectance.numbers)
@@ -152,4 +152,4 @@ class Sweep:
                     )
                     if factors is not None:
                         radiance *= factors
-                    yield Image(view, int(elevation), azimuth, radiance)
+                    yield RenderedImage(view, int(elevation), azimuth, radiance)

@@ -13,7 +13,7 @@ from ..cameras.sensor import Reduced, Sensor
 
 
 @dataclass(frozen=True, eq=False)
-class Photo:
+class Image:
     """One image. ``signal`` (rows, cols) is proportional to radiance up to an offset, as far as that is known, NaN where there
     is none; ``weight`` (rows, cols) 0..1 is 0 where the signal is missing or saturated.
 
@@ -45,11 +45,11 @@ class Photo:
         away = self.sun_position_mcmf_m - points
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
-    def with_sensor(self, sensor: Sensor) -> Photo:
+    def with_sensor(self, sensor: Sensor) -> Image:
         """The same image, otherwise placed."""
         return replace(self, sensor=sensor)
 
-    def reduced(self, factor: int) -> Photo:
+    def reduced(self, factor: int) -> Image:
         """With blocks of ``factor`` x ``factor`` pixels as one: weighted means; a block's weight is the mean of its pixels'."""
         if factor == 1:
             return self

@@ -1,4 +1,4 @@
-"""An image file as a `Photo`: what is signal, what each pixel is worth, what took it, and where its Sun stood."""
+"""An image file as a `Image`: what is signal, what each pixel is worth, what took it, and where its Sun stood."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..geometry.sphere_intersection import hits, lonlat
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_raster import decode_srgb
 from ..photometry.srgb import ALBEDO_ENCODINGS
-from .image import Photo
-from .pixels import ImagePixels, read_image
+from .image import Image
+from .pixels import ImagePixels, read_pixels
 from .special_pixels import Codes, Kinds, ends, isis_special, touching_edge
 from .sun_from_label import ImageLabel, read_image_label
 
@@ -31,7 +31,7 @@ SUNS_DIFFER_DEG = 1.0
 
 
 @dataclass(frozen=True)
-class PhotoOptions:
+class ImageOptions:
     """What a file does not say by itself: the band (None: luminance of colours, else the first), a value for "nothing here", the
     place (longitude, latitude, degrees) that a Sun given by angles is meant for (None: the image's middle), from where a
     map-projected image was seen, and whether integer samples are ``linear`` in radiance or codes of a display picture (``srgb``).
@@ -59,25 +59,25 @@ class _Pixels:
     missing_share: float
 
 
-def open_photo(
+def open_image(
     path: Path | str,
     sensor: Sensor | None = None,
     sun: SunChoice | None = None,
-    options: PhotoOptions | None = None,
-) -> Photo:
+    options: ImageOptions | None = None,
+) -> Image:
     """The image in a file, with the sensor that took it; None: the map that the file says it was projected on.
 
     The Sun is the one that is stated (``sun``), else the sensor's own, else the one of the image's label.
     ImageError, one line, for what is no image, has no geometry, no Sun, another size than its camera's, or nothing in it;
     SunError for a Sun that is stated and cannot be.
     """
-    options = options or PhotoOptions()
-    image = read_image(path, options.band, options.nodata, options.encoding)
+    options = options or ImageOptions()
+    image = read_pixels(path, options.band, options.nodata, options.encoding)
     label = read_image_label(image)
     taken_by = _sensor(image, sensor, options)
     pixels = _pixels(image, label.codes, sensor is None, options.encoding)
     position, direction = _sun(image.path, taken_by, sun or SunChoice(), label, options)
-    return Photo(
+    return Image(
         name=image.path.name,
         signal=pixels.signal,
         weight=pixels.weight,
@@ -89,7 +89,7 @@ def open_photo(
     )
 
 
-def _sensor(image: ImagePixels, sensor: Sensor | None, options: PhotoOptions) -> Sensor:
+def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) -> Sensor:
     rows, cols = image.samples.shape
     if sensor is None:
         if image.crs_wkt is None:
@@ -173,7 +173,7 @@ def _require_something(image: ImagePixels, values: NDArray[np.generic]) -> None:
 
 
 def _sun(
-    path: Path, sensor: Sensor, sun: SunChoice, label: ImageLabel, options: PhotoOptions
+    path: Path, sensor: Sensor, sun: SunChoice, label: ImageLabel, options: ImageOptions
 ) -> tuple[Array | None, Array | None]:
     """Position or direction of the Sun: by what was stated, the sensor, the label; a warning where they differ."""
     own = _of_sensor(sensor)
@@ -205,7 +205,7 @@ def _of_sensor(sensor: Sensor) -> ImageLabel:
     return ImageLabel("camera", sensor.sun_position_mcmf_m, time_utc=sensor.time_utc)
 
 
-def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: PhotoOptions) -> Array | None:
+def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -> Array | None:
     """The direction that flags state; None when they state none."""
     if sun == SunChoice():
         return None

@@ -72,7 +72,7 @@ class ImagePixels:
     """Whether a value for what is missing was stated, by the file or the caller."""
 
 
-def read_image(
+def read_pixels(
     path: Path | str,
     band: int | None = None,
     nodata: float | None = None,
@@ -89,7 +89,7 @@ def read_image(
 
 
 def image_shape(path: Path | str) -> tuple[int, int]:
-    """Rows and columns of an image file, none of which is read; ImageError as `read_image`."""
+    """Rows and columns of an image file, none of which is read; ImageError as `read_pixels`."""
     with _opened(Path(path)) as (_, file):
         return int(file.height), int(file.width)
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import evenly
@@ -53,7 +53,7 @@ class CoarseShift:
 
 def coarse_shift(
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     model: Reflectance = DEFAULT_MODEL,
     reach_px: float = 500.0,
     *,
@@ -124,7 +124,7 @@ def correlation_maps(
 
 
 def _scale(
-    catalog: Catalog, photo: Photo, rows: Index, reach: float, grid_px: int
+    catalog: Catalog, photo: Image, rows: Index, reach: float, grid_px: int
 ) -> tuple[int, float]:
     """By what the photo is reduced, and the side of the templates then, in pixels."""
     pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))

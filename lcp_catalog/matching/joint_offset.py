@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..photometry.laws import Reflectance
 from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
@@ -94,7 +94,7 @@ class _Place:
 
 def whole_ground(
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     given: Sensor,
     uncertainty: Uncertainty,
     model: Reflectance,
@@ -121,7 +121,7 @@ def whole_ground(
 @dataclass(frozen=True, eq=False)
 class _Search:
     catalog: Catalog
-    photo: Photo
+    photo: Image
     given: Sensor
     uncertainty: Uncertainty
     model: Reflectance
@@ -234,11 +234,11 @@ class _Search:
         wide = widened(covariance_px2, float(self.factor))
         return bool(off_px @ np.linalg.solve(wide, off_px) > GATE**2)
 
-    def at(self, pose: Pose) -> Photo:
+    def at(self, pose: Pose) -> Image:
         """The searched photograph with a corrected sensor."""
         return self.photo.with_sensor(self.photo.sensor.moved(pose.correction))
 
-    def place(self, photo: Photo) -> _Place:
+    def place(self, photo: Image) -> _Place:
         """The peak near where a photograph's sensor has the ground, by all points and by points drawn anew."""
         z = self.z_maps(photo, self.area.points, _NEAR_PX)
         z = z[_whole_middle(z)]
@@ -257,7 +257,7 @@ class _Search:
         covariance = scale * np.cov(column[inside], row[inside]) + _FLOOR_PX**2 * np.eye(2)
         return _Place(shift, covariance)
 
-    def z_maps(self, photo: Photo, rows: Index, reach: int) -> Array:
+    def z_maps(self, photo: Image, rows: Index, reach: int) -> Array:
         """artanh of the correlations of points about where a photograph's sensor has them, (n, 2 reach + 1, 2 reach + 1)."""
         image = replace(self.image, photo=photo)
         parts = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
@@ -271,7 +271,7 @@ class _Search:
     def image(self) -> SearchImage:
         return SearchImage.of(self.photo)
 
-    def sun(self, photo: Photo) -> tuple[str, float]:
+    def sun(self, photo: Image) -> tuple[str, float]:
         """What speaks against the stated Sun, empty where nothing does; and how far, in pixels of the image as it came,
         another one that does as well or better moves the place.
         """

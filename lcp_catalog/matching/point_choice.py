@@ -13,7 +13,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.schema import USABLE
 from ..errors import SunError
 from ..geometry.frames import direction_enu
-from ..images.image import Photo
+from ..images.image import Image
 
 RESOLUTION_SHARE = 0.5
 """Pixel size of the searched image as a share of the DEM's true resolution."""
@@ -93,9 +93,9 @@ def directions_to_sun(
     return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
-def working_photo(
-    catalog: Catalog, photo: Photo, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
-) -> Photo:
+def working_image(
+    catalog: Catalog, photo: Image, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
+) -> Image:
     """The image, reduced by a whole number to the scale at which it is searched.
 
     Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution of their DEM (the

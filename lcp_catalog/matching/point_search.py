@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Bytes, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import seek_back
 from ..landmarks.uniqueness import effective_samples, false_match_probability
@@ -65,7 +65,7 @@ class _Task:
 
 def find_points(
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     model: Reflectance = DEFAULT_MODEL,
     reach_px: ArrayLike = 64.0,
     *,
@@ -98,7 +98,7 @@ def find_points(
     return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
 
 
-def _at_once(catalog: Catalog, photo: Photo, rows: Index) -> int:
+def _at_once(catalog: Catalog, photo: Image, rows: Index) -> int:
     """How many points are rendered at once."""
     pixels = pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
     sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)

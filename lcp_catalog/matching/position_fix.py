@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import (
     SIGNIFICANT,
@@ -29,7 +29,7 @@ from .consensus import (
 )
 from .joint_offset import WholeGround, whole_ground
 from .matches import CODE, FOUND, Matches
-from .point_choice import points_in_view, working_photo
+from .point_choice import points_in_view, working_image
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
@@ -61,7 +61,7 @@ _NOBODY = np.zeros(0, dtype=np.int64)
 @dataclass(frozen=True)
 class Options:
     """How to look. Pixels are those of the photograph that is searched, which may be a reduced one
-    (`usable.working_photo`).
+    (`usable.working_image`).
     """
 
     criteria: Criteria = field(default_factory=Criteria)
@@ -103,7 +103,7 @@ class PositionFix:
 
 def locate(
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     uncertainty: Uncertainty,
     model: Reflectance = DEFAULT_MODEL,
     options: Options = Options(),
@@ -114,7 +114,7 @@ def locate(
     Frames: the pose corrects ``photo.sensor``; matches are in the pixels of the image as it came.
     """
     area = perhaps_in_view(catalog, photo.sensor, uncertainty, options.sigmas)
-    working = working_photo(catalog, photo, area.points)
+    working = working_image(catalog, photo, area.points)
     search = _Search(catalog, photo, working, uncertainty, model, options)
     if not len(area):
         reason = f"none of the catalogue's {len(catalog)} points can be in view"
@@ -127,8 +127,8 @@ def locate(
 @dataclass(frozen=True, eq=False)
 class _Search:
     catalog: Catalog
-    photo: Photo  # as it came
-    working: Photo  # as it is searched
+    photo: Image  # as it came
+    working: Image  # as it is searched
     uncertainty: Uncertainty
     model: Reflectance
     options: Options
@@ -190,7 +190,7 @@ class _Search:
         matches, pose = self.settled(score.pose)
         return self.judged(matches, pose, score)
 
-    def sought(self, photo: Photo, area: SearchArea) -> Matches:
+    def sought(self, photo: Image, area: SearchArea) -> Matches:
         """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was
         given.
         """
@@ -243,7 +243,7 @@ class _Search:
         reach = np.full(len(rows), self.options.second_reach_px * self.factor)
         return self.sought(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
 
-    def corrected(self, pose: Pose) -> Photo:
+    def corrected(self, pose: Pose) -> Image:
         """The searched photograph with the corrected sensor."""
         return self.working.with_sensor(self.working.sensor.moved(pose.correction))
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..photometry.laws import Reflectance
 from .coarse_offset import coarse_shift
 from .point_choice import facing
@@ -86,7 +86,7 @@ def perhaps_in_view(
 def narrowed(
     area: SearchArea,
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     sensor: Sensor,
     uncertainty: Uncertainty,
     model: Reflectance,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Reduced, Sensor
-from ..images.image import Photo
+from ..images.image import Image
 from ..landmarks.corners import fill_missing
 
 _FILL_PX = 33
@@ -28,13 +28,13 @@ class SearchImage:
     it came along the side of one of these.
     """
 
-    photo: Photo
+    photo: Image
     fine: Float32
     weight: Float32
     factor: int
 
     @classmethod
-    def of(cls, photo: Photo) -> SearchImage:
+    def of(cls, photo: Image) -> SearchImage:
         """ValueError where nothing of it is valid."""
         valid = photo.valid
         if not valid.any():
@@ -86,7 +86,7 @@ def full_pixels(pixels: Array, factor: int) -> Array:
     return (pixels + 0.5) * factor - 0.5
 
 
-def nothing_in(photo: Photo) -> str | None:
+def nothing_in(photo: Image) -> str | None:
     """What an image lacks for anything to be found in it; None where it lacks nothing."""
     valid = photo.valid
     if not valid.any():

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
-from ..images.image import Photo
+from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_search import Criteria, find_points
 
@@ -110,7 +110,7 @@ class LightCheck:
 
 def check_light(
     catalog: Catalog,
-    photo: Photo,
+    photo: Image,
     model: Reflectance,
     points: Index,
     offset_px: Array,
@@ -153,7 +153,7 @@ class _Points:
     """Points (n,) that are looked for near where they were found, under any law and Sun."""
 
     catalog: Catalog
-    photo: Photo
+    photo: Image
     rows: Index
     offset_px: Array
     criteria: Criteria
@@ -220,7 +220,7 @@ def _common_shift(offsets_px: Array) -> float:
     return float(np.hypot(*np.median(known, axis=0))) if len(known) else 0.0
 
 
-def with_sun(photo: Photo, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Photo:
+def with_sun(photo: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Image:
     """The photograph as if its Sun stood elsewhere: turned clockwise about the vertical at the middle of some ground
     (n, 3), and raised. A Sun that is not moved stays what it was; one never goes below 1 or above 89 degrees.
     """

@@ -20,7 +20,7 @@ from ..constants import ASTRONOMICAL_UNIT_M
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
-from ..images.image import Photo
+from ..images.image import Image
 from ..light.sun_choice import SunChoice
 from ..rendering.pipeline import Scene, prepare
 from ..rendering.renderer import render_camera
@@ -115,11 +115,11 @@ class Frame:
         known = np.isfinite(self.radiance)
         return np.where(known, step * self.numbers, np.nan).astype(np.float32)
 
-    def photo(self, camera: Camera | None = None, name: str = "simulated") -> Photo:
+    def image(self, camera: Camera | None = None, name: str = "simulated") -> Image:
         """The frame as it is compared, taken by ``camera`` as far as anybody knows (None: by its own)."""
         known = np.isfinite(self.radiance)
         full = known & (self.numbers >= self.detector.highest)
-        return Photo(
+        return Image(
             name,
             self.signal,
             (known & ~full).astype(np.float32),
@@ -147,13 +147,13 @@ def frame(ground: Ground, camera: Camera, detector: Detector, samples: int | Non
     )
 
 
-def photo(
+def simulated_image(
     request: Request, detector: Detector, samples: int | None = None, name: str = "simulated"
-) -> Photo:
-    """The photo that a request's camera takes of its DEM."""
+) -> Image:
+    """The image that a request's camera takes of its DEM."""
     ground = DemGround.seen(request, detector.margin_px)
     assert request.view.camera is not None
-    return frame(ground, request.view.camera, detector, samples).photo(name=name)
+    return frame(ground, request.view.camera, detector, samples).image(name=name)
 
 
 def samples_for(cells_per_pixel: float) -> int:

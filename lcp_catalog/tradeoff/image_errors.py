@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Mask
 from ..build.area_job import AreaJob, area_sweep
-from ..build.sweep import Conditions, Image, Sweep
+from ..build.sweep import Conditions, RenderedImage, Sweep
 from ..dem.mosaic import DemSet
 from ..threads import limit_threads
 
@@ -127,7 +127,7 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
 
 def _side_by_side(
     sweeps: dict[str, Sweep], changes: dict[str, ImageChanges]
-) -> Iterator[dict[str, Image]]:
+) -> Iterator[dict[str, RenderedImage]]:
     """Each image in every tier; what it took is added to the tier's seconds."""
     streams = {tier: sweep.images() for tier, sweep in sweeps.items()}
     while True:
@@ -142,7 +142,7 @@ def _side_by_side(
         yield images
 
 
-def _judge_light(images: dict[str, Image], changes: dict[str, ImageChanges]) -> None:
+def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChanges]) -> None:
     """Count the nodes that are lit in one and dark in the other; images from straight above, where only nodata is unseen."""
     exact = images[REFERENCE].radiance
     ground, lit = np.isfinite(exact), exact > 0.0
@@ -166,7 +166,7 @@ def _at_edge(lit: Mask, ground: Mask, nodes: Mask) -> Mask:
     return found
 
 
-def _judge_radiance(images: dict[str, Image], changes: dict[str, ImageChanges]) -> None:
+def _judge_radiance(images: dict[str, RenderedImage], changes: dict[str, ImageChanges]) -> None:
     exact = images[REFERENCE].radiance
     for tier, image in images.items():
         both = np.isfinite(exact) & np.isfinite(image.radiance)
@@ -181,10 +181,10 @@ class _Showing:
 
     def __init__(self, area: str) -> None:
         self._area = area
-        self._kept: tuple[float, float, dict[str, Image]] | None = None
+        self._kept: tuple[float, float, dict[str, RenderedImage]] | None = None
         self._rank: tuple[bool, float, int] = (True, math.inf, 0)
 
-    def look(self, images: dict[str, Image], conditions: Conditions) -> None:
+    def look(self, images: dict[str, RenderedImage], conditions: Conditions) -> None:
         exact = images[REFERENCE]
         elevation = float(conditions.sun_elevation_deg[exact.elevation])
         wrong = sum(int(np.count_nonzero(_difference(i, exact))) for i in images.values())
@@ -211,7 +211,7 @@ class _Showing:
         )
 
 
-def _difference(image: Image, exact: Image) -> NDArray[np.int8]:
+def _difference(image: RenderedImage, exact: RenderedImage) -> NDArray[np.int8]:
     lit, wanted = image.radiance > 0.0, exact.radiance > 0.0
     return lit.astype(np.int8) - wanted.astype(np.int8)
 

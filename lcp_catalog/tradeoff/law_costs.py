@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..build.area_job import AreaJob, area_sweep
-from ..build.sweep import Image, Sweep
+from ..build.sweep import RenderedImage, Sweep
 from ..dem.mosaic import DemSet
 from ..photometry.law_choice import LAWS
 from ..photometry.laws import reflectance_model
@@ -101,7 +101,7 @@ def compare_models(job: AreaJob) -> ModelChanges:
             _judge(sweep, images, found)
 
 
-def _judge(sweep: Sweep, images: dict[str, Image], found: ModelChanges) -> None:
+def _judge(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
     exact = images[JUDGE]
     sun = sweep.conditions.sun_direction(exact.elevation, exact.azimuth, sweep.turn_rad)
     camera = sweep.conditions.view_direction(exact.view, sweep.turn_rad)

@@ -23,7 +23,7 @@ from ..cameras.view import View, sensor_view
 from ..catalog.catalogue import Catalog
 from ..errors import AreaError
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
-from ..images.image import Photo
+from ..images.image import Image
 from ..light.sun_choice import SunChoice
 from ..matching.templates import nodes_mcmf
 from ..photometry.albedo_map import AlbedoMap
@@ -79,7 +79,7 @@ class GroundComparison:
 
 
 def against_dem(
-    photo: Photo,
+    photo: Image,
     dem_paths: Sequence[Path | str],
     model: Reflectance,
     accuracy: Accuracy,
@@ -131,7 +131,7 @@ def rendered_cell_m(posting_m: float, target_m: float) -> float:
 
 
 def dem_request(
-    photo: Photo,
+    photo: Image,
     dem_paths: Sequence[Path | str],
     model: Reflectance,
     accuracy: Accuracy,
@@ -163,7 +163,7 @@ def unreduced(sensor: Sensor) -> Sensor:
     return unreduced(sensor.full) if isinstance(sensor, Reduced) else sensor
 
 
-def subsolar(photo: Photo) -> tuple[float, float]:
+def subsolar(photo: Image) -> tuple[float, float]:
     """Where the Sun is overhead, longitude and latitude: the place whose vertical is the direction to it."""
     lon, lat, _ = mcmf_to_lonlat(photo.sun_directions(np.zeros(3)))
     return float(lon), float(lat)
@@ -184,7 +184,7 @@ def _places(nodes: Array, pair: Pair, found: WindowComparison) -> tuple[Array, A
 
 
 def against_patches(
-    photo: Photo,
+    photo: Image,
     catalog: Catalog,
     points: Index,
     model: Reflectance,
@@ -239,7 +239,7 @@ def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
 
 
 def _pair(
-    photo: Photo,
+    photo: Image,
     catalog: Catalog,
     row: int,
     model: Reflectance,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..images.image import Photo
+from ..images.image import Image
 from ..kernels.resampling import area_means
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
@@ -44,7 +44,7 @@ def terrain_nodes(terrain: Terrain) -> Array:
     return terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
 
 
-def orthorectify(photo: Photo, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
+def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
     """The image at the nodes (rows, cols, 3) of a grid of the ground, each the mean over its cell.
 
     ``visible`` (rows, cols): which nodes the camera sees (a render says that); none: all that project into
@@ -88,7 +88,7 @@ def _footprints_px(down: Array, right: Array, seen: Mask) -> tuple[float, float]
     return float(narrow), float(wide)
 
 
-def _means(photo: Photo, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:
+def _means(photo: Image, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:
     """Means over the footprints that are seen, and their weights, (rows, cols)."""
     weight = np.where(photo.valid, photo.weight, 0.0).astype(np.float32)
     light = np.where(weight > 0.0, photo.signal, 0.0).astype(np.float32)

@@ -21,8 +21,8 @@ from ..catalog.hdf5 import open_catalog
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.frames import EnuFrame, azimuth_elevation, lonlat_to_mcmf
-from ..images.image import Photo
-from ..images.image_file import PhotoOptions, center_of, open_photo
+from ..images.image import Image
+from ..images.image_file import ImageOptions, center_of, open_image
 from ..images.pixels import image_shape
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
@@ -84,7 +84,7 @@ class Validation:
     accuracy: Accuracy = TIERS["standard"]
     albedo: AlbedoMap | None = None
     pose_is_known: bool = False
-    pixels: PhotoOptions = field(default_factory=PhotoOptions)
+    pixels: ImageOptions = field(default_factory=ImageOptions)
     faint: bool = False
 
     @property
@@ -192,9 +192,9 @@ def _one(
     return image, _pictures(photo, ground), [*files.paths, *(ground.sources if ground else ())]
 
 
-def _opened(request: Validation, files: ImageFiles) -> Photo:
+def _opened(request: Validation, files: ImageFiles) -> Image:
     sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
-    return open_photo(files.image, sensor, request.sun, request.pixels)
+    return open_image(files.image, sensor, request.sun, request.pixels)
 
 
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
@@ -205,7 +205,7 @@ def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
 
 
 def _ground(
-    request: Validation, catalog: Catalog, photo: Photo
+    request: Validation, catalog: Catalog, photo: Image
 ) -> tuple[GroundComparison | None, str]:
     """The image against the ground, or why not."""
     how = request.law, request.accuracy, request.windows
@@ -245,7 +245,7 @@ def _points(catalog: Catalog, located: PositionFix, sensor: Sensor) -> PointFigu
     )
 
 
-def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
+def _pictures(photo: Image, ground: GroundComparison | None) -> Pictures:
     rows, cols = photo.signal.shape
     factor = max(1, int(np.ceil(np.sqrt(rows * cols / PIXELS_MAX))))
     if factor > min(rows, cols):
@@ -261,7 +261,7 @@ def _pictures(photo: Photo, ground: GroundComparison | None) -> Pictures:
 # -- facts of an image
 
 
-def _facts(request: Validation, photo: Photo, name: str) -> ImageFacts:
+def _facts(request: Validation, photo: Image, name: str) -> ImageFacts:
     rows, cols = photo.signal.shape
     known: dict[str, Any] = {}
     try:
@@ -282,7 +282,7 @@ def _facts(request: Validation, photo: Photo, name: str) -> ImageFacts:
     )
 
 
-def _angles(photo: Photo, lon_deg: float, lat_deg: float) -> dict[str, float]:
+def _angles(photo: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
     """Pixel, Sun and view at a place of the sphere."""
     frame = EnuFrame(lon_deg, lat_deg)
     place = lonlat_to_mcmf(lon_deg, lat_deg)

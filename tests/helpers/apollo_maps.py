@@ -20,8 +20,8 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
 
 UNCERTAIN = Uncertainty(1500.0)
@@ -44,30 +44,30 @@ def built(shared: Path, folder: Path) -> Catalog:
     return open_catalog(path)
 
 
-def frame(shared: Path, key: str) -> Photo:
+def frame(shared: Path, key: str) -> Image:
     """A map of the series, under the Sun of NASA's table."""
     folder = shared / "images" / SERIES
     rows = (line.split() for line in (folder / "meta" / "sunpos.txt").read_text().splitlines())
     position = next(np.array(row[1:], dtype=float) for row in rows if row and row[0] == key)
     lon, lat, _ = (float(value) for value in mcmf_to_lonlat(1e3 * position))
     path = folder / "DIM_input_1280mpp_masked" / f"{key}.tif"
-    return open_photo(path, None, SunChoice(subsolar_deg=(lon, lat)))
+    return open_image(path, None, SunChoice(subsolar_deg=(lon, lat)))
 
 
-def middle(photo: Photo) -> np.ndarray:
+def middle(photo: Image) -> np.ndarray:
     """Ground at the middle of a map, (1, 3)."""
     rows, cols = photo.signal.shape
     return MOON_RADIUS_M * photo.sensor.ground([[(cols - 1) / 2.0, (rows - 1) / 2.0]])
 
 
-def cut(photo: Photo, rows: int, cols: int) -> Photo:
+def cut(photo: Image, rows: int, cols: int) -> Image:
     """The upper left part of a map."""
     signal, weight = photo.signal[:rows, :cols], photo.weight[:rows, :cols]
     sensor = replace(photo.sensor, image_shape=signal.shape)
     return replace(photo, signal=signal, weight=weight, sensor=sensor)
 
 
-def not_this_place(photo: Photo, others: list[Photo], seed: int = 0) -> Iterator[tuple[str, Photo]]:
+def not_this_place(photo: Image, others: list[Image], seed: int = 0) -> Iterator[tuple[str, Image]]:
     """A map made into what it is not: turned, mirrored; with the pixels of others, of other ground; of noise with the
     spectrum of ground.
     """

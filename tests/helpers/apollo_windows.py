@@ -15,7 +15,7 @@ import rasterio
 from helpers.apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.albedo_raster import decode_srgb
 from lcp_catalog.photometry.laws import reflectance_model
@@ -32,7 +32,7 @@ LINEAR, SRGB = "linear", "srgb"
 LAW = "lunar-lambert"
 
 
-def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Photo:
+def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Image:
     """A frame; its border of `MARGIN_PX` pixels, where the film's notches are, weighs nothing."""
     with rasterio.open(image) as file:
         codes = file.read(1).astype(np.float64)
@@ -41,7 +41,7 @@ def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Photo:
     weight[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = 1.0
     sensor = read_camera(camera)
     sun = sensor.sun_position_mcmf_m
-    return Photo(image.name, values.astype(np.float32), weight, sensor, sun_position_mcmf_m=sun)
+    return Image(image.name, values.astype(np.float32), weight, sensor, sun_position_mcmf_m=sun)
 
 
 @dataclass(eq=False)

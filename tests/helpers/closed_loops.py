@@ -25,7 +25,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.geometry.sphere_intersection import hits
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
@@ -35,7 +35,7 @@ from lcp_catalog.simulation.frame import DemGround, frame
 from lcp_catalog.sun.ephemeris import direction_from_subsolar
 from lcp_catalog.terrain.terrain import sample_patch
 
-Renderer = Callable[[Camera, "Shot"], Photo]
+Renderer = Callable[[Camera, "Shot"], Image]
 
 SUN_M = 1.496e11
 SNR = 50.0
@@ -203,13 +203,13 @@ def cut(dem: Path, places_deg: Iterable[tuple[float, float]], nodes: int, gsd_m:
 def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
     """Frames by `lcp simulate`'s library."""
 
-    def take(camera: Camera, shot: Shot) -> Photo:
+    def take(camera: Camera, shot: Shot) -> Image:
         detector = Detector(blur_px=BLUR_PX, noise=1.0 / SNR, bits=BITS, seed=shot.number)
         request = Request(
             [dem], view=ViewChoice(camera), model=law, accuracy=TIERS["reference"], disc=False
         )
         ground = DemGround.seen(request, detector.margin_px)
-        return frame(ground, camera, detector).photo(name=camera.name)
+        return frame(ground, camera, detector).image(name=camera.name)
 
     return take
 
@@ -220,7 +220,7 @@ def by_embree(dem: Path, middle_deg: tuple[float, float], reach_m: float) -> Ren
 
     ground = Ground.of(dem, *middle_deg, reach_m)
 
-    def take(camera: Camera, shot: Shot) -> Photo:
+    def take(camera: Camera, shot: Shot) -> Image:
         said = camera.to_json()
         judge = Pinhole(
             np.array(said["position_mcmf_m"]),
@@ -235,7 +235,7 @@ def by_embree(dem: Path, middle_deg: tuple[float, float], reach_m: float) -> Ren
         numbers = read_out(np.nan_to_num(light), SNR, BITS, shot.number)
         signal = np.where(known, numbers, np.nan).astype(np.float32)
         weight = (known & (numbers < 2**BITS - 1)).astype(np.float32)
-        return Photo(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
+        return Image(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
 
     return take
 
@@ -274,7 +274,7 @@ class Row:
 
 
 def fly(
-    site: Site, shot: Shot, camera: Camera, photo: Photo, attitude: bool, with_bias: bool = False
+    site: Site, shot: Shot, camera: Camera, photo: Image, attitude: bool, with_bias: bool = False
 ) -> Row:
     """Offer a photo as from a place that is wrong, locate it, compare."""
     dice = np.random.default_rng([shot.number, int(attitude), 7])
@@ -291,7 +291,7 @@ def fly(
     return replace(row, bias_px=bias, bias_sigma_px=sigma)
 
 
-def bias_px(catalog: Catalog, photo: Photo) -> tuple[tuple[float, float], tuple[float, float]]:
+def bias_px(catalog: Catalog, photo: Image) -> tuple[tuple[float, float], tuple[float, float]]:
     """Mean over a photo's matches of found minus where its camera has them, column and row, each counted by its own covariance,
     and the mean's sigma by their scatter; matches further off than 2 pixels are no matches.
     """

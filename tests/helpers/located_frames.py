@@ -19,8 +19,8 @@ from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import pixel_size_m
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import PositionFix
@@ -93,15 +93,15 @@ def built(data: Path, ground: Ground, folder: Path, bounds: tuple[float, ...] = 
     return open_catalog(path)
 
 
-def frame(data: Path, key: str) -> Photo:
+def frame(data: Path, key: str) -> Image:
     """A frame with its camera and Sun as they are given."""
     ground = FRAMES[key]
     folder = data / "images" / ground.folder
     camera = read_camera(folder / f"{key}_camera.json")
-    return open_photo(folder / f"{key}{ground.suffix}.png", camera)
+    return open_image(folder / f"{key}{ground.suffix}.png", camera)
 
 
-def displaced(photo: Photo, seed: int) -> Photo:
+def displaced(photo: Image, seed: int) -> Image:
     """The frame with a camera 5 km and 0.5 deg from its own, in directions drawn at random."""
     dice = np.random.default_rng(seed)
     shift, turn = dice.normal(size=(2, 3))
@@ -112,7 +112,7 @@ def displaced(photo: Photo, seed: int) -> Photo:
     return photo.with_sensor(photo.sensor.moved(correction))
 
 
-def transplanted(photo: Photo, other: Photo) -> Photo:
+def transplanted(photo: Image, other: Image) -> Image:
     """An image offered as another's: with the other's place and Sun, its camera scaled to the image's size."""
     camera = other.sensor
     assert isinstance(camera, Camera)
@@ -130,7 +130,7 @@ def transplanted(photo: Photo, other: Photo) -> Photo:
     )
 
 
-def spoilt(photo: Photo, catalog: Catalog) -> Iterator[tuple[str, Photo]]:
+def spoilt(photo: Image, catalog: Catalog) -> Iterator[tuple[str, Image]]:
     """The frame, with its camera as it stands, made into what it is not."""
     ground = catalog.position_mcmf[points_in_view(catalog, photo.sensor)]
     for turn, up in ((20, 0), (-20, 0), (0, 20), (0, -10), (10, 0), (-10, 0)):

@@ -11,7 +11,7 @@ from helpers.twins_match import catalog_of_patches, looking_at
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import Templates, render_patches
 
 HERE = EnuFrame(0.0, 0.0)
@@ -62,6 +62,6 @@ def picture(
 
 def plain_photo(
     signal: np.ndarray, camera: Camera, sun: np.ndarray = EAST, weight: np.ndarray | None = None
-) -> Photo:
+) -> Image:
     weight = np.ones(signal.shape, np.float32) if weight is None else weight
-    return Photo("made up", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
+    return Image("made up", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)

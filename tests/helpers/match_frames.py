@@ -11,7 +11,7 @@ from helpers.twins_match import catalog_of_dem, looking_at
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
@@ -43,13 +43,15 @@ def taken(
     noise: float = 0.03,
     blur: float = 0.5,
     seed: int = 1,
-) -> Photo:
+) -> Image:
     request = Request(
         [HADLEY], sun=SunChoice(azimuth, elevation), view=ViewChoice(camera), model=LAW, disc=False
     )
-    return simulate.photo(request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed))
+    return simulate.simulated_image(
+        request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed)
+    )
 
 
 @cache
-def hadley_photo() -> Photo:
+def hadley_photo() -> Image:
     return taken(hadley_camera())

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import rasterio
 
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.pipeline import Scene, expose, prepare
@@ -67,7 +67,7 @@ def pit_sun(folder: Path) -> SunChoice:
     return SunChoice(subsolar_deg=(given["subsolar_lon"], given["subsolar_lat"]))
 
 
-def on_ground(photo: Photo, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def on_ground(photo: Image, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The image at the nodes, and its weight."""
     found = orthorectify(photo, nodes)
     return found.signal, found.weight
@@ -80,8 +80,8 @@ def far_from_hole(ground: Ground, weight: np.ndarray) -> np.ndarray:
     return cv2.erode(there, np.ones((side, side), np.uint8), borderValue=0) > 0
 
 
-def orthoimage(folder: Path, sun: SunChoice) -> Photo:
-    return open_photo(folder / "tranqpit1_ortho_M152662021_0p5m.tif", None, sun)
+def orthoimage(folder: Path, sun: SunChoice) -> Image:
+    return open_image(folder / "tranqpit1_ortho_M152662021_0p5m.tif", None, sun)
 
 
 def build_catalog(dem: Path, path: Path) -> Path:

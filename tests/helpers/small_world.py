@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import render_patches
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
 
@@ -95,7 +95,7 @@ class World:
         noise: float = 0.02,
         seed: int = 0,
         law: Reflectance = LAW,
-    ) -> Photo:
+    ) -> Image:
         """What a camera sees under a Sun (azimuth, elevation at the middle); noise is 1 sigma over the mean signal.
         Ground beyond the edge is missing.
         """
@@ -110,7 +110,7 @@ class World:
         dice = np.random.default_rng(seed)
         signal += dice.normal(0.0, noise * np.nanmean(signal), signal.shape)
         weight = np.isfinite(signal).astype(np.float32)
-        return Photo("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
+        return Image("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
 
 
 def overhead(
@@ -131,7 +131,7 @@ def overhead(
     )
 
 
-def mirrored(photo: Photo, how: str) -> Photo:
+def mirrored(photo: Image, how: str) -> Image:
     """The pixels turned or mirrored, the camera as it was."""
     turn = {
         "left-right": lambda a: a[:, ::-1],

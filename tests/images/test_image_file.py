@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import photo_files as files
-from helpers.photo_files import MAP, NOON, SHAPE, photo, refused, scene
+from helpers import image_files as files
+from helpers.image_files import MAP, NOON, SHAPE, opened, refused, scene
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
-from lcp_catalog.images.image_file import PhotoOptions, center_of, open_photo
+from lcp_catalog.images.image_file import ImageOptions, center_of, open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.sun.ephemeris import sun_direction_at
 
@@ -27,8 +27,8 @@ from lcp_catalog.sun.ephemeris import sun_direction_at
 
 def test_a_map_projected_image_is_its_own_sensor(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene(), **MAP)
-    options = PhotoOptions(off_nadir_deg=20.0, view_azimuth_deg=90.0)
-    found = open_photo(path, None, NOON, options)
+    options = ImageOptions(off_nadir_deg=20.0, view_azimuth_deg=90.0)
+    found = open_image(path, None, NOON, options)
     assert isinstance(found.sensor, MapImage)
     np.testing.assert_allclose(found.sensor.project(lonlat_to_mcmf(10.05, 4.95)), [0, 0], atol=1e-9)
     point = lonlat_to_mcmf(12.0, 3.0)
@@ -63,7 +63,7 @@ def test_a_cube_on_a_map(tmp_path: Path) -> None:
     path = files.write_cube(tmp_path / "a.cub", scene("int16"), groups=groups)
     degree = math.pi * 1737.4 / 180.0
     wanted = [600.0 - 10 * degree - 0.5, 300.0 - 5 * degree - 0.5]
-    found = open_photo(path, None, NOON).sensor.project(lonlat_to_mcmf(170.0, 5.0))
+    found = open_image(path, None, NOON).sensor.project(lonlat_to_mcmf(170.0, 5.0))
     np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
@@ -77,14 +77,14 @@ def test_a_cube_on_a_polar_map(tmp_path: Path) -> None:
         30.0 + rho * math.sin(math.radians(40)) - 0.5,
         20.0 - rho * math.cos(math.radians(40)) - 0.5,
     ]
-    found = open_photo(path, None, NOON).sensor.project(lonlat_to_mcmf(40.0, -89.5))
+    found = open_image(path, None, NOON).sensor.project(lonlat_to_mcmf(40.0, -89.5))
     np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_a_camera_goes_before_a_map(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = files.write_image(tmp_path / "a.tif", scene(), **MAP)
     camera = files.camera_over(SHAPE)
-    assert open_photo(path, camera).sensor is camera
+    assert open_image(path, camera).sensor is camera
     assert "is on a map, which is left aside" in caplog.text
 
 
@@ -112,9 +112,9 @@ def test_the_middle_of_an_image() -> None:
 def test_the_cameras_sun_and_its_time(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
     camera = files.camera_over(SHAPE)
-    np.testing.assert_array_equal(photo(path).sun_position_mcmf_m, camera.sun_position_mcmf_m)
+    np.testing.assert_array_equal(opened(path).sun_position_mcmf_m, camera.sun_position_mcmf_m)
     timed = replace(camera, sun_position_mcmf_m=None, time_utc="2024-01-01T00:00:00")
-    found = open_photo(path, timed)
+    found = open_image(path, timed)
     np.testing.assert_array_equal(found.sun_direction_mcmf, sun_direction_at("2024-01-01T00:00:00"))
     assert found.sun_position_mcmf_m is None
 
@@ -126,7 +126,7 @@ def test_angles_are_those_at_the_middle_or_where_it_is_said(
     path = files.write_image(tmp_path / "a.tif", scene())
     stated = SunChoice(azimuth_deg=80.0, elevation_deg=25.0)
     camera = files.camera_over(SHAPE, sun=False)
-    found = open_photo(path, camera, stated, PhotoOptions(center_deg=center))
+    found = open_image(path, camera, stated, ImageOptions(center_deg=center))
     enu = EnuFrame(*(center or (20.0, -10.0))).direction_from_mcmf(found.sun_direction_mcmf)
     level = math.cos(math.radians(25))
     wanted = [
@@ -143,7 +143,7 @@ def test_a_stated_sun_goes_before_all_others_and_says_so(
 ) -> None:
     tags = {"sun_direction_mcmf": json.dumps([0.0, -1.0, 0.0])}
     path = files.write_image(tmp_path / "a.tif", scene(), tags=tags)
-    found = open_photo(path, files.camera_over(SHAPE), sun)
+    found = open_image(path, files.camera_over(SHAPE), sun)
     wanted = sun.direction_mcmf(EnuFrame(0.0, 0.0), None)
     np.testing.assert_array_equal(found.sun_direction_mcmf, wanted)
     assert "the Sun as given stands" in caplog.text
@@ -158,7 +158,7 @@ def test_small_differences_are_not_worth_a_word(
     path = files.write_image(tmp_path / "a.tif", scene())
     camera = replace(files.camera_over(SHAPE), sun_position_mcmf_m=np.array([1.5e11, 0.0, 0.0]))
     with caplog.at_level(logging.WARNING):
-        open_photo(path, camera, SunChoice(subsolar_deg=(off_deg, 0.0)))
+        open_image(path, camera, SunChoice(subsolar_deg=(off_deg, 0.0)))
     assert bool(caplog.records) == warned
     if warned:
         assert f"stands {off_deg:.1f} deg from" in caplog.text
@@ -169,10 +169,10 @@ def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCapt
     path = files.write_image(tmp_path / "a.tif", scene(), tags=tags)
     camera = files.camera_over(SHAPE)
     np.testing.assert_array_equal(
-        open_photo(path, camera).sun_position_mcmf_m, camera.sun_position_mcmf_m
+        open_image(path, camera).sun_position_mcmf_m, camera.sun_position_mcmf_m
     )
     assert "the Sun of its camera stands" in caplog.text
-    found = open_photo(path, replace(camera, sun_position_mcmf_m=None))
+    found = open_image(path, replace(camera, sun_position_mcmf_m=None))
     np.testing.assert_array_equal(found.sun_direction_mcmf, [0.0, -1.0, 0.0])
 
 
@@ -257,7 +257,7 @@ def test_frames_of_apollo(shared_data: Path) -> None:
     """AS15-M-0414: 276 pixels at 255, where the codes below hold some 60 each; nothing is clipped below."""
     folder = shared_data / "images" / "apollo15-metric-hadley"
     camera = read_camera(folder / "AS15-M-0414_camera.json")
-    found = open_photo(folder / "AS15-M-0414.png", camera)
+    found = open_image(folder / "AS15-M-0414.png", camera)
     assert found.signal.shape == (404, 404)
     assert found.saturated_share == pytest.approx(276 / 404**2)
     assert found.missing_share == 0.0
@@ -268,7 +268,7 @@ def test_frames_of_apollo(shared_data: Path) -> None:
 def test_the_scanned_crop_has_a_palette_of_greys(shared_data: Path) -> None:
     folder = shared_data / "images" / "apollo15-metric-hadley"
     camera = read_camera(folder / "AS15-M-1134_sub4crop_256ppd_camera.json")
-    found = open_photo(folder / "sub4-AS15-M-1134_crop.png", camera)
+    found = open_image(folder / "sub4-AS15-M-1134_crop.png", camera)
     assert found.saturated_share == pytest.approx(3201 / 640000)
     assert (found.signal == 1.0).sum() == 3273  # a plateau of shadow, which counts
     assert np.nanmax(found.signal) == 254.0
@@ -277,7 +277,7 @@ def test_the_scanned_crop_has_a_palette_of_greys(shared_data: Path) -> None:
 def test_map_projected_frames_of_apollo_16(shared_data: Path) -> None:
     """The corners of AS16-M-2804's map and the boom that its mask leaves out; geographic, 1280 m a pixel."""
     folder = shared_data / "images" / "apollo16-metric-series" / "DIM_input_1280mpp_masked"
-    found = open_photo(folder / "AS16-M-2804.tif", None, NOON)
+    found = open_image(folder / "AS16-M-2804.tif", None, NOON)
     assert found.missing_share == pytest.approx(0.2106, abs=2e-3)
     assert not found.weight[80, 130]  # the boom
     assert not found.weight[[0, 0, -1, -1], [0, -1, 0, -1]].any()
@@ -294,7 +294,7 @@ def test_cubes_of_the_nac_and_of_apollo(shared_data: Path) -> None:
         (images / "apollo15-metric-farside" / "AS15-M-0299_crop.cub", 500),
     ):
         refused("missing geometry", path)
-        found = open_photo(path, files.camera_over((size, size), sun=False))
+        found = open_image(path, files.camera_over((size, size), sun=False))
         assert found.signal.shape == (size, size)
         assert found.missing_share == 0.0
         assert found.sun_position_mcmf_m is not None
@@ -303,7 +303,7 @@ def test_cubes_of_the_nac_and_of_apollo(shared_data: Path) -> None:
 def test_the_pit(shared_data: Path) -> None:
     """Its middle, as published, lies in the hole that the orthoimage has there."""
     path = shared_data / "images" / "nac-tranqpit1-pair" / "tranqpit1_ortho_M152662021_0p5m.tif"
-    found = open_photo(path, None, NOON)
+    found = open_image(path, None, NOON)
     assert found.missing_share == pytest.approx(0.0444, abs=1e-4)
     pixels = found.sensor.project(lonlat_to_mcmf(33.222, 8.335))
     col, row = np.round(pixels).astype(int)
@@ -316,8 +316,8 @@ def test_a_cube_is_the_right_way_up(shared_data: Path) -> None:
     22900 x 22900), where the whole frame's picture has the same ground.
     """
     folder = shared_data / "images" / "apollo15-metric-farside"
-    cube = open_photo(folder / "AS15-M-0299_crop.cub", files.camera_over((500, 500), sun=False))
-    whole = open_photo(folder / "AS15-M-0299_SML.png", files.camera_over((1012, 1012)))
+    cube = open_image(folder / "AS15-M-0299_crop.cub", files.camera_over((500, 500), sun=False))
+    whole = open_image(folder / "AS15-M-0299_SML.png", files.camera_over((1012, 1012)))
     # one of the picture's pixels is 22.6 of the scan's, one of the cube's 16
     row, col = (np.arange(353) + 0.5) * 22900 / 1012 / 15.976 - 0.5, 636.0
     there = np.round(row).astype(int).clip(0, 499)

@@ -6,16 +6,16 @@ import math
 from pathlib import Path
 
 import numpy as np
-from helpers import photo_files as files
-from helpers.photo_files import HOLE, photo, scene
+from helpers import image_files as files
+from helpers.image_files import HOLE, opened, scene
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 
 
-def blocks(found: Photo, factor: int) -> tuple[np.ndarray, np.ndarray]:
+def blocks(found: Image, factor: int) -> tuple[np.ndarray, np.ndarray]:
     """Block by block, pixel by pixel."""
     rows, cols = (n // factor for n in found.signal.shape)
     signal, weight = np.full((rows, cols), np.nan), np.zeros((rows, cols))
@@ -41,7 +41,7 @@ def test_reduced_photos_are_means_of_blocks(shape: tuple[int, int], factor: int,
     weight = rng.choice([0.0, 0.5, 1.0], shape).astype(np.float32)
     weight[: shape[0] // 2, : shape[1] // 2] = 0.0
     signal = np.where(weight > 0, rng.normal(100, 30, shape), np.nan).astype(np.float32)
-    whole = Photo("x", signal, weight, files.camera_over(shape), np.array([1.5e11, 0, 0]))
+    whole = Image("x", signal, weight, files.camera_over(shape), np.array([1.5e11, 0, 0]))
     small = whole.reduced(factor)
     wanted = blocks(whole, factor)
     np.testing.assert_allclose(small.weight, wanted[1], rtol=1e-6)
@@ -53,7 +53,7 @@ def test_reduced_photos_are_means_of_blocks(shape: tuple[int, int], factor: int,
 def test_reduced_sensors_see_the_same_ground(factor: int, seed: int) -> None:
     """The middle of a block of pixels is the pixel of the reduced image: no half of one is lost."""
     camera = files.camera_over((50, 70))
-    whole = Photo(
+    whole = Image(
         "x", np.zeros((50, 70), np.float32), np.ones((50, 70), np.float32), camera, np.ones(3)
     )
     small = whole.reduced(factor).sensor
@@ -71,7 +71,7 @@ def test_reduced_sensors_see_the_same_ground(factor: int, seed: int) -> None:
 def test_reducing_twice_is_reducing_once(tmp_path: Path) -> None:
     samples = scene()
     samples[HOLE] = 255
-    found = photo(files.write_image(tmp_path / "a.tif", samples))
+    found = opened(files.write_image(tmp_path / "a.tif", samples))
     twice, once = found.reduced(2).reduced(2), found.reduced(4)
     np.testing.assert_allclose(twice.signal, once.signal, rtol=1e-5)
     np.testing.assert_allclose(twice.weight, once.weight)

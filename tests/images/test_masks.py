@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import photo_files as files
-from helpers.photo_files import HOLE, MAP, NOON, SHAPE, photo, scene
+from helpers import image_files as files
+from helpers.image_files import HOLE, MAP, NOON, SHAPE, opened, scene
 from rasterio.enums import ColorInterp
 
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import PhotoOptions, open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import ImageOptions, open_image
 
 HOLE_SHARE = 200 / 2400
 
 # -- what is missing
 
 
-def assert_hole(found: Photo, samples: np.ndarray) -> None:
+def assert_hole(found: Image, samples: np.ndarray) -> None:
     rest = np.ones(SHAPE, bool)
     rest[HOLE] = False
     assert np.isnan(found.signal[HOLE]).all()
@@ -37,19 +37,19 @@ def test_masks_of_geotiffs(tmp_path: Path, how: str) -> None:
     if how in ("nodata", "stated"):
         holed = np.where(there > 0, samples, 7).astype(np.uint8)
         files.write_image(path, holed, **({"nodata": 7} if how == "nodata" else {}))
-        options = PhotoOptions(nodata=7) if how == "stated" else None
+        options = ImageOptions(nodata=7) if how == "stated" else None
     elif how == "mask":
         files.write_image(path, samples, mask=there)
     else:
         kinds = [ColorInterp.gray, ColorInterp.alpha if how == "alpha" else ColorInterp.undefined]
         files.write_image(path, [samples, there], kinds=kinds)
-    assert_hole(photo(path, options), samples)
+    assert_hole(opened(path, options), samples)
 
 
 def test_alpha_of_colours(tmp_path: Path) -> None:
     there = np.full(SHAPE, 255, np.uint8)
     there[HOLE] = 0
-    found = photo(files.write_image(tmp_path / "a.png", [scene()] * 3 + [there], driver="PNG"))
+    found = opened(files.write_image(tmp_path / "a.png", [scene()] * 3 + [there], driver="PNG"))
     assert np.isnan(found.signal[HOLE]).all()
     assert found.missing_share == pytest.approx(HOLE_SHARE)
 
@@ -59,7 +59,7 @@ def test_a_second_band_of_brightness_is_no_mask(tmp_path: Path) -> None:
     second[HOLE] = 0
     kinds = [ColorInterp.gray, ColorInterp.undefined]
     path = files.write_image(tmp_path / "a.tif", [scene(), second], kinds=kinds)
-    assert photo(path).missing_share == 0.0
+    assert opened(path).missing_share == 0.0
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -67,7 +67,7 @@ def test_a_second_band_of_brightness_is_no_mask(tmp_path: Path) -> None:
 def test_what_is_not_finite_is_missing(tmp_path: Path, dtype: str, value: float) -> None:
     samples = scene(dtype)
     samples[HOLE] = value
-    assert_hole(photo(files.write_image(tmp_path / "a.tif", samples)), samples)
+    assert_hole(opened(files.write_image(tmp_path / "a.tif", samples)), samples)
 
 
 NULL = {"uint8": 0, "int16": -32768, "uint16": 0, "float32": -3.4028226550889045e38}
@@ -86,7 +86,7 @@ def test_null_of_cubes(tmp_path: Path, dtype: str) -> None:
         dtype, 1000.0 if dtype == "uint16" else 20.0, 2000.0 if dtype == "uint16" else 220.0
     )
     samples[HOLE] = NULL[dtype]
-    assert_hole(photo(files.write_cube(tmp_path / "a.cub", samples)), samples)
+    assert_hole(opened(files.write_cube(tmp_path / "a.cub", samples)), samples)
 
 
 @pytest.mark.parametrize("dtype", LOW)
@@ -96,7 +96,7 @@ def test_too_dark_for_a_cube_is_as_dark_as_its_darkest(
 ) -> None:
     samples = scene(dtype)
     samples[HOLE] = np.array(LOW[dtype][which], dtype=dtype)
-    found = photo(files.write_cube(tmp_path / "a.cub", samples, base=5.0, multiplier=2.0))
+    found = opened(files.write_cube(tmp_path / "a.cub", samples, base=5.0, multiplier=2.0))
     rest = np.ones(SHAPE, bool)
     rest[HOLE] = False
     np.testing.assert_array_equal(found.signal[HOLE], found.signal[rest].min())
@@ -109,7 +109,7 @@ def test_too_dark_for_a_cube_is_as_dark_as_its_darkest(
 def test_too_bright_for_a_cube_is_saturated(tmp_path: Path, dtype: str, which: int) -> None:
     samples = scene(dtype)
     samples[HOLE] = np.array(HIGH[dtype][which], dtype=dtype)
-    found = photo(files.write_cube(tmp_path / "a.cub", samples))
+    found = opened(files.write_cube(tmp_path / "a.cub", samples))
     assert np.isnan(found.signal[HOLE]).all()
     assert not found.weight[HOLE].any()
     assert found.saturated_share == pytest.approx(HOLE_SHARE)
@@ -121,7 +121,7 @@ def test_codes_of_cubes_are_brightness_elsewhere(tmp_path: Path, dtype: str) -> 
     """In a GeoTIFF 0 and 255 are values like others, as long as no plateau stands there."""
     samples = scene(dtype)
     samples[5, 5:7] = 0, 255
-    found = photo(files.write_image(tmp_path / "a.tif", samples))
+    found = opened(files.write_image(tmp_path / "a.tif", samples))
     assert found.weight.all()
     np.testing.assert_array_equal(found.signal[5, 5:7], [0.0, 255.0])
 
@@ -146,7 +146,7 @@ def test_codes_that_a_pds3_label_states(tmp_path: Path, dtype: str, how: str) ->
     samples.view(kind)[0, :5] = bits
     words = [f"16#{b:X}#" if how == "16#" and b > 0 else str(b) for b in bits]
     path = files.write_pds3(tmp_path / "a.img", samples, image=PDS3_CODES[dtype].format(*words))
-    found = photo(path)
+    found = opened(path)
     np.testing.assert_array_equal(found.weight[0, :6], [0.0, 1.0, 1.0, 0.0, 0.0, 1.0])
     assert found.missing_share == pytest.approx(1 / 2400)
     assert found.saturated_share == pytest.approx(2 / 2400)
@@ -157,7 +157,7 @@ def test_zeros_of_pds3_bytes_are_brightness(tmp_path: Path) -> None:
     """GDAL takes them for missing."""
     samples = scene()
     samples[5, 5] = 0
-    found = photo(files.write_pds3(tmp_path / "a.img", samples))
+    found = opened(files.write_pds3(tmp_path / "a.img", samples))
     assert (found.weight[5, 5], found.signal[5, 5]) == (1.0, 0.0)
 
 
@@ -169,7 +169,7 @@ def test_the_lowest_of_16_bits_is_missing_unless_another_is(
 ) -> None:
     samples = scene("int16")
     samples[5, 5:7] = -32768, -9999
-    found = photo(files.write_pds3(tmp_path / "a.img", samples, image=statement))
+    found = opened(files.write_pds3(tmp_path / "a.img", samples, image=statement))
     assert found.weight[5, 5:7].tolist() == ([0.0, 1.0] if missing else [1.0, 0.0])
 
 
@@ -179,7 +179,7 @@ def test_the_lowest_of_16_bits_is_missing_unless_another_is(
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_saturation_weighs_nothing(tmp_path: Path, dtype: str) -> None:
     samples = np.minimum(scene(dtype), np.array(140, dtype=dtype))
-    found = photo(files.write_image(tmp_path / "a.tif", samples))
+    found = opened(files.write_image(tmp_path / "a.tif", samples))
     bright = samples == 140
     assert bright.any()
     np.testing.assert_array_equal(found.weight, np.where(bright, 0.0, 1.0))
@@ -190,7 +190,7 @@ def test_saturation_weighs_nothing(tmp_path: Path, dtype: str) -> None:
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_clipped_shadows_count(tmp_path: Path, dtype: str) -> None:
     samples = np.maximum(scene(dtype), np.array(90, dtype=dtype))
-    found = photo(files.write_image(tmp_path / "a.tif", samples))
+    found = opened(files.write_image(tmp_path / "a.tif", samples))
     dark = samples == 90
     assert dark.any()
     np.testing.assert_array_equal(found.weight, 1.0)
@@ -201,7 +201,7 @@ def test_clipped_shadows_count(tmp_path: Path, dtype: str) -> None:
 def test_a_half_saturated_image(tmp_path: Path) -> None:
     samples = scene()
     samples[:, :30] = 255
-    found = photo(files.write_image(tmp_path / "a.png", samples, driver="PNG"))
+    found = opened(files.write_image(tmp_path / "a.png", samples, driver="PNG"))
     assert found.saturated_share == 0.5
     assert not found.valid[:, :30].any()
     assert found.valid[:, 30:].all()
@@ -222,7 +222,7 @@ def test_black_around_a_map_projected_image_is_missing(
 ) -> None:
     """Also where the file has a mask that masks nothing; a shadow within is a shadow."""
     path = files.write_image(tmp_path / "a.tif", margin(scene()), mask=mask, **MAP)
-    found = open_photo(path, None, NOON)
+    found = open_image(path, None, NOON)
     inside = np.zeros(SHAPE, bool)
     inside[6:-6, 6:-6] = True
     np.testing.assert_array_equal(found.weight == 0.0, ~inside)
@@ -235,6 +235,6 @@ def test_black_at_the_edge_is_shadow_elsewhere(tmp_path: Path, kind: str) -> Non
     """A frame of a camera has no filler; a map that says what is missing has said it."""
     on_map = {} if kind == "camera" else {**MAP, "nodata": 255}
     path = files.write_image(tmp_path / "a.tif", margin(scene()), **on_map)
-    found = photo(path) if kind == "camera" else open_photo(path, None, NOON)
+    found = opened(path) if kind == "camera" else open_image(path, None, NOON)
     assert found.missing_share == 0.0
     assert found.weight.all()

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import photo_files as files
-from helpers.photo_files import SHAPE, photo, refused, scene
+from helpers import image_files as files
+from helpers.image_files import SHAPE, opened, refused, scene
 from rasterio.enums import ColorInterp
 
 from lcp_catalog.errors import ImageError
 from lcp_catalog.images import pixels
-from lcp_catalog.images.image_file import PhotoOptions
-from lcp_catalog.images.pixels import read_image
+from lcp_catalog.images.image_file import ImageOptions
+from lcp_catalog.images.pixels import read_pixels
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from lcp_catalog.images.pixels import read_image
 )
 def test_a_geotiff_of_any_type(tmp_path: Path, dtype: str) -> None:
     samples = scene(dtype)
-    found = photo(files.write_image(tmp_path / "a.tif", samples))
+    found = opened(files.write_image(tmp_path / "a.tif", samples))
     np.testing.assert_array_equal(found.signal, samples.astype(np.float32))
     np.testing.assert_array_equal(found.weight, 1.0)
     assert (found.saturated_share, found.missing_share, found.name) == (0.0, 0.0, "a.tif")
@@ -30,14 +30,14 @@ def test_a_geotiff_of_any_type(tmp_path: Path, dtype: str) -> None:
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_a_png(tmp_path: Path, dtype: str) -> None:
     samples = scene(dtype)
-    found = photo(files.write_image(tmp_path / "a.png", samples, driver="PNG"))
+    found = opened(files.write_image(tmp_path / "a.png", samples, driver="PNG"))
     np.testing.assert_array_equal(found.signal, samples)
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "float32"])
 def test_a_cube_has_its_base_and_multiplier(tmp_path: Path, dtype: str) -> None:
     samples = scene(dtype)
-    found = photo(files.write_cube(tmp_path / "a.cub", samples, base=-3.5, multiplier=0.25))
+    found = opened(files.write_cube(tmp_path / "a.cub", samples, base=-3.5, multiplier=0.25))
     np.testing.assert_allclose(found.signal, samples * 0.25 - 3.5, rtol=1e-6)
 
 
@@ -45,7 +45,7 @@ def test_a_cube_has_its_base_and_multiplier(tmp_path: Path, dtype: str) -> None:
 @pytest.mark.parametrize("ending", [".img", ".IMG", ".lbl"])
 def test_a_pds3_image_with_its_label_in_front(tmp_path: Path, dtype: str, ending: str) -> None:
     samples = scene(dtype)
-    found = photo(files.write_pds3(tmp_path / f"a{ending}", samples))
+    found = opened(files.write_pds3(tmp_path / f"a{ending}", samples))
     np.testing.assert_array_equal(found.signal, samples.astype(np.float32))
 
 
@@ -59,12 +59,12 @@ def test_bare_numbers_are_found_by_their_label(tmp_path: Path, ending: str) -> N
         label.replace(b"RECORD_BYTES = 4096", b"RECORD_BYTES = 60")
     )
     (tmp_path / name).write_bytes(samples.tobytes())
-    np.testing.assert_array_equal(photo(tmp_path / name).signal, samples.astype(np.float32))
+    np.testing.assert_array_equal(opened(tmp_path / name).signal, samples.astype(np.float32))
 
 
 def test_luminance_of_colours_is_that_of_rec_709(tmp_path: Path) -> None:
     planes = np.stack([scene(high=high) for high in (120.0, 180.0, 240.0)])
-    found = photo(files.write_image(tmp_path / "a.png", planes, driver="PNG"))
+    found = opened(files.write_image(tmp_path / "a.png", planes, driver="PNG"))
     wanted = 0.2126 * planes[0] + 0.7152 * planes[1] + 0.0722 * planes[2]
     np.testing.assert_allclose(found.signal, wanted, rtol=1e-5)
 
@@ -78,9 +78,9 @@ def test_a_palette_is_looked_up(tmp_path: Path, grey: bool, dtype: str) -> None:
 
     with rasterio.open(path, "r+") as file:
         file.write_colormap(1, table)
-    assert read_image(path).samples.dtype == dtype
+    assert read_pixels(path).samples.dtype == dtype
     wanted = (255.0 - codes) * (1.0 if grey else 0.2126 + 0.7152)
-    np.testing.assert_allclose(photo(path).signal, wanted, rtol=1e-5)
+    np.testing.assert_allclose(opened(path).signal, wanted, rtol=1e-5)
 
 
 def srgb(code: float) -> float:
@@ -95,12 +95,12 @@ def test_codes_of_a_display_are_decoded(tmp_path: Path, dtype: str, colours: int
     full = np.iinfo(dtype).max
     samples = np.minimum(scene(dtype, 0.01 * full, 0.9 * full), np.array(0.6 * full, dtype=dtype))
     path = files.write_image(tmp_path / "a.png", [samples] * colours, driver="PNG")
-    found = photo(path, PhotoOptions(encoding="srgb"))
+    found = opened(path, ImageOptions(encoding="srgb"))
     bright = samples == samples.max()
     np.testing.assert_array_equal(found.weight, np.where(bright, 0.0, 1.0))
     wanted = np.vectorize(srgb)(samples / full)
     np.testing.assert_allclose(found.signal[~bright], wanted[~bright], rtol=1e-5)
-    np.testing.assert_array_equal(photo(path).signal[~bright], samples[~bright])
+    np.testing.assert_array_equal(opened(path).signal[~bright], samples[~bright])
 
 
 @pytest.mark.parametrize("how", ["bands", "palette"])
@@ -115,14 +115,14 @@ def test_colours_of_a_display_are_decoded_before_they_are_weighed(tmp_path: Path
 
         with rasterio.open(path, "r+") as file:
             file.write_colormap(1, {i: (i, 255 - i, i // 2, 255) for i in range(256)})
-    found = photo(path, PhotoOptions(encoding="srgb"))
+    found = opened(path, ImageOptions(encoding="srgb"))
     light = [np.vectorize(srgb)(plane / 255) for plane in planes]
     wanted = 0.2126 * light[0] + 0.7152 * light[1] + 0.0722 * light[2]
     np.testing.assert_allclose(found.signal, wanted, rtol=1e-5)
 
 
 def test_floats_are_no_codes_of_a_display(tmp_path: Path) -> None:
-    options = PhotoOptions(encoding="srgb")
+    options = ImageOptions(encoding="srgb")
     for name, bands in (
         ("a.tif", scene("float32")),
         ("b.tif", [scene("float32") * i for i in (1, 2, 3)]),
@@ -137,20 +137,20 @@ def test_floats_are_no_codes_of_a_display(tmp_path: Path) -> None:
             options,
         )
     with pytest.raises(ImageError, match="no encoding 'gamma'; there are linear, srgb"):
-        PhotoOptions(encoding="gamma")
+        ImageOptions(encoding="gamma")
 
 
 def test_of_many_bands_the_first_or_the_one_that_is_asked_for(tmp_path: Path) -> None:
     planes = np.stack([scene("float32"), 2 * scene("float32"), 3 * scene("float32")])
     kinds = [ColorInterp.gray, ColorInterp.undefined, ColorInterp.undefined]
     path = files.write_image(tmp_path / "a.tif", planes, kinds=kinds)
-    np.testing.assert_array_equal(photo(path).signal, planes[0])
-    np.testing.assert_array_equal(photo(path, PhotoOptions(band=3)).signal, planes[2])
+    np.testing.assert_array_equal(opened(path).signal, planes[0])
+    np.testing.assert_array_equal(opened(path, ImageOptions(band=3)).signal, planes[2])
     for band in (0, 4, -1):
         with pytest.raises(ImageError, match=rf"has no band {band}; bands are 1 to 3"):
-            photo(path, PhotoOptions(band=band))
+            opened(path, ImageOptions(band=band))
     cube = files.write_cube(tmp_path / "a.cub", planes)
-    np.testing.assert_array_equal(photo(cube, PhotoOptions(band=2)).signal, planes[1])
+    np.testing.assert_array_equal(opened(cube, ImageOptions(band=2)).signal, planes[1])
 
 
 def test_a_band_that_is_asked_for_has_its_own_mask_and_is_no_luminance(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_band_that_is_asked_for_has_its_own_mask_and_is_no_luminance(tmp_path:
     planes[0, :5] = planes[2, -5:] = -1.0
     kinds = [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
     path = files.write_image(tmp_path / "a.tif", planes, kinds=kinds, nodata=-1.0)
-    found = photo(path, PhotoOptions(band=3))
+    found = opened(path, ImageOptions(band=3))
     assert not found.weight[-5:].any()
     assert found.weight[:-5].all()
     np.testing.assert_array_equal(found.signal[:-5], planes[2, :-5])
@@ -167,7 +167,7 @@ def test_a_band_that_is_asked_for_has_its_own_mask_and_is_no_luminance(tmp_path:
 def test_images_that_are_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
     monkeypatch.setattr(pixels, "_MOST_PIXELS", 2400)
-    photo(path)
+    opened(path)
     monkeypatch.setattr(pixels, "_MOST_PIXELS", 2399)
     refused("60 x 40 pixels, 1 bands; at most 0.002399 million", path, files.camera_over(SHAPE))
 
@@ -182,7 +182,7 @@ def cut(path: Path, share: float) -> Path:
 def test_a_png_that_is_cut_short(tmp_path: Path, dtype: str, share: float) -> None:
     """GDAL 3.10 hands over the compressed bytes of one of 8 bits as samples, and says nothing."""
     path = files.write_image(tmp_path / "a.png", scene(dtype), driver="PNG")
-    assert photo(path).signal.shape == SHAPE
+    assert opened(path).signal.shape == SHAPE
     refused("cut short|cannot be read|can be read", cut(path, share), files.camera_over(SHAPE))
 
 
@@ -193,7 +193,7 @@ def test_bare_numbers_that_are_cut_short(tmp_path: Path, kind: str, lost: int) -
     samples, path = scene(), tmp_path / "PHOTO.IMG"
     if kind == "pds4":
         times = "2010-01-01T00:00:00Z", "2010-01-01T00:00:01Z"
-        path = files.write_pds4(tmp_path / "photo.xml", samples, *times, "Moon").with_suffix(".img")
+        path = files.write_pds4(tmp_path / "image.xml", samples, *times, "Moon").with_suffix(".img")
     else:
         files.write_pds3(path, samples)
     if kind == "beside":
@@ -202,6 +202,6 @@ def test_bare_numbers_that_are_cut_short(tmp_path: Path, kind: str, lost: int) -
             label.replace(b"RECORD_BYTES = 4096", b"RECORD_BYTES = 60")
         )
         path.write_bytes(samples.tobytes())
-    assert photo(path).signal.shape == SHAPE
+    assert opened(path).signal.shape == SHAPE
     path.write_bytes(path.read_bytes()[:-lost])
     refused("is cut short", path, files.camera_over(SHAPE))

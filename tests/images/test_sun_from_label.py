@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import photo_files as files
+from helpers import image_files as files
 
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.images.pixels import read_image
+from lcp_catalog.images.pixels import read_pixels
 from lcp_catalog.images.sun_from_label import ImageLabel, read_image_label
 from lcp_catalog.sun.ephemeris import sun_direction_at
 
@@ -27,7 +27,7 @@ End_Group
 
 
 def label_of(path: Path) -> ImageLabel:
-    return read_image_label(read_image(path))
+    return read_image_label(read_pixels(path))
 
 
 def apart_deg(a: np.ndarray, b: np.ndarray) -> float:
@@ -171,7 +171,7 @@ def test_an_impossible_subsolar_point_is_left_aside(
 @pytest.mark.parametrize("target", ["Moon", "${TARGET}"])
 def test_times_of_pds4_labels(tmp_path: Path, ending: str, target: str) -> None:
     times = "2009-07-19T00:00:26.423000Z", "2009-07-19T00:01:17.707000Z"  # of M102600893LE
-    image = read_image(files.write_pds4(tmp_path / f"a{ending}", SAMPLES, *times, target))
+    image = read_pixels(files.write_pds4(tmp_path / f"a{ending}", SAMPLES, *times, target))
     np.testing.assert_array_equal(image.samples, SAMPLES)
     assert read_image_label(image).time_utc == "2009-07-19T00:00:52.065000Z"
 
@@ -180,7 +180,7 @@ def test_a_damaged_pds4_label_is_no_image(tmp_path: Path) -> None:
     path = files.write_pds4(tmp_path / "a.xml", SAMPLES, "N/A", "N/A", "Moon")
     path.write_text(path.read_text()[:900])
     with pytest.raises(ImageError, match="not an image that can be read here"):
-        read_image(path)
+        read_pixels(path)
 
 
 def test_a_label_beside_the_image(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera, camera_from_json
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
@@ -156,14 +156,14 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     assert np.abs(bias).max() < BIAS_PX
 
 
-def photo_of(light: Array, camera: Camera, sun: Array, seed: int) -> Photo:
+def photo_of(light: Array, camera: Camera, sun: Array, seed: int) -> Image:
     """As a detector of 10 bits with a signal to noise of 50 gives it to the matcher."""
     numbers = read_out(light, 50.0, 10, seed).astype(np.float32)
     weight = (numbers < 1023).astype(np.float32)
-    return Photo("embree", numbers, weight, camera, sun_position_mcmf_m=sun)
+    return Image("embree", numbers, weight, camera, sun_position_mcmf_m=sun)
 
 
-def residuals(catalog: Catalog, photo: Photo) -> tuple[int, Array]:
+def residuals(catalog: Catalog, photo: Image) -> tuple[int, Array]:
     """How many matches there are, and the mean of found minus where the true camera has it (2,), each counted by its own
     covariance: what is mostly shadow is placed badly, and says so.
     """

@@ -14,12 +14,12 @@ from helpers.small_world import LAW, World, mirrored, overhead
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.coarse_offset import CoarseShift, coarse_shift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, WholeGround, whole_ground
-from lcp_catalog.matching.point_choice import working_photo
+from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import (
     BY_GROUND,
     BY_POINTS,
@@ -51,7 +51,7 @@ def points() -> Catalog:
 
 
 @cache
-def clear() -> Photo:
+def clear() -> Image:
     """The world's map, its ground moved, without noise."""
     return world().photo(PlainMap(world().frame, *MOVED_M), noise=0.0)
 
@@ -65,19 +65,19 @@ def clouds(shape: tuple[int, int], seed: int) -> np.ndarray:
     return found / found.std()
 
 
-def faint(photo: Photo, seed: int, times: float = 6.0) -> Photo:
+def faint(photo: Image, seed: int, times: float = 6.0) -> Image:
     """With spots of bright and dark ground so many times as strong as its shading."""
     shading = photo.signal + times * np.nanstd(photo.signal) * clouds(photo.signal.shape, seed)
     return replace(photo, signal=shading.astype(np.float32))
 
 
-def believed(photo: Photo) -> Photo:
+def believed(photo: Image) -> Image:
     """With the map that does not know that its ground was moved."""
     return photo.with_sensor(PlainMap(world().frame))
 
 
 def together(
-    photo: Photo,
+    photo: Image,
     rows: np.ndarray | None = None,
     uncertainty: Uncertainty = UNCERTAIN,
     log10_places: float = 0.0,
@@ -86,7 +86,7 @@ def together(
     rows = np.arange(len(points())) if rows is None else rows
     reach = np.full(len(rows), 64.0)
     area = SearchArea(rows, np.zeros((len(rows), 2)), reach, log10_places)
-    searched = working_photo(points(), photo, rows)
+    searched = working_image(points(), photo, rows)
     return whole_ground(
         points(), searched, photo.sensor, uncertainty, LAW, area, WIDE_PX, **options
     )
@@ -153,7 +153,7 @@ def test_it_stands_where_the_mean_correlation_is_highest() -> None:
     """Held to a twin: correlations by NumPy one by one, a paraboloid by least squares."""
     photo = believed(faint(clear(), 3))
     found = together(photo, check_sun=False)
-    searched = working_photo(points(), photo, np.arange(81))
+    searched = working_image(points(), photo, np.arange(81))
     corrected = searched.sensor.moved(found.pose.correction)
     suns = searched.sun_directions(points().position_mcmf)
     templates = render_patches(points(), np.arange(81), corrected, suns, LAW)
@@ -183,7 +183,7 @@ def test_gaps_do_not_pull() -> None:
     for column, row in clear().sensor.project(catalog.position_mcmf)[rows // 5 % 2 == 0][:12]:
         right = int(column) + 66
         weight[max(int(row) - 70, 0) : int(row) + 70, max(right - 41, 0) : right + 8] = 0.0
-    searched = working_photo(catalog, replace(photo, weight=weight), rows)
+    searched = working_image(catalog, replace(photo, weight=weight), rows)
     area = SearchArea(rows, np.zeros((25, 2)), np.full(25, 64.0))
     found = whole_ground(
         catalog, searched, photo.sensor, UNCERTAIN, LAW, area, WIDE_PX, check_sun=False
@@ -205,7 +205,7 @@ def test_the_same_ground_twice_says_no_more() -> None:
 def test_a_share_of_the_votes_counts() -> None:
     """Every point twice, each counted half: the Gamma tail of the points once."""
     photo, rows = believed(faint(clear(), 0)), np.arange(81)
-    searched = working_photo(points(), photo, rows)
+    searched = working_image(points(), photo, rows)
     once = coarse_shift(points(), searched, LAW, 64.0, points=rows)
     half = coarse_shift(points(), searched, LAW, 64.0, points=np.tile(rows, 2), share=0.5)
     both = coarse_shift(points(), searched, LAW, 64.0, points=np.tile(rows, 2))
@@ -262,7 +262,7 @@ def test_ranks_and_correlations_show_one_place(monkeypatch: pytest.MonkeyPatch) 
 
 def test_what_is_too_far_is_not_sought() -> None:
     photo, rows = believed(faint(clear(), 0)), np.arange(81)
-    searched = working_photo(points(), photo, rows)
+    searched = working_image(points(), photo, rows)
     for reach, told in ((250.0, True), (260.0, False)):
         area = SearchArea(rows, np.zeros((81, 2)), np.full(81, reach))
         found = whole_ground(

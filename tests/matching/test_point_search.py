@@ -17,7 +17,7 @@ from lcp_catalog.matching.point_choice import (
     choose_points,
     points_in_view,
     usable_points,
-    working_photo,
+    working_image,
 )
 from lcp_catalog.matching.point_search import Criteria, find_points
 from lcp_catalog.matching.templates import render_patches
@@ -276,9 +276,9 @@ def test_usable_is_the_nearest_condition(catalog, photo):
 
 
 @pytest.mark.parametrize(("pixel_m", "factor"), [(150.0, 1), (75.0, 2), (20.0, 7), (400.0, 1)])
-def test_working_photo_has_half_the_resolution_of_the_dem(catalog, pixel_m, factor):
+def test_working_image_has_half_the_resolution_of_the_dem(catalog, pixel_m, factor):
     # the DEM resolves 300 m: pixels up to 150 m are searched
     camera = looking_at(EnuFrame(3.5, 26.0, -1000.0), 100e3, 0, 0, 0, 100e3 / pixel_m, (140, 140))
     blank = plain_photo(np.ones((140, 140)), camera, EAST)
     rows = points_in_view(catalog, blank.sensor)
-    assert working_photo(catalog, blank, rows).signal.shape == (140 // factor, 140 // factor)
+    assert working_image(catalog, blank, rows).signal.shape == (140 // factor, 140 // factor)

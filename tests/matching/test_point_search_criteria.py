@@ -12,7 +12,7 @@ from helpers.twins_match import catalog_of_patches, correlation_at, looking_at
 
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.landmarks.uniqueness import effective_samples, false_match_probability
 from lcp_catalog.matching import point_search
 from lcp_catalog.matching.matches import REASONS, Matches
@@ -24,11 +24,11 @@ bump = pytest.fixture(bump_catalog, scope="module")
 above = pytest.fixture(above_it, scope="module")
 
 
-def sought(bump, photo: Photo, reach: float = 6.0, **more) -> Matches:
+def sought(bump, photo: Image, reach: float = 6.0, **more) -> Matches:
     return find_points(bump, photo, LAW, reach, points=[0], **more)
 
 
-def said(bump, photo: Photo, reach: float = 6.0, **criteria: float) -> str:
+def said(bump, photo: Image, reach: float = 6.0, **criteria: float) -> str:
     found = sought(bump, photo, reach, criteria=Criteria(**criteria))
     return REASONS[found.code[0]]
 

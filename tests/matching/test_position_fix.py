@@ -14,7 +14,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.coarse_offset import CoarseShift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE
@@ -48,11 +48,11 @@ def points(world: World) -> Catalog:
 
 
 @pytest.fixture(scope="module")
-def photo(world: World) -> Photo:
+def photo(world: World) -> Image:
     return world.photo(overhead())
 
 
-def believed(photo: Photo, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) -> Photo:
+def believed(photo: Image, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) -> Image:
     """The photograph with a sensor that is off by one draw of the uncertainty."""
     sigmas = uncertainty.sigmas(photo.sensor)
     draw = np.clip(np.random.default_rng(seed).normal(size=len(sigmas)), -2.0, 2.0)
@@ -105,7 +105,7 @@ def test_a_camera_comes_back(world: World, points: Catalog, camera: Camera) -> N
     assert np.array_equal(answer.matches.predicted_px, expected)
 
 
-def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: Photo) -> None:
+def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: Image) -> None:
     far = Uncertainty(9000.0, np.radians(0.5))
     given = photo.with_sensor(photo.sensor.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))
     area = perhaps_in_view(points, given.sensor, far, 3.0)
@@ -125,7 +125,7 @@ def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: P
 
 
 def test_a_shift_of_the_image_leaves_what_it_does_not_decide(
-    points: Catalog, photo: Photo, monkeypatch: pytest.MonkeyPatch
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a sensor that may be turned alone, by 0.05 rad: a shift says how it looks aside, 18 deg from the axis a tenth more than
     on it; left is a roll, which moves a place by 0.05 of its distance from the middle.
@@ -175,7 +175,7 @@ def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None
     assert np.abs(answer.pose.correction - [700.0, -1300.0]).max() < 4.0 * answer.pose.sigma.max()
 
 
-def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: Photo) -> None:
+def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: Image) -> None:
     """A piece of the image about one point is moved by 4 px: it is found there, and does not count."""
     place = photo.sensor.project(points.position_mcmf)
     row = int(np.argmin(np.hypot(*(place - 99.5).T)))
@@ -189,7 +189,7 @@ def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: P
     assert is_right(answer, points, photo.sensor)
 
 
-def test_the_position_alone(points: Catalog, photo: Photo) -> None:
+def test_the_position_alone(points: Catalog, photo: Image) -> None:
     given = photo.with_sensor(photo.sensor.moved([900.0, 1500.0, -1100.0, 0.0, 0.0, 0.0]))
     answer = locate(points, given, Uncertainty(1500.0), LAW, QUICK)
     assert answer.verdict == LOCATED
@@ -198,7 +198,7 @@ def test_the_position_alone(points: Catalog, photo: Photo) -> None:
     assert position_error(answer.pose, photo.sensor).error.across_m < 0.3 * GSD_M
 
 
-def test_the_same_again_is_the_same(points: Catalog, photo: Photo) -> None:
+def test_the_same_again_is_the_same(points: Catalog, photo: Image) -> None:
     one, two = (locate(points, believed(photo), UNCERTAIN, LAW, QUICK) for _ in range(2))
     assert np.array_equal(one.pose.correction, two.pose.correction)
     assert np.array_equal(one.matches.code, two.matches.code)
@@ -208,7 +208,7 @@ def test_the_same_again_is_the_same(points: Catalog, photo: Photo) -> None:
 
 
 @pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
-def test_a_turned_or_mirrored_image_is_no_place(points: Catalog, photo: Photo, how: str) -> None:
+def test_a_turned_or_mirrored_image_is_no_place(points: Catalog, photo: Image, how: str) -> None:
     answer = locate(points, believed(mirrored(photo, how)), UNCERTAIN, LAW, QUICK)
     assert answer.verdict == NOT_HERE
     assert answer.pose is None
@@ -226,7 +226,7 @@ def test_another_place_is_not_this_one(points: Catalog) -> None:
 
 
 @pytest.mark.parametrize("turn", [-20.0, 20.0])
-def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Photo, turn: float) -> None:
+def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Image, turn: float) -> None:
     lied = with_sun(believed(photo), points.position_mcmf, turn, 0.0)
     answer = locate(points, lied, UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
@@ -234,7 +234,7 @@ def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Photo, turn: flo
     assert f"turned by {-turn:+.0f} deg" in answer.reason
 
 
-def test_half_saturated_is_located_by_the_rest_or_not_at_all(points: Catalog, photo: Photo) -> None:
+def test_half_saturated_is_located_by_the_rest_or_not_at_all(points: Catalog, photo: Image) -> None:
     level = np.nanmedian(photo.signal)
     weight = np.where(photo.signal >= level, 0.0, photo.weight).astype(np.float32)
     cut = replace(photo, signal=np.minimum(photo.signal, level), weight=weight)
@@ -243,7 +243,7 @@ def test_half_saturated_is_located_by_the_rest_or_not_at_all(points: Catalog, ph
         assert answer.pose is None or is_right(answer, points, photo.sensor)
 
 
-def test_noise_is_nothing(points: Catalog, photo: Photo) -> None:
+def test_noise_is_nothing(points: Catalog, photo: Image) -> None:
     dice = np.random.default_rng(0)
     grain = dice.normal(0.1, 0.02, photo.signal.shape).astype(np.float32)
     blank = np.full(photo.signal.shape, 0.1, dtype=np.float32)
@@ -253,7 +253,7 @@ def test_noise_is_nothing(points: Catalog, photo: Photo) -> None:
         assert "blank or nothing but noise" in answer.reason
 
 
-def test_clouds_are_no_place(points: Catalog, photo: Photo) -> None:
+def test_clouds_are_no_place(points: Catalog, photo: Image) -> None:
     """Noise with the spectrum of ground."""
     dice = np.random.default_rng(1)
     wave = np.hypot(*np.meshgrid(np.fft.fftfreq(200), np.fft.rfftfreq(200), indexing="ij"))
@@ -263,7 +263,7 @@ def test_clouds_are_no_place(points: Catalog, photo: Photo) -> None:
     assert answer.verdict == NOT_HERE
 
 
-def test_no_valid_pixel(points: Catalog, photo: Photo) -> None:
+def test_no_valid_pixel(points: Catalog, photo: Image) -> None:
     image = replace(photo, weight=np.zeros_like(photo.weight))
     assert locate(points, image, UNCERTAIN, LAW).reason == "the image has no valid pixel"
     assert nothing_in(photo) is None
@@ -272,7 +272,7 @@ def test_no_valid_pixel(points: Catalog, photo: Photo) -> None:
 # -- what cannot be said
 
 
-def test_another_side_of_the_moon(points: Catalog, world: World, photo: Photo) -> None:
+def test_another_side_of_the_moon(points: Catalog, world: World, photo: Image) -> None:
     image = photo.with_sensor(overhead(EnuFrame(world.frame.lon_deg + 150.0, -10.0)))
     answer = locate(points, image, UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
@@ -280,27 +280,27 @@ def test_another_side_of_the_moon(points: Catalog, world: World, photo: Photo) -
     assert len(answer.matches) == 0
 
 
-def test_at_night_it_says_so(points: Catalog, photo: Photo, world: World) -> None:
+def test_at_night_it_says_so(points: Catalog, photo: Image, world: World) -> None:
     night = replace(photo, sun_direction_mcmf=-world.frame.rotation[2])
     answer = locate(points, believed(night), UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
     assert "not lit" in answer.reason
 
 
-def test_few_points_refute_no_place(world: World, photo: Photo) -> None:
+def test_few_points_refute_no_place(world: World, photo: Image) -> None:
     few = world.catalog(step_m=20e3, half_m=20e3)
     answer = locate(few, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
     assert answer.reason.startswith("too few points")
 
 
-def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Photo) -> None:
+def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Image) -> None:
     answer = locate(points, photo, Uncertainty(60e3, np.radians(4.0)), LAW)
     assert answer.verdict == CANNOT_SAY
     assert "state a smaller one" in answer.reason
 
 
-def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, photo: Photo) -> None:
+def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, photo: Image) -> None:
     """A search reaches 16 pixels whatever was stated; what it finds 6 stated sigmas away is told, not believed."""
     given = photo.with_sensor(photo.sensor.moved([0.0, 1200.0, 0.0, 0.0, 0.0, 0.0]))
     answer = locate(points, given, Uncertainty(250.0), LAW, QUICK)
@@ -312,7 +312,7 @@ def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, pho
 # -- which points
 
 
-def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: Photo) -> None:
+def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: Image) -> None:
     for seed in range(20):
         given = believed(photo, seed)
         area = perhaps_in_view(points, given.sensor, UNCERTAIN, 3.0)
@@ -335,7 +335,7 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
 # -- the Sun
 
 
-def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
+def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     rows = points_in_view(points, photo.sensor)
     check = check_light(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
     assert check.fits
@@ -345,7 +345,7 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Photo) -> None:
 
 
 def test_a_preferred_sun_is_a_doubt_about_the_place(
-    points: Catalog, photo: Photo, monkeypatch: pytest.MonkeyPatch
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The pose's covariance grows by what moving all matches does; the pose is the same."""
     plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)

@@ -12,7 +12,7 @@ from helpers.suns import light
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_search import find_points
@@ -38,18 +38,18 @@ def few() -> Catalog:
 
 
 @pytest.fixture(scope="module")
-def image() -> Photo:
+def image() -> Image:
     """Something that is no noise, in pixels of 200 m."""
     signal = np.random.default_rng(0).normal(size=(200, 200)).cumsum(0).cumsum(1)
     sun = World().frame.rotation[2]
     weight = np.ones(signal.shape, np.float32)
     camera = overhead(pixel_m=200.0)
-    return Photo("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
+    return Image("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
 
 
 @pytest.mark.parametrize(("sigma_m", "first"), [(3000.0, "find_points"), (6000.0, "find_points"), (10e3, "narrowed")])  # fmt: skip
 def test_the_whole_image_is_shifted_first_from_64_searched_pixels_on(
-    few: Catalog, image: Photo, monkeypatch: pytest.MonkeyPatch, sigma_m: float, first: str
+    few: Catalog, image: Image, monkeypatch: pytest.MonkeyPatch, sigma_m: float, first: str
 ) -> None:
     """Pixels of 200 m, searched at half: 45, 90 and 150 pixels are 3 sigma."""
 
@@ -95,7 +95,7 @@ def test_reaches_are_in_the_searched_photographs_pixels(
 
 
 def narrowed_to(
-    few: Catalog, image: Photo, monkeypatch: pytest.MonkeyPatch, chance: float, places: float
+    few: Catalog, image: Image, monkeypatch: pytest.MonkeyPatch, chance: float, places: float
 ) -> PositionFix:
     """The answer where the whole image's shift is no chance but once in so many, and points are sought in an area of so many;
     they then agree on two places.
@@ -105,7 +105,7 @@ def narrowed_to(
         return replace(area, log10_places=places), chance, 1.0
 
     def nowhere(
-        catalog: Catalog, photo: Photo, *_: object, points: np.ndarray, **__: object
+        catalog: Catalog, photo: Image, *_: object, points: np.ndarray, **__: object
     ) -> Matches:
         none, count = Matches.none(), len(points)
         rows = {

@@ -18,7 +18,7 @@ from lcp_catalog.cameras.trajectory import Track, Trajectory, Turning
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.geometry.rotations import quaternion_of
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import LOCATED, locate
 from lcp_catalog.photometry.laws import photometry, reflectance_model
@@ -62,7 +62,7 @@ def scanner() -> LineScanner:
 
 
 @pytest.fixture(scope="module")
-def photo() -> Photo:
+def photo() -> Image:
     """`RAYS` x `RAYS` rays a pixel, 2 % of noise."""
     window = NodeWindow(-170, 171, -170, 171)
     field = build_terrain(DemSet.open([HADLEY_DEM], ()), FRAME, window, 118.45).field
@@ -81,7 +81,7 @@ def photo() -> Photo:
     image += 0.02 * np.nanmean(image) * np.random.default_rng(1).normal(size=image.shape)
     sun = FRAME.direction_to_mcmf(SUN)
     weight = np.isfinite(image).astype(np.float32)
-    return Photo("swaying", image.astype(np.float32), weight, sensor, sun_direction_mcmf=sun)
+    return Image("swaying", image.astype(np.float32), weight, sensor, sun_direction_mcmf=sun)
 
 
 @pytest.fixture(scope="module")

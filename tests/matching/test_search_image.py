@@ -7,14 +7,14 @@ import pytest
 from helpers.posed import camera
 
 from lcp_catalog.cameras.sensor import Reduced
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.search_image import SearchImage, full_pixels, nothing_in, reduction
 
 
-def made(signal: np.ndarray, weight: np.ndarray | None = None) -> Photo:
+def made(signal: np.ndarray, weight: np.ndarray | None = None) -> Image:
     side = signal.shape[0]
     weight = np.ones(signal.shape) if weight is None else weight
-    return Photo(
+    return Image(
         "made", signal.astype(np.float32), weight.astype(np.float32), camera(size_px=side),
         sun_direction_mcmf=np.array([1.0, 0.0, 0.0]),
     )  # fmt: skip

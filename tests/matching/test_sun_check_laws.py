@@ -8,7 +8,7 @@ from helpers.small_world import HADLEY, World, overhead
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
@@ -41,18 +41,18 @@ def points(world):
 
 
 @pytest.fixture(scope="module", params=[40.0, 190.0])
-def rough(world, request) -> Photo:
+def rough(world, request) -> Image:
     """Taken 45 deg off the vertical, of a surface after Hapke."""
     return world.photo(oblique(request.param, 45.0), SUN, law=reflectance_model("hapke"))
 
 
-def checked(points, photo: Photo, turn_deg: float = 0.0) -> LightCheck:
+def checked(points, photo: Image, turn_deg: float = 0.0) -> LightCheck:
     rows = points_in_view(points, photo.sensor)
     stated = with_sun(photo, points.position_mcmf[rows], turn_deg, 0.0)
     return check_light(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
 
 
-def test_a_law_is_not_taken_for_a_sun(points, rough: Photo, monkeypatch) -> None:
+def test_a_law_is_not_taken_for_a_sun(points, rough: Image, monkeypatch) -> None:
     """Under Lommel-Seeliger alone a Sun turned by 20 deg looks better by far; under the image's own law none does."""
     found = checked(points, rough)
     assert (found.law, found.fits) == ("hapke", True)
@@ -65,7 +65,7 @@ def test_a_law_is_not_taken_for_a_sun(points, rough: Photo, monkeypatch) -> None
 
 
 @pytest.mark.parametrize("turn_deg", [-20.0, 20.0])
-def test_a_sun_is_not_taken_for_a_law(points, rough: Photo, turn_deg: float) -> None:
+def test_a_sun_is_not_taken_for_a_law(points, rough: Image, turn_deg: float) -> None:
     found = checked(points, rough, turn_deg)
     assert not found.fits
     assert f"{-turn_deg:+.0f} deg" in found.complaint

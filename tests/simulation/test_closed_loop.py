@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.position_fix import LOCATED, locate
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
@@ -49,11 +49,11 @@ def site() -> Site:
 
 
 @pytest.fixture(scope="module")
-def taken() -> Callable[[Site, int], tuple[Shot, Camera, Photo]]:
+def taken() -> Callable[[Site, int], tuple[Shot, Camera, Image]]:
     """A site's first frame of a seed, taken once."""
-    made: dict[int, tuple[Shot, Camera, Photo]] = {}
+    made: dict[int, tuple[Shot, Camera, Image]] = {}
 
-    def take(site: Site, seed: int) -> tuple[Shot, Camera, Photo]:
+    def take(site: Site, seed: int) -> tuple[Shot, Camera, Image]:
         if seed not in made:
             shot, camera = next(site.shots(1, seed, SMALL))
             made[seed] = shot, camera, by_product(DEM)(camera, shot)

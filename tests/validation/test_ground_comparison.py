@@ -14,12 +14,12 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import nodes_mcmf
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import photo as simulated
+from lcp_catalog.simulation.frame import simulated_image as simulated
 from lcp_catalog.validation import ground_comparison
 from lcp_catalog.validation.dem_resolution import of_terrain
 from lcp_catalog.validation.ground_comparison import (
@@ -58,7 +58,7 @@ def camera() -> Camera:
 
 
 @pytest.fixture(scope="module")
-def photo(camera) -> Photo:
+def photo(camera) -> Image:
     request = Request([HADLEY], view=ViewChoice(camera), model=LAW, accuracy=STANDARD, disc=False)
     return simulated(request, Detector(blur_px=0.4, noise=0.0, bits=14, seed=1))
 
@@ -152,7 +152,7 @@ def test_without_a_size_cells_are_those_of_the_true_resolution(photo) -> None:
 
 def test_under_another_sun_it_is_another_image(photo) -> None:
     turned = PLACE.direction_to_mcmf(direction_enu(160.0, 25.0))
-    other = Photo("turned", photo.signal, photo.weight, photo.sensor, sun_direction_mcmf=turned)
+    other = Image("turned", photo.signal, photo.weight, photo.sensor, sun_direction_mcmf=turned)
     choice = WindowChoice(16, 16, 240.0)
     assert against_dem(other, [HADLEY], LAW, STANDARD, choice).windows.share_above(0.9) < 0.3
 
@@ -229,7 +229,7 @@ def test_no_patch_in_the_image_is_said(photo, catalog) -> None:
 def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
     kept = dem_request(photo, [HADLEY], LAW, STANDARD)
     assert np.allclose(kept.sun.direction_mcmf(PLACE, kept.view.camera), SUN, atol=1e-9)
-    stated = Photo("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
+    stated = Image("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
     by_flag = dem_request(stated, [HADLEY], LAW, STANDARD)
     assert np.allclose(by_flag.sun.direction_mcmf(PLACE, by_flag.view.camera), SUN, atol=1e-9)
     lon, lat = subsolar(stated)

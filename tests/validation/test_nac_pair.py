@@ -18,10 +18,10 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.dem.terraces import smooth_terraces
 from lcp_catalog.geometry.frames import azimuth_elevation
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.joint_offset import whole_ground
-from lcp_catalog.matching.point_choice import working_photo
+from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import (
     BY_GROUND,
     BY_POINTS,
@@ -55,7 +55,7 @@ def sun(folder: Path) -> SunChoice:
 
 
 @pytest.fixture(scope="module")
-def photo(folder: Path, sun: SunChoice) -> Photo:
+def photo(folder: Path, sun: SunChoice) -> Image:
     return pit.orthoimage(folder, sun)
 
 
@@ -81,7 +81,7 @@ def catalog(dems: dict[str, Path]) -> Catalog:
     return open_catalog(pit.build_catalog(dems["smooth"], path))
 
 
-def scores(photo: Photo, ground: pit.Ground, side: int) -> np.ndarray:
+def scores(photo: Image, ground: pit.Ground, side: int) -> np.ndarray:
     image, weight = pit.on_ground(photo, ground.nodes)
     return pit.window_scores(image, ground, pit.far_from_hole(ground, weight), side)
 
@@ -94,7 +94,7 @@ def in_place(found: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [16, 32])
-def test_registered_by_windows(photo: Photo, grounds: dict[str, pit.Ground], side: int) -> None:
+def test_registered_by_windows(photo: Image, grounds: dict[str, pit.Ground], side: int) -> None:
     """And a map that is moved on purpose is found to be moved so."""
     at = pit.offset_of(scores(photo, grounds["smooth"], side))
     assert np.hypot(*at) < WITHIN_M
@@ -108,7 +108,7 @@ def test_registered_by_windows(photo: Photo, grounds: dict[str, pit.Ground], sid
 @pytest.mark.parametrize("law", ["lommel-seeliger", "lunar-lambert", "hapke"])
 @pytest.mark.parametrize("start", [(0.0, 0.0), MOVED_M])
 def test_registered_by_all_points_together(
-    photo: Photo, catalog: Catalog, start: tuple[float, float], law: str
+    photo: Image, catalog: Catalog, start: tuple[float, float], law: str
 ) -> None:
     """Single points agree on nothing; together they lie where the windows do, whatever the law and wherever the map."""
     moved = photo.with_sensor(photo.sensor.moved(start))
@@ -122,7 +122,7 @@ def test_registered_by_all_points_together(
 
 
 @pytest.mark.slow
-def test_registered_by_faint_points(photo: Photo, catalog: Catalog) -> None:
+def test_registered_by_faint_points(photo: Image, catalog: Catalog) -> None:
     found = locate(catalog, photo, Uncertainty(5.0), options=FAINT)
     assert found.verdict == LOCATED
     assert found.by == BY_POINTS
@@ -131,14 +131,14 @@ def test_registered_by_faint_points(photo: Photo, catalog: Catalog) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
-def test_turned_or_mirrored_it_is_no_place(photo: Photo, catalog: Catalog, how: str) -> None:
+def test_turned_or_mirrored_it_is_no_place(photo: Image, catalog: Catalog, how: str) -> None:
     for options in (Options(), FAINT):
         found = locate(catalog, mirrored(photo, how), Uncertainty(5.0), options=options)
         assert found.verdict == NOT_HERE
 
 
 @pytest.mark.slow
-def test_the_hole_in_both_files_decides_nothing(photo: Photo, catalog: Catalog) -> None:
+def test_the_hole_in_both_files_decides_nothing(photo: Image, catalog: Catalog) -> None:
     """Noise with the spectrum of ground about the image's own hole is no place; the ground away from the hole is."""
     dice = np.random.default_rng(0)
     shape = photo.signal.shape
@@ -150,7 +150,7 @@ def test_the_hole_in_both_files_decides_nothing(photo: Photo, catalog: Catalog) 
         assert locate(catalog, image, Uncertainty(5.0)).verdict == NOT_HERE
     rows = np.flatnonzero(from_hole_m(photo, catalog) > 100.0)
     area = SearchArea(rows, np.zeros((len(rows), 2)), np.full(len(rows), 64.0))
-    searched = working_photo(catalog, photo, rows)
+    searched = working_image(catalog, photo, rows)
     law = reflectance_model("lunar-lambert")
     found = whole_ground(
         catalog, searched, photo.sensor, Uncertainty(5.0), law, area, PATCH_M / 0.5
@@ -159,7 +159,7 @@ def test_the_hole_in_both_files_decides_nothing(photo: Photo, catalog: Catalog) 
     assert (np.abs(found.pose.correction - BY_WINDOWS_M) < 3.0 * found.pose.sigma).all()
 
 
-def from_hole_m(photo: Photo, catalog: Catalog) -> np.ndarray:
+def from_hole_m(photo: Image, catalog: Catalog) -> np.ndarray:
     """How far the catalogue's points lie from the hole's edge, (n,)."""
     column, row = np.round(photo.sensor.project(catalog.position_mcmf)).astype(int).T
     away = cv2.distanceTransform(photo.valid.astype(np.uint8), cv2.DIST_L2, 5)
@@ -167,7 +167,7 @@ def from_hole_m(photo: Photo, catalog: Catalog) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_smoothing_the_steps_pays(photo: Photo, grounds: dict[str, pit.Ground]) -> None:
+def test_smoothing_the_steps_pays(photo: Image, grounds: dict[str, pit.Ground]) -> None:
     medians = {}
     for name, ground in grounds.items():
         image, weight = pit.on_ground(photo, ground.nodes)
@@ -182,7 +182,7 @@ def test_smoothing_the_steps_pays(photo: Photo, grounds: dict[str, pit.Ground]) 
 
 @pytest.mark.slow
 def test_it_is_shading_by_the_sun_where_it_stood(
-    photo: Photo, dems: dict[str, Path], grounds: dict[str, pit.Ground]
+    photo: Image, dems: dict[str, Path], grounds: dict[str, pit.Ground]
 ) -> None:
     """Under a Sun that is turned by 90 deg nothing is left; from the other side light and dark change places."""
     azimuth, elevation = (float(v) for v in azimuth_elevation(grounds["smooth"].scene.sun))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.images.image import Photo
+from lcp_catalog.images.image import Image
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
@@ -38,9 +38,9 @@ class Flat:
         return (col >= -0.5) & (col < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5)
 
 
-def photo_of(sensor: Any, values: np.ndarray, weight: np.ndarray | None = None) -> Photo:
+def photo_of(sensor: Any, values: np.ndarray, weight: np.ndarray | None = None) -> Image:
     weight = np.ones(values.shape) if weight is None else weight
-    return Photo(
+    return Image(
         "made",
         values.astype(np.float32),
         weight.astype(np.float32),

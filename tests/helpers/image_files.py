@@ -20,8 +20,8 @@ from rasterio.transform import Affine
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
-from lcp_catalog.images.image import Photo
-from lcp_catalog.images.image_file import PhotoOptions, open_photo
+from lcp_catalog.images.image import Image
+from lcp_catalog.images.image_file import ImageOptions, open_image
 from lcp_catalog.light.sun_choice import SunChoice
 
 MOON = (
@@ -208,12 +208,12 @@ def scene(dtype: str = "uint8", low: float = 20.0, high: float = 220.0) -> np.nd
     return np.round(values).astype(dtype) if np.dtype(dtype).kind in "ui" else values.astype(dtype)
 
 
-def photo(path: Path, options: PhotoOptions | None = None, **change: object) -> Photo:
-    return open_photo(path, camera_over(SHAPE), None, options, **change)
+def opened(path: Path, options: ImageOptions | None = None, **change: object) -> Image:
+    return open_image(path, camera_over(SHAPE), None, options, **change)
 
 
 def refused(why: str, path: Path, *arguments: object) -> None:
     with pytest.raises(ImageError, match=why) as caught:
-        open_photo(path, *arguments)  # type: ignore[arg-type]
+        open_image(path, *arguments)  # type: ignore[arg-type]
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
