@@ -13,7 +13,6 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.panorama_models import Lamp, cie_sky, with_lamps
 from lcp_catalog.light.sky_sampling import sky_at_nodes
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
@@ -22,6 +21,7 @@ from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import NodeWindow, Terrain
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from helpers.environment_maps import Lamp, cie_sky, with_lamps
 from helpers.synthetic import cratered
 
 GSD, SIDE = 20.0, 1024

@@ -25,11 +25,16 @@ import rasterio
 from rasterio.crs import CRS
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
+from reflectance_charts import (
+    brightness_chart,
+    incidence_chart,
+    intensity_chart,
+    phase_curve_chart,
+    shadowing_chart,
+)
 
 from lcp_catalog.photometry.facet_file import facet_model
-from lcp_catalog.photometry.facet_plot import brightness_chart, intensity_chart, shadowing_chart
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
-from lcp_catalog.photometry.phase_curves import phase_curve_chart, polar_chart
 from lcp_catalog.plots.png import encode_png
 from lcp_catalog.rendering.rasters import picture
 
@@ -325,7 +330,7 @@ CHARTS: tuple[tuple[str, str, Callable[[], str]], ...] = (
         (
             f"polar-{law.replace(':', '-')}",
             f"{law}: where level ground sends its light",
-            partial(polar_chart, reflectance_model(law)),
+            partial(incidence_chart, reflectance_model(law)),
         )
         for law in LAWS
     ),

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from helpers.environment_maps import Lamp, cie_sky, room, uniform, with_lamps
 from helpers.renders import read, rolling, write_dem
 from lcp_cli.main import run
-
-from lcp_catalog.light.panorama_models import Lamp, cie_sky, room, uniform, with_lamps
 
 AREA = ["--center", "30.5", "10.5", "--size", "5", "--accuracy", "draft"]
 CAMERA = ["--frame", "camera", "--off-nadir", "30", "--view-azimuth", "200", "--altitude", "20"]

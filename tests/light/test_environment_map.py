@@ -6,15 +6,7 @@ import struct
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-from lcp_catalog.errors import ImageError
-from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.light.environment import Environment
-from lcp_catalog.light.environment_map import Panorama, read_panorama
-from lcp_catalog.light.hdr_image import read_picture, resized
-from lcp_catalog.light.panorama_models import (
+from helpers.environment_maps import (
     CLEAR,
     OVERCAST,
     Lamp,
@@ -23,6 +15,14 @@ from lcp_catalog.light.panorama_models import (
     room,
     uniform,
 )
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcp_catalog.errors import ImageError
+from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.light.environment import Environment
+from lcp_catalog.light.environment_map import Panorama, read_panorama
+from lcp_catalog.light.hdr_image import read_picture, resized
 
 GAUSS = np.polynomial.legendre.leggauss(16)
 

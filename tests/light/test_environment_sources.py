@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.environment_maps import OVERCAST, Lamp, cie_sky, room, uniform, with_lamps
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,6 @@ from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import MOST_SOURCES, SourceSearch, split_sources
-from lcp_catalog.light.panorama_models import OVERCAST, Lamp, cie_sky, room, uniform, with_lamps
 
 
 def off_deg(a, b):
@@ -146,7 +146,7 @@ def test_a_glow_over_a_border_is_found_once(azimuth, elevation):
 
 
 def _looking(rows):
-    from lcp_catalog.light.panorama_models import directions
+    from helpers.environment_maps import directions
 
     return directions(rows)
 

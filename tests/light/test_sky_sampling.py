@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers.environment_maps import Lamp, cie_sky, directions, room, uniform
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
@@ -13,7 +14,6 @@ from lcp_catalog.cameras.view import View, looking_camera, nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.panorama_models import Lamp, cie_sky, directions, room, uniform
 from lcp_catalog.light.sky_sampling import (
     BETWEEN_NODES_RMS,
     SAMPLES,

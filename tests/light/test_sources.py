@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers.environment_maps import Lamp, room, uniform
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
@@ -19,7 +20,6 @@ from lcp_catalog.light.earthshine import mean_earth
 from lcp_catalog.light.environment import Environment
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.panorama_models import Lamp, room, uniform
 from lcp_catalog.light.solar_disc import SolarDisc, disc_directions, sunlit_share
 from lcp_catalog.light.sources import Lighting, Source
 from lcp_catalog.light.sun_choice import SunChoice

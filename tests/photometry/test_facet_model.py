@@ -21,6 +21,7 @@ from lcp_catalog.photometry.facet_model import (
     Shadowing,
     constants,
     lobes,
+    shadowing_share,
 )
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 
@@ -318,3 +319,13 @@ def test_energy(name):
         whole = (values.mean(axis=1) * weight).sum() / math.cos(psi)
         assert whole == pytest.approx(model.albedo, rel=5e-3)
     assert model.reflectance([0, 33, 77, 89]) == pytest.approx(np.full(4, model.albedo), rel=5e-3)
+
+
+def test_shadowing_share():
+    theta = np.array([-89.9, -60, -30, 0.0, 30, 60, 89.9])
+    share = shadowing_share(Shadowing(), 30, theta)
+    assert (share > 0).all()
+    assert (share <= 1).all()
+    assert share[[0, -1]].max() < 0.1
+    assert share[3] > 0.98
+    assert shadowing_share(Shadowing(sigma_p=0.0), 30, theta) == pytest.approx(np.ones(7))

@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from helpers.environment_maps import Lamp, room, uniform
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
@@ -14,7 +15,6 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.hdr_image import Picture
-from lcp_catalog.light.panorama_models import Lamp, room, uniform
 from lcp_catalog.light.solar_disc import SolarDisc
 from lcp_catalog.light.sources import Lighting, Source
 from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor

@@ -1,4 +1,4 @@
-"""Pictures of the laws of reflection, as SVG that stands alone: phase curves, and polar plots of where light goes."""
+"""Charts of the reflectance models, as SVG that needs no style sheet: phase curves, and polar charts."""
 
 # ruff: noqa: E501 - lines of markup
 
@@ -6,13 +6,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from .laws import Reflectance, radiance_factor
+from lcp_catalog.arrays import Array
+from lcp_catalog.photometry.facet_model import FacetModel, shadowing_share
+from lcp_catalog.photometry.facet_plot import incidence_panel, lobe_curves
+from lcp_catalog.photometry.laws import Reflectance, radiance_factor
+from lcp_catalog.plots.polar import STYLES, Curve, Panel, polar_chart
 
 _PHASES_DEG = np.concatenate([np.linspace(0.0, 7.0, 15), np.linspace(8.0, 150.0, 72)])
 
@@ -82,36 +86,62 @@ def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) ->
     )
 
 
-def polar_chart(
+def incidence_chart(
     model: Reflectance, incidences_deg: Sequence[float] = (0.0, 30.0, 60.0, 80.0)
 ) -> str:
-    """Where level ground sends light in the plane of incidence: I/F as the length of the ray at each emission angle, the Sun on
-    the left at each incidence, which a tick at the rim marks.
+    """SVG of the radiance factor of level terrain in the plane of incidence, as a polar chart over the
+    emission angle, one curve for each of up to four incidences.
     """
-    emission = np.linspace(-89.9, 89.9, 360)
-    factors = {}
-    for incidence in incidences_deg:
-        i, e = math.radians(incidence), np.radians(emission)
-        # emission below 0 is on the Sun's side
-        factors[f"{incidence:g}°"] = (
-            incidence,
-            radiance_factor(model, i, np.abs(e), np.abs(e + i)),
-        )
-    greatest = max(float(values.max()) for _, values in factors.values())
-    ring = _round_up(greatest)
-    middle, base, radius = 380.0, 372.0, 318.0
-    parts = [_half_rings(middle, base, radius, ring)]
-    for k, (name, (incidence, values)) in enumerate(factors.items()):
-        x = middle + radius * values / ring * np.sin(np.radians(emission))
-        y = base - radius * values / ring * np.cos(np.radians(emission))
-        colour = _COLOURS[k % len(_COLOURS)]
-        parts.append(_line(x, y, colour))
-        s, c = math.sin(math.radians(-incidence)), math.cos(math.radians(incidence))
-        parts.append(
-            f'<path d="M{middle + radius * s:.1f} {base - radius * c:.1f}L{middle + (radius + 12) * s:.1f} {base - (radius + 12) * c:.1f}" stroke="{colour}" stroke-width="3"/>'
-        )
-        parts.append(_key(k, f"incidence {name}", 600.0, 40.0))
-    return _svg("".join(parts), f"{model.name}: radiance factor in the plane of incidence")
+    theta = np.linspace(-89.9, 89.9, 360)
+    styles = list(zip(incidences_deg, STYLES, strict=False))
+    curves = [
+        Curve(theta, _in_plane(model, angle, theta), style, f"incidence {angle:g}°")
+        for angle, style in styles
+    ]
+    panel = Panel("radiance factor I/F", tuple(curves), tuple(styles))
+    return polar_chart([panel], f"{model.name}: radiance factor in the plane of incidence", 1)
+
+
+def _in_plane(model: Reflectance, incidence_deg: float, theta_deg: Array) -> Array:
+    """Radiance factor at signed emission angles; positive on the side of the source."""
+    i, e = math.radians(incidence_deg), np.radians(theta_deg)
+    return radiance_factor(model, i, np.abs(e), np.abs(e - i))
+
+
+def intensity_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
+    """SVG of I_rel of a facet model and its lobes at some incidences (figure 6 of the paper)."""
+    panels = [
+        incidence_panel(angle, lobe_curves(model, model.parameters(angle)))
+        for angle in incidences_deg
+    ]
+    return polar_chart(panels, f"{model.name}: relative intensity", 2)
+
+
+def brightness_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
+    """SVG of the brightness coefficient of a facet model up to 80 deg of emission (figures 4 and 5)."""
+    panels = []
+    for angle in incidences_deg:
+        curves = lobe_curves(model, model.parameters(angle))
+        panels.append(incidence_panel(angle, tuple(_brightness(curve) for curve in curves)))
+    return polar_chart(panels, f"{model.name}: brightness coefficient", 2)
+
+
+def _brightness(curve: Curve) -> Curve:
+    measured = np.abs(curve.theta_deg) <= 80.0
+    theta = curve.theta_deg[measured]
+    return replace(
+        curve, theta_deg=theta, values=curve.values[measured] / np.cos(np.radians(theta))
+    )
+
+
+def shadowing_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
+    """SVG of P(psi, theta, 0), the share of facets that are neither shadowed nor masked (figure 7)."""
+    theta = np.linspace(-89.9, 89.9, 360)
+    curves = tuple(
+        Curve(theta, shadowing_share(model.shadowing, angle, theta), style, f"ψ = {angle:g}°")
+        for angle, style in zip(incidences_deg, STYLES, strict=False)
+    )
+    return polar_chart([Panel("lit and seen", curves)], f"{model.name}: shadowing and masking", 1)
 
 
 class _Axes:
@@ -183,38 +213,6 @@ def _key(place: int, name: str, x: float, top: float) -> str:
 def _line(x: Array, y: Array, colour: str) -> str:
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     return f'<polyline class="curve" stroke="{colour}" points="{points}"/>'
-
-
-def _half_rings(middle: float, base: float, radius: float, ring: float) -> str:
-    """A half circle of emission angles every 30 deg, and rings of equal radiance factor."""
-    parts = []
-    for k in range(1, 5):
-        r = radius * k / 4.0
-        parts.append(
-            f'<path class="grid" d="M{middle - r:.1f} {base:g}A{r:.1f} {r:.1f} 0 0 1 {middle + r:.1f} {base:g}"/>'
-        )
-        parts.append(
-            f'<text x="{middle + r:.1f}" y="{base + 18:g}" text-anchor="middle">{ring * k / 4:.3g}</text>'
-        )
-    for angle in range(-90, 91, 30):
-        s, c = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-        parts.append(
-            f'<path class="grid" d="M{middle:g} {base:g}L{middle + radius * s:.1f} {base - radius * c:.1f}"/>'
-        )
-        parts.append(
-            f'<text x="{middle + (radius + 28) * s:.1f}" y="{base - (radius + 18) * c + 4:.1f}" text-anchor="middle">{abs(angle)}°</text>'
-        )
-    parts.append(
-        f'<text x="40" y="40">the Sun’s side</text><text x="{middle:g}" y="{base + 38:g}" text-anchor="middle">radiance factor I/F</text>'
-    )
-    return "".join(parts)
-
-
-def _round_up(value: float) -> float:
-    power = 10.0 ** math.floor(math.log10(value))
-    return power * next(
-        m for m in (1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 6.0, 8.0, 10.0) if m * power >= value
-    )
 
 
 def _svg(body: str, label: str) -> str:

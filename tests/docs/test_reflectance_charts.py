@@ -9,16 +9,21 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from helpers.twins_reflectance import SPECS, disc_albedo
-
-from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
-from lcp_catalog.photometry.phase_curves import (
+from reflectance_charts import (
     ALLEN_1973,
+    brightness_chart,
     disc_reflectance,
     ground_reflectance,
+    incidence_chart,
+    intensity_chart,
     phase_curve_chart,
-    polar_chart,
+    shadowing_chart,
 )
 
+from lcp_catalog.photometry.facet_labunets2019 import named_model
+from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
+
+FACETS = named_model("labunets-2019-table-3")
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -73,20 +78,59 @@ def test_the_moons_circles_lie_on_the_lunar_laws():
         assert np.interp(x, *lambert.T) < y - 10.0
 
 
+def rays(svg: str, style: str) -> list[np.ndarray]:
+    """Points (n, 2) of the lines of a style; the origin of a polar chart is (0, 0)."""
+    lines = ElementTree.fromstring(svg).iter(f"{SVG}polyline")
+    return [
+        np.array([p.split(",") for p in line.get("points").split()], float)
+        for line in lines
+        if line.get("class") == style
+    ]
+
+
 def test_a_polar_chart_points_at_the_sun():
-    """Hapke's brightest ray goes back to the Sun, on the left; Lambert's is a circle's arc about the middle."""
-    middle, base = 380.0, 372.0
-    (back,) = curves(polar_chart(reflectance_model("hapke"), [50.0])).values()
-    ray = back - [middle, base]
-    brightest = ray[np.hypot(*ray.T).argmax()]
+    """Hapke's greatest radiance is towards the Sun, on the left; Lambert's curve is an arc about the origin."""
+    (back,) = rays(incidence_chart(reflectance_model("hapke"), [50.0]), "solid")
+    brightest = back[np.hypot(*back.T).argmax()]
     assert math.degrees(math.atan2(-brightest[0], -brightest[1])) == pytest.approx(50.0, abs=1.0)
-    (even,) = curves(polar_chart(reflectance_model("lambert"), [50.0])).values()
-    assert np.ptp(np.hypot(*(even - [middle, base]).T)) < 0.2
+    (even,) = rays(incidence_chart(reflectance_model("lambert"), [50.0]), "solid")
+    assert np.ptp(np.hypot(*even.T)) < 0.2
+
+
+def test_the_specular_lobe_is_on_the_right_and_the_source_on_the_left():
+    svg = intensity_chart(FACETS, [60, 70])
+    whole, diffuse = rays(svg, "solid"), rays(svg, "dashed")
+    assert len(whole) == len(diffuse) == len(rays(svg, "thin")) == 2
+    x, y = whole[1][np.hypot(*whole[1].T).argmax()]
+    assert y < 0  # up
+    assert np.degrees(np.arctan2(x, -y)) == pytest.approx(75, abs=2)
+    source = next(
+        e for e in ElementTree.fromstring(svg).iter() if e.get("class") == "source" and e.get("cx")
+    )
+    assert float(source.get("cx")) < 0
+
+
+def test_lengths_are_values():
+    """The length at the normal, relative to the number at the half circle."""
+    svg = brightness_chart(FACETS, [60])
+    (points,) = rays(svg, "solid")
+    normal = points[np.abs(points[:, 0]).argmin()]
+    rims = [
+        float(e.text)
+        for e in ElementTree.fromstring(svg).iter()
+        if e.text and re.fullmatch(r"[\d.]+", e.text)
+    ]
+    assert -normal[1] / 190 * max(rims) == pytest.approx(float(FACETS.brightness(60, 0)), rel=0.01)
+    assert np.abs(np.degrees(np.arctan2(points[:, 0], -points[:, 1]))).max() <= 80.1
+
+
+def test_a_line_for_each_incidence_of_shadowing():
+    assert len(rays(shadowing_chart(FACETS, [0, 60]), "solid")) == 1
 
 
 def test_charts_stand_alone():
     for svg in (
-        polar_chart(reflectance_model("hapke")),
+        incidence_chart(reflectance_model("hapke")),
         phase_curve_chart([reflectance_model("hapke")]),
     ):
         assert svg.startswith("<svg xmlns=")

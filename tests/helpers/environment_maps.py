@@ -1,7 +1,4 @@
-"""Panoramas by formula: uniform and CIE skies, suns and lamps of known power.
-
-For examples, pictures and tests: nothing here was photographed.
-"""
+"""Environment maps by formula: uniform and CIE skies, suns and lamps of known power."""
 
 from __future__ import annotations
 
@@ -11,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
-from .environment_map import Panorama
+from lcp_catalog.arrays import Array
+from lcp_catalog.geometry.frames import direction_enu, direction_enu_rad
+from lcp_catalog.light.environment_map import Panorama
 
 
 @dataclass(frozen=True)
@@ -28,9 +26,7 @@ class Lamp:
 
     @property
     def direction(self) -> Array:
-        azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
-        level = math.cos(elevation)
-        return np.array([level * math.sin(azimuth), level * math.cos(azimuth), math.sin(elevation)])
+        return direction_enu(self.azimuth_deg, self.elevation_deg)
 
 
 @dataclass(frozen=True)
@@ -58,9 +54,7 @@ def directions(rows: int) -> Array:
     """
     elevation = (math.pi / 2.0 - (np.arange(rows) + 0.5) * (math.pi / rows))[:, None]
     azimuth = (np.arange(2 * rows) + 0.5) * (math.pi / rows) - math.pi
-    level = np.cos(elevation)
-    up = np.broadcast_to(np.sin(elevation), (rows, 2 * rows))
-    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), up], axis=-1)
+    return direction_enu_rad(azimuth, elevation)
 
 
 def uniform(rows: int = 64, luminance: float = 1.0, ground: float = 0.0) -> Panorama:
