@@ -48,7 +48,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import Scene
+from lcp_catalog.rendering.pipeline import HeightfieldScene
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 OVERLAP = 4.0
@@ -228,7 +228,7 @@ def band_name(band: tuple[float, float] | None) -> str:
     return "all" if band is None else f"{band[0]}-{band[1]}"
 
 
-def suns(photo: Image, dem: Path, scene: Scene) -> list[str]:
+def suns(photo: Image, dem: Path, scene: HeightfieldScene) -> list[str]:
     """Mean correlation of windows of 64 m under Suns of the same height and other azimuths: albedo does not mind, shading does."""
     azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
     lines = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,6 +20,9 @@ from .options import (
     overwrite_option,
     product_order_option,
 )
+
+if TYPE_CHECKING:
+    from lcp_catalog.build.config import BuildConfig
 
 EXIT_SOME_FAILED = 3
 
@@ -88,21 +91,22 @@ def command(
         raise click.UsageError("-o CATALOG.h5 is missing (or say --plan)")
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
-    from lcp_catalog.build.run import Build, build_catalog
+    config, workers = configuration(**flags), jobs or os.cpu_count() or 1
+    if plan_only:
+        _print_plan(dem, config, workers, as_json)
+        return 0
+    assert output is not None
+
+    from lcp_catalog.build.run import build_catalog
 
     from .progress import progress
 
-    build = Build.plan(tuple(Path(path) for path in dem), configuration(**flags))
-    workers = jobs or os.cpu_count() or 1
-    if plan_only:
-        _tell_plan(build, workers, as_json)
-        return 0
-    assert output is not None
     try:
         with progress("areas") as update:
             report = build_catalog(
-                build,
-                Path(output),
+                dem,
+                config,
+                output,
                 jobs=workers,
                 scheduler=scheduler,
                 resume=resume,
@@ -114,33 +118,30 @@ def command(
         click.echo("\nfinished areas are kept: run again with --resume", err=True)
         raise
     if depfile:
-        _write_depfile(depfile, output, build)
+        _write_depfile(depfile, output, report.files)
     click.echo(f"{output}: {report.points} control points from {report.areas} areas", err=True)
     for cause in report.failed.values():
         click.echo(f"failed: {cause}", err=True)
     return EXIT_SOME_FAILED if report.failed else 0
 
 
-def _tell_plan(build: Any, workers: int, as_json: bool) -> None:
+def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json: bool) -> None:
     from lcp_catalog.build.estimate import estimate
+    from lcp_catalog.build.run import Build
 
-    document = estimate(build, workers)
+    document = estimate(Build.plan(dem, config), workers)
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return
+    decisions = document.pop("decisions")
     for name, value in document.items():
-        if name == "decisions":
-            for decision in value:
-                click.echo(
-                    f"  {decision['effect']}: {'modelled' if decision['modelled'] else 'not modelled'}; {decision['reason']}"
-                )
-        else:
-            click.echo(
-                f"{name:24} {value:,}" if isinstance(value, int) else f"{name:24} {value:,.1f}"
-            )
+        click.echo(f"{name:24} {value:{',' if isinstance(value, int) else ',.1f'}}")
+    for decision in decisions:
+        modelled = "modelled" if decision["modelled"] else "not modelled"
+        click.echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
 
 
-def _write_depfile(depfile: str, output: str, build: Any) -> None:
+def _write_depfile(depfile: str, output: str, files: tuple[Path, ...]) -> None:
     from lcp_catalog.atomic_files import depfile_text, write_bytes
 
-    write_bytes(depfile, depfile_text(output, build.files).encode(), overwrite=True)
+    write_bytes(depfile, depfile_text(output, files).encode(), overwrite=True)

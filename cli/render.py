@@ -162,10 +162,9 @@ def _write(
     """Render and write; OUT.tif appears last, when everything else is whole."""
     from lcp_catalog.atomic_files import depfile_text, write_aside
     from lcp_catalog.rendering.output import encode
-    from lcp_catalog.rendering.pipeline import expose
     from lcp_catalog.rendering.rasters import picture, png
 
-    result = expose(scene)
+    result = scene.expose()
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode(scene, result))
         if preview:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -50,9 +50,10 @@ class Build:
     albedo: AlbedoMap | None = None
 
     @classmethod
-    def plan(cls, dem_paths: tuple[Path, ...], config: BuildConfig) -> Build:
-        """Cut the region into areas. AreaError when the region has none."""
-        dems = DemSet.open(dem_paths, config.dem.product_order)
+    def plan(cls, dem_paths: Sequence[Path | str], config: BuildConfig) -> Build:
+        """Cut the region into areas. AreaError if the region has none."""
+        paths = tuple(Path(path) for path in dem_paths)
+        dems = DemSet.open(paths, config.dem.product_order)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
         gsd_m = config.area.gsd_m or native_gsd_m(dems, region)
@@ -67,9 +68,9 @@ class Build:
         albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
-        given = (grid, region, gsd_m, lawful, dem_paths, albedo)
+        given = (grid, region, gsd_m, lawful, paths, albedo)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, dem_paths, region, gsd_m, jobs, albedo)
+        return cls(config, paths, region, gsd_m, jobs, albedo)
 
     @property
     def files(self) -> list[Path]:
@@ -96,11 +97,14 @@ class Build:
 
 @dataclass(frozen=True)
 class BuildReport:
-    """What a build did: points written, areas done, and the areas that failed with their one-line causes."""
+    """Result of a build: number of points written and of areas finished, the areas that failed with
+    their one-line causes, and the files that were read (except the configuration).
+    """
 
     points: int
     areas: int
     failed: dict[str, str]
+    files: tuple[Path, ...]
 
 
 def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
@@ -120,6 +124,42 @@ def region_of(dems: DemSet, config: BuildConfig) -> Area:
 
 
 def build_catalog(
+    dem_paths: Sequence[Path | str],
+    config: BuildConfig,
+    output: Path | str,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    keep_going: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> BuildReport:
+    """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
+
+    jobs: processes that compute areas at the same time; the result does not depend on it.
+    scheduler: address of a dask scheduler that computes the areas instead. resume: keep the finished
+    areas of an interrupted run with the same inputs. overwrite: replace an existing output.
+    keep_going: leave out areas that fail (they are named in the report) instead of raising
+    AreaFailedError. progress: called with the number of finished areas and of all areas.
+
+    Raises the library's errors (`errors`): AreaError for a region without cells, SunError if the Sun
+    reaches none of the configured directions, OutputExistsError, and those of the files that are read.
+    """
+    build = Build.plan(dem_paths, config)
+    return run_build(
+        build,
+        Path(output),
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        overwrite=overwrite,
+        keep_going=keep_going,
+        progress=progress,
+    )
+
+
+def run_build(
     build: Build,
     output: Path,
     *,
@@ -130,10 +170,9 @@ def build_catalog(
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> BuildReport:
-    """Run a build and write the catalogue.
+    """Run a planned build and write the catalogue; options as in `build_catalog`.
 
-    Finished areas are kept beside the output until it is whole. A failed area ends the build with AreaFailedError unless
-    ``keep_going`` is set; then the catalogue is written without it.
+    Finished areas are kept beside the output until the catalogue has been written.
     """
     check_output(output, overwrite)
     shards = Shards.beside(output, build.fingerprint())
@@ -154,7 +193,7 @@ def build_catalog(
     )
     write_catalog(catalog, output, overwrite=overwrite)
     shards.remove()
-    return BuildReport(points=len(catalog.point_id), areas=len(whole), failed=failed)
+    return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
 
 
 def _run_areas(

@@ -27,7 +27,7 @@ from ..light.solar_disc import disc_directions
 from ..light.sources import Lighting
 from ..terrain.horizons import Points
 from ..terrain.terrain import Terrain
-from .renderer import Photograph
+from .renderer import Rendering
 
 WHITE_PERCENTILE = 99.5
 """Of the render's lit radiance: what white of a background encoded for a display stands for, as in a preview."""
@@ -69,7 +69,7 @@ class Backdrop:
 
 
 def composite(
-    photo: Photograph,
+    photo: Rendering,
     terrain: Terrain,
     camera: Camera,
     light: Lighting,

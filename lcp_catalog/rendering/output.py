@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 from .._version import __version__
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import azimuth_elevation
-from .pipeline import Scene
 from .rasters import geotiff, node_transform, orthographic_crs
-from .renderer import Photograph
-from .sphere_pipeline import SphereScene
+from .renderer import Rendering
+from .scene import Scene
 
 
-def encode(scene: Scene | SphereScene, result: Photograph) -> bytes:
+def encode(scene: Scene, result: Rendering) -> bytes:
     """The GeoTIFF of ``lcp render``."""
     bands: dict[str, ArrayLike] = {
         "radiance": result.radiance,
@@ -44,7 +43,7 @@ def encode(scene: Scene | SphereScene, result: Photograph) -> bytes:
     return geotiff(bands, "float32", tags(scene), crs, transform, [*units, "metre"])
 
 
-def tags(scene: Scene | SphereScene) -> dict[str, str]:
+def tags(scene: Scene) -> dict[str, str]:
     """What a result says about its making; no paths, no clock."""
     frame = scene.frame
     azimuth, elevation = azimuth_elevation(scene.sun)
@@ -74,7 +73,7 @@ def tags(scene: Scene | SphereScene) -> dict[str, str]:
     return found | ({"albedo": str(scene.request.albedo)} if scene.request.albedo else {})
 
 
-def explain(scene: Scene | SphereScene) -> dict[str, Any]:
+def explain(scene: Scene) -> dict[str, Any]:
     """The document of ``lcp render --explain``: the plan's decisions, and the light."""
     light = scene.light.describe()
     if scene.request.environment is not None:

@@ -16,7 +16,7 @@ from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
-from ..errors import AreaError, CameraError, ImageError
+from ..errors import AreaError, ImageError
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import risen
 from ..light.sky_sampling import SAMPLES, SKY_FLOOR_RAD, sky_rms
@@ -46,15 +46,16 @@ from .extent import (
     view_ring_m,
 )
 from .plan import ScenePlan, choose_model, plan_scene, ring_decision
-from .renderer import Photograph, render_camera, render_enu
+from .renderer import Rendering, render_camera, render_enu
 from .request import Request
-from .sphere_pipeline import SphereScene, expose_sphere, prepare_sphere
+from .scene import Scene, require_visible
+from .sphere_pipeline import SphereScene, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Everything a render needs, and what was decided about it."""
+class HeightfieldScene:
+    """A scene of terrain: its heightfield, what lights it, and the scene plan."""
 
     request: Request
     terrain: Terrain
@@ -62,7 +63,7 @@ class Scene:
     model: Reflectance
     view: View
     plan: ScenePlan
-    sources: tuple[Path, ...]  # every file that was read, but the camera's
+    sources: tuple[Path, ...]
 
     @property
     def sun(self) -> Array:
@@ -98,13 +99,53 @@ class Scene:
         assert self.view.camera is not None
         return self.view.camera
 
+    def expose(self) -> Rendering:
+        """Render. CameraError if the camera sees nothing of the area, SunError if nothing is lit."""
+        exposed = self._expose_terrain if self.plan.relief.modelled else self._expose_sphere
+        return require_visible(self, exposed())
 
-def prepare(request: Request) -> Scene | SphereScene:
-    """Read the terrain and decide; raises the library's errors for what cannot be rendered. On the
-    sphere that was asked for a DEM gives no more than its area and cell size.
+    def _expose_sphere(self) -> Rendering:
+        """An area so smooth and level that the plan replaces it by the sphere."""
+        how: dict[str, Any] = {"model": self.model, "albedo": self.request.albedo}
+        if not self.request.in_camera_plane:
+            light = self.light, self.view
+            return render_sphere_enu(self.frame, self.window, self.gsd_m, *light, **how)
+        (x, y), half, (rows, cols) = self.corner_m, 0.5 * self.gsd_m, self.window.shape
+        extent = (x - half, x + (cols - 0.5) * self.gsd_m, y - (rows - 0.5) * self.gsd_m, y + half)
+        return render_sphere_camera(self.frame, self.camera, self.light, extent_m=extent, **how)
+
+    def _expose_terrain(self) -> Rendering:
+        request = self.request
+        how: dict[str, Any] = {"model": self.model, "accuracy": request.accuracy}
+        how |= {"plan": self.plan, "albedo": request.albedo}
+        if not request.in_camera_plane:
+            return render_enu(self.terrain, self.light, self.view, **how)
+        result = render_camera(self.terrain, self.camera, self.light, **how)
+        if request.backdrop is None:
+            return result
+        panorama = request.environment.in_factors if request.environment else None
+        place = self.terrain, self.camera, risen(self.terrain, self.light)
+        whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
+        return replace(result, composite=whole)
+
+
+def render(request: Request) -> Rendering:
+    """Render an image: `prepare`, then `Scene.expose`. Raises the library's errors (`errors`) for a
+    request that cannot be rendered.
     """
-    if request.surface == "sphere":
-        return _prepare_sphere(request)
+    return prepare(request).expose()
+
+
+def prepare(request: Request) -> Scene:
+    """The scene of a request, on terrain or on the plain sphere. Raises the library's errors for a
+    request that cannot be rendered. For ``surface="sphere"`` a DEM gives only the area and the cell
+    size.
+    """
+    return _prepare_sphere(request) if request.surface == "sphere" else prepare_terrain(request)
+
+
+def prepare_terrain(request: Request) -> HeightfieldScene:
+    """The scene of a request on its DEM's terrain; ``request.surface`` is not "sphere"."""
     dems = DemSet.open(request.dem_paths, request.product_order)
     area, grows = area_of(request, dems)
     warn_of_disagreements(dems, area.bounds)
@@ -129,7 +170,7 @@ def prepare(request: Request) -> Scene | SphereScene:
     )
     plan = replace(plan, others=(*plan.others, *_of_light(request, light)))
     files = _files(request, dems, choice.model)
-    return Scene(request, terrain, light, choice.model, view, plan, files)
+    return HeightfieldScene(request, terrain, light, choice.model, view, plan, files)
 
 
 def _ground(
@@ -170,47 +211,6 @@ def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ..
     for asked in (request.albedo, request.environment, request.backdrop):
         files += asked.files if asked else ()
     return tuple(dict.fromkeys(files))
-
-
-def expose(scene: Scene | SphereScene) -> Photograph:
-    """Render a scene; CameraError when the camera sees nothing of the area."""
-    if isinstance(scene, SphereScene):
-        result = expose_sphere(scene)
-    elif not scene.plan.relief.modelled:
-        result = _expose_plain(scene)
-    else:
-        result = _expose_terrain(scene)
-    if not result.visible.any() and scene.request.backdrop is None:
-        who = scene.view.camera.name if scene.view.camera else "the view"
-        raise CameraError(f"{who}: the camera sees nothing of the area")
-    return result
-
-
-def _expose_plain(scene: Scene) -> Photograph:
-    """An area so smooth and level that the sphere may stand for it."""
-    request = scene.request
-    how: dict[str, Any] = {"model": scene.model, "albedo": request.albedo}
-    if not request.in_camera_plane:
-        light = scene.light, scene.view
-        return render_sphere_enu(scene.frame, scene.window, scene.gsd_m, *light, **how)
-    (x, y), half, (rows, cols) = scene.corner_m, 0.5 * scene.gsd_m, scene.window.shape
-    extent = (x - half, x + (cols - 0.5) * scene.gsd_m, y - (rows - 0.5) * scene.gsd_m, y + half)
-    return render_sphere_camera(scene.frame, scene.camera, scene.light, extent_m=extent, **how)
-
-
-def _expose_terrain(scene: Scene) -> Photograph:
-    request = scene.request
-    how: dict[str, Any] = {"model": scene.model, "accuracy": request.accuracy}
-    how |= {"plan": scene.plan, "albedo": request.albedo}
-    if not request.in_camera_plane:
-        return render_enu(scene.terrain, scene.light, scene.view, **how)
-    result = render_camera(scene.terrain, scene.camera, scene.light, **how)
-    if request.backdrop is None:
-        return result
-    panorama = request.environment.in_factors if request.environment else None
-    place = scene.terrain, scene.camera, risen(scene.terrain, scene.light)
-    whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
-    return replace(result, composite=whole)
 
 
 def _prepare_sphere(request: Request) -> SphereScene:

@@ -55,7 +55,7 @@ class Albedo(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Photograph:
+class Rendering:
     """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
     not lit), sunlit share of the Sun (0 or 1 of a point), visible as a mask (of a sphere's limb the
     share of a pixel), angles in degrees (NaN
@@ -86,7 +86,7 @@ def render_enu(
     disc: bool = False,
     plan: ScenePlan | None = None,
     albedo: Albedo | None = None,
-) -> Photograph:
+) -> Rendering:
     """The core window's nodes, float32.
 
     ``light``: a `Lighting`, or the direction (3,) to a lone Sun, which ``disc`` makes a disc. With
@@ -140,7 +140,7 @@ def render_enu(
     if albedo is not None:
         radiance *= albedo.at_nodes(terrain)
     height = field.z_m[row0:row1, col0:col1]
-    return Photograph(radiance, sunlit, seen, incidence, emission, phase, height_m=height)
+    return Rendering(radiance, sunlit, seen, incidence, emission, phase, height_m=height)
 
 
 def render_camera(
@@ -154,7 +154,7 @@ def render_camera(
     disc: bool = False,
     plan: ScenePlan | None = None,
     albedo: Albedo | None = None,
-) -> Photograph:
+) -> Rendering:
     """The camera's plane, one first hit a pixel, float64; ``light`` as in `render_enu`.
 
     Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
@@ -188,7 +188,7 @@ def render_camera(
     if albedo is not None:
         bands[0][seen] *= albedo.at_points(terrain, points[seen])
     position = terrain.frame.to_mcmf(points)
-    return Photograph(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
+    return Rendering(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
 
 
 def check_camera(terrain: Terrain, view: View) -> None:

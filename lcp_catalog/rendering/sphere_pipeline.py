@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, camera_view, looking_camera
-from ..constants import HIGHEST_M, MOON_RADIUS_M
+from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..errors import AreaError, CameraError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame, enu_rotation
+from ..light.solar_disc import SHARE_RMS
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
@@ -23,10 +25,10 @@ from ..terrain.terrain import NodeWindow, require_room
 from . import decisions
 from .decisions import Decision
 from .plan import ScenePlan
-from .renderer import Photograph
+from .renderer import Rendering
 from .request import Request
+from .scene import require_visible
 from .sphere_extent import Extent
-from .sphere_plan import sphere_plan
 from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
 
 _SAMPLES = 64
@@ -67,6 +69,21 @@ class SphereScene:
         """ENU direction to the first source."""
         return self.light.first.direction
 
+    def expose(self) -> Rendering:
+        """Render. CameraError if the camera sees nothing of the sphere or is below it, SunError if
+        nothing is lit.
+        """
+        camera = self.view.camera
+        how: dict[str, Any] = {"model": self.model, "albedo": self.request.albedo}
+        if self.request.in_camera_plane and camera is not None:
+            extent = self.extent_m
+            result = render_sphere_camera(self.frame, camera, self.light, extent_m=extent, **how)
+        else:
+            assert self.gsd_m is not None
+            place = self.frame, self.window, self.gsd_m
+            result = render_sphere_enu(*place, self.light, self.view, **how)
+        return require_visible(self, result)
+
 
 def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
     """Everything but the bands; ``gsd_m`` is the cell size where one is known (a DEM's own). Raises the
@@ -93,34 +110,10 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
     covered = _albedo_decision(albedo, frame, points, pixel_m) if albedo else None
     shift_px = _shift_px(points, towards, pixel_m)
     half_m = 0.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    plan = sphere_plan(light, choice, shift_px, half_m, covered)
+    plan = _plan(light, choice, shift_px, half_m, covered)
     files = tuple(albedo.files) if albedo else ()
     files += (choice.model.file,) if choice.model.file else ()
     return SphereScene(request, frame, light, choice.model, view, plan, files, gsd_m, extent)
-
-
-def expose_sphere(scene: SphereScene) -> Photograph:
-    """Its bands; CameraError and SunError as `sphere_render` has them."""
-    request, camera = scene.request, scene.view.camera
-    if request.in_camera_plane and camera is not None:
-        return render_sphere_camera(
-            scene.frame,
-            camera,
-            scene.light,
-            model=scene.model,
-            albedo=request.albedo,
-            extent_m=scene.extent_m,
-        )
-    assert scene.gsd_m is not None
-    return render_sphere_enu(
-        scene.frame,
-        scene.window,
-        scene.gsd_m,
-        scene.light,
-        scene.view,
-        model=scene.model,
-        albedo=request.albedo,
-    )
 
 
 def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
@@ -240,3 +233,56 @@ def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
     """
     sine = np.linalg.norm(np.cross(points, towards), axis=-1) / MOON_RADIUS_M
     return float((HIGHEST_M * sine / pixel_m).max())
+
+
+def _plan(
+    light: Lighting, choice: Choice, shift_px: float, half_m: float, albedo: Decision | None
+) -> ScenePlan:
+    """``shift_px``: by how many pixels the Moon's highest ground would be shifted; ``half_m``: from
+    the middle of what is drawn to its farthest point.
+    """
+    return ScenePlan(
+        cast_shadows=_cast_shadows(),
+        occlusion=_occlusion(),
+        perspective=Decision(
+            decisions.PERSPECTIVE, True, "a direction a point", 0.0, decisions.PERSPECTIVE_UNIT
+        ),
+        solar_disc=_solar_disc(light),
+        relief=_relief(shift_px),
+        float_width=Decision("float width", True, "float64 throughout", 0.0, "rad of a normal"),
+        reflectance=decisions.reflectance(choice),
+        others=(_curvature(), *decisions.always(half_m)[1:], albedo or decisions.albedo()),
+    )
+
+
+def _curvature() -> Decision:
+    return Decision("curvature", True, "the surface is the sphere itself", 0.0, "m")
+
+
+def _cast_shadows() -> Decision:
+    reason = "the plain sphere: its own night side is dark, and relief casts no shadow"
+    return Decision("cast shadows", False, reason, None, "share of nodes")
+
+
+def _occlusion() -> Decision:
+    reason = "the plain sphere: what lies behind its limb is hidden, exactly; relief hides nothing"
+    return Decision("occlusion", False, reason, None, "share of nodes")
+
+
+def _solar_disc(light: Lighting) -> Decision:
+    effect, unit = "solar disc", "share of the disc"
+    if light.first.disc is None:
+        return Decision(effect, False, "a point Sun", 1.0, unit)
+    reason = "its share above each point's level horizon, and that part's cosine of incidence: closed forms"
+    return Decision(effect, True, reason, SHARE_RMS["reference"], unit)
+
+
+def _relief(shift_px: float) -> Decision:
+    reason = (
+        f"the plain sphere, as asked; the Moon's ground lies {LOWEST_M / 1e3:g} to "
+        f"{HIGHEST_M / 1e3:g} km off it"
+    )
+    if not math.isfinite(shift_px):
+        return Decision("relief", False, reason, None, "pixels")
+    reason += f", which shifts it by up to {shift_px:.2g} pixels"
+    return Decision("relief", False, reason, shift_px, "pixels")

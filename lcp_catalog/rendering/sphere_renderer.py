@@ -33,7 +33,7 @@ from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_f
 from ..terrain.terrain import NodeWindow
 from . import limb
 from .footprint_sampling import Map, seen_through
-from .renderer import Photograph
+from .renderer import Rendering
 from .sphere_extent import Extent
 
 _BLOCK_PIXELS = 1 << 18
@@ -60,7 +60,7 @@ def render_sphere_enu(
     *,
     model: Reflectance = DEFAULT_MODEL,
     albedo: Map | None = None,
-) -> Photograph:
+) -> Rendering:
     """The nodes of a window of the frame's plane, float32; NaN where the plane's vertical misses the
     sphere. ``light`` and ``view`` are in the frame's axes.
 
@@ -96,7 +96,7 @@ def render_sphere_enu(
             factor = _factors(albedo, normals[seen], sizes[0][seen], sizes[1][seen], leaning[seen])
             bands.radiance[seen] *= factor
         _put(out, block, there, bands, seen.astype(np.float32))
-    result = Photograph(**out, height_m=height)
+    result = Rendering(**out, height_m=height)
     _require_light(result, light)
     return result
 
@@ -109,7 +109,7 @@ def render_sphere_camera(
     model: Reflectance = DEFAULT_MODEL,
     albedo: Map | None = None,
     extent_m: Extent | None = None,
-) -> Photograph:
+) -> Rendering:
     """The camera's plane, float64. ``light`` is in the frame's axes; of an ``extent_m`` (west, east,
     south, north in its plane) nothing outside is drawn.
 
@@ -136,7 +136,7 @@ def render_sphere_camera(
         bands.radiance[...] *= share[there]
         position[block][there] = points[there]
         _put(out, block, there, bands, share[there])
-    result = Photograph(**out, position_mcmf_m=position)
+    result = Rendering(**out, position_mcmf_m=position)
     _require_light(result, light)
     return result
 
@@ -196,7 +196,7 @@ def require_above(name: str, height_m: float) -> None:
         )
 
 
-def _require_light(result: Photograph, light: Lighting) -> None:
+def _require_light(result: Rendering, light: Lighting) -> None:
     if (result.visible > 0).any() and not (result.radiance > 0).any():
         raise SunError(
             f"the {light.first.name} is below the horizon of all that is seen: nothing is lit; "

@@ -22,7 +22,7 @@ from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
 from ..images.image import Image
 from ..light.sun_choice import SunChoice
-from ..rendering.pipeline import Scene, prepare
+from ..rendering.pipeline import HeightfieldScene, prepare_terrain
 from ..rendering.renderer import render_camera
 from ..rendering.request import Request, ViewChoice
 from ..sun import ephemeris
@@ -56,7 +56,7 @@ class Ground(Protocol):
 class DemGround:
     """The ground of a DEM, as far as a camera and a ring around what it sees need it."""
 
-    scene: Scene
+    scene: HeightfieldScene
     sun_position_mcmf_m: Array
 
     @classmethod
@@ -67,8 +67,9 @@ class DemGround:
         if request.view.camera is None:
             raise CameraError("a frame is taken by a camera; the request has none")
         wide = ViewChoice(grown(request.view.camera, margin_px))
-        scene = prepare(replace(request, view=wide, in_camera_plane=True, surface="heightfield"))
-        assert isinstance(scene, Scene)
+        scene = prepare_terrain(
+            replace(request, view=wide, in_camera_plane=True, surface="heightfield")
+        )
         place = sun_position(request.sun, scene.frame, request.view.camera)
         return cls(scene, place)
 

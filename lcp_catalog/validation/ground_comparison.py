@@ -28,7 +28,7 @@ from ..light.sun_choice import SunChoice
 from ..matching.templates import nodes_mcmf
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
-from ..rendering.pipeline import Scene, expose, prepare
+from ..rendering.pipeline import prepare_terrain
 from ..rendering.renderer import render_enu
 from ..rendering.request import Request, ViewChoice
 from ..terrain.heightfield import Heightfield
@@ -91,15 +91,13 @@ def against_dem(
     The DEM's own posting tells what it resolves. Cells finer than the posting are rendered at their own size.
     """
     request = dem_request(photo, dem_paths, model, accuracy, albedo)
-    scene = prepare(request)
-    assert isinstance(scene, Scene)
+    scene = prepare_terrain(request)
     resolution = of_terrain(scene.terrain)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
     cell_m = rendered_cell_m(scene.gsd_m, target_m)
     if cell_m != scene.gsd_m:
-        scene = prepare(replace(request, gsd_m=cell_m))
-        assert isinstance(scene, Scene)
-    shot = expose(scene)
+        scene = prepare_terrain(replace(request, gsd_m=cell_m))
+    shot = scene.expose()
     nodes = terrain_nodes(scene.terrain)
     ortho = orthorectify(photo, nodes, shot.visible)
     how = {"target_m": target_m, "dem_fwhm_m": resolution.point_spread_m}

@@ -19,7 +19,7 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.build.run import Build, build_catalog
+from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
@@ -47,7 +47,7 @@ def plan() -> Build:
 @pytest.fixture(scope="module")
 def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("build") / "small.h5"
-    build_catalog(plan, output)
+    run_build(plan, output)
     return output
 
 
@@ -169,7 +169,7 @@ def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
 
 
 def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: Path) -> None:
-    build_catalog(plan, tmp_path / "two.h5", jobs=2)
+    run_build(plan, tmp_path / "two.h5", jobs=2)
     assert (tmp_path / "two.h5").read_bytes() == built.read_bytes()
 
 
@@ -189,7 +189,7 @@ def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> 
 def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_path: Path) -> None:
     path = tmp_path / "again.toml"
     path.write_text(catalog.config)
-    build_catalog(Build.plan((DEM,), BuildConfig.from_toml(path)), tmp_path / "again.h5")
+    build_catalog([str(DEM)], BuildConfig.from_toml(path), str(tmp_path / "again.h5"))
     np.testing.assert_array_equal(open_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
 
 
@@ -206,7 +206,7 @@ def test_a_broken_run_is_resumed(
 
     monkeypatch.setattr(run, "run_area", fails_at_the_end)
     with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
-        build_catalog(plan, output)
+        run_build(plan, output)
     assert not output.exists()
     kept = sorted(output.with_name("broken.h5.parts").glob("*.npz"))
     assert len(kept) == len(plan.jobs) - 1
@@ -218,7 +218,7 @@ def test_a_broken_run_is_resumed(
         return run_area(job)  # type: ignore[arg-type]
 
     monkeypatch.setattr(run, "run_area", counts)
-    build_catalog(plan, output, resume=True)
+    run_build(plan, output, resume=True)
     assert done == [victim]
     assert output.read_bytes() == built.read_bytes()
 
@@ -234,7 +234,7 @@ def test_keep_going_writes_what_there_is(
         return run_area(job)  # type: ignore[arg-type]
 
     monkeypatch.setattr(run, "run_area", fails_first)
-    report = build_catalog(plan, tmp_path / "partly.h5", keep_going=True)
+    report = run_build(plan, tmp_path / "partly.h5", keep_going=True)
     assert list(report.failed) == [victim]
     assert verify(tmp_path / "partly.h5") == []
 
@@ -245,8 +245,8 @@ def test_shards_of_another_run_are_not_mixed_in(plan: Build, built: Path, tmp_pa
     parts.mkdir()
     (parts / "run.json").write_text('{"fingerprint": "another"}')
     with pytest.raises(OutputExistsError, match="another configuration"):
-        build_catalog(plan, output, resume=True)
-    build_catalog(plan, output)
+        run_build(plan, output, resume=True)
+    run_build(plan, output)
     assert output.read_bytes() == built.read_bytes()
 
 
@@ -254,5 +254,5 @@ def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Pa
     output = tmp_path / "mine.h5"
     shutil.copy(built, output)
     with pytest.raises(OutputExistsError, match="--overwrite"):
-        build_catalog(plan, output)
+        run_build(plan, output)
     assert not output.with_name("mine.h5.parts").exists()

@@ -26,7 +26,7 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.build.run import Build, build_catalog
+from lcp_catalog.build.run import Build, run_build
 from lcp_catalog.catalog import summary
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.catalog.report import render_report
@@ -90,7 +90,7 @@ def built(
 ) -> tuple[Build, Path]:
     plan = Build.plan((ball,), spotted)
     output = tmp_path_factory.mktemp("build") / "spots.h5"
-    build_catalog(plan, output)
+    run_build(plan, output)
     return plan, output
 
 
@@ -103,7 +103,7 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
     """Corners, localisation and uniqueness are those of the images with albedo; level ground has none of its own."""
     assert len(catalog) >= 4
     plan = Build.plan((ball,), CONFIG)
-    build_catalog(plan, tmp_path / "bare.h5")
+    run_build(plan, tmp_path / "bare.h5")
     assert len(open_catalog(tmp_path / "bare.h5")) == 0
     assert (catalog.shadow_dependence == 0.0).all()
     assert (catalog.occlusion_dependence == 0.0).all()
@@ -181,7 +181,7 @@ def test_the_file_says_where_it_comes_from(built: tuple[Build, Path], catalog: C
 @pytest.mark.slow  # starts processes; test_build has one without a map in the fast suite
 def test_two_processes_give_the_same_bytes(built: tuple[Build, Path], tmp_path: Path) -> None:
     plan, path = built
-    build_catalog(plan, tmp_path / "two.h5", jobs=2)
+    run_build(plan, tmp_path / "two.h5", jobs=2)
     assert (tmp_path / "two.h5").read_bytes() == path.read_bytes()
 
 
@@ -198,9 +198,9 @@ def test_a_broken_run_gives_the_same_bytes(
 
     monkeypatch.setattr(run, "run_area", fails)
     with pytest.raises(AreaFailedError):
-        build_catalog(plan, tmp_path / "again.h5")
+        run_build(plan, tmp_path / "again.h5")
     monkeypatch.undo()
-    build_catalog(plan, tmp_path / "again.h5", resume=True)
+    run_build(plan, tmp_path / "again.h5", resume=True)
     assert (tmp_path / "again.h5").read_bytes() == path.read_bytes()
 
 

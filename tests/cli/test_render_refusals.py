@@ -91,12 +91,14 @@ def test_a_camera_without_a_sun_is_a_usage_error(dem, tmp_path, out, capsys):
     assert run(["render", dem, "-o", str(out), "--camera", camera]) == 0
 
 
-@pytest.mark.parametrize(("room", "broken"), [(output, "encode"), (pipeline, "expose")])
-def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, room, broken):
+@pytest.mark.parametrize(
+    ("owner", "broken"), [(output, "encode"), (pipeline.HeightfieldScene, "expose")]
+)
+def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, owner, broken):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(room, broken, interrupt)
+    monkeypatch.setattr(owner, broken, interrupt)
     target = str(tmp_path / "OUT.tif")
     assert run(["render", dem, "-o", target, *AREA, *SUN]) == 130
     assert os.listdir(tmp_path) == []

@@ -24,8 +24,8 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import Scene, expose, prepare
-from lcp_catalog.rendering.renderer import Photograph
+from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
+from lcp_catalog.rendering.renderer import Rendering
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.terrain.terrain import Area
@@ -80,7 +80,7 @@ class Frame:
     """A photograph on a grid, and the scene that a render of it needs."""
 
     name: str
-    scene: Scene
+    scene: HeightfieldScene
     image: np.ndarray  # (rows, cols), smoothed
     compared: np.ndarray  # (rows, cols) bool
     places: np.ndarray | None  # (2, rows, cols) column and row among the nodes; None: at the nodes
@@ -97,7 +97,7 @@ class Frame:
         """Radiance factor at the core's nodes, 0 where not seen."""
         if model in YARDSTICKS:
             return self._yardstick(YARDSTICKS[model])
-        shot = expose(replace(self.scene, model=reflectance_model(model)))
+        shot = replace(self.scene, model=reflectance_model(model)).expose()
         return np.nan_to_num(shot.radiance).astype(np.float64)
 
     def _yardstick(self, law: Law) -> np.ndarray:
@@ -109,9 +109,9 @@ class Frame:
         return np.where(lit, law(mu0, mu, g) * shot.sunlit, 0.0)
 
     @functools.cached_property
-    def shot(self) -> Photograph:
+    def shot(self) -> Rendering:
         """The scene, rendered as the product chooses."""
-        return expose(self.scene)
+        return self.scene.expose()
 
     def on_grid(self, nodes: np.ndarray) -> np.ndarray:
         """Values of the core's nodes on the photograph's grid, smoothed as it is."""
@@ -220,7 +220,7 @@ def series_frame(
     border = np.array([-1, -1, 1, 1]) * _BORDER_DEG
     camera = series_camera(folder / "meta", key)
     area = Area.from_bounds(*(np.array(box) + border))
-    scene = prepare(Request([dem], area=area, gsd_m=GSD_M, view=ViewChoice(camera)))
+    scene = prepare_terrain(Request([dem], area=area, gsd_m=GSD_M, view=ViewChoice(camera)))
     compared = image > 0
     return Frame(
         key,
@@ -249,7 +249,9 @@ def _table(path: Path) -> dict[str, np.ndarray]:
     return {row[0]: 1e3 * np.array(row[1:], dtype=float) for row in rows if len(row) == 4}
 
 
-def _places(scene: Scene, dem: Path, lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
+def _places(
+    scene: HeightfieldScene, dem: Path, lon_deg: np.ndarray, lat_deg: np.ndarray
+) -> np.ndarray:
     """Column and row among the core's nodes of the ground at longitudes and latitudes."""
     height = np.asarray(DemSet.open([dem]).heights(lon_deg, lat_deg, GSD_M)[0], dtype=float)
     height = np.nan_to_num(height)[..., None]
@@ -281,7 +283,7 @@ def framed(shared: Path, key: str, fwhm: float = FWHM) -> Frame:
     name, dem = FRAMED[key]
     folder = shared / "images" / name
     camera = read_camera(folder / f"{key}_camera.json")
-    scene = prepare(Request([folder / dem], gsd_m=GSD_M, view=ViewChoice(camera)))
+    scene = prepare_terrain(Request([folder / dem], gsd_m=GSD_M, view=ViewChoice(camera)))
     photo = _photo(folder, key)
     if fwhm > 0.0:
         pixel_m = np.linalg.norm(camera.position_mcmf_m) - MOON_RADIUS_M
@@ -292,7 +294,7 @@ def framed(shared: Path, key: str, fwhm: float = FWHM) -> Frame:
     width, height = camera.image_size_px
     inside = (column >= MARGIN_PX) & (column <= width - 1 - MARGIN_PX)
     inside &= (row >= MARGIN_PX) & (row <= height - 1 - MARGIN_PX)
-    return Frame(key, scene, image, inside & expose(scene).visible, None, fwhm)
+    return Frame(key, scene, image, inside & scene.expose().visible, None, fwhm)
 
 
 def _photo(folder: Path, key: str) -> np.ndarray:

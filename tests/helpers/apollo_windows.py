@@ -19,8 +19,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.albedo_raster import decode_srgb
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import Scene, expose, prepare
-from lcp_catalog.rendering.renderer import Photograph, render_enu
+from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
+from lcp_catalog.rendering.renderer import Rendering, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.validation.dem_resolution import Resolution, of_terrain
 from lcp_catalog.validation.ground_comparison import rendered_cell_m
@@ -71,11 +71,10 @@ class Ground:
         return replace(self, gsd_m=cell_m, resolves=self.resolution)
 
     @functools.cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> HeightfieldScene:
         view = ViewChoice(read_camera(self.camera))
         model = reflectance_model(LAW)
-        scene = prepare(Request([self.dem], gsd_m=self.gsd_m, view=view, model=model))
-        assert isinstance(scene, Scene)
+        scene = prepare_terrain(Request([self.dem], gsd_m=self.gsd_m, view=view, model=model))
         return scene
 
     @functools.cached_property
@@ -88,8 +87,8 @@ class Ground:
         return AlbedoMap.open(self.albedo, "linear").at_nodes(self.scene.terrain)
 
     @functools.cached_property
-    def shot(self) -> Photograph:
-        return expose(self.scene)
+    def shot(self) -> Rendering:
+        return self.scene.expose()
 
     def ortho(self, encoding: str) -> Ortho:
         if encoding not in self._seen:
@@ -111,7 +110,7 @@ class Ground:
             how = {"model": reflectance_model(law), "shadows": False}
             values = render_enu(scene.terrain, scene.light, scene.view, **how).radiance
         else:
-            values = expose(replace(self.scene, model=reflectance_model(law))).radiance
+            values = replace(self.scene, model=reflectance_model(law)).expose().radiance
         return values * self.factor if albedo else np.asarray(values)
 
     def _yardstick(self, law: str) -> np.ndarray:

@@ -27,7 +27,7 @@ from helpers.synthetic import cratered
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.rendering.output import encode
-from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.pipeline import prepare
 from lcp_catalog.rendering.request import Request
 from lcp_catalog.terrain.terrain import Area
 
@@ -175,7 +175,7 @@ def render(
         disc=False,
     )
     scene = prepare(request)
-    return Product.read(encode(scene, expose(scene)))
+    return Product.read(encode(scene, scene.expose()))
 
 
 def judge(product: Product, mesh: Mesh, place: Place, azimuth_deg: float, elevation_deg: float):

@@ -18,7 +18,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import Scene, expose, prepare
+from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.rasters import geotiff
 from lcp_catalog.rendering.request import Request
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
@@ -38,15 +38,15 @@ BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,6
 class Ground:
     """The DTM, as it came or smoothed, rendered: radiance (rows, cols) and where its nodes lie."""
 
-    scene: Scene
+    scene: HeightfieldScene
     radiance: np.ndarray
     nodes: np.ndarray
 
     @classmethod
     def of(cls, dem: Path, sun: SunChoice, model: str = "lunar-lambert") -> Ground:
         request = Request([dem], sun=sun, gsd_m=GSD_M, model=reflectance_model(model))
-        scene = prepare(request)
-        return cls(scene, expose(scene).radiance, terrain_nodes(scene.terrain))
+        scene = prepare_terrain(request)
+        return cls(scene, scene.expose().radiance, terrain_nodes(scene.terrain))
 
 
 def dtm(folder: Path) -> tuple[np.ndarray, rasterio.CRS, rasterio.Affine]:

@@ -18,7 +18,7 @@ import rasterio
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
-from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
@@ -61,7 +61,7 @@ def correlation(a, b):
 
 @pytest.fixture(scope="module")
 def scene():
-    return prepare(Request([DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA))))
+    return prepare_terrain(Request([DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA))))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def ground(scene, smooth):
     nodes = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
     column, row = np.moveaxis(camera.project(nodes).astype(np.float32), -1, 0)
     photo = cv2.remap(smooth, column, row, cv2.INTER_CUBIC).astype(np.float64)
-    render = expose(scene)
+    render = scene.expose()
     width, height = camera.image_size_px
     inside = (column >= MARGIN_PX) & (column <= width - 1 - MARGIN_PX)
     inside &= (row >= MARGIN_PX) & (row <= height - 1 - MARGIN_PX)
@@ -146,7 +146,7 @@ def test_the_cameras_plane_is_the_photographs(smooth):
     request = Request(
         [DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)), in_camera_plane=True
     )
-    render = expose(prepare(request))
+    render = prepare_terrain(request).expose()
     compared = np.zeros(smooth.shape, bool)
     compared[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = True
     assert render.visible[compared].all()

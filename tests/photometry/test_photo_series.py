@@ -15,7 +15,6 @@ from helpers import apollo_frames as apollo
 
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import expose
 
 CARRIED = ("lunar-lambert", "hapke", "lommel-seeliger:rolo")
 """Laws with a published phase function."""
@@ -170,8 +169,8 @@ def test_the_map_in_a_request_is_the_factor_here(photographs: Path, albedo: Albe
     """The tables multiply; `lcp render --albedo` does the same."""
     scene = apollo.series_frame(photographs, FEW[0]).scene
     scene = replace(scene, model=reflectance_model("hapke"))
-    mapped = expose(replace(scene, request=replace(scene.request, albedo=albedo))).radiance
-    by_hand = expose(scene).radiance * albedo.at_nodes(scene.terrain)
+    mapped = replace(scene, request=replace(scene.request, albedo=albedo)).expose().radiance
+    by_hand = scene.expose().radiance * albedo.at_nodes(scene.terrain)
     np.testing.assert_allclose(mapped, by_hand, rtol=1e-6)
     assert np.nanstd(mapped) > 0.0
 

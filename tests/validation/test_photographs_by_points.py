@@ -10,11 +10,11 @@ import pytest
 import rasterio
 
 from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.run import Build, build_catalog
+from lcp_catalog.build.run import build_catalog
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.catalog.schema import USABLE
-from lcp_catalog.rendering.pipeline import expose, prepare
+from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.terrain.terrain import Area
@@ -39,14 +39,15 @@ def test_usable_points_look_like_the_photograph(tmp_path: Path) -> None:
 
     Render and photograph are smoothed to the photograph's pixel. Nothing is fitted here; the camera was fitted to this DEM.
     """
-    build_catalog(
-        Build.plan((DEM,), BuildConfig.from_toml(SAMPLE / "hadley.toml")), tmp_path / "c.h5", jobs=2
-    )
+    config = BuildConfig.from_toml(SAMPLE / "hadley.toml")
+    build_catalog([DEM], config, tmp_path / "c.h5", jobs=2)
     catalog = open_catalog(tmp_path / "c.h5")
     assert len(catalog.point_id) >= 100
     camera = read_camera(SAMPLE / "AS15-M-0414_camera.json")
-    scene = prepare(Request([DEM], area=Area(3.5, 26.0, 158.0), view=ViewChoice(camera=camera)))
-    shot = expose(scene)
+    scene = prepare_terrain(
+        Request([DEM], area=Area(3.5, 26.0, 158.0), view=ViewChoice(camera=camera))
+    )
+    shot = scene.expose()
     field, (row0, _, col0, _) = scene.terrain.field, scene.terrain.core
     pixels = camera.project(scene.terrain.frame.to_mcmf(nodes_enu(field, scene.terrain.core)))
     with rasterio.open(SAMPLE / "AS15-M-0414.png") as file:
