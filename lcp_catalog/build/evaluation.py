@@ -12,8 +12,9 @@ from ..accuracy import TIERS
 from ..arrays import Float32
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
-from ..landmarks.independence import dependence, gather_patches
+from ..landmarks.independence import dependence
 from ..landmarks.localization import coarsest_scale, lit_share, localization
+from ..landmarks.patches import gather_patches
 from ..landmarks.uniqueness import (
     effective_samples,
     expected_correlation,

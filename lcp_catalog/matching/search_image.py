@@ -13,6 +13,7 @@ from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Reduced, Sensor
 from ..images.image import Image
 from ..landmarks.corners import fill_missing
+from ..landmarks.patches import halved
 
 _FILL_PX = 33
 """Missing pixels hold the mean of the valid ones around them, this far at first."""
@@ -49,11 +50,11 @@ class SearchImage:
     @cached_property
     def half(self) -> Float32:
         """Means of 2 x 2 pixels; an odd last row or column left out."""
-        return _halved(self.fine)
+        return halved(self.fine)
 
     @cached_property
     def half_weight(self) -> Float32:
-        return _halved(self.weight)
+        return halved(self.weight)
 
     def is_saturated(self, middle: Index, shape: tuple[int, int]) -> NDArray[np.bool_]:
         """Whether most of what does not count around pixels (n, 2) is a signal that is too strong, rather than none."""
@@ -65,12 +66,6 @@ class SearchImage:
             box = np.s_[max(row - high, 0) : row + high + 1, max(col - wide, 0) : col + wide + 1]
             out[k] = bright[box].sum() > 0.5 * lost[box].sum()
         return out
-
-
-def _halved(values: Float32) -> Float32:
-    rows, cols = (n // 2 for n in values.shape)
-    blocks = values[: 2 * rows, : 2 * cols].reshape(rows, 2, cols, 2)
-    return np.ascontiguousarray(blocks.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)
 
 
 def reduction(sensor: Sensor) -> int:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.landmarks.independence import dependence, gather_patches
+from lcp_catalog.landmarks.independence import dependence
+from lcp_catalog.landmarks.patches import gather_patches
 
 
 @given(st.integers(-9, 30), st.integers(-9, 35), st.integers(0, 6))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.landmarks.independence import gather_patches
+from lcp_catalog.landmarks.patches import gather_patches
 from lcp_catalog.landmarks.uniqueness import (
     effective_samples,
     expected_correlation,
@@ -287,7 +287,7 @@ def test_a_high_level_costs_no_digits():
     np.testing.assert_allclose(low, high, atol=1e-3)
 
 
-def test_the_edge_of_a_refined_box_is_no_maximum():
+def test_an_ascent_that_ends_inside_the_exclusion_is_no_second_peak():
     image = field(13, (300, 300), smooth=4.0)
     rows, cols = np.random.default_rng(1).integers(60, 240, size=(2, 150))
     exact, quick = (second_peak(image, rows, cols, HALF, SEARCH, 4.0, e) for e in (True, False))

@@ -44,7 +44,7 @@ def test_correlations_are_the_masked_normalised_ones(seed, rows, cols, level):
     template = np.empty(values.shape, np.float32)
     count = correlation.centred(values, mask, template)
     ones = np.ones(image.shape, np.float32)
-    score, real = correlation.correlations(image, ones, template, mask, count, 3, 4, 7, 6, 0.7)
+    score, real, _ = correlation.correlations(image, ones, template, mask, count, 3, 4, 7, 6, 0.7)
     expected = [
         [brute_correlation(image[r : r + rows, c : c + cols], values, mask) for c in range(4, 10)]
         for r in range(3, 10)
@@ -60,7 +60,7 @@ def test_correlations_are_those_of_opencv(photo):
     whole = np.ones(values.shape, bool)
     count = correlation.centred(values, whole, template)
     ones = np.ones(image.fine.shape, np.float32)
-    score, _ = correlation.correlations(
+    score, _, _ = correlation.correlations(
         image.fine, ones, template, whole, count, 60, 50, 81, 81, 0.7
     )
     expected = cv2.matchTemplate(image.fine[60:161, 50:149], values, cv2.TM_CCOEFF_NORMED)
@@ -75,7 +75,9 @@ def test_places_with_too_little_that_is_real_are_not_looked_at():
     values, mask = rng.standard_normal((5, 5)).astype(np.float32), np.ones((5, 5), bool)
     template = np.empty((5, 5), np.float32)
     count = correlation.centred(values, mask, template)
-    score, real = correlation.correlations(image, weight, template, mask, count, 0, 0, 16, 16, 0.7)
+    score, real, _ = correlation.correlations(
+        image, weight, template, mask, count, 0, 0, 16, 16, 0.7
+    )
     # of 5 columns 0.7 are 3.5: from column 7 on four of them are real
     assert (score[:, :7] == correlation.NOWHERE).all()
     assert (score[:, 7:] >= -1.0).all()

@@ -168,13 +168,16 @@ def test_uphill_goes_step_by_step_to_the_top_and_not_beyond_its_limits() -> None
     ones = np.ones(image.shape, np.float32)
     for limits, end in (((0, 33, 0, 43), (16, 23)), ((18, 33, 0, 43), (18, 23)), ((0, 14, 25, 43), (14, 25))):  # fmt: skip
         start = (min(max(20, limits[0]), limits[1]), 28)
-        row, col, best = search._climb(image, ones, template, mask, count, *start, limits, 0.7)
+        row, col, best, is_maximum = search._climb(
+            image, ones, template, mask, count, 0.0, *start, limits, 0.7
+        )
+        assert is_maximum
         assert (row, col) == end
         assert best == pytest.approx(correlation_at(image, values, mask, *end), abs=1e-5)
     # the window at the far corner of the image is still one, and the next is none
-    assert search._at(image, ones, template, mask, count, 33, 43, 0.7) > -1.5
+    assert search._at(image, ones, template, mask, count, 0.0, 33, 43, 0.7) > -1.5
     for row, col in ((34, 43), (33, 44), (-1, 0), (0, -1)):
-        assert search._at(image, ones, template, mask, count, row, col, 0.7) == -2.0
+        assert search._at(image, ones, template, mask, count, 0.0, row, col, 0.7) == -2.0
 
 
 @pytest.mark.parametrize(("gone", "looked_at"), [(7, True), (8, False)])
@@ -186,8 +189,21 @@ def test_uphill_a_place_with_too_little_that_is_real_is_none(gone: int, looked_a
     values, mask = image[10:26, 20:36].copy(), np.ones((16, 16), bool)
     template = np.empty(values.shape, np.float32)
     count = correlation.centred(values, mask, template)
-    found = search._at(image, weight, template, mask, count, 10, 20, 0.53)
+    found = search._at(image, weight, template, mask, count, 0.0, 10, 20, 0.53)
     assert found == (pytest.approx(1.0, abs=1e-5) if looked_at else -2.0)
+
+
+def test_a_window_of_little_contrast_correlates_zero_in_an_ascent_too() -> None:
+    """A window with a copy of the template, a thousand times fainter: 1, or 0 where its sum of squares counts as flat."""
+    image, _ = scene(4)
+    values, mask = image[10:26, 20:36].copy(), np.ones((16, 16), bool)
+    faint = np.full(image.shape, 2.0, np.float32)
+    faint[10:26, 20:36] += 1e-3 * values
+    ones, template = np.ones(image.shape, np.float32), np.empty(values.shape, np.float32)
+    count = correlation.centred(values, mask, template)
+    power = 256 * float(np.var(faint[10:26, 20:36].astype(np.float64)))
+    for flat, wanted in ((0.9 * power, pytest.approx(1.0, abs=1e-4)), (1.1 * power, 0.0)):
+        assert search._at(faint, ones, template, mask, count, flat, 10, 20, 0.7) == wanted
 
 
 # -- correlation
@@ -216,7 +232,7 @@ def test_little_contrast_is_contrast(contrast: float) -> None:
     template = np.empty(values.shape, np.float32)
     assert correlation.centred(values, mask, template) == 64
     ones = np.ones(image.shape, np.float32)
-    score, _ = correlation.correlations(
+    score, _, _ = correlation.correlations(
         image.astype(np.float32), ones, template, mask, 64, 0, 0, 13, 33, 0.7
     )
     assert score[6, 5] == pytest.approx(1.0, abs=1e-3)
@@ -231,7 +247,7 @@ def test_flat_ground_correlates_with_nothing() -> None:
     template = np.empty(values.shape, np.float32)
     assert correlation.centred(values, mask, template) == 49
     ones = np.ones(image.shape, np.float32)
-    score, _ = correlation.correlations(image, ones, template, mask, 49, 0, 0, 24, 54, 0.7)
+    score, _, _ = correlation.correlations(image, ones, template, mask, 49, 0, 0, 24, 54, 0.7)
     assert (score[:, :24] == 0.0).all()
     assert correlation.centred(np.full((7, 7), 0.1, np.float32), mask, template) == 0
 
@@ -244,7 +260,7 @@ def test_just_enough_that_is_real_is_enough() -> None:
     values, mask = rng.standard_normal((4, 4)).astype(np.float32), np.ones((4, 4), bool)
     template = np.empty(values.shape, np.float32)
     correlation.centred(values, mask, template)
-    score, _ = correlation.correlations(image, weight, template, mask, 16, 0, 0, 5, 17, 0.5)
+    score, _, _ = correlation.correlations(image, weight, template, mask, 16, 0, 0, 5, 17, 0.5)
     assert (score[:, :6] == correlation.NOWHERE).all()
     assert (score[:, 6:] >= -1.0).all()
 

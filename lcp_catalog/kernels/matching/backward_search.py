@@ -83,7 +83,7 @@ def _seek_back(values, mask, image, weight, row0, col0, inner, reach, least_real
     _filled(values, mask, share, whole)
     y0, y1 = max(0, cut_r - reach), min(high - rows, cut_r + reach)
     x0, x1 = max(0, cut_c - reach), min(wide - cols, cut_c + reach)
-    score, _ = correlations(
+    score, _, _ = correlations(
         whole, share, chip, known, count, y0, x0, y1 - y0 + 1, x1 - x0 + 1, least_real
     )
     down, right, out[2] = _summit(score)

@@ -11,7 +11,7 @@ from numba import njit, prange
 
 NOWHERE = np.float32(-2.0)
 """What stands in a map where a template was not looked at."""
-_FLAT = 1e-6
+FLAT = 1e-6
 """A window whose variance is below this share of its region's correlates with nothing."""
 
 
@@ -146,12 +146,13 @@ def _add_row(mask, one, two, real, gaps, first, second, known):
 @njit(cache=True, nogil=True, error_model="numpy")
 def correlations(image, weight, template, mask, count, row, col, ny, nx, least_real):
     """Correlations (ny, nx) of a template (rows, cols; `centred`, ``count`` pixels of mask) with the windows from (row, col) on;
-    `NOWHERE` where less than ``least_real`` of what is under the mask is real. And the highest such share.
+    `NOWHERE` where less than ``least_real`` of the pixels under the mask are valid. Also the highest such share, and the
+    variance of the image over all these windows.
     """
     rows, cols = template.shape
     region, variance = _region(image, row, col, ny + rows - 1, nx + cols - 1)
     share = weight[row : row + ny + rows - 1, col : col + nx + cols - 1]
-    flat = _FLAT * variance * count
+    flat = FLAT * variance * count
     one, two, real, gaps = _prefixes(region, share)
     out = np.empty((ny, nx), np.float32)
     best_real = 0.0 if gaps else 1.0
@@ -169,7 +170,7 @@ def correlations(image, weight, template, mask, count, row, col, ny, nx, least_r
             best_real = max(best_real, known[x] / count)
             here = sums[x] / math.sqrt(spread) if spread > flat else 0.0
             out[y, x] = np.float32(here) if known[x] >= least_real * count else NOWHERE
-    return out, best_real
+    return out, best_real, variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -190,7 +191,7 @@ def maps(image, weight, values, masks, origins, reach, least_real, out):
         ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
         if count == 0 or ny <= 0 or nx <= 0:
             continue
-        score, _ = correlations(
+        score, _, _ = correlations(
             image, weight, template, mask, count, limits[0], limits[2], ny, nx, least_real
         )
         top, left = limits[0] - row + reach, limits[2] - col + reach

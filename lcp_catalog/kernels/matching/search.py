@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from .correlation import bounds, centred, correlations, window
+from .correlation import FLAT, NOWHERE, bounds, centred, correlations, window
 
 NUMBERS = 6
 """What is said of each template: offset right and down, correlation, highest other peak (NaN: none), share of the search area
@@ -20,6 +20,10 @@ PEAKS = 6
 """Peaks at half resolution, at most, that are climbed at full resolution."""
 _SLACK = 0.15
 """Peaks at half resolution that are lower by more than this than what the highest of them came to at full resolution are left."""
+_STEPS = 8
+"""Steps of an ascent at full resolution, at most."""
+_MARGIN = 3.0
+"""Pixels by which a peak at half resolution may lie nearer than the exclusion."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -45,11 +49,14 @@ def _halved(values, mask, row_odd, col_odd):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _at(image, weight, template, mask, count, row, col, least_real):
-    """Correlation of a template with one window; -2 where it is not in the image or too little is real."""
+def _at(image, weight, template, mask, count, flat, row, col, least_real):
+    """Correlation of a template with one window; `NOWHERE` if the window leaves the image or too few of its pixels are valid.
+
+    A window whose sum of squares is not above ``flat`` correlates 0.
+    """
     rows, cols = template.shape
     if row < 0 or col < 0 or row + rows > image.shape[0] or col + cols > image.shape[1]:
-        return -2.0
+        return NOWHERE
     origin = np.float64(image[row, col])
     both = first = second = real = 0.0
     for i in range(rows):
@@ -61,20 +68,25 @@ def _at(image, weight, template, mask, count, row, col, least_real):
             second += x * x
             real += weight[row + i, col + j] if mask[i, j] else 0.0
     if real < least_real * count:
-        return -2.0
+        return NOWHERE
     variance = second - first * first / count
-    return both / math.sqrt(variance) if variance > 1e-12 * second else 0.0
+    return both / math.sqrt(variance) if variance > max(flat, 1e-12 * second) else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(score, places, heights):
-    """The highest maxima (3 x 3) of a map, into places (k, 2) row and column and heights (k,), best first; how many."""
+def _peaks(score, lowest, row, col, exclusion, places, heights):
+    """Insert the highest maxima (3 x 3) of a map above ``lowest`` into places (k, 2; row and column) and heights (k,), best
+    first. Return their number. Places within ``exclusion`` (negative: none) of (row, col) are left out.
+    """
     ny, nx = score.shape
     found, size = 0, heights.size
+    near = exclusion * exclusion if exclusion >= 0.0 else -1.0
     for y in range(ny):
         for x in range(nx):
             here = score[y, x]
-            if here <= 0.0 or (found == size and here <= heights[size - 1]):
+            if here <= lowest or (found == size and here <= heights[size - 1]):
+                continue
+            if (y - row) ** 2 + (x - col) ** 2 <= near:
                 continue
             top = True
             for i in range(max(0, y - 1), min(ny, y + 2)):
@@ -97,29 +109,34 @@ def _peaks(score, places, heights):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _climb(image, weight, template, mask, count, row, col, limits, least_real):
-    """Uphill from (row, col), one pixel at a time within limits (first and last row and column): where it ends and how high."""
-    best = _at(image, weight, template, mask, count, row, col, least_real)
-    for _ in range(8):
+def _climb(image, weight, template, mask, count, flat, row, col, limits, least_real):
+    """Steepest ascent from (row, col), one pixel a step, within limits (first and last row and column).
+
+    Return the last place, its correlation, and True if it is a maximum.
+    """
+    best = _at(image, weight, template, mask, count, flat, row, col, least_real)
+    old_row, old_col = row - 9, col - 9
+    for _ in range(_STEPS):
         up, left = row, col
         for i in range(-1, 2):
             for j in range(-1, 2):
                 r, c = row + i, col + j
                 if (
-                    (i == 0 and j == 0)
+                    (abs(r - old_row) <= 1 and abs(c - old_col) <= 1)  # compared a step before
+                    or (i == 0 and j == 0)
                     or r < limits[0]
                     or r > limits[1]
                     or c < limits[2]
                     or c > limits[3]
                 ):
                     continue
-                here = _at(image, weight, template, mask, count, r, c, least_real)
+                here = _at(image, weight, template, mask, count, flat, r, c, least_real)
                 if here > best:
                     best, up, left = here, r, c
         if up == row and left == col:
-            break
-        row, col = up, left
-    return row, col, best
+            return row, col, best, True
+        old_row, old_col, row, col = row, col, up, left
+    return row, col, best, False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -133,6 +150,54 @@ def _choose(rows, cols, heights, exclusion, row, col, out):
     for k in range(heights.size):
         if math.hypot(rows[k] - rows[best], cols[k] - cols[best]) > exclusion and heights[k] > -1.0:
             out[3] = heights[k] if math.isnan(out[3]) else max(out[3], heights[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _maxima(
+    fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
+    least_real, coarse, lowest, exclusion, places, heights,
+):  # fmt: skip
+    """The highest maxima of a template's correlation within limits, into places (k, 2; row and column) and heights (k,).
+
+    Return their number and the highest share of valid pixels under the mask. ``exclusion`` (negative: none): places no farther
+    than this from (row, col) do not count, nor do ascents that end there or before a maximum.
+    """
+    if not coarse:
+        score, real, _ = correlations(
+            fine, fine_weight, template, mask, count, limits[0], limits[2],
+            limits[1] - limits[0] + 1, limits[3] - limits[2] + 1, least_real,
+        )  # fmt: skip
+        found = _peaks(score, lowest, row - limits[0], col - limits[2], exclusion, places, heights)
+        for k in range(found):
+            places[k, 0], places[k, 1] = places[k, 0] + limits[0], places[k, 1] + limits[2]
+        return found, real
+    row_odd, col_odd = row % 2, col % 2
+    small, inside = _halved(values, mask, row_odd, col_odd)
+    narrow = np.empty(small.shape, np.float32)
+    few = centred(small, inside, narrow)
+    top, left = (row - row_odd) // 2, (col - col_odd) // 2
+    box = window(half.shape, small.shape[0], small.shape[1], top, left, (reach + 1) // 2)
+    if few == 0 or box[1] < box[0] or box[3] < box[2]:
+        return 0, 0.0
+    score, real, variance = correlations(
+        half, half_weight, narrow, inside, few,
+        box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1, least_real,
+    )  # fmt: skip
+    away = max(0.5 * (exclusion - _MARGIN), 0.0) if exclusion >= 0.0 else -1.0
+    found = _peaks(score, lowest, top - box[0], left - box[2], away, places, heights)
+    kept, flat = 0, FLAT * variance * count
+    for k in range(found):
+        if kept > 0 and heights[k] < heights[0] - _SLACK:
+            break
+        r = min(max(row + 2 * (places[k, 0] + box[0] - top), limits[0]), limits[1])
+        c = min(max(col + 2 * (places[k, 1] + box[2] - left), limits[2]), limits[3])
+        r, c, height, settled = _climb(
+            fine, fine_weight, template, mask, count, flat, r, c, limits, least_real
+        )
+        if exclusion < 0.0 or (settled and (r - row) ** 2 + (c - col) ** 2 > exclusion**2):
+            places[kept, 0], places[kept, 1], heights[kept] = r, c, height
+            kept += 1
+    return kept, real
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -166,38 +231,10 @@ def _seek(
         return
     out[4] = ny * nx / (2.0 * reach + 1.0) ** 2
     places, heights = np.empty((PEAKS, 2), np.int64), np.zeros(PEAKS)
-    if not coarse:
-        score, out[5] = correlations(
-            fine, fine_weight, template, mask, count, limits[0], limits[2], ny, nx, least_real
-        )
-        found = _peaks(score, places, heights)
-        for k in range(found):
-            places[k, 0], places[k, 1] = places[k, 0] + limits[0], places[k, 1] + limits[2]
-    else:
-        row_odd, col_odd = row % 2, col % 2
-        small, inside = _halved(values, mask, row_odd, col_odd)
-        narrow = np.empty(small.shape, np.float32)
-        few = centred(small, inside, narrow)
-        top, left = (row - row_odd) // 2, (col - col_odd) // 2
-        box = window(half.shape, small.shape[0], small.shape[1], top, left, (reach + 1) // 2)
-        if few == 0 or box[1] < box[0] or box[3] < box[2]:
-            return
-        score, out[5] = correlations(
-            half, half_weight, narrow, inside, few,
-            box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1, least_real,
-        )  # fmt: skip
-        found = _peaks(score, places, heights)
-        kept = 0
-        for k in range(found):
-            if heights[k] < heights[0] - _SLACK:
-                break
-            r = min(max(row + 2 * (places[k, 0] + box[0] - top), limits[0]), limits[1])
-            c = min(max(col + 2 * (places[k, 1] + box[2] - left), limits[2]), limits[3])
-            places[k, 0], places[k, 1], heights[k] = _climb(
-                fine, fine_weight, template, mask, count, r, c, limits, least_real
-            )
-            kept += 1
-        found = kept
+    found, out[5] = _maxima(
+        fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
+        least_real, coarse, 0.0, -1.0, places, heights,
+    )  # fmt: skip
     if found:
         _choose(places[:found, 0], places[:found, 1], heights[:found], exclusion, row, col, out)
 
@@ -228,3 +265,29 @@ def seek(
             fine, fine_weight, half, half_weight, values[k], masks[k], origins[k, 1], origins[k, 0],
             reaches[k], exclusion[k], least_real, coarse[k], out[k],
         )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def rivals(fine, fine_weight, half, half_weight, origins, size, reach, exclusion, coarse, out):
+    """Seek n windows (``size`` x ``size`` pixels) of an image in the image itself: out (n,) is the highest correlation at another
+    place, -1 if there is none.
+
+    Another place is a maximum (3 x 3 pixels) within ``reach`` in both axes and farther than ``exclusion`` from the window.
+    origins (n, 2) column and row of each window's first pixel, all of it in the image; the other arguments as in `seek`. If
+    half resolution leads to no maximum, the search is repeated at full resolution.
+    """
+    for k in prange(origins.shape[0]):
+        col, row = origins[k, 0], origins[k, 1]
+        values, mask = fine[row : row + size, col : col + size], np.ones((size, size), np.bool_)
+        template = np.empty((size, size), np.float32)
+        count = centred(values, mask, template)
+        limits = window(fine.shape, size, size, row, col, reach)
+        places, heights = np.empty((PEAKS, 2), np.int64), np.empty(PEAKS)
+        found = 0
+        for first in (coarse, False):
+            if found == 0 and count > 0:
+                found, _ = _maxima(
+                    fine, fine_weight, half, half_weight, values, mask, template, count, row, col,
+                    limits, reach, 0.0, first, -1.5, exclusion, places, heights,
+                )  # fmt: skip
+        out[k] = heights[:found].max() if found else -1.0
