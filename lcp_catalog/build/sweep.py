@@ -19,7 +19,7 @@ from ..kernels.photometry.images import shade_nodes
 from ..photometry.albedo_map import neutral
 from ..photometry.law_choice import Choice, choose, named
 from ..photometry.laws import Reflectance
-from ..sun.ephemeris import reachable_suns
+from ..sun.reachable import reachable_suns
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep

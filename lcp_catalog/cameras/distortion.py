@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
@@ -18,10 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from .inversion import MOST_STEPS, Slopes, first_root, settled, undone
 from .json_fields import LARGEST
 
 Pair = tuple[Array, Array]
+Map = Callable[[Any, Any], tuple[Any, Any]]
+Slopes = tuple[Array, Array, Array, Array]
+"""du/dx, du/dy, dv/dx, dv/dy."""
+
+_MOST_STEPS = 50
+_CONVERGED = 1e-9  # Newton doubles the digits: after a step so small the next is below the last bit
+_COMPLEX_STEP = 1e-30
 
 
 class Lens(Protocol):
@@ -64,7 +70,7 @@ class _FromLanded(_Unfolded, ABC):
         """The formula."""
 
     def distort(self, x: Array, y: Array) -> Pair:
-        return undone(self.undistort, x, y)
+        return _inverse_map(self.undistort, x, y)
 
 
 def _plain(value: Any) -> Any:
@@ -109,7 +115,7 @@ class OpenCV(_Unfolded):
     def undistort(self, u: Array, v: Array) -> Pair:
         if not any((self.k1, self.k2, self.p1, self.p2, self.k3)):
             return u, v
-        return undone(self.distort, u, v, self._slopes)
+        return _inverse_map(self.distort, u, v, self._slopes)
 
     def _slopes(self, x: Array, y: Array) -> Slopes:
         r2 = x * x + y * y
@@ -125,7 +131,7 @@ class OpenCV(_Unfolded):
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Up to where the radial polynomial r + k1 r^3 + k2 r^5 + k3 r^7 turns back."""
-        turn2 = first_root(1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3)
+        turn2 = _first_root(1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3)
         return np.asarray(x * x + y * y <= turn2)
 
 
@@ -147,13 +153,13 @@ class UsgsRadial(_Unfolded):
         ideal = np.hypot(x, y)
         landed = ideal
         with np.errstate(all="ignore"):
-            for _ in range(MOST_STEPS):
+            for _ in range(_MOST_STEPS):
                 r2 = landed * landed
                 there = landed * (1 - (self.k0 + r2 * (self.k1 + r2 * self.k2)))
                 slope = 1 - (self.k0 + r2 * (3 * self.k1 + r2 * 5 * self.k2))
                 step = (there - ideal) / slope
                 landed = landed - step
-                if settled(step, landed):
+                if _settled(step, landed):
                     break
             scale = np.where(ideal > 0.0, landed / ideal, 1.0)
         return x * scale, y * scale
@@ -165,7 +171,7 @@ class UsgsRadial(_Unfolded):
 
 def _ideal_turn2(*k: float) -> float:
     """Squared ideal radius r (k0 + k1 r^2 + k2 r^4 ...) at which it stops to grow with the landed r; infinite if it never does."""
-    turn2 = first_root(*((2 * i + 1) * number for i, number in enumerate(k)))
+    turn2 = _first_root(*((2 * i + 1) * number for i, number in enumerate(k)))
     if math.isinf(turn2):
         return turn2
     return turn2 * sum(number * turn2**i for i, number in enumerate(k)) ** 2
@@ -336,9 +342,56 @@ def _parsed(kind: type, name: str, value: Any) -> Any:
     if numbers.shape != shape or not (np.abs(numbers) <= LARGEST).all():
         raise ValueError(f"{name} must hold finite numbers of shape {shape}")
     if kind is OnPlane and abs(np.linalg.det(numbers)) < 1e-12:
-        raise ValueError(f"{name} cannot be undone")
+        raise ValueError(f"{name} has no inverse")
     return tuple(map(tuple, numbers.tolist())) if shape == (2, 2) else _tuple(numbers.tolist())
 
 
 def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
+
+
+def _first_root(*rising: float) -> float:
+    """The least positive root of a polynomial, lowest power first; infinity without one."""
+    turns = np.roots(rising[::-1])
+    real = turns[(np.abs(turns.imag) < 1e-12) & (turns.real > 0)].real if turns.size else turns
+    return float(real.min()) if real.size else math.inf
+
+
+def _settled(step: Array, value: Array) -> bool:
+    """Whether no step, of those that are numbers, still matters."""
+    largest = np.fmax.reduce(np.abs(step), axis=None, initial=0.0)
+    scale = np.fmax.reduce(np.abs(value), axis=None, initial=1.0)
+    return bool(largest <= _CONVERGED * scale)
+
+
+def _inverse_map(
+    forward: Map, u: Array, v: Array, slopes: Callable[[Array, Array], Slopes] | None = None
+) -> Pair:
+    """What ``forward`` takes to (u, v): Newton's method, from (u, v) itself. Without ``slopes`` the derivatives come from
+    complex steps, which are exact for formulas like these.
+    """
+    x, y = np.array(u, dtype=np.float64), np.array(v, dtype=np.float64)
+    slopes = slopes or _complex_slopes(forward)
+    with np.errstate(all="ignore"):  # what diverges ends as NaN; the caller looks
+        for _ in range(_MOST_STEPS):
+            at_u, at_v = forward(x, y)
+            uu, uv, vu, vv = slopes(x, y)
+            du, dv, determinant = at_u - u, at_v - v, uu * vv - uv * vu
+            step_x, step_y = (vv * du - uv * dv) / determinant, (uu * dv - vu * du) / determinant
+            x, y = x - step_x, y - step_y
+            if _settled(np.hypot(step_x, step_y), np.hypot(x, y)):
+                break
+    return x, y
+
+
+def _complex_slopes(forward: Map) -> Callable[[Array, Array], Slopes]:
+    """du/dx, du/dy, dv/dx, dv/dy (Squire & Trapp 1998)."""
+
+    def slopes(x: Array, y: Array) -> Slopes:
+        step = 1j * _COMPLEX_STEP
+        by_x, by_y = forward(x + step, y + 0j), forward(x + 0j, y + step)
+        parts = (by_x[0], by_y[0], by_x[1], by_y[1])
+        uu, uv, vu, vv = (np.asarray(part.imag / _COMPLEX_STEP) for part in parts)
+        return uu, uv, vu, vv
+
+    return slopes

@@ -17,8 +17,7 @@ from ..errors import ImageError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import hits, lonlat
 from ..light.sun_choice import SunChoice
-from ..photometry.albedo_raster import decode_srgb
-from ..photometry.srgb import ALBEDO_ENCODINGS
+from ..photometry.srgb import ALBEDO_ENCODINGS, decode_srgb
 from .image import Image
 from .pixels import ImagePixels, read_pixels
 from .special_pixels import Codes, Kinds, ends, isis_special, touching_edge

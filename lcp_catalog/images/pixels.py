@@ -24,14 +24,10 @@ from ..errors import ImageError, LabelError, LcpError
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
-from ..photometry.albedo_raster import decode_srgb
-from ..photometry.srgb import ALBEDO_ENCODINGS
+from ..photometry.srgb import ALBEDO_ENCODINGS, REC_709, decode_srgb
 
 log = logging.getLogger(__name__)
 
-
-REC_709 = (0.2126, 0.7152, 0.0722)
-"""Luminance of red, green and blue (ITU-R BT.709)."""
 
 OWN_CODES = ("ISIS3", "PDS")
 """Drivers of formats whose labels, or whose types, say which samples are no brightness."""

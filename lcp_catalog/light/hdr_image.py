@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import ImageError
-
-REC_709 = (0.2126, 0.7152, 0.0722)
-"""Luminance of red, green and blue (ITU-R BT.709)."""
+from ..photometry.srgb import REC_709, decode_srgb
 
 _FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 _FLOATS = ("float32", "float64")
@@ -54,7 +52,7 @@ def read_picture(path: Path | str) -> Picture:
     luminance = np.zeros(planes.shape[:2])
     for channel, weight in enumerate(weights):
         plane = planes[:, :, channel].astype(np.float64)
-        luminance += weight * (_linear(plane / _FULL_SCALE[kind]) if encoded else plane)
+        luminance += weight * (decode_srgb(plane / _FULL_SCALE[kind]) if encoded else plane)
         _require_light(path, planes[:, :, channel])
     return Picture(luminance, encoded, name)
 
@@ -68,11 +66,6 @@ def resized(values: Array, shape: tuple[int, int]) -> Array:
     coarser = shape[0] < values.shape[0]
     how = cv2.INTER_AREA if coarser else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, shape[::-1], interpolation=how), dtype=np.float64)
-
-
-def _linear(encoded: Array) -> Array:
-    """Light of sRGB values 0..1."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def _samples(path: Path | str) -> NDArray[Any]:

@@ -1,8 +1,4 @@
-"""A brightness map's pixels: linear values of its first band, and their mean over the ground.
-
-Display images are decoded by the transfer function of sRGB (IEC 61966-2-1:1999, 5.2): a code C of full scale 1 is
-C / 12.92 up to 0.04045 and ((C + 0.055) / 1.055)^2.4 above.
-"""
+"""A brightness map's pixels: linear values of its first band, and their mean over the ground."""
 
 from __future__ import annotations
 
@@ -23,6 +19,7 @@ from ..dem.grid import Grid
 from ..dem.products import facts_of, product_name
 from ..dem.raster import Raster, open_dataset
 from ..errors import AlbedoError, DemError, LabelError
+from .srgb import decode_srgb
 
 log = logging.getLogger(__name__)
 
@@ -123,12 +120,6 @@ def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
     return AlbedoPixels(
         path, grid, Brightness(raster, encoding or "linear", full, _masked(dataset))
     )
-
-
-def decode_srgb(codes: Array) -> Array:
-    """Linear light of codes of full scale 1 (IEC 61966-2-1:1999, 5.2); NaN stays."""
-    steep = ((codes + 0.055) / 1.055) ** 2.4
-    return np.where(codes <= 0.04045, codes / 12.92, steep)
 
 
 def mean_value(pixels: AlbedoPixels) -> float:

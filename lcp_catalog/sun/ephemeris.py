@@ -16,12 +16,12 @@ import math
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from ..constants import ASTRONOMICAL_UNIT_M
 from ..errors import SunError
-from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
 from .times import Times, instants
 
 DIRECTION_ERROR_DEG = 0.005
@@ -126,10 +126,7 @@ def direction_from_angles(frame: EnuFrame, azimuth_deg: float, elevation_deg: fl
     """
     if not (math.isfinite(azimuth_deg) and -90.0 <= elevation_deg <= 90.0):
         raise SunError(f"no such Sun: azimuth {azimuth_deg} deg, elevation {elevation_deg} deg")
-    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
-    level = math.cos(elevation)
-    enu = [level * math.sin(azimuth), level * math.cos(azimuth), math.sin(elevation)]
-    return frame.direction_to_mcmf(enu)
+    return frame.direction_to_mcmf(direction_enu(azimuth_deg, elevation_deg))
 
 
 def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> Array:
@@ -141,89 +138,3 @@ def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> 
         )
     towards = position - frame.origin_mcmf_m
     return towards / np.linalg.norm(towards)
-
-
-def reachable_suns(
-    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
-) -> NDArray[np.bool_]:
-    """Which cells of a grid of Sun directions the Sun can ever visit, bool (n_el, n_az).
-
-    A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
-    The Sun comes there when some direction in the box has a declination within +-(1.59 deg + solar
-    radius).
-    """
-    lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
-    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
-    return np.asarray((lowest <= limit) & (highest >= -limit))
-
-
-def declination_range(
-    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
-) -> tuple[Array, Array]:
-    """Least and greatest sine of the declination over each cell's box, (n_el, n_az) each; exact.
-
-    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az), and for a given
-    cos(az) it is a single cosine in el, so that the extremes are found in closed form.
-    """
-    if not abs(lat_deg) <= 90.0:
-        raise SunError(f"no such latitude: {lat_deg}")
-    lat = math.radians(lat_deg)
-    sin_lat, cos_lat = math.sin(lat), max(0.0, math.cos(lat))
-    cos_min, cos_max = _cosine_range(*azimuth_boxes(azimuths_deg))
-    low, high = (np.radians(edge)[:, None] for edge in elevation_boxes(elevations_deg))
-    highest = _extreme(sin_lat, cos_lat * cos_max[None, :], low, high)
-    lowest = -_extreme(-sin_lat, -cos_lat * cos_min[None, :], low, high)
-    return lowest, highest
-
-
-def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees, from <= to: half way to the neighbours on the circle, in the order
-    given.
-
-    A gap over half a circle ends a partial range: there the box is as wide as on its other side. A
-    single azimuth has no width.
-    """
-    azimuth = np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)) % 360.0
-    order = np.argsort(azimuth, kind="stable")
-    sorted_ = azimuth[order]
-    after = np.diff(np.append(sorted_, sorted_[0] + 360.0))
-    before = np.roll(after, 1)
-    left = np.where(before <= 180.0, before, np.where(after <= 180.0, after, 0.0)) / 2
-    right = np.where(after <= 180.0, after, np.where(before <= 180.0, before, 0.0)) / 2
-    first, last = np.empty_like(azimuth), np.empty_like(azimuth)
-    first[order], last[order] = sorted_ - left, sorted_ + right
-    return first, last
-
-
-def elevation_boxes(elevations_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees: half way to the neighbours, as wide outwards as inwards at the
-    ends, within 0..90.
-
-    The elevations must increase. A single elevation has no width.
-    """
-    elevation = np.atleast_1d(np.asarray(elevations_deg, dtype=np.float64))
-    if not (np.diff(elevation) > 0).all() or not ((elevation >= -90) & (elevation <= 90)).all():
-        raise SunError("the Sun's elevations must increase and lie within -90..90 deg")
-    step = np.diff(elevation) if elevation.size > 1 else np.zeros(1)
-    below, above = np.append(step[:1], step)[: elevation.size], np.append(step, step[-1:])
-    first, last = elevation - below / 2, elevation + above[: elevation.size] / 2
-    return np.clip(first, 0.0, 90.0), np.clip(last, 0.0, 90.0)
-
-
-def _cosine_range(first_deg: Array, last_deg: Array) -> tuple[Array, Array]:
-    """Least and greatest cosine over intervals of an angle."""
-    a, b = np.cos(np.radians(first_deg)), np.cos(np.radians(last_deg))
-    has_zero = np.floor(last_deg / 360.0) >= np.ceil(first_deg / 360.0)
-    has_half = np.floor((last_deg - 180.0) / 360.0) >= np.ceil((first_deg - 180.0) / 360.0)
-    return np.where(has_half, -1.0, np.minimum(a, b)), np.where(has_zero, 1.0, np.maximum(a, b))
-
-
-def _extreme(sine: float, cosine: Array, low: Array, high: Array) -> Array:
-    """Greatest value of sine * sin(el) + cosine * cos(el) over low <= el <= high (radians, within
-    0..pi/2).
-    """
-    ends = np.maximum(
-        sine * np.sin(low) + cosine * np.cos(low), sine * np.sin(high) + cosine * np.cos(high)
-    )
-    crest = np.arctan2(sine, cosine)
-    return np.where((low <= crest) & (crest <= high), np.hypot(sine, cosine), ends)

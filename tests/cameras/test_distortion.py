@@ -174,7 +174,7 @@ def test_one_point_without_an_answer_does_not_spoil_the_others():
         ({"model": "lro-nac", "k": "x"}, "k is not made of numbers"),
         ({"model": "lro-nac", "k": [1.0]}, "k must hold"),
         ({"model": "lro-nac", "k": float("nan")}, "k must hold"),
-        (SKEWED.to_json() | {"into": [[1, 2], [2, 4]]}, "into cannot be undone"),
+        (SKEWED.to_json() | {"into": [[1, 2], [2, 4]]}, "into has no inverse"),
         (SKEWED.to_json() | {"lens": {}}, "model"),
     ],
 )

@@ -17,8 +17,8 @@ from helpers.apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.albedo_map import AlbedoMap
-from lcp_catalog.photometry.albedo_raster import decode_srgb
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.photometry.srgb import decode_srgb
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.renderer import Rendering, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice

@@ -18,7 +18,7 @@ from rasterio.enums import ColorInterp
 
 from lcp_catalog.errors import AlbedoError
 from lcp_catalog.photometry.albedo_map import AlbedoMap, neutral
-from lcp_catalog.photometry.albedo_raster import decode_srgb
+from lcp_catalog.photometry.srgb import decode_srgb
 
 
 class TestMissing:

@@ -1,7 +1,6 @@
 """The Sun: against published figures, direct spherical geometry and brute force."""
 
 import datetime as dt
-import itertools
 
 import numpy as np
 import pytest
@@ -9,18 +8,15 @@ from helpers import twins_sun
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from lcp_catalog.constants import SUBSOLAR_LATITUDE_MAX_DEG
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import (
     EnuFrame,
     azimuth_elevation,
     central_angle_deg,
-    direction_enu,
 )
 from lcp_catalog.sun import ephemeris
 from lcp_catalog.sun.times import instant_range, instants
-
-LIMIT_DEG = SUBSOLAR_LATITUDE_MAX_DEG + np.degrees(SOLAR_RADIUS_RAD)
 
 
 def test_subsolar_point_of_the_facts():
@@ -231,97 +227,8 @@ def test_the_sun_stands_where_it_should():
         lambda: ephemeris.direction_from_subsolar(float("nan"), 0.0),
         lambda: ephemeris.direction_from_angles(EnuFrame(0, 0), 10.0, 95.0),
         lambda: ephemeris.direction_from_position(EnuFrame(0, 0), [1.0, 2.0, 3.0]),
-        lambda: ephemeris.elevation_boxes([10.0, 5.0]),
-        lambda: ephemeris.reachable_suns(100.0, [0.0], [10.0]),
     ],
 )
 def test_suns_that_cannot_be(call):
     with pytest.raises(SunError):
         call()
-
-
-def test_boxes_are_half_steps():
-    first, last = ephemeris.azimuth_boxes([0, 90, 180, 270])
-    assert first.tolist() == [-45, 45, 135, 225]
-    assert last.tolist() == [45, 135, 225, 315]
-    first, last = ephemeris.azimuth_boxes([100, 80, 90])  # a partial range, unsorted
-    assert first.tolist() == [95, 75, 85]
-    assert last.tolist() == [105, 85, 95]
-    assert [float(edge[0]) for edge in ephemeris.azimuth_boxes([7])] == [7, 7]
-    low, high = ephemeris.elevation_boxes([2, 5, 10, 88])
-    assert low.tolist() == [0.5, 3.5, 7.5, 49]
-    assert high.tolist() == [3.5, 7.5, 49, 90]
-    assert [float(edge[0]) for edge in ephemeris.elevation_boxes([7])] == [7, 7]
-
-
-def brute_force(lat, azimuths, elevations, n=61):
-    """Declinations of many directions of each box, by rotating vectors."""
-    frame = EnuFrame(0.0, lat)
-    az_boxes = list(zip(*ephemeris.azimuth_boxes(azimuths), strict=True))
-    el_boxes = list(zip(*ephemeris.elevation_boxes(elevations), strict=True))
-    answer = np.zeros((len(el_boxes), len(az_boxes)), bool)
-    for (i, el), (j, az) in itertools.product(enumerate(el_boxes), enumerate(az_boxes)):
-        a, e = np.meshgrid(np.linspace(*az, n), np.linspace(*el, n))
-        dec = np.degrees(np.arcsin(frame.direction_to_mcmf(direction_enu(a, e))[..., 2]))
-        answer[i, j] = (np.abs(dec) <= LIMIT_DEG).any() or (dec.min() < 0 < dec.max())
-    return answer
-
-
-@pytest.mark.parametrize("lat", [0.0, 1.0, -26.0, 26.0, 60.0, -85.0, 89.0, 90.0, -90.0])
-@pytest.mark.parametrize(
-    ("azimuths", "elevations"),
-    [
-        (np.arange(0, 360, 30.0), [2.0, 10.0, 30.0, 60.0, 85.0]),
-        (np.arange(5, 360, 10.0), [0.5, 1.0, 1.5, 2.0, 5.0]),
-        (np.arange(80, 110, 3.0), [60.0, 62.0, 64.0]),
-    ],
-)
-def test_reachable_against_brute_force(lat, azimuths, elevations):
-    exact = ephemeris.reachable_suns(lat, azimuths, elevations)
-    sampled = brute_force(lat, azimuths, elevations)
-    assert exact.shape == (len(elevations), len(azimuths))
-    assert not (sampled & ~exact).any()
-    # sampling misses only what a box touches between its samples
-    assert (exact & ~sampled).mean() <= 0.02
-
-
-@pytest.mark.parametrize("lat", [0.0, 30.0, -30.0, 60.0, 90.0])
-@pytest.mark.parametrize("first", [0.0, 37.0, 90.0, 180.0])
-def test_declinations_of_wide_boxes_against_dense_samples(lat, first):
-    """Boxes of 120 x 40 deg, so that crests fall on edges and inside; samples 0.25 deg apart."""
-    azimuths, elevations = (first + np.array([0, 120, 240])) % 360, np.array([10.0, 50.0, 80.0])
-    lowest, highest = ephemeris.declination_range(lat, azimuths, elevations)
-    az_from, az_to = ephemeris.azimuth_boxes(azimuths)
-    el_from, el_to = ephemeris.elevation_boxes(elevations)
-    for i, j in itertools.product(range(3), range(3)):
-        a = np.linspace(az_from[j], az_to[j], 481)
-        e = np.linspace(el_from[i], el_to[i], 161)[:, None]
-        sine = EnuFrame(0.0, lat).direction_to_mcmf(direction_enu(a, e))[..., 2]
-        assert sine.min() - 2e-5 <= lowest[i, j] <= sine.min() + 1e-12
-        assert sine.max() - 1e-12 <= highest[i, j] <= sine.max() + 2e-5
-
-
-def test_an_extreme_inside_a_box_counts():
-    lat = 88.0  # noon elevation 2 deg +- 1.86: only boxes that reach below 3.86 deg
-    suns = ephemeris.reachable_suns(lat, [150.0, 180.0, 210.0], [3.0, 7.0, 11.0])
-    assert suns[:, 1].tolist() == [True, False, False]
-    north_crest = ephemeris.reachable_suns(0.0, [-10.0, 0.0, 10.0], [70.0, 80.0, 90.0])
-    assert north_crest[2].all()
-    assert not north_crest[:2].any()
-
-
-def test_the_sun_only_comes_to_reachable_cells():
-    azimuths, elevations = np.arange(0, 360, 15.0), np.array([2.0, 6, 15, 30, 50, 70, 85])
-    first_el, last_el = ephemeris.elevation_boxes(elevations)
-    times = [dt.datetime(2000, 1, 1) + dt.timedelta(hours=31.7 * k) for k in range(400)]
-    directions = np.array([ephemeris.sun_direction_at(time) for time in times])
-    for lat in (0.0, -43.0, 80.0, -89.5):
-        frame = EnuFrame(77.0, lat)
-        reachable = ephemeris.reachable_suns(lat, azimuths, elevations)
-        azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(directions))
-        column = np.round(azimuth / 15.0).astype(int) % 24
-        for row in range(len(elevations)):
-            here = (first_el[row] <= elevation) & (elevation <= last_el[row])
-            assert reachable[row, column[here]].all()
-    tropics = ephemeris.reachable_suns(0.0, azimuths, elevations)
-    assert not tropics.all()  # the Sun never stands in the north or south at the equator
