@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +12,7 @@ from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Reduced, Sensor
 from ..images.image import Image
 from ..landmarks.corners import fill_missing
+from ..landmarks.correlation import moments
 from ..landmarks.patches import halved
 
 _FILL_PX = 33
@@ -99,11 +99,6 @@ def nothing_in(photo: Image) -> str | None:
     return None
 
 
-def _correlation(a: NDArray[np.float32], b: NDArray[np.float32], both: Mask) -> float:
-    """Centred and normalised, of the pixels that count in both; 0 where one of them is the same everywhere."""
-    if not both.any():
-        return 0.0
-    one, other = (v[both].astype(np.float64) for v in (a, b))
-    one, other = one - one.mean(), other - other.mean()
-    norm = math.sqrt(float(one @ one) * float(other @ other))
-    return float(one @ other) / norm if norm > 0.0 else 0.0
+def _correlation(a: Float32, b: Float32, both: Mask) -> float:
+    """Correlation of the pixels that are valid in both; 0 where there are none or one of the two is constant."""
+    return float(moments(a[both], b[both]).correlation)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import RenderedImage, Sweep
 from ..dem.mosaic import DemSet
+from ..landmarks.correlation import moments
 from ..photometry.law_choice import LAWS
 from ..photometry.laws import reflectance_model
 from ..threads import limit_threads
@@ -126,10 +127,7 @@ def window_correlations(
     a, b = (_windows(image[:rows, :cols]) for image in (ours, theirs))
     with np.errstate(invalid="ignore"):
         shown = np.isfinite(a).all(axis=1) & (b.std(axis=1) > CONTRAST * b.mean(axis=1))
-    a, b = a[shown], b[shown]
-    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
-    power = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
-    return np.divide((a * b).sum(axis=1), power, out=np.zeros(len(a)), where=power > 0.0)
+    return moments(a[shown], b[shown]).correlation
 
 
 def _windows(image: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
+from ..landmarks.correlation import moments
 from ..matching.subpixel import moved, moves, peaks, undone
 
 SIZE = 16
@@ -28,9 +29,6 @@ LEAST_VALID = 0.9
 
 MODE_BIN = 0.005
 """Width of the bins whose fullest is the mode: it resolves the paper's 0.985."""
-
-_FLAT = 1e-12
-"""A variance below this share of the mean square is rounding, and the window is flat."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,14 +218,8 @@ def _correlations(a: Array, b: Array, w: Array, size: int, step: int) -> _Grid:
 
 def _of_row(a: Array, b: Array, w: Array) -> Array:
     """Correlation, contrast and valid share (3, c) of windows (c, size, size)."""
-    total = w.sum(axis=(1, 2))
-    mass = np.where(total > 0.0, total, 1.0)
-    a, b = (x - (np.sum(w * x, axis=(1, 2)) / mass)[:, None, None] for x in (a, b))
-    aa, bb, ab = (np.sum(w * x * y, axis=(1, 2)) for x, y in ((a, a), (b, b), (a, b)))
-    product = aa * bb
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = np.where(product > 0.0, ab / np.sqrt(product), 0.0)
-    return np.stack([np.clip(correlation, -1.0, 1.0), np.sqrt(bb / mass), total / w[0].size])
+    found = moments(*(x.reshape(len(x), -1) for x in (a, b, w)))
+    return np.stack([found.correlation, found.deviation_b, found.weight / w[0].size])
 
 
 def _checked(
