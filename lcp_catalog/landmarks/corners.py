@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float32, Index, Mask
+from .thinning import thinned
 
 _HIGH_PERCENTILE = 99.0
 """The response that counts as 1 in an image: high, so that one bright spot does not set the scale,
@@ -151,7 +152,8 @@ def candidates(
     clean = np.where(usable, score, np.float32(0.0)).astype(np.float32)
     highest = cv2.dilate(clean, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
     rows, cols = np.nonzero((clean == highest) & (clean > 0.0))
-    rows, cols = _without_ties(rows, cols, radius, score.shape)
+    keep = thinned(np.stack([rows, cols], axis=-1), np.arange(len(rows)), radius + 0.5, norm=np.inf)
+    rows, cols = rows[keep], cols[keep]
     cell_row, cell_col = (rows + origin[0]) // spacing_px, (cols + origin[1]) // spacing_px
     order = np.lexsort((cols, rows, -clean[rows, cols], cell_col, cell_row))
     keep = order[_rank_in_group(cell_row[order], cell_col[order]) < per_cell]
@@ -163,21 +165,6 @@ def _inner(shape: tuple[int, ...], border: int) -> Mask:
     inner = np.zeros(shape, dtype=np.bool_)
     inner[border : max(border, shape[0] - border), border : max(border, shape[1] - border)] = True
     return inner
-
-
-def _without_ties(
-    rows: Index, cols: Index, radius: int, shape: tuple[int, ...]
-) -> tuple[Index, Index]:
-    """Of maxima closer than the radius (they are equal, or neither would be one) the first by (row,
-    column).
-    """
-    taken = np.zeros(shape, dtype=np.bool_)
-    keep = np.zeros(len(rows), dtype=np.bool_)
-    for i, (row, col) in enumerate(zip(rows.tolist(), cols.tolist(), strict=True)):
-        if not taken[row, col]:
-            keep[i] = True
-            taken[row : row + radius + 1, max(0, col - radius) : col + radius + 1] = True
-    return rows[keep], cols[keep]
 
 
 def _rank_in_group(first: Index, second: Index) -> Index:

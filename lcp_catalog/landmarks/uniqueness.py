@@ -5,9 +5,8 @@ Correlation is the centred, normalised one (cv2's TM_CCOEFF_NORMED): blind to ga
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from scipy.special import ndtr
 
 from ..arrays import Array, Float32, Index
 from ..kernels.matching.search import rivals
@@ -130,10 +129,4 @@ def false_match_probability(
     )
     freedom = np.clip(np.asarray(effective_samples, dtype=np.float64) - 3.0, 0.0, None)
     score = (second - true) * np.sqrt(freedom / 2.0)
-    return _normal_cdf(score)
-
-
-def _normal_cdf(x: Array) -> Array:
-    return np.array([0.5 * math.erfc(-v / math.sqrt(2.0)) for v in np.ravel(x)]).reshape(
-        np.shape(x)
-    )
+    return np.asarray(ndtr(score))
