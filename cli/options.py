@@ -10,13 +10,15 @@ from typing import Any
 
 import click
 
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.choices import ENCODINGS, REFLECTANCE_MODELS
+
 from .value_types import (
     AZIMUTH,
     LATITUDE,
     LAW,
     LONGITUDE,
     POSITIVE,
-    REFLECTANCES,
     Instant,
     Names,
     Number,
@@ -24,11 +26,8 @@ from .value_types import (
 
 Command = Callable[..., Any]
 
-TIERS = ("draft", "standard", "high", "reference")
-"""Names of the accuracy tiers, a copy of those in `lcp_catalog.accuracy`; a test compares them."""
-
 REFLECTANCE_HELP = (
-    f"Reflectance model of the surface (law): {', '.join(REFLECTANCES)}; some take a parameter set, like "
+    f"Reflectance model of the surface (law): {', '.join(REFLECTANCE_MODELS)}; some take a parameter set, like "
     "hapke:wac-643-mare or minnaert:0.7. Default: auto, chosen by the phase angles of the scene."
 )
 
@@ -121,7 +120,7 @@ sun_options = option_group(
 accuracy_options = option_group(
     click.option(
         "--accuracy",
-        type=click.Choice(TIERS),
+        type=click.Choice(list(TIERS)),
         default=None,
         help="Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 % (default), "
         "high 0, reference 0 with float64 arithmetic throughout.",
@@ -144,9 +143,6 @@ model_options = option_group(
     ),
     accuracy_options,
 )
-
-ENCODINGS = ("linear", "srgb")
-"""Encodings of pixel values, a copy of those of the library; a test compares them."""
 
 albedo_options = option_group(
     click.option(

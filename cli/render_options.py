@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from lcp_catalog.choices import HEIGHTFIELD_SIZE_MAX_KM, SURFACES
+
 from .options import option_group
 from .value_types import AZIMUTH, POSITIVE, Finite, Number
 
@@ -107,9 +109,6 @@ view_options = option_group(
     ),
 )
 
-SURFACES = ("auto", "heightfield", "sphere")
-"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.rendering.pipeline`."""
-
 surface_option = click.option(
     "--surface",
     type=click.Choice(SURFACES),
@@ -118,9 +117,6 @@ surface_option = click.option(
     help="The DEM's heights, or the plain sphere of 1737.4 km, which needs no DEM; auto: the sphere "
     "where relief changes less than the accuracy admits.",
 )
-
-HEIGHTFIELD_MAX_KM = 2000.0
-"""No area of a DEM is wider; held by a test against `lcp_catalog.terrain.terrain`."""
 
 
 def check_light(
@@ -188,8 +184,8 @@ def check_surface(surface: str, dems: tuple[str, ...], size_km: float | None) ->
     """Usage error for heights without a DEM, and for more of them than fit into one plane."""
     if surface != "sphere" and not dems:
         raise click.UsageError("no DEM: name one or more, or --surface sphere to render without")
-    if surface != "sphere" and size_km is not None and size_km > HEIGHTFIELD_MAX_KM:
+    if surface != "sphere" and size_km is not None and size_km > HEIGHTFIELD_SIZE_MAX_KM:
         raise click.UsageError(
-            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_MAX_KM:g} km wide; the plain "
+            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; the plain "
             "sphere as wide as the Moon: --surface sphere"
         )

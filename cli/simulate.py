@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from lcp_catalog.choices import PNG, TIFF
+
 from . import options
 from .value_types import POSITIVE, Number
 
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
     from lcp_catalog.simulation.frame import Ground
 
 BITS = ("8", "10", "12", "14", "16")
-ENDINGS = (".png", ".tif", ".tiff")
-"""Like `options.TIERS`: written out, and held by a test against `lcp_catalog.simulation.output`."""
 
 
 @click.command()
@@ -121,7 +121,7 @@ def _checked(
     options.check_sun(*sun)
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)
-    if Path(output).suffix.lower() not in ENDINGS:
+    if Path(output).suffix.lower() not in PNG + TIFF:
         raise click.UsageError(f"-o {output}: a frame is written as .png or .tif")
     if depfile and Path(depfile).resolve() == Path(output).resolve():
         raise click.UsageError("-o and --depfile must name different files")

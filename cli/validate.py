@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from lcp_catalog.choices import ENCODINGS
+
 from . import options
 from .value_types import LAW, POSITIVE, Finite, Number
 
@@ -97,8 +99,8 @@ DEFAULT_LAW = "lunar-lambert"
 )
 @click.option(
     "--encoding",
-    type=click.Choice(options.ENCODINGS),
-    default=options.ENCODINGS[0],
+    type=click.Choice(ENCODINGS),
+    default=ENCODINGS[0],
     show_default=True,
     help="Encoding of the image: linear (values proportional to radiance) or srgb (codes of a display image).",
 )

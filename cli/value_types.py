@@ -7,10 +7,7 @@ from typing import Any
 
 import click
 
-REFLECTANCES = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke", "facet")
-"""Names of the reflectance models, a copy of those in `lcp_catalog.photometry.laws`; a test
-compares them. The copy saves the import of the kernels when options are parsed.
-"""
+from lcp_catalog.choices import AUTO_LAW, REFLECTANCE_MODELS
 
 
 class Number(click.FloatRange):
@@ -65,9 +62,9 @@ class Law(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         law, colon, _ = str(value).partition(":")
-        if law not in REFLECTANCES and value != "auto":
+        if law not in REFLECTANCE_MODELS and value != AUTO_LAW:
             self.fail(
-                f"{value!r} is not a reflectance model; valid names: {', '.join(REFLECTANCES)}.",
+                f"{value!r} is not a reflectance model; valid names: {', '.join(REFLECTANCE_MODELS)}.",
                 param,
                 ctx,
             )

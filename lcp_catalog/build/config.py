@@ -17,8 +17,8 @@ from typing import Any, get_type_hints
 import tomli_w
 
 from ..accuracy import Accuracy, accuracy
+from ..choices import ENCODINGS
 from ..errors import ConfigError
-from ..photometry.srgb import ALBEDO_ENCODINGS
 
 
 def _require(condition: bool, text: str) -> None:
@@ -198,8 +198,8 @@ class ModelConfig:
         )
         accuracy(self.accuracy, self.tolerance)  # says what is wrong with them
         _require(
-            self.albedo_encoding in (None, *ALBEDO_ENCODINGS),
-            f"model.albedo_encoding must be {' or '.join(ALBEDO_ENCODINGS)}",
+            self.albedo_encoding in (None, *ENCODINGS),
+            f"model.albedo_encoding must be {' or '.join(ENCODINGS)}",
         )
         _require(
             self.albedo_reference is None or 0.0 < self.albedo_reference < math.inf,

@@ -79,8 +79,8 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
     ] or [np.array([0.0, 0.0, 1.0])]
     views = [conditions.view_direction(v, 0.0) for v in range(len(conditions.off_nadir_deg))]
     pairs = np.array([(sun, view) for sun in suns for view in views])[:, :, None]
-    tier, asked = config.model.precision.tier, named(config.model.reflectance)
-    return choose(tier, pairs[:, 0], pairs[:, 1], asked=asked)
+    asked = named(config.model.reflectance)
+    return choose(config.model.precision, pairs[:, 0], pairs[:, 1], asked=asked)
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from ..arrays import Array, Float32
 from ..cameras.map_projected import MapImage
 from ..cameras.sensor import Sensor
+from ..choices import ENCODINGS
 from ..errors import ImageError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import hits, lonlat
 from ..light.sun_choice import SunChoice
-from ..photometry.srgb import ALBEDO_ENCODINGS, decode_srgb
+from ..photometry.srgb import decode_srgb
 from .image import Image
 from .pixels import ImagePixels, read_pixels
 from .special_pixels import Codes, Kinds, ends, isis_special, touching_edge
@@ -41,13 +42,11 @@ class ImageOptions:
     center_deg: tuple[float, float] | None = None
     off_nadir_deg: float = 0.0
     view_azimuth_deg: float = 0.0
-    encoding: str = ALBEDO_ENCODINGS[0]
+    encoding: str = ENCODINGS[0]
 
     def __post_init__(self) -> None:
-        if self.encoding not in ALBEDO_ENCODINGS:
-            raise ImageError(
-                f"no encoding {self.encoding!r}; there are {', '.join(ALBEDO_ENCODINGS)}"
-            )
+        if self.encoding not in ENCODINGS:
+            raise ImageError(f"no encoding {self.encoding!r}; there are {', '.join(ENCODINGS)}")
 
 
 @dataclass(frozen=True, eq=False)

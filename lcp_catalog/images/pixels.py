@@ -20,14 +20,14 @@ from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from ..arrays import Mask
+from ..choices import ENCODINGS
 from ..errors import ImageError, LabelError, LcpError
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
-from ..photometry.srgb import ALBEDO_ENCODINGS, REC_709, decode_srgb
+from ..photometry.srgb import REC_709, decode_srgb
 
 log = logging.getLogger(__name__)
-
 
 OWN_CODES = ("ISIS3", "PDS")
 """Drivers of formats whose labels, or whose types, say which samples are no brightness."""
@@ -72,7 +72,7 @@ def read_pixels(
     path: Path | str,
     band: int | None = None,
     nodata: float | None = None,
-    encoding: str = ALBEDO_ENCODINGS[0],
+    encoding: str = ENCODINGS[0],
 ) -> ImagePixels:
     """An image file's band (counted from 1; None: the luminance of a colour image, else the first).
 

@@ -31,17 +31,6 @@ from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .environment_map import Panorama
 
-SAMPLES = {"draft": (16, 8), "standard": (32, 8), "high": (64, 16), "reference": (128, 32)}
-"""Azimuths, and elevations of each, of a tier."""
-
-SHADOWS = {"draft": "draft", "standard": "draft", "high": "high", "reference": "high"}
-"""The tier of a tier's shadows."""
-
-SKY_RMS = {"draft": 0.006, "standard": 0.004, "high": 0.0015, "reference": 0.0006}
-"""Bound on the rms error over natural terrain, as a share of the mean radiance under the sky; measured
-against more samples and exact shadows (docs/lighting.md), held by tests/test_panorama_sky.py.
-"""
-
 BETWEEN_NODES_RMS = 0.009
 """The same of what draft and standard add between nodes, where a camera's pixels see the ground: there a point
 sees as much of the sky as its triangle's nodes do.
@@ -57,8 +46,8 @@ _BLOCK_NODES = 1 << 22
 
 def sky_rms(accuracy: Accuracy, in_camera_plane: bool = False) -> float:
     """What the samples, and in a camera's plane what lies between nodes, may cost."""
-    between = in_camera_plane and SHADOWS[accuracy.tier] == "draft"
-    return math.hypot(SKY_RMS[accuracy.tier], BETWEEN_NODES_RMS if between else 0.0)
+    between = in_camera_plane and accuracy.sky_tier == "draft"
+    return math.hypot(accuracy.sky_rms, BETWEEN_NODES_RMS if between else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +73,7 @@ class SkySamples:
 
 def samples_of(panorama: Panorama, accuracy: Accuracy) -> SkySamples:
     """As many as the tier takes."""
-    return sky_samples(panorama, *SAMPLES[accuracy.tier])
+    return sky_samples(panorama, *accuracy.sky_directions)
 
 
 def sky_samples(panorama: Panorama, azimuths: int, elevations: int) -> SkySamples:
@@ -123,14 +112,14 @@ def sky_at_nodes(
     row0, row1, col0, col1 = terrain.core
     out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
     samples = samples_of(panorama, accuracy)
-    hiding = TIERS[SHADOWS[accuracy.tier]] if shadows else None
+    hiding = TIERS[accuracy.sky_tier] if shadows else None
     step = max(1, _BLOCK_NODES // max(1, col1 - col0))
     for row in range(row0, row1, step):
         window = (row, min(row + step, row1), col0, col1)
         block = out[row - row0 : window[1] - row0]
         lights = _over_nodes(terrain, samples, window, hiding)
         normals, law = terrain.field.normals(window), (model.code, model.numbers)
-        if view.direction is not None and accuracy.tier != "reference":
+        if view.direction is not None and not accuracy.float64:
             planes, camera = _planes(normals), np.asarray(view.direction, dtype=np.float64)
             for directions, dark in lights:
                 how = directions, dark, samples.irradiance, *law
@@ -165,7 +154,7 @@ def sky_at_points(
         return total
     samples, law = samples_of(panorama, accuracy), (model.code, model.numbers)
     facing = np.ascontiguousarray(normals), np.ascontiguousarray(towards)
-    if shadows and SHADOWS[accuracy.tier] == "draft":
+    if shadows and accuracy.sky_tier == "draft":
         field = terrain.field
         u = (points_m[:, 0] - field.x0_m) / field.gsd_m
         v = (field.y0_m - points_m[:, 1]) / field.gsd_m

@@ -25,27 +25,20 @@ from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.horizons import Nodes, Points, on_rim
 
-STRIPS = {"draft": 1, "standard": 3, "high": 9}
-"""Strips of a tier. ``reference`` doubles them from `FIRST_STRIPS` until no node changes by
-`CONVERGED`, or up to `MOST_STRIPS`.
-"""
-
-SHARE_RMS = {"draft": 0.07, "standard": 0.002, "high": 0.0005, "reference": 1e-4}
-"""Bound on the rms error over all nodes of natural terrain, against ``reference``; over those in a
-penumbra alone 0.2, 0.005, 0.0006. Measured (docs/solar-disc.md); tests/test_solar_disc.py holds it.
-"""
-
 TRACE = 1e-5
 """A share smaller than this is none: three times what the tables' steps can make of none."""
 
 FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
+"""Without a number of strips in the tier: strips are doubled from the first number until no share changes by
+``CONVERGED``, up to the second number.
+"""
+
 STEEP_RAD = math.radians(88.0)
 """Nearer to the zenith, vertical planes fan out over the disc: there it is sampled by directions."""
 
 LEAN_MAX = 0.4
 """So is a large disc from where on its limbs' planes lean so far (the Earth's: 87.5 deg)."""
 
-SAMPLES = {"draft": 16, "standard": 128, "high": 512, "reference": 2048}
 CHUNK = 1 << 16
 
 
@@ -200,10 +193,10 @@ def _sampled(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
 
 def _rule(sun: _Sun, accuracy: Accuracy) -> Callable[[Nodes | Points], Array]:
     if sun.steep:
-        return lambda seen: _sampled(seen, sun, SAMPLES[accuracy.tier])
-    if accuracy.tier in STRIPS:
-        return lambda seen: _share(seen, sun, STRIPS[accuracy.tier])
-    return lambda seen: _converged(seen, sun)
+        return lambda seen: _sampled(seen, sun, accuracy.disc_directions)
+    if (count := accuracy.disc_strips) is None:
+        return lambda seen: _converged(seen, sun)
+    return lambda seen: _share(seen, sun, count)
 
 
 def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
@@ -219,7 +212,7 @@ def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
 
 def disc_directions(direction: ArrayLike, disc: SolarDisc, accuracy: Accuracy) -> Array:
     """Unit ENU vectors (n, 3) of equal flux over a disc around a direction, as many as the tier takes."""
-    points = disc.limb_darkening.samples(SAMPLES[accuracy.tier])
+    points = disc.limb_darkening.samples(accuracy.disc_directions)
     return _sun(direction, disc, 1.0).directions(points)
 
 
@@ -242,7 +235,7 @@ def sunlit_share(
     (rows, cols), 0..1; ``sun`` (3,): towards the disc's middle.
 
     Cast shadow only, as in `Heightfield.occluded_nodes`: nodata is 1. Rms error against
-    ``reference``: `SHARE_RMS`. ``far``: terrain beyond the field. ValueError for no direction or a
+    ``reference``: `Accuracy.disc_rms`. ``far``: terrain beyond the field. ValueError for no direction or a
     window that is not inside.
     """
     row0, row1, col0, col1 = field.checked_window(window)
@@ -257,7 +250,7 @@ def sunlit_share(
         gradient = max(gradient, far.steepest_tangent) + math.tan(max(lowest, 0.0))
     elif not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
         return out  # a convex area without holes shows no horizon steeper than its steepest facet
-    if accuracy.tier == "reference" or source.steep:
+    if accuracy.shadows == "rays" or source.steep:
         undecided = np.isfinite(field.z_m[row0:row1, col0:col1])
     else:
         limits = source.limits(gradient)

@@ -23,6 +23,7 @@ import numpy as np
 
 from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
+from ..choices import DEFAULT_LAW, REFERENCE_LAW
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_search import Criteria, find_points
@@ -39,7 +40,7 @@ first of each pair is for photographs, whose correlations are 0.7 to 0.9; the se
 simulated frames have them.
 """
 
-LAWS = ("hapke", "lommel-seeliger")
+LAWS = (REFERENCE_LAW, DEFAULT_LAW)
 """Laws of reflection that are asked beside the search's own, a rough surface's and a dark one's: a surface after one of
 them looks, under the other, as if its Sun stood elsewhere.
 """

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Float32
 from ..atomic_files import file_facts
+from ..choices import ENCODINGS
 from ..constants import MOON_RADIUS_M
 from ..dem.raster import open_dataset
 from ..dem.tiles import Layer
@@ -29,7 +30,6 @@ from ..kernels.resampling import heights
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Area, Terrain
 from .albedo_raster import AlbedoPixels, mean_value, open_pixels
-from .srgb import ALBEDO_ENCODINGS
 
 log = logging.getLogger(__name__)
 
@@ -78,15 +78,13 @@ class AlbedoMap:
         cls, path: Path | str, encoding: str | None = None, reference: float | None = None
     ) -> AlbedoMap:
         """A raster that GDAL reads, in a lunar CRS (cylindrical, polar stereographic or degrees), by
-        its first band; ``encoding`` is one of `srgb.ALBEDO_ENCODINGS` (None: linear, with a warning for what
+        its first band; ``encoding`` is one of `choices.ENCODINGS` (None: linear, with a warning for what
         looks like a picture). ``AlbedoError`` says what cannot be used.
 
         Without a ``reference`` every pixel is read once for the mean.
         """
-        if encoding is not None and encoding not in ALBEDO_ENCODINGS:
-            raise AlbedoError(
-                f"no albedo encoding {encoding!r}; there are {', '.join(ALBEDO_ENCODINGS)}"
-            )
+        if encoding is not None and encoding not in ENCODINGS:
+            raise AlbedoError(f"no albedo encoding {encoding!r}; there are {', '.join(ENCODINGS)}")
         if reference is not None and not 0.0 < reference < math.inf:
             raise AlbedoError(f"an albedo reference of {reference:g} is none; it must be above 0")
         pixels = open_pixels(Path(path), encoding)
@@ -101,7 +99,7 @@ class AlbedoMap:
 
     @property
     def encoding(self) -> str:
-        """One of `srgb.ALBEDO_ENCODINGS`."""
+        """One of `choices.ENCODINGS`."""
         return self.pixels.raster.encoding
 
     @property

@@ -1,4 +1,4 @@
-"""A brightness map's pixels: linear values of its first band, and their mean over the ground."""
+"""Pixels of a brightness map: linear values of its first band, and their mean by area on the surface."""
 
 from __future__ import annotations
 

@@ -17,19 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..accuracy import Accuracy
 from ..arrays import Array
+from ..choices import AUTO_LAW, LAWS_BY_COST
 from .laws import Reflectance, radiance_under, reflectance_model
-
-AUTO = "auto"
-"""The name of no law: the scene decides."""
-
-LAWS = ("lommel-seeliger", "lunar-lambert", "hapke")
-"""From the cheapest to the judge (times: docs/reflectance.md)."""
-
-LEFT_OVER = {"draft": 0.1, "standard": 0.05, "high": 0.01, "reference": 0.0}
-"""By tier, the greatest cost at which a law is taken for Hapke's: it lengthens a noise of 0.15 by a
-fifth, a twentieth, 0.2 % and nothing.
-"""
 
 SLOPE_RMS = math.tan(math.radians(8.0))
 """Rms slope in one direction where no terrain is known. Measured on GLD100 over 118 and 474 m: 6.0
@@ -154,17 +145,17 @@ def _percent(share: float) -> str:
 
 
 def choose(
-    tier: str,
+    accuracy: Accuracy,
     suns: Array,
     cameras: Array,
     slope_rms: float = SLOPE_RMS,
     asked: Reflectance | None = None,
 ) -> Choice:
-    """The law that was asked for; else the cheapest of `LAWS` whose cost stays within the tier's
-    `LEFT_OVER`. Directions as in `cost`.
+    """The law that was asked for; else the cheapest of `LAWS_BY_COST` whose cost is within
+    `Accuracy.law_residual`. Directions as in `cost`.
     """
-    laws = [reflectance_model(name) for name in LAWS]
-    first, limit = cost(laws[0], laws[-1], suns, cameras, slope_rms), LEFT_OVER[tier]
+    laws = [reflectance_model(name) for name in LAWS_BY_COST]
+    first, limit = cost(laws[0], laws[-1], suns, cameras, slope_rms), accuracy.law_residual
     for model in [asked] if asked else laws:
         own = first if model == laws[0] else cost(model, laws[-1], suns, cameras, slope_rms)
         if own.left_over <= limit:
@@ -173,5 +164,5 @@ def choose(
 
 
 def named(spec: str) -> Reflectance | None:
-    """The law of a name; None for `AUTO`. ConfigError for a name that is none."""
-    return None if spec == AUTO else reflectance_model(spec)
+    """The law of a name; None for `AUTO_LAW`. ConfigError for a name that is none."""
+    return None if spec == AUTO_LAW else reflectance_model(spec)

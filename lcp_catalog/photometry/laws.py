@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
+from ..choices import DEFAULT_LAW, REFLECTANCE_MODELS
 from ..errors import ConfigError
 from ..kernels.photometry import images
 from ..kernels.photometry import laws as kernel
@@ -98,17 +99,16 @@ def _facet(which: str) -> tuple[int, tuple[float, ...]]:
     return kernel.FACET, tuple(facet_model(which).law.tolist())
 
 
-_LAWS: dict[str, Callable[[str], tuple[int, tuple[float, ...]]]] = {
-    "lommel-seeliger": _lommel_seeliger,
-    "lambert": _lambert,
-    "lunar-lambert": _lunar_lambert,
-    "minnaert": _minnaert,
-    "hapke": _hapke,
-    "facet": _facet,
-}
-
-MODELS = tuple(_LAWS)
-"""Names of the laws; what may follow a colon, a parameter set or a file, is each law's own."""
+_Reader = Callable[[str], tuple[int, tuple[float, ...]]]
+_READERS: tuple[_Reader, ...] = (
+    _lommel_seeliger,
+    _lambert,
+    _lunar_lambert,
+    _minnaert,
+    _hapke,
+    _facet,
+)
+_LAWS = dict(zip(REFLECTANCE_MODELS, _READERS, strict=True))
 
 
 def reflectance_model(spec: str) -> Reflectance:
@@ -117,14 +117,16 @@ def reflectance_model(spec: str) -> Reflectance:
     """
     name, colon, which = spec.partition(":")
     if name not in _LAWS:
-        raise ConfigError(f"no reflectance model {name!r}; there are {', '.join(MODELS)}")
+        raise ConfigError(
+            f"no reflectance model {name!r}; there are {', '.join(REFLECTANCE_MODELS)}"
+        )
     if colon and not which:
         raise ConfigError(f"{spec}: nothing follows the colon")
     file = law_file(spec)
     return Reflectance(f"{name}:{file.name}" if file else spec, *_LAWS[name](which), file)
 
 
-DEFAULT_MODEL = reflectance_model("lommel-seeliger")
+DEFAULT_MODEL = reflectance_model(DEFAULT_LAW)
 
 
 def radiance_factor(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from ..accuracy import Accuracy
 from ..atomic_files import file_facts
 from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
-from ..light.solar_disc import SHARE_RMS
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import Choice
 from ..terrain.far_terrain import FarTerrain
@@ -18,14 +17,6 @@ from ..terrain.relief_bounds import Relief, Ring, Steepness
 from ..terrain.surroundings import CELL_SHARE, HORIZON_RMS_DEG, NEAR_NODES
 from .error_bounds import NORMAL_ROUNDING_RAD, PENUMBRA_PX, horizon_beyond_rad
 from .sphere_error_bounds import SHIFT_PX, SphereCost
-
-METHODS = {
-    "draft": "two lines a column and the nearest cells",
-    "standard": "the lit by a proved bound, the dark by two lines, the rest by rays",
-    "high": "by proved bounds on both sides, the rest by rays",
-    "reference": "by a ray from every node",
-}
-"""How a tier finds what is hidden (`lcp_catalog.terrain.occlusion`)."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +40,7 @@ class Rays:
     @classmethod
     def of(cls, accuracy: Accuracy) -> Rays:
         """Parallel rays in a tier."""
-        return cls(f"{accuracy.tier}: {METHODS[accuracy.tier]}", accuracy.node_error)
+        return cls(f"{accuracy.tier}: {accuracy.shadow_method}", accuracy.node_error)
 
 
 EVERY_PIXEL = Rays("a ray from every pixel's hit")
@@ -111,7 +102,7 @@ def solar_disc(
         reason = f"{widest}, below {PENUMBRA_PX}; {exact}"
         return Decision(effect, False, reason, 1.0, unit)
     reason = f"{widest}; {accuracy.tier}: the error is rms over all nodes, measured"
-    return Decision(effect, True, reason, SHARE_RMS[accuracy.tier], unit)
+    return Decision(effect, True, reason, accuracy.disc_rms, unit)
 
 
 def _penumbra_limit(accuracy: Accuracy) -> float:

@@ -19,7 +19,7 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, ImageError
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import risen
-from ..light.sky_sampling import SAMPLES, SKY_FLOOR_RAD, sky_rms
+from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
@@ -151,9 +151,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
     terrain, view, ring = _ground(request, dems, area, grows, light)
-    choice = choose_model(
-        terrain, light.first.direction, view, request.accuracy.tier, request.model
-    )
+    choice = choose_model(terrain, light.first.direction, view, request.accuracy, request.model)
     plan = plan_scene(
         terrain,
         light.first.direction,
@@ -245,7 +243,7 @@ def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
         rays = decisions.EVERY_PIXEL if plane else decisions.Rays.of(request.accuracy)
         yield decisions.several_sources(len(light.others), rays)
     if light.sky is not None and request.environment is not None:
-        samples = SAMPLES[request.accuracy.tier]
+        samples = request.accuracy.sky_directions
         rms = sky_rms(request.accuracy, request.in_camera_plane)
         name = request.environment.panorama.name
         yield decisions.sky_light(name, light.sky.power_above, samples, rms)

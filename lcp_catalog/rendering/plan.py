@@ -219,7 +219,7 @@ def parallel_view(terrain: Terrain, view: View) -> View:
 
 
 def choose_model(
-    terrain: Terrain, sun: Array, view: View, tier: str, asked: Reflectance | None = None
+    terrain: Terrain, sun: Array, view: View, accuracy: Accuracy, asked: Reflectance | None = None
 ) -> Choice:
     """The law of reflection for one image of a terrain: the one asked for, or the one that its
     slopes, its Sun and its view want. All phases of the image are in it.
@@ -236,7 +236,7 @@ def choose_model(
     cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
     cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))
     suns = np.broadcast_to(sun, cameras.shape)
-    return choose(tier, suns[None], cameras[None], slope_rms, asked)
+    return choose(accuracy, suns[None], cameras[None], slope_rms, asked)
 
 
 def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:

@@ -110,7 +110,7 @@ def render_enu(
         seen = ~_hidden(terrain, view, accuracy)
     parallel = view if plan.perspective.modelled else _parallel(terrain, view)
     one_way = parallel.direction is not None and parallel.towards is None
-    quick = accuracy.tier != "reference" and one_way and not view.camera
+    quick = not accuracy.float64 and one_way and not view.camera
     angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
     for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)

@@ -10,6 +10,7 @@ from ..accuracy import TIERS, Accuracy
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
+from ..choices import SURFACES
 from ..geometry.frames import EnuFrame
 from ..light.earthshine import earth_at, mean_earth
 from ..light.environment import Environment
@@ -20,9 +21,6 @@ from ..photometry.laws import Reflectance
 from ..terrain.terrain import Area
 from .compositing import Backdrop
 from .sphere_extent import Cap
-
-SURFACES = ("auto", "heightfield", "sphere")
-"""What stands for the ground: as the scene plan says, the DEM's heights, or the plain sphere."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..accuracy import TIERS
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, camera_view, looking_camera
@@ -16,7 +17,6 @@ from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..errors import AreaError, CameraError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame, enu_rotation
-from ..light.solar_disc import SHARE_RMS
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
@@ -217,7 +217,7 @@ def _choose(
     turned = [enu_rotation(*place) for place in zip(lon, lat, strict=True)]
     suns = np.array([rotation @ sun for rotation in turned])
     cameras = np.array([r @ d for r, d in zip(turned, lit[1][up], strict=True)])
-    return choose(request.accuracy.tier, suns[None], cameras[None], SLOPE_RMS, request.model)
+    return choose(request.accuracy, suns[None], cameras[None], SLOPE_RMS, request.model)
 
 
 def _albedo_decision(albedo: AlbedoMap, frame: EnuFrame, points: Array, pixel_m: Array) -> Decision:
@@ -274,7 +274,7 @@ def _solar_disc(light: Lighting) -> Decision:
     if light.first.disc is None:
         return Decision(effect, False, "a point Sun", 1.0, unit)
     reason = "its share above each point's level horizon, and that part's cosine of incidence: closed forms"
-    return Decision(effect, True, reason, SHARE_RMS["reference"], unit)
+    return Decision(effect, True, reason, TIERS["reference"].disc_rms, unit)
 
 
 def _relief(shift_px: float) -> Decision:

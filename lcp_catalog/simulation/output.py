@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..errors import OutputError
 from ..rendering.rasters import geotiff, png
 from .frame import Frame
-
-PNG, TIFF = (".png",), (".tif", ".tiff")
 
 
 def encode_frame(frame: Frame, path: Path | str) -> bytes:

@@ -24,12 +24,6 @@ from .heightfield import Heightfield, Window
 PLACES = 8
 """Nodes between the places for which a tier below `high` finds the heights of far shadows."""
 
-DOUBT = {"draft": 0.02, "standard": 1.0}
-"""How far outside the range of the heights around it, as a share of that, a node is still traced (`kernels.far.shade`).
-
-Under a far ridge of slopes up to 60 deg, whose shadow covers most of a plain, 0.04 and 0.007 % of the nodes were wrong
-(tests/test_far_terrain.py); interpolation between the places, without rays, 2 %."""
-
 _BLOCK, _BLOCKS = 64, 16
 """Nodes along a block of the nodes that ask, at least; blocks along a window, at most."""
 
@@ -104,13 +98,13 @@ class FarTerrain:
             return
         blocks = _Blocks(field, window, occluded)
         asked = self._asked(blocks, direction)
-        if accuracy.tier not in DOUBT:
+        if accuracy.far_doubt is None:
             for level, which in asked:
                 rows, cols = np.nonzero(~occluded & blocks.spread(which))
                 points = _nodes(field, rows + window[0], cols + window[2])
                 occluded[rows, cols] = level.occluded_points(points, direction)
         elif asked:
-            self._shadowed_by_places(blocks, asked, direction, DOUBT[accuracy.tier], occluded)
+            self._shadowed_by_places(blocks, asked, direction, accuracy.far_doubt, occluded)
 
     def _asked(self, blocks: _Blocks, direction: Array) -> list[tuple[Heightfield, Mask]]:
         """The levels that can rise above rays from some block, and from which."""

@@ -52,15 +52,15 @@ def _occluded(
 ) -> Mask:
     """By the field alone."""
     ray = field.ray_in_cells(direction)
-    if accuracy.tier == "reference" or ray[:2] == (0.0, 0.0):
+    if accuracy.shadows == "rays" or ray[:2] == (0.0, 0.0):
         return field.occluded_nodes(direction, window)
     inside = field.checked_window(window)
-    if accuracy.tier == "draft":
+    if accuracy.shadows == "lines":
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         elevation = math.atan2(up, math.hypot(east, north))
         masks = draft_occluded(field, math.atan2(east, north), np.array([elevation]), inside)
         return masks[0].view(np.bool_)
-    effort = PROVED if accuracy.exact else LIKELY
+    effort = PROVED if accuracy.shadows == "proved" else LIKELY
     return hybrid_occluded(field, ray, inside, effort)[0]
 
 
@@ -86,7 +86,7 @@ def occluded_sweep(
     directions = np.stack(
         [np.sin(azimuth_rad) * level, np.cos(azimuth_rad) * level, np.sin(elevations)], axis=-1
     )
-    if accuracy.tier == "draft":
+    if accuracy.shadows == "lines":
         masks_ = draft_occluded(field, azimuth_rad, elevations, inside)
         if far is not None:
             for mask, direction in zip(masks_, directions, strict=True):

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Int16
+from ..choices import HEIGHTFIELD_SIZE_MAX_KM
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
@@ -37,7 +38,6 @@ and get no height.
 """
 _BLOCK_NODES = 2_000_000
 _NODES_MAX = 400_000_000
-_SIZE_MAX_KM = 2000.0
 _EDGE = 129
 
 
@@ -61,10 +61,10 @@ class Area:
             raise AreaError("an area wants a size or bounds, one of them")
         if self.size_km is not None:
             size = self.size_km if isinstance(self.size_km, tuple) else (self.size_km, self.size_km)
-            if not all(math.isfinite(s) and 0.0 < s <= _SIZE_MAX_KM for s in size):
+            if not all(math.isfinite(s) and 0.0 < s <= HEIGHTFIELD_SIZE_MAX_KM for s in size):
                 raise AreaError(
                     f"a size of {size[0]:g} x {size[1]:g} km is not above 0 and at most "
-                    f"{_SIZE_MAX_KM:g} km"
+                    f"{HEIGHTFIELD_SIZE_MAX_KM:g} km"
                 )
             object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))
 

@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import RenderedImage, Sweep
+from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..dem.mosaic import DemSet
 from ..landmarks.correlation import moments
-from ..photometry.law_choice import LAWS
 from ..photometry.laws import reflectance_model
 from ..threads import limit_threads
-
-JUDGE = LAWS[-1]
 
 PHASES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 180.0)
 """Edges of the bins of phase that are told apart."""
@@ -40,7 +38,7 @@ CONTRAST = 1e-4
 class ModelChanges:
     """Windows' correlations with the judge's, by law and bin of phase, and seconds by law; they add up over areas."""
 
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS, 0.0))
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS_BY_COST, 0.0))
     correlations: dict[tuple[str, int], list[NDArray[np.float64]]] = field(default_factory=dict)
     images: dict[int, int] = field(default_factory=dict)
 
@@ -55,7 +53,7 @@ class ModelChanges:
     def rows(self) -> list[dict[str, Any]]:
         """One dictionary a law and bin of phase that occurs: medians and low percentiles over the windows."""
         found = []
-        for law in LAWS[:-1]:
+        for law in LAWS_BY_COST[:-1]:
             for phase in sorted(self.images):
                 values = np.concatenate(self.correlations.get((law, phase), [np.empty(0)]))
                 if not values.size:
@@ -63,7 +61,7 @@ class ModelChanges:
                 found.append(
                     {
                         "reflectance": law,
-                        "against": JUDGE,
+                        "against": REFERENCE_LAW,
                         "phase_deg": list(PHASES_DEG[phase : phase + 2]),
                         "images": self.images[phase],
                         "windows": int(values.size),
@@ -76,16 +74,17 @@ class ModelChanges:
 
     def times(self) -> dict[str, float]:
         """Seconds of all images under each law as a share of the judge's."""
-        return {law: s / max(self.seconds[JUDGE], 1e-12) for law, s in self.seconds.items()}
+        return {law: s / max(self.seconds[REFERENCE_LAW], 1e-12) for law, s in self.seconds.items()}
 
 
 def compare_models(job: AreaJob) -> ModelChanges:
-    """An area's images under each of `LAWS`, on one thread, the laws in turn image by image."""
+    """An area's images under each of `LAWS_BY_COST`, on one thread, the laws in turn image by image."""
     found = ModelChanges()
     with limit_threads(1):
         _, sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
         sweeps = {
-            law: dataclasses.replace(sweep, reflectance=reflectance_model(law)) for law in LAWS
+            law: dataclasses.replace(sweep, reflectance=reflectance_model(law))
+            for law in LAWS_BY_COST
         }
         for ready in sweeps.values():  # what is made once is made before anything is timed
             next(dataclasses.replace(ready).images(), None)
@@ -103,14 +102,14 @@ def compare_models(job: AreaJob) -> ModelChanges:
 
 
 def _judge(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
-    exact = images[JUDGE]
+    exact = images[REFERENCE_LAW]
     sun = sweep.conditions.sun_direction(exact.elevation, exact.azimuth, sweep.turn_rad)
     camera = sweep.conditions.view_direction(exact.view, sweep.turn_rad)
     phase_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(sun @ camera)))))
     phase = int(np.searchsorted(PHASES_DEG, phase_deg, side="right")) - 1
     phase = min(phase, len(PHASES_DEG) - 2)
     found.images[phase] = found.images.get(phase, 0) + 1
-    for law in LAWS[:-1]:
+    for law in LAWS_BY_COST[:-1]:
         values = window_correlations(images[law].radiance, exact.radiance)
         found.correlations.setdefault((law, phase), []).append(values)
 

@@ -7,17 +7,18 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
-from ..photometry.law_choice import LAWS, LEFT_OVER
-from .law_costs import CONTRAST, JUDGE, WINDOW, ModelChanges
+from ..accuracy import TIERS
+from ..choices import LAWS_BY_COST, REFERENCE_LAW
+from .law_costs import CONTRAST, WINDOW, ModelChanges
 
 HEADING = "What the laws of reflection cost"
 
 EXPLAINED = (
-    f"Every image of the areas, shadows included, under {', '.join(LAWS)}; windows of {WINDOW} x {WINDOW} nodes that are seen whole and show "
-    f"something (contrast over {CONTRAST:g} of their mean) are correlated with the same windows under {JUDGE}, gain and offset left free. A catalogue or a "
+    f"Every image of the areas, shadows included, under {', '.join(LAWS_BY_COST)}; windows of {WINDOW} x {WINDOW} nodes that are seen whole and show "
+    f"something (contrast over {CONTRAST:g} of their mean) are correlated with the same windows under {REFERENCE_LAW}, gain and offset left free. A catalogue or a "
     "render without a stated law takes the first of them that is off by at most "
-    + ", ".join(f"{100 * share:g} % ({tier})" for tier, share in LEFT_OVER.items())
-    + f" of the mean signal: the rms difference to {JUDGE} in images of random relief, gain and offset left free."
+    + ", ".join(f"{100 * row.law_residual:g} % ({row.tier})" for row in TIERS.values())
+    + f" of the mean signal: the rms difference to {REFERENCE_LAW} in images of random relief, gain and offset left free."
 )
 
 
@@ -56,11 +57,13 @@ _HEAD = (
 
 def _times(models: ModelChanges) -> str:
     shares = ", ".join(f"{law} {share:.2f}" for law, share in models.times().items())
-    return f"Time of all images, shadows and light, as a share of {JUDGE}'s: {shares}."
+    return f"Time of all images, shadows and light, as a share of {REFERENCE_LAW}'s: {shares}."
 
 
 def _by_phase(models: ModelChanges) -> list[dict[str, Any]]:
-    return sorted(models.rows(), key=lambda row: (row["phase_deg"], LAWS.index(row["reflectance"])))
+    return sorted(
+        models.rows(), key=lambda row: (row["phase_deg"], LAWS_BY_COST.index(row["reflectance"]))
+    )
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

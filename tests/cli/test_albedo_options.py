@@ -10,10 +10,8 @@ import pytest
 import rasterio
 from helpers.products import DEGREE_M, cylinder, geotiff
 from lcp_cli.main import run
-from lcp_cli.options import ENCODINGS
 
 from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
-from lcp_catalog.photometry.srgb import ALBEDO_ENCODINGS
 
 AREA = ["--center", "30.5", "10.5", "--size", "24"]
 SUN = ["--sun-azimuth", "100", "--sun-elevation", "20"]
@@ -44,10 +42,6 @@ def rendered(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str], rasteri
     with rasterio.open(path) as file:
         bands = dict(zip(file.descriptions, file.read(), strict=True))
         return bands, file.tags(), file.transform
-
-
-def test_encodings_are_the_librarys() -> None:
-    assert ENCODINGS == ALBEDO_ENCODINGS
 
 
 def test_a_render_is_the_one_without_times_the_factor(

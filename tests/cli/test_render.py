@@ -9,7 +9,6 @@ import pytest
 import rasterio
 from helpers.renders import AREA, BANDS, DEGREE_M, SUN, camera_file, read, rolling, write_dem
 from lcp_cli.main import run
-from lcp_cli.value_types import REFLECTANCES
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
@@ -19,7 +18,6 @@ from lcp_catalog.geometry.frames import (
     central_angle_deg,
     mcmf_to_lonlat,
 )
-from lcp_catalog.photometry.laws import MODELS
 from lcp_catalog.sun.ephemeris import subsolar_point
 
 
@@ -270,7 +268,3 @@ def test_what_was_read_for_make(dem, tmp_path, out):
     arguments = ["render", dem, "-o", str(out), "--camera", camera, "--depfile", str(rule)]
     assert run(arguments) == 0
     assert rule.read_text() == f"{out}: {dem} {camera}\n"
-
-
-def test_the_flags_know_the_models():
-    assert tuple(MODELS) == REFLECTANCES

@@ -9,14 +9,11 @@ import pyproj
 import pytest
 import rasterio
 from helpers.renders import read
-from lcp_cli import render_options
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.rendering import request
-from lcp_catalog.terrain.terrain import _SIZE_MAX_KM
 
 R = MOON_RADIUS_M
 BANDS = ("radiance", "sunlit", "visible", "incidence", "emission", "phase")
@@ -74,11 +71,6 @@ def rough(tmp_path_factory):
     y, x = np.mgrid[0:64, 0:64]
     heights = 300.0 * np.sin(x / 3.0) * np.cos(y / 4.0)
     return write_dem(tmp_path_factory.mktemp("dem") / "rough.tif", heights)
-
-
-def test_surfaces_are_the_librarys():
-    assert render_options.SURFACES == request.SURFACES
-    assert render_options.HEIGHTFIELD_MAX_KM == _SIZE_MAX_KM
 
 
 def test_a_whole_moon_without_a_dem(out):

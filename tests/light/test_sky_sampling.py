@@ -3,6 +3,7 @@ lights with exact shadows.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +17,6 @@ from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.sky_sampling import (
     BETWEEN_NODES_RMS,
-    SAMPLES,
-    SHADOWS,
-    SKY_RMS,
     samples_of,
     sky_at_nodes,
     sky_at_points,
@@ -152,10 +150,8 @@ def skies():
 
 
 def many_samples(terrain, sky, counts, shadows):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(SAMPLES, "reference", counts)
-        patch.setitem(SHADOWS, "reference", shadows)
-        return sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS["reference"])
+    tier = replace(TIERS["reference"], sky_directions=counts, sky_tier=shadows)
+    return sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, tier)
 
 
 def rms(found, best):
@@ -169,8 +165,8 @@ def test_the_stated_error(sky):
     best = many_samples(terrain, sky, (256, 32), "draft")
     for tier in ("draft", "standard"):
         found = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS[tier])
-        assert rms(found, best) < SKY_RMS[tier]
-    exact = many_samples(terrain, sky, SAMPLES["standard"], "high")
+        assert rms(found, best) < TIERS[tier].sky_rms
+    exact = many_samples(terrain, sky, TIERS["standard"].sky_directions, "high")
     assert rms(found, exact) < 0.002
 
 
@@ -182,7 +178,7 @@ def test_the_stated_error_of_exact_tiers(sky, seed):
     best = many_samples(terrain, sky, (512, 32), "high")
     for tier in TIERS:
         found = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS[tier])
-        assert rms(found, best) < SKY_RMS[tier]
+        assert rms(found, best) < TIERS[tier].sky_rms
 
 
 def test_samples_share_the_power_and_follow_it():
@@ -238,7 +234,7 @@ def test_turning_the_image_or_its_columns_is_the_same_light():
     turned = Panorama(sky.luminance, azimuth_deg=90.0)
     rolled = Panorama(np.roll(sky.luminance, 32, axis=1))
     one, other = lit(z, turned), lit(z, rolled)
-    assert rms(one, other) < math.sqrt(2.0) * SKY_RMS["standard"]  # each has its own samples
+    assert rms(one, other) < math.sqrt(2.0) * TIERS["standard"].sky_rms  # each has its own samples
     assert rms(lit(z, sky), one) > 0.02  # it does turn
 
 
@@ -313,7 +309,7 @@ def test_in_the_cameras_plane_against_exact_rays(tier):
 
 
 def test_what_the_plan_says_of_the_error():
-    assert sky_rms(TIERS["standard"]) == SKY_RMS["standard"]
-    assert sky_rms(TIERS["high"], True) == SKY_RMS["high"]
-    both = math.hypot(SKY_RMS["draft"], BETWEEN_NODES_RMS)
+    assert sky_rms(TIERS["standard"]) == TIERS["standard"].sky_rms
+    assert sky_rms(TIERS["high"], True) == TIERS["high"].sky_rms
+    both = math.hypot(TIERS["draft"].sky_rms, BETWEEN_NODES_RMS)
     assert sky_rms(TIERS["draft"], True) == pytest.approx(both)

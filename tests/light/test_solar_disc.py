@@ -4,6 +4,7 @@ refined.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import cache
 
@@ -17,9 +18,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
-from lcp_catalog.light import solar_disc
 from lcp_catalog.light.solar_disc import (
-    SHARE_RMS,
     SolarDisc,
     penumbra_m,
     radius_at,
@@ -215,22 +214,22 @@ def errors(tier) -> list[tuple[float, float]]:
 )
 def test_rms_error_of_a_tier(tier, penumbra) -> None:
     for everywhere, within in errors(tier):
-        assert everywhere <= SHARE_RMS[tier.tier]
+        assert everywhere <= tier.disc_rms
         assert within <= penumbra
 
 
 def test_rms_error_of_draft() -> None:
     """As large as its shadows' errors make it."""
     for everywhere, within in errors(DRAFT):
-        assert everywhere <= SHARE_RMS["draft"]
+        assert everywhere <= DRAFT.disc_rms
         assert within <= 0.2
 
 
 @pytest.mark.parametrize(("tier", "fewer"), [(STANDARD, 2), (HIGH, 5)], ids=["standard", "high"])
-def test_fewer_strips_break_a_tiers_bound(tier, fewer, monkeypatch) -> None:
-    monkeypatch.setitem(solar_disc.STRIPS, tier.tier, fewer)
+def test_fewer_strips_break_a_tiers_bound(tier, fewer) -> None:
+    coarser = dataclasses.replace(tier, disc_strips=fewer)
     with pytest.raises(AssertionError):
-        test_rms_error_of_a_tier(tier, {"standard": 0.005, "high": 0.0006}[tier.tier])
+        test_rms_error_of_a_tier(coarser, {"standard": 0.005, "high": 0.0006}[tier.tier])
 
 
 def nodes_as_points(field: Heightfield) -> np.ndarray:

@@ -13,9 +13,10 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.build.assembly import decisions
 from lcp_catalog.build.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
 from lcp_catalog.build.sweep import Conditions, law_of_build
+from lcp_catalog.choices import LAWS_BY_COST
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.photometry.law_choice import LAWS, LEFT_OVER, choose, cost, named
+from lcp_catalog.photometry.law_choice import choose, cost, named
 from lcp_catalog.photometry.laws import reflectance_model
 
 LS, LAMBERT = reflectance_model("lommel-seeliger"), reflectance_model("lambert")
@@ -117,24 +118,28 @@ def wide(span_deg):
 
 def test_one_phase_wants_no_phase_function_and_many_do():
     """What Lommel-Seeliger lacks is a phase function: in one phase a gain stands for it."""
-    narrow, broad = choose("standard", *wide(0.5)), choose("standard", *wide(60.0))
+    narrow, broad = choose(TIERS["standard"], *wide(0.5)), choose(TIERS["standard"], *wide(60.0))
     assert (narrow.model.name, broad.model.name) == ("lommel-seeliger", "lunar-lambert")
     assert broad.cost.left_over > 3.0 * narrow.cost.left_over
     assert broad.own.left_over < 0.1 * broad.cost.left_over
-    assert choose("high", *wide(60.0)).model.name == "hapke"
+    assert choose(TIERS["high"], *wide(60.0)).model.name == "hapke"
 
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_the_limit_decides(tier):
     hapke = reflectance_model("hapke")
     for span in (0.0, 5.0, 10.0, 20.0, 40.0, 60.0):
-        costs = {law: cost(reflectance_model(law), hapke, *wide(span)).left_over for law in LAWS}
-        fitting = [law for law in LAWS if costs[law] <= LEFT_OVER[tier] or law == "hapke"]
-        chosen = choose(tier, *wide(span))
+        costs = {
+            law: cost(reflectance_model(law), hapke, *wide(span)).left_over for law in LAWS_BY_COST
+        }
+        fitting = [
+            law for law in LAWS_BY_COST if costs[law] <= TIERS[tier].law_residual or law == "hapke"
+        ]
+        chosen = choose(TIERS[tier], *wide(span))
         assert chosen.model.name == fitting[0]
         assert chosen.cost.left_over == costs["lommel-seeliger"]
         assert chosen.own.left_over == costs[chosen.model.name]
-    asked = choose(tier, *image((direction_enu(90.0, 60.0), UP)), asked=LAMBERT)
+    asked = choose(TIERS[tier], *image((direction_enu(90.0, 60.0), UP)), asked=LAMBERT)
     assert asked.model == LAMBERT
     assert "as asked" in asked.reason
     assert asked.own.left_over > 0.0
@@ -144,7 +149,8 @@ def test_reference_is_hapke():
     """The paper: Lommel-Seeliger on board, Hapke for reference."""
     for elevation in (1.0, 10.0, 45.0, 89.0):
         assert (
-            choose("reference", *image((direction_enu(0.0, elevation), UP))).model.name == "hapke"
+            choose(TIERS["reference"], *image((direction_enu(0.0, elevation), UP))).model.name
+            == "hapke"
         )
 
 

@@ -10,11 +10,12 @@ from helpers.twins_reflectance import SPECS, disc_albedo, hemispherical_albedo, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.photometry.laws import LOMMEL_SEELIGER, factors, mixture
 from lcp_catalog.photometry.hapke_parameters import SETS
-from lcp_catalog.photometry.laws import MODELS, photometry, radiance_factor, reflectance_model
+from lcp_catalog.photometry.laws import photometry, radiance_factor, reflectance_model
 from lcp_catalog.photometry.phase_functions import DISCS, SURFACES
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -247,7 +248,7 @@ def test_unknown_models():
     ):
         with pytest.raises(ConfigError, match=named):
             reflectance_model(spec)
-    for name in MODELS:
+    for name in REFLECTANCE_MODELS:
         if name != "facet":
             assert reflectance_model(name).name == name
 

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.kernels.photometry.images import shade_nodes
-from lcp_catalog.photometry.laws import MODELS, photometry, reflectance_model
+from lcp_catalog.photometry.laws import photometry, reflectance_model
 
 mpmath.mp.dps = 40
 
@@ -168,8 +169,8 @@ def test_nodes_of_a_sweep_stay_finite_where_seen(model):
 
 def test_every_model_has_its_extremes_here():
     """A model that comes later shall not be forgotten: its own limits need the same care."""
-    assert set(MODELS) >= set(SCALES)
-    for model in MODELS:
+    assert set(REFLECTANCE_MODELS) >= set(SCALES)
+    for model in REFLECTANCE_MODELS:
         for incidence in EXTREMES_DEG:
             for emission in EXTREMES_DEG:
                 radiance = shade(UP, tilted(incidence), tilted(emission, 90.0), model)[0]

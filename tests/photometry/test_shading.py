@@ -9,7 +9,7 @@ import pytest
 from helpers.twins_reflectance import SPECS
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from render.test_renderer import hills, make
+from rendering.test_renderer import hills, make
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import nadir_view, oblique_view

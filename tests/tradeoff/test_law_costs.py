@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lcp_catalog.photometry.law_choice import LAWS
-from lcp_catalog.photometry.laws import MODELS
+from lcp_catalog.choices import LAWS_BY_COST, REFLECTANCE_MODELS
 from lcp_catalog.tradeoff.law_costs import PHASES_DEG, WINDOW, ModelChanges, window_correlations
 
 
@@ -45,9 +44,9 @@ def test_what_is_not_seen_whole_or_shows_nothing_is_left_out():
 def test_areas_add_up():
     one, two = ModelChanges(), ModelChanges()
     for found, values in ((one, [0.5, 0.7]), (two, [0.99])):
-        found.correlations[LAWS[0], 2] = [np.array(values)]
+        found.correlations[LAWS_BY_COST[0], 2] = [np.array(values)]
         found.images[2] = 3
-        found.seconds[LAWS[0]], found.seconds[LAWS[-1]] = 1.0, 2.0
+        found.seconds[LAWS_BY_COST[0]], found.seconds[LAWS_BY_COST[-1]] = 1.0, 2.0
     one.add(two)
     (row,) = one.rows()
     assert row["windows"] == 3
@@ -55,8 +54,8 @@ def test_areas_add_up():
     assert row["correlation_median"] == 0.7
     assert row["phase_deg"] == list(PHASES_DEG[2:4])
     assert row["share_above_0_9"] == pytest.approx(1 / 3)
-    assert one.times()[LAWS[0]] == 0.5
+    assert one.times()[LAWS_BY_COST[0]] == 0.5
 
 
 def test_the_laws_exist():
-    assert set(LAWS) <= set(MODELS)
+    assert set(LAWS_BY_COST) <= set(REFLECTANCE_MODELS)

@@ -1,0 +1,35 @@
+"""Names that the commands' options, the configuration files and the library share.
+
+This module imports nothing, so that a command's help needs neither NumPy nor the kernels.
+"""
+
+from __future__ import annotations
+
+REFLECTANCE_MODELS = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke", "facet")
+"""Reflectance models (laws); some take a parameter set or a file after a colon."""
+
+DEFAULT_LAW = "lommel-seeliger"
+"""Reflectance model of functions that are called without one; the cheapest."""
+
+REFERENCE_LAW = "hapke"
+"""Most complete reflectance model: the one that cheaper models are compared with."""
+
+LAWS_BY_COST = (DEFAULT_LAW, "lunar-lambert", REFERENCE_LAW)
+"""Models that `AUTO_LAW` chooses from, from the cheapest (times: `tradeoff`)."""
+
+AUTO_LAW = "auto"
+"""Instead of a reflectance model: the cheapest of `LAWS_BY_COST` that is accurate enough for the scene."""
+
+ENCODINGS = ("linear", "srgb")
+"""Encodings of the pixel values of an albedo map or an image: proportional to brightness, or sRGB codes.
+The first is the default."""
+
+SURFACES = ("auto", "heightfield", "sphere")
+"""Surfaces of a render: the DEM's heights or the plain sphere; ``auto``: the sphere where relief changes
+less than the accuracy admits."""
+
+HEIGHTFIELD_SIZE_MAX_KM = 2000.0
+"""Greatest side of an area with a DEM's heights, which lie over one tangent plane."""
+
+PNG, TIFF = (".png",), (".tif", ".tiff")
+"""Endings of the frames that `lcp simulate` writes: detector numbers, radiance factors."""
