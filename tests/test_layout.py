@@ -46,6 +46,7 @@ FENCES = {
     "click": set(),
     "numba": {"kernels", "threads"},
     "erfa": {"sun", "light"},
+    "jinja2": {"plots"},
 }
 
 
@@ -147,3 +148,22 @@ def test_every_sub_package_is_installed() -> None:
         if path.name == "__init__.py"
     }
     assert {*listed["tool"]["setuptools"]["packages"]} == {*packages, "lcp_cli"}
+
+
+def test_every_data_file_is_installed() -> None:
+    """Each file of the library that is not Python matches a declared pattern of its package."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    patterns = declared["tool"]["setuptools"]["package-data"]
+    found = {
+        file
+        for package, names in patterns.items()
+        for name in names
+        for file in (ROOT / Path(*package.split("."))).glob(name)
+    }
+    there = {
+        path
+        for path in (ROOT / "lcp_catalog").rglob("*")
+        if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+    }
+    assert there == found
+    assert {path.suffix for path in found} == {".j2", ".css", ".js"}

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
-from ..plots.svg import number
+from ..plots.numbers import number
 from .flags import evaluated, usable
 from .hdf5 import Catalog, open_catalog, verify
 from .schema import COVERAGE_STATUS

@@ -16,7 +16,7 @@ from html import escape
 import numpy as np
 
 from ..arrays import Array
-from .svg import number
+from .numbers import number
 
 STYLES = ("solid", "dashed", "thin", "dotted")
 """Line styles (CSS classes) of the curves; ``dots`` marks measurements."""

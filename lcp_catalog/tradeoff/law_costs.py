@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import RenderedImage, Sweep
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..dem.mosaic import DemSet
-from ..landmarks.correlation import moments
 from ..photometry.laws import reflectance_model
 from ..threads import limit_threads
+from ..validation.window_correlation import compare
 
 PHASES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 180.0)
 """Edges of the bins of phase that are told apart."""
@@ -39,7 +39,7 @@ class ModelChanges:
     """Windows' correlations with the judge's, by law and bin of phase, and seconds by law; they add up over areas."""
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS_BY_COST, 0.0))
-    correlations: dict[tuple[str, int], list[NDArray[np.float64]]] = field(default_factory=dict)
+    correlations: dict[tuple[str, int], list[Array]] = field(default_factory=dict)
     images: dict[int, int] = field(default_factory=dict)
 
     def add(self, other: ModelChanges) -> None:
@@ -114,22 +114,13 @@ def _judge(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) 
         found.correlations.setdefault((law, phase), []).append(values)
 
 
-def window_correlations(
-    ours: NDArray[np.floating], theirs: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Centred normalised correlation of every window (n,) whose nodes are all seen and which shows something in the second
-    image; 0 where the first shows nothing.
+def window_correlations(ours: Array, theirs: Array) -> Array:
+    """Centred normalised correlations (n,) of the windows whose nodes are all visible and that have contrast in ``theirs``;
+    0 for a window without contrast in ``ours``.
     """
-    rows, cols = (side // WINDOW * WINDOW for side in ours.shape)
-    if not rows or not cols:
+    if min(ours.shape) < WINDOW:
         return np.empty(0)
-    a, b = (_windows(image[:rows, :cols]) for image in (ours, theirs))
-    with np.errstate(invalid="ignore"):
-        shown = np.isfinite(a).all(axis=1) & (b.std(axis=1) > CONTRAST * b.mean(axis=1))
-    return moments(a[shown], b[shown]).correlation
-
-
-def _windows(image: NDArray[np.floating]) -> NDArray[np.float64]:
-    rows, cols = (side // WINDOW for side in image.shape)
-    blocks = image.astype(np.float64).reshape(rows, WINDOW, cols, WINDOW).swapaxes(1, 2)
-    return np.asarray(blocks.reshape(rows * cols, WINDOW * WINDOW))
+    found = compare(ours, theirs, gsd_m=1.0, size=WINDOW, step=WINDOW, least_valid=1.0)
+    corners = zip(found.row, found.col, strict=True)
+    means = np.array([theirs[r : r + WINDOW, c : c + WINDOW].mean() for r, c in corners])
+    return found.correlation[found.contrast > CONTRAST * means]

@@ -1,68 +1,62 @@
-"""The Pareto plot of a trade: error over time, as inline SVG in the page's own colours."""
-
-# ruff: noqa: E501 - lines of markup
+"""Plot of the error of the accuracy tiers over their run time, with the Pareto front."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from html import escape
 from typing import Any
 
-from ..plots.svg import number
+from markupsafe import Markup
+
+from ..plots.axes import Axes, Axis
+from ..plots.numbers import number
 
 Row = dict[str, Any]
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 92.0, 24.0, 18.0, 64.0
-_WIDTH, _HEIGHT = 760.0, 400.0
-_NONE_PX = 84.0
-"""Height of the strip for no error at all, which has no place on a logarithmic axis."""
+_NO_ERROR = 0.8
+"""Decades below the error axis at which tiers without errors are drawn."""
 
 
-@dataclass(frozen=True)
-class _Axes:
-    """Logarithms of the limits of time (x) and of error (y, whole decades), and the strip of no error below."""
-
-    times: tuple[float, float]
-    errors: tuple[int, int]
-
-    def x(self, ratio: float) -> float:
-        low, high = self.times
-        share = (math.log10(max(ratio, 1e-9)) - low) / (high - low)
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * share
-
-    def y(self, error: float) -> float:
-        base = _HEIGHT - _BOTTOM
-        if error <= 0.0:
-            return base - 16.0
-        low, high = self.errors
-        share = (math.log10(error) - low) / (high - low)
-        return base - _NONE_PX - (base - _NONE_PX - _TOP) * share
-
-
-def pareto(rows: list[Row]) -> str:
-    """The plot. A row gives two marks: the whole work (``cpu_relative``), and the images alone (``render_relative``); both stand
-    at ``sunlit_error_share``. The line joins the rows that no other beats in both time and error.
+def pareto(rows: list[Row]) -> Markup:
+    """Plot of all tiers. A row gives two marks at ``sunlit_error_share``: the whole work
+    (``cpu_relative``) and the images alone (``render_relative``). A line joins the Pareto front.
     """
-    axes = _Axes(
-        _round_times([r[key] for r in rows for key in ("cpu_relative", "render_relative")]),
-        _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0]),
+    times = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
+    decades = _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0])
+    axes = Axes(
+        Axis(*times, _time_ticks(*times), "CPU time relative to reference", log=True, grid=True),
+        Axis(
+            10.0 ** (decades[0] - 1),
+            10.0 ** decades[1],
+            [
+                (_drawn(0.0, decades), "0"),
+                *((10.0**k, _percent(k)) for k in range(decades[0], decades[1] + 1)),
+            ],
+            "share of nodes with a wrong shadow",
+            log=True,
+            grid=True,
+        ),
+        width=644.0,
+        height=318.0,
+        left=92.0,
+        right=24.0,
+        top=18.0,
+        bottom=64.0,
     )
-    corners = " ".join(
-        f"{axes.x(r['cpu_relative']):.1f},{axes.y(r['sunlit_error_share']):.1f}"
-        for r in front(rows)
+    best = front(rows)
+    line = axes.line(
+        [r["cpu_relative"] for r in best],
+        [_drawn(r["sunlit_error_share"], decades) for r in best],
+        "front",
     )
-    marks = "".join(
-        _marks(axes, row, place) for row, place in zip(rows, _lifted(rows), strict=True)
-    )
-    return (
-        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="error of every tier over its time">'
-        f'{_grid(axes)}<polyline class="front" points="{corners}"/>{marks}</svg>'
-    )
+    marks = [
+        _marks(axes, row, _drawn(row["sunlit_error_share"], decades), place)
+        for row, place in zip(rows, _label_places(rows), strict=True)
+    ]
+    return axes.draw(Markup().join([line, *marks]), "error of every tier over its time", "pareto")
 
 
 def front(rows: list[Row]) -> list[Row]:
-    """The rows that no other one beats: less time at no more error, or less error at no more time; from the fastest on."""
+    """The Pareto front, fastest first: rows that no other row equals or beats in both time and error."""
 
     def beaten(row: Row) -> bool:
         mine = (row["cpu_relative"], row["sunlit_error_share"])
@@ -72,81 +66,68 @@ def front(rows: list[Row]) -> list[Row]:
     return sorted((r for r in rows if not beaten(r)), key=lambda r: r["cpu_relative"])
 
 
+def _drawn(error: float, decades: tuple[int, int]) -> float:
+    """Error at which a mark is drawn; 0, which a logarithmic axis lacks, below the lowest decade."""
+    return error if error > 0.0 else 10.0 ** (decades[0] - _NO_ERROR)
+
+
 def _decades(errors: list[float]) -> tuple[int, int]:
-    """Whole decades around the errors, two at least."""
+    """Exponents of the powers of ten around the errors, at least two decades."""
     logs = [math.log10(e) for e in errors] or [-3.0]
     low, high = math.floor(min(logs)), math.ceil(max(logs))
     return (low, high) if high - low > 1 else (high - 2, high)
 
 
-def _round_times(ratios: list[float]) -> tuple[float, float]:
-    """The ticks around the ratios and their own, 1."""
+def _time_limits(ratios: list[float]) -> tuple[float, float]:
+    """Ticks around the ratios and around 1, the time of reference."""
     low, high = max(min(ratios), 1e-6), max(ratios)
-    ticks = _ticks(math.floor(math.log10(low)), math.ceil(math.log10(max(high, 1.0))) + 1)
+    ticks = _steps(math.floor(math.log10(low)), math.ceil(math.log10(max(high, 1.0))) + 1)
     below = [t for t in ticks if t <= min(low, 0.5) * 0.95]
     above = [t for t in ticks if t >= max(high, 1.0) * 1.05]
-    return math.log10(below[-1] if below else ticks[0]), math.log10(above[0])
+    return below[-1] if below else ticks[0], above[0]
 
 
-def _ticks(first: int, last: int) -> list[float]:
-    """1, 2, 5 in every decade from below the first to the last."""
+def _time_ticks(low: float, high: float) -> list[tuple[float, str]]:
+    steps = _steps(math.floor(math.log10(low)), math.ceil(math.log10(high)))
+    return [(t, number(t)) for t in steps if low * (1 - 1e-9) <= t <= high * (1 + 1e-9)]
+
+
+def _steps(first: int, last: int) -> list[float]:
+    """1, 2 and 5 times the powers of ten from below 10^first to 10^last."""
     return [step * 10.0**power for power in range(first - 1, last + 1) for step in (1, 2, 5)]
 
 
-def _lifted(rows: list[Row]) -> list[int]:
-    """How many names stand below each name already: tiers without errors share one strip."""
+def _label_places(rows: list[Row]) -> list[int]:
+    """Number of earlier rows with the same error: their labels are stacked."""
     return [
         sum(1 for r in rows[:i] if r["sunlit_error_share"] == row["sunlit_error_share"])
         for i, row in enumerate(rows)
     ]
 
 
-def _marks(axes: _Axes, row: Row, place: int) -> str:
-    """Ring, dot, the line between them, and the name above the dot."""
-    error, name = row["sunlit_error_share"], escape(row["accuracy"])
-    whole, images, y = (
-        axes.x(row["cpu_relative"]),
-        axes.x(row["render_relative"]),
-        axes.y(error),
+def _marks(axes: Axes, row: Row, error: float, place: int) -> Markup:
+    """Ring of the images and filled mark of the whole work, joined by a line, with the tier's name."""
+    (images, whole), (y, _) = axes.at([row["render_relative"], row["cpu_relative"]], [error, error])
+    name = row["accuracy"]
+    wrong = f"{100.0 * row['sunlit_error_share']:.3g} % of the nodes wrong"
+    parts = [Markup(f'<path class="tie" d="M{images:.1f} {y:.1f}H{whole:.1f}"/>')]
+    parts += [
+        Markup(
+            '<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{}"><title>{}, {}: {:.3g} of reference, {}</title></circle>'
+        ).format(css, x, y, radius, name, what, row[key], wrong)
+        for css, x, radius, what, key in (
+            ("images", images, 5, "images alone", "render_relative"),
+            ("whole", whole, 6, "whole work", "cpu_relative"),
+        )
+    ]
+    parts.append(
+        Markup('<text class="name middle" x="{:.1f}" y="{:.1f}">{}</text>').format(
+            whole, y - 12 - 15 * place, name
+        )
     )
-    wrong = f"{100.0 * error:.3g} % of the nodes wrong"
-    return (
-        f'<path class="tie" d="M{images:.1f} {y:.1f}H{whole:.1f}"/>'
-        f'<circle class="images" cx="{images:.1f}" cy="{y:.1f}" r="5"><title>{name}, images alone: {row["render_relative"]:.3g} of reference, {wrong}</title></circle>'
-        f'<circle class="whole" cx="{whole:.1f}" cy="{y:.1f}" r="6"><title>{name}, whole work: {row["cpu_relative"]:.3g} of reference, {wrong}</title></circle>'
-        f'<text class="name" x="{whole:.1f}" y="{y - 12 - 15 * place:.1f}" text-anchor="middle">{name}</text>'
-    )
+    return Markup().join(parts)
 
 
 def _percent(power: int) -> str:
-    """A power of ten of a share, in per cent, without an exponent."""
+    """10^power as a share in per cent, without an exponent."""
     return f"{100.0 * 10.0**power:.{max(0, -2 - power)}f} %"
-
-
-def _grid(axes: _Axes) -> str:
-    base, right = _HEIGHT - _BOTTOM, _WIDTH - _RIGHT
-    lines, names = [], []
-    low, high = axes.times
-    for value in _ticks(math.floor(low), math.ceil(high)):
-        if low - 1e-9 <= math.log10(value) <= high + 1e-9:
-            x = axes.x(value)
-            lines.append(f'<path class="grid" d="M{x:.1f} {_TOP:g}V{base:g}"/>')
-            names.append(
-                f'<text x="{x:.1f}" y="{base + 18:g}" text-anchor="middle">{number(value)}</text>'
-            )
-    for power in range(axes.errors[0], axes.errors[1] + 1):
-        y = axes.y(10.0**power)
-        lines.append(f'<path class="grid" d="M{_LEFT:g} {y:.1f}H{right:g}"/>')
-        names.append(
-            f'<text x="{_LEFT - 8:g}" y="{y + 4:.1f}" text-anchor="end">{_percent(power)}</text>'
-        )
-    names.append(f'<text x="{_LEFT - 8:g}" y="{axes.y(0.0) + 4:.1f}" text-anchor="end">none</text>')
-    middle = (_LEFT + right) / 2.0
-    names.append(
-        f'<text x="{middle:.1f}" y="{base + 44:g}" text-anchor="middle">CPU time, as a share of reference’s</text>'
-    )
-    names.append(
-        f'<text transform="translate(16 {(_TOP + base) / 2:.1f}) rotate(-90)" text-anchor="middle">sunlit nodes wrong</text>'
-    )
-    frame = f'<path class="axis" d="M{_LEFT:g} {_TOP:g}V{base:g}H{right:g}"/>'
-    return "".join([*lines, frame, *names])

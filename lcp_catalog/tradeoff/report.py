@@ -1,55 +1,72 @@
-"""A measured trade for people: the page, the table to paste, and which tier to use when, by rules that are stated."""
+"""The report of a speed-accuracy measurement: HTML page, Markdown table, and recommended tiers."""
 
-# ruff: noqa: E501 - lines of markup and style
+# ruff: noqa: E501 - sentences of the report
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..accuracy import TIERS
 from ..atomic_files import check_folder, write_bytes
 from ..catalog.summary import latitude_name
-from ..plots.html_page import header, page
-from ..plots.svg import data_uri, number
-from .law_report import models_markdown, models_section
+from ..choices import LAWS_BY_COST, REFERENCE_LAW
+from ..plots.html_page import page
+from ..plots.numbers import number
+from ..plots.png import data_uri
+from .law_costs import CONTRAST, WINDOW, ModelChanges
 from .measurement import Picture, Trade
 from .pareto_plot import pareto
 
 Row = dict[str, Any]
 
 SAVING = 0.1
-"""A tier that takes at least this share less time counts as faster; of tiers nearer together the more exact one is named."""
+"""Least share of time by which a tier counts as faster. Of tiers that differ by less, the most exact one
+is recommended.
+"""
 
 POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
-"""Lost and gained points, and changed conditions, up to which a catalogue counts as the same for most uses."""
+"""Largest shares of lost and gained points, and of changed conditions, of a nearly equal catalogue."""
 
 FILES = ("trade.json", "trade.html", "trade.md")
 
 RULES = (
-    "“The same” means: no node, no point and no condition differs from reference; “nearly the same”: at most "
-    f"{100 * POINTS_SHARE:g} % of the points lost or gained and at most {100 * CONDITIONS_SHARE:g} % of the conditions changed. Of the tiers that "
-    f"qualify the fastest is named; against a more exact one it must save at least {100 * SAVING:g} %. Time is CPU time, which on an idle machine is wall time."
+    "“Equal” means that no node, no point and no condition differs from reference; “nearly equal”, that at most "
+    f"{100 * POINTS_SHARE:g} % of the points are lost or gained and at most {100 * CONDITIONS_SHARE:g} % of the conditions change. The fastest tier that "
+    f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one. Time is CPU time, which equals wall time on an idle machine."
 )
 
 HELD_EQUAL = (
-    "Held equal in every tier: the Sun is a point, each view a bundle of parallel rays, one Sun direction serves a group of points, and "
-    "independence (the patch alone against all terrain) is judged by exact rays. Only shadows and occlusion in the images differ."
+    "Equal in every tier: the Sun is a point source, each view a bundle of parallel rays, one Sun direction serves a group of points, and "
+    "the independence of a patch from the terrain around it is tested with exact rays. Only shadows and occlusion in the images differ."
+)
+
+LAWS_HEADING = "Cost of the reflectance models"
+
+LAWS_EXPLAINED = (
+    f"All images of the areas, with shadows, under the reflectance models {', '.join(LAWS_BY_COST)}. Windows of {WINDOW} x {WINDOW} nodes that are entirely visible and "
+    f"have contrast (more than {CONTRAST:g} of their mean) are correlated with the same windows under {REFERENCE_LAW}; gain and offset are free. A catalogue or a "
+    "render without a stated reflectance model uses the first of these whose error is at most "
+    + ", ".join(f"{100 * row.law_residual:g} % ({row.tier})" for row in TIERS.values())
+    + f" of the mean signal: the rms difference from {REFERENCE_LAW} in images of random relief, gain and offset free."
 )
 
 
 def check_trade_folder(folder: Path, overwrite: bool) -> None:
-    """Say early what would fail late. Raises as `files.check_folder`."""
+    """Check the output folder before the measurement. Raises as `atomic_files.check_folder`."""
     check_folder(folder, FILES, overwrite)
 
 
 def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
-    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is made where it is missing. Raises as `files.check_folder`."""
+    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if missing.
+
+    Raises as `atomic_files.check_folder`.
+    """
     check_trade_folder(folder, overwrite)
     document = trade.document() | {"advice": advice(trade.rows)}
     folder.mkdir(exist_ok=True)
@@ -58,11 +75,11 @@ def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
         write_bytes(folder / name, text.encode("utf-8"), overwrite)
 
 
-# -- which tier when
+# -- recommended tiers
 
 
 def advice(rows: list[Row]) -> list[str]:
-    """Sentences on which tier to use when, from the rows by `RULES`."""
+    """Sentences that recommend a tier for each purpose, by `RULES`."""
     exact = rows[-1]
     same = _pick(rows, "cpu_seconds", _same)
     near = _pick(rows, "cpu_seconds", _nearly_same)
@@ -70,17 +87,17 @@ def advice(rows: list[Row]) -> list[str]:
     image = _pick(rows, "render_seconds", lambda row: row["sunlit_error_share"] == 0.0)
     glance = _pick(rows, "render_seconds", lambda row: True)
     return [
-        f"For a catalogue that must be the same as reference’s: {same['accuracy']}, {_cost(same, exact)}.",
-        f"For a catalogue that is nearly the same: {near['accuracy']}, {_cost(near, exact)}; {_felt(near)}.",
-        f"For a first look at a region: {quick['accuracy']}, {_cost(quick, exact)}; {_felt(quick)}.",
-        f"For images without one wrong node: {image['accuracy']}, {_times(image['render_relative'])} of the time of reference’s images.",
-        f"For images at a glance: {glance['accuracy']}, {_times(glance['render_relative'])} of that time, with "
+        f"For a catalogue equal to that of reference: {same['accuracy']}, {_cost(same, exact)}.",
+        f"For a nearly equal catalogue: {near['accuracy']}, {_cost(near, exact)}; {_effect(near)}.",
+        f"For a first overview of a region: {quick['accuracy']}, {_cost(quick, exact)}; {_effect(quick)}.",
+        f"For images without a wrong node: {image['accuracy']}, in {_times(image['render_relative'])} of the time of the reference images.",
+        f"For fast images: {glance['accuracy']}, in {_times(glance['render_relative'])} of that time, with "
         f"{_share(glance['sunlit_error_share'])} of the nodes wrong.",
     ]
 
 
 def _pick(rows: list[Row], cost: str, fits: Callable[[Row], bool]) -> Row:
-    """The most exact of the fitting rows whose cost is within `SAVING` of the cheapest; the reference always fits."""
+    """The most exact qualifying row whose cost is within `SAVING` of the lowest; reference always qualifies."""
     fitting = [row for row in rows if fits(row)]
     limit = min(row[cost] for row in fitting) / (1.0 - SAVING)
     return [row for row in fitting if row[cost] <= limit][-1]
@@ -102,11 +119,12 @@ def _nearly_same(row: Row) -> bool:
 
 def _cost(row: Row, exact: Row) -> str:
     if row is exact:
-        return f"as no other tier that qualifies saves {100 * SAVING:g} %"
-    return f"at {_times(row['cpu_relative'])} of reference’s time"
+        return f"because no other tier that qualifies saves {100 * SAVING:g} %"
+    return f"in {_times(row['cpu_relative'])} of the time of reference"
 
 
-def _felt(row: Row) -> str:
+def _effect(row: Row) -> str:
+    """Points and conditions that differ from reference."""
     before = row["points"] + row["points_lost"] - row["points_gained"]
     changed = _share(row["conditions_changed_share"])
     return (
@@ -120,7 +138,7 @@ def _times(ratio: float) -> str:
 
 
 def _share(share: float | None) -> str:
-    """A share in per cent, with a nought only for none at all."""
+    """A share in per cent with two significant digits; 0 only for exactly 0."""
     if share is None:
         return "–"
     return f"{np.format_float_positional(100.0 * share, precision=2, fractional=False, trim='-')} %"
@@ -145,32 +163,32 @@ def _relative(row: Row) -> str:
 
 
 COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
-    ("accuracy", "the tier", lambda r: r["accuracy"]),
-    ("seconds", "wall time of the areas, all of a build’s work, one thread", lambda r: f"{r['seconds']:.2f}"),
-    ("of reference", "the same as a share of reference’s, lowest and highest round in brackets", _relative),
-    ("CPU seconds", "the process’s own time of the same; on a machine that does other work trust this one", lambda r: f"{r['cpu_seconds']:.2f}"),
-    ("of reference", "the same as a share of reference’s", lambda r: _times(r["cpu_relative"])),
-    ("images, s", "all images once: shadows, occlusion, light", lambda r: f"{r['render_seconds']:.2f}"),
-    ("of reference", "the same as a share of reference’s", lambda r: _times(r["render_relative"])),
-    ("MB", "peak memory of the process, in brackets what it held before its first area", _memory),
-    ("sunlit wrong", "share of (node, Sun) pairs whose lit state differs", lambda r: _share(r["sunlit_error_share"])),
-    ("at an edge", "share of these within two nodes of a shadow’s edge", lambda r: _share(r["sunlit_error_near_edge_share"])),
-    ("bound", "what the tier promises for cast shadows", lambda r: _share(r["bound"])),
-    ("occlusion wrong", "share of (node, view) pairs whose visibility differs", lambda r: _share(r["visible_error_share"])),
-    ("radiance rmse", "root mean square difference of the radiance factor over nodes seen in both, as a share of the mean", lambda r: _share(r["radiance_rmse"])),
-    ("points", "control points of these areas", lambda r: str(r["points"])),
-    ("lost", "points of reference that this tier has not", lambda r: str(r["points_lost"])),
-    ("gained", "points of this tier that reference has not", lambda r: str(r["points_gained"])),
-    ("moved", "lost points with a gained one within half a spacing", lambda r: str(r["points_moved"])),
-    ("conditions changed", "share of conditions, of candidates in both, that are usable in one only", lambda r: _share(r["conditions_changed_share"])),
-    ("sigma change, m", "of points in both, worst usable condition: median / 95th percentile", lambda r: _change(r["localization_sigma_change_m"])),
-    ("%", "the same relative to sigma", lambda r: _change(r["localization_sigma_change_share"], 100.0)),
+    ("accuracy", "accuracy tier", lambda r: r["accuracy"]),
+    ("wall time, s", "all work of a build on the areas, one thread", lambda r: f"{r['seconds']:.2f}"),
+    ("relative wall time", "as a share of reference, in brackets the lowest and highest round", _relative),
+    ("CPU time, s", "CPU time of the same work; the better measure on a busy machine", lambda r: f"{r['cpu_seconds']:.2f}"),
+    ("relative CPU time", "as a share of reference", lambda r: _times(r["cpu_relative"])),
+    ("image time, s", "all images once: shadows, occlusion, shading", lambda r: f"{r['render_seconds']:.2f}"),
+    ("relative image time", "as a share of reference", lambda r: _times(r["render_relative"])),
+    ("memory, MB", "peak memory of the process, in brackets before its first area", _memory),
+    ("wrong shadow", "share of (node, Sun) pairs with a different lit state", lambda r: _share(r["sunlit_error_share"])),
+    ("at a shadow edge", "share of these within two nodes of the edge of a shadow", lambda r: _share(r["sunlit_error_near_edge_share"])),
+    ("bound", "permitted share of wrong cast shadows of the tier", lambda r: _share(r["bound"])),
+    ("wrong occlusion", "share of (node, view) pairs with a different visibility", lambda r: _share(r["visible_error_share"])),
+    ("radiance rmse", "root mean square difference of the radiance factor over nodes visible in both, as a share of the mean", lambda r: _share(r["radiance_rmse"])),
+    ("points", "control points in the areas", lambda r: str(r["points"])),
+    ("lost points", "points of reference that the tier lacks", lambda r: str(r["points_lost"])),
+    ("gained points", "points of the tier that reference lacks", lambda r: str(r["points_gained"])),
+    ("moved points", "lost points with a gained point within half the spacing", lambda r: str(r["points_moved"])),
+    ("changed conditions", "share of the conditions of common candidates that are usable in one tier only", lambda r: _share(r["conditions_changed_share"])),
+    ("change of sigma, m", "common points, worst usable condition: median / 95th percentile", lambda r: _change(r["localization_sigma_change_m"])),
+    ("change of sigma, %", "relative to sigma", lambda r: _change(r["localization_sigma_change_share"], 100.0)),
 )  # fmt: skip
-"""Heading, meaning and text of every column of the table."""
+"""Name, meaning and text of every figure of a tier."""
 
 
 def markdown(trade: Trade) -> str:
-    """The table for a document: what was compared, one line a column, one column a tier, and the advice."""
+    """The report in Markdown: compared areas, table with one column per tier, recommendations."""
     names = [row["accuracy"] for row in trade.rows]
     lines = [
         compared_line(trade.compared),
@@ -183,84 +201,127 @@ def markdown(trade: Trade) -> str:
             f"| **{heading}**: {meaning} | {' | '.join(text(row) for row in trade.rows)} |"
         )
     said = [f"- {sentence}" for sentence in advice(trade.rows)]
-    return "\n".join([*lines, "", *said, "", RULES, "", *models_markdown(trade.models)])
+    return "\n".join([*lines, "", *said, "", RULES, "", *laws_markdown(trade.models)])
 
 
 def compared_line(compared: dict[str, Any]) -> str:
-    """What was compared, in one paragraph."""
+    """The compared areas and conditions in one paragraph."""
     region, suns = compared["region"], compared["suns"]
     low, high = min(compared["sun_elevations_deg"]), max(compared["sun_elevations_deg"])
     many = f"{suns[0]}" if len(suns) == 1 else f"{suns[0]} to {suns[-1]}"
     rounds = "1 round" if compared["rounds"] == 1 else f"{compared['rounds']} rounds"
-    side_by_side = (
+    processes = (
         "each tier in a process of its own"
         if compared["own_process"]
-        else "all tiers in one process"
+        else "all tiers in the same process"
     )
     return (
         f"{', '.join(compared['dems'])}; region around {region['center_lon'] % 360.0:.4g}° E, {latitude_name(region['center_lat'])}, "
         f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} areas "
-        f"({sum(compared['area_nodes']):,} nodes without halo); {many} Suns that can happen, elevations {low:g} to {high:g}°; "
-        f"{compared['views']} views; {compared['reflectance']}. {compared['threads']} thread, {side_by_side}, tiers in turn, "
-        f"median of {rounds} after one that does not count."
+        f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun directions, elevations {low:g} to {high:g}°; "
+        f"{compared['views']} views; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
+        f"median of {rounds} after an untimed one."
     )  # fmt: skip
+
+
+# -- the reflectance models
+
+
+LAW_COLUMNS = (
+    "phase angle, deg",
+    "reflectance model",
+    "images",
+    "windows",
+    "correlation: median",
+    "5th percentile",
+    "above 0.9",
+)
+
+
+def laws_markdown(models: ModelChanges) -> list[str]:
+    """Lines of the Markdown table of the reflectance models."""
+    lines = [f"## {LAWS_HEADING}", "", LAWS_EXPLAINED, "", _law_times(models), ""]
+    lines += [
+        f"| {' | '.join(LAW_COLUMNS)} |",
+        "| ---: | --- |" + " ---: |" * (len(LAW_COLUMNS) - 2),
+    ]
+    lines += [f"| {' | '.join(cells)} |" for cells in _law_rows(models)]
+    return [*lines, ""]
+
+
+def _law_times(models: ModelChanges) -> str:
+    shares = ", ".join(f"{law} {share:.2f}" for law, share in models.times().items())
+    return f"Time of all images, shadows and shading, as a share of that with {REFERENCE_LAW}: {shares}."
+
+
+def _law_rows(models: ModelChanges) -> list[list[str]]:
+    """Cells of the table, sorted by phase angle."""
+    rows = sorted(
+        models.rows(), key=lambda row: (row["phase_deg"], LAWS_BY_COST.index(row["reflectance"]))
+    )
+    return [
+        [
+            "{:g} to {:g}".format(*row["phase_deg"]),
+            row["reflectance"],
+            str(row["images"]),
+            f"{row['windows']:,}",
+            f"{row['correlation_median']:.4f}",
+            f"{row['correlation_p05']:.4f}",
+            f"{100 * row['share_above_0_9']:.1f} %",
+        ]
+        for row in rows
+    ]
 
 
 # -- the page
 
 
 def render_trade(trade: Trade) -> str:
-    """The page as HTML that refers to nothing outside itself."""
-    compared = trade.compared
-    sentences = "".join(f"<li>{escape(sentence)}</li>" for sentence in advice(trade.rows))
-    body = [
-        header("Speed against accuracy", compared_line(compared)),
-        f"<section><h2>Which tier when</h2><ul class='advice'>{sentences}</ul><p class='file'>{escape(RULES)}</p></section>",
-        f"<section><h2>Price and error</h2><figure>{pareto(trade.rows)}<figcaption>Filled: a build’s whole work on the areas; ring: the "
-        "images alone. Matching and localisation cost the same in every tier, so whole areas lie closer together than "
-        "their images.</figcaption></figure></section>",
-        f"<section><h2>The figures</h2>{_table(trade.rows)}<p class='file'>{escape(HELD_EQUAL)}</p></section>",
-        _picture_section(trade.picture) if trade.picture else "",
-        models_section(trade.models),
-        "<section><h2>As data</h2><details><summary>What was compared</summary>"
-        f"<pre>{escape(json.dumps(compared, indent=1))}</pre></details></section>",
-    ]
-    return page(f"Speed against accuracy: {', '.join(compared['dems'])}", body, _STYLE)
-
-
-def _table(rows: list[Row]) -> str:
-    """One row a figure, one column a tier: it stays narrow enough for a telephone."""
-    head = "".join(f"<th scope='col'>{escape(row['accuracy'])}</th>" for row in rows)
-    lines = "".join(
-        f"<tr><th scope='row'>{escape(heading)}<span>{escape(meaning)}</span></th>"
-        + "".join(f"<td>{escape(text(row))}</td>" for row in rows)
-        + "</tr>"
-        for heading, meaning, text in COLUMNS[1:]
+    """The report as one self-contained HTML page."""
+    compared, rows, shown = trade.compared, trade.rows, trade.picture
+    return page(
+        "trade.html.j2",
+        title=f"Speed and accuracy: {', '.join(compared['dems'])}",
+        heading="Speed and accuracy of the tiers",
+        below=compared_line(compared),
+        advice=advice(rows),
+        rules=RULES,
+        pareto=pareto(rows),
+        tiers=[row["accuracy"] for row in rows],
+        rows=[(name, meaning, [text(row) for row in rows]) for name, meaning, text in COLUMNS[1:]],
+        held_equal=HELD_EQUAL,
+        picture=_picture(shown) if shown and shown.wrong_nodes else None,
+        laws={
+            "heading": LAWS_HEADING,
+            "times": _law_times(trade.models),
+            "columns": LAW_COLUMNS,
+            "rows": _law_rows(trade.models),
+            "explained": LAWS_EXPLAINED,
+        },
+        compared=json.dumps(compared, indent=1),
     )
-    return f"<div class='wide'><table><thead><tr><td></td>{head}</tr></thead><tbody>{lines}</tbody></table></div>"
 
 
-def _picture_section(picture: Picture) -> str:
+def _picture(picture: Picture) -> dict[str, Any]:
+    """The image with the most errors: reference, and each tier with its wrong nodes."""
     rows, cols = picture.lit.shape
-    figures = [("reference: lit and dark", _lit_pixels(picture.lit, 25, 230))]
-    for tier, wrong in picture.wrong.items():
-        count = int(np.count_nonzero(wrong))
-        figures.append((f"{tier}: {count} wrong", _wrong_pixels(picture.lit, wrong)))
-    shown = "".join(
-        f"<figure><img src='{data_uri(pixels)}' alt='{escape(text)}'><figcaption><b>{escape(text)}</b></figcaption></figure>"
-        for text, pixels in figures
-    )
-    return (
-        "<section><h2>Where they differ</h2>"
-        f"<p>Area {escape(picture.area)}, Sun {picture.sun_elevation_deg:g}° high at azimuth {picture.sun_azimuth_deg:g}°: the lowest Sun at "
-        f"which a tier is wrong, and of that area the {cols} x {rows} nodes with the most of them. Wrong nodes are drawn three nodes wide: "
-        "<b class='over'>red</b> lit where reference is dark, <b class='under'>blue</b> dark where it is lit.</p>"
-        f"<div class='pictures'>{shown}</div></section>"
-    )
+    images = [("reference: lit and dark", data_uri(_lit_pixels(picture.lit, 25, 230)))]
+    images += [
+        (f"{tier}: {np.count_nonzero(wrong)} wrong", data_uri(_wrong_pixels(picture.lit, wrong)))
+        for tier, wrong in picture.wrong.items()
+    ]
+    return {
+        "area": picture.area,
+        "sun_elevation": f"{picture.sun_elevation_deg:g}",
+        "sun_azimuth": f"{picture.sun_azimuth_deg:g}",
+        "rows": rows,
+        "cols": cols,
+        "images": images,
+    }
 
 
 def _lit_pixels(lit: NDArray[np.int8], dark: int, light: int) -> NDArray[np.uint8]:
-    """RGBA; no ground is transparent."""
+    """RGBA pixels of lit (1) and dark (0) nodes; nodes without terrain (-1) are transparent."""
     grey = np.where(lit > 0, light, dark).astype(np.uint8)
     return np.stack([grey, grey, grey, np.where(lit < 0, 0, 255).astype(np.uint8)], axis=-1)
 
@@ -278,17 +339,3 @@ def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     rows, cols = mask.shape
     steps = [(i, j) for i in range(3) for j in range(3)]
     return np.any([padded[i : i + rows, j : j + cols] for i, j in steps], axis=0)
-
-
-_STYLE = """
-:root{--over:#c62320;--under:#1f5fc0;--dot:#2a788e}
-@media (prefers-color-scheme:dark){:root{--over:#ff6b66;--under:#7eb0ff;--dot:#4bb3cd}}
-main{max-width:1040px}p{max-width:80ch}.file{font-size:.9rem}
-.advice{padding-left:20px;max-width:80ch}.advice li{margin:4px 0}
-svg{width:100%;max-width:760px;height:auto;font-size:13px}svg .name{fill:var(--ink);font-weight:600}
-.axis,.grid{fill:none;stroke:var(--line)}.axis{stroke:var(--soft)}.whole{fill:var(--dot);stroke:var(--bg)}.images{fill:var(--bg);stroke:var(--dot);stroke-width:2}
-.tie{stroke:var(--dot);stroke-dasharray:3 4;stroke-opacity:.7}.front{fill:none;stroke:var(--dot);stroke-width:1.5;stroke-opacity:.55}
-th[scope=row]{white-space:normal;min-width:190px}th span{display:block;font-weight:400;font-size:.8rem;color:var(--soft);line-height:1.35}
-.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(220px,1fr));gap:14px;margin-top:12px}.pictures img{width:100%;image-rendering:pixelated;border-radius:4px;border:1px solid var(--line)}
-.over{color:var(--over)}.under{color:var(--under)}
-"""

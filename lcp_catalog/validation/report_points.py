@@ -1,74 +1,73 @@
-"""The part of a validation's page that shows the control points: marks over the image, residuals, the table."""
+"""The control points in the validation report: marks over the image, residuals, and the table."""
 
 from __future__ import annotations
 
 import math
-from html import escape
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from ..arrays import Array
 from ..matching.matches import FOUND, REASONS
-from ..plots.greyscale import Pictures, grey, shrunk
-from ..plots.svg import data_uri, number
+from ..plots.greyscale import grey, shrunk
+from ..plots.numbers import number
+from ..plots.png import data_uri
 from . import report_marks
 from .report_marks import SCALE_ROOM, Arrows, Frame
-from .result import LOCATED, ImageVerdict
+from .result import LOCATED, ImageVerdict, Pictures
 from .tables import error_ellipses
 
 ROWS_MAX = 1500
-"""Points that the page's table shows; the CSV beside it has all."""
+"""Most points in the page's table; the CSV file has all."""
 
 MEANINGS = {
     FOUND: "where it was found",
-    "out of frame": "its search area does not lie in the image",
+    "out of frame": "its search area is not inside the image",
     "not lit": "the Sun is below its horizon, or too little of the patch is lit",
-    "not seen": "the camera sees it edge-on, from behind, or not at all",
-    "low contrast": "its render has too little texture to be placed",
-    "no data": "the image has too little there that is neither missing nor saturated",
+    "not seen": "hidden, turned away from the camera, or seen edge-on",
+    "low contrast": "too little texture in its render",
+    "no data": "too few valid pixels in the image",
     "saturated": "the image is saturated there",
     "weak": "the highest correlation is too low",
     "ambiguous": "another place correlates about as well",
-    "not confirmed": "searched for backwards it is somewhere else",
-    "inconsistent": "no camera that agrees with the others sees it there",
+    "not confirmed": "the backward search ended at another place",
+    "inconsistent": "contradicts the camera position of the other points",
 }
-"""What each of `REASONS` says."""
+"""Meaning of each of `REASONS`."""
 
 
-def points_section(image: ImageVerdict, shown: Pictures) -> str:
-    """Marks over the image, and what each says."""
-    title = "<h3 class='part'>Points in the image</h3>"
+def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
+    """Drawing of the marks over the image, with its legend; None without points in view."""
     if not len(image.matches):
-        return f"{title}<p class='none'>No control point is in view.</p>"
+        return None
     frame, arrows = _frame(image), _arrows(image)
     times = report_marks.magnification(frame, arrows)
-    under = _photo_picture(frame, shown)
+    has_arrows = len(arrows.by) > 0
     marks = report_marks.reason_marks(frame, _places(image), _reasons(image), _titles(image))
-    over = report_marks.arrow_marks(frame, arrows, times)
-    key = report_marks.scale_arrow(frame, times, arrows, "px") if len(arrows.by) else ""
-    drawn = frame.drawing(
-        under + marks + over + key,
-        f"control points in {image.facts.name}",
-        SCALE_ROOM if key else 0,
-    )
-    counts = report_marks.reason_key(image.matches.counts().items(), MEANINGS)
-    return (
-        f"{title}<figure class='drawn'>{drawn}"
-        f"<figcaption>{_arrow_sentence(image)}{counts}</figcaption></figure>"
-    )
+    inside = _photo_picture(frame, shown) + marks
+    inside += report_marks.arrow_marks(frame, arrows, times)
+    if has_arrows:
+        inside += report_marks.scale_arrow(frame, times, arrows, "px")
+    label = f"control points in {image.facts.name}"
+    return {
+        "drawing": frame.drawing(inside, label, SCALE_ROOM if has_arrows else 0),
+        "text": _arrow_sentence(image),
+        "legend": report_marks.reason_key(image.matches.counts().items(), MEANINGS),
+    }
 
 
 def _frame(image: ImageVerdict) -> Frame:
     return Frame(max(image.facts.width_px, 1), max(image.facts.height_px, 1))
 
 
-def _photo_picture(frame: Frame, shown: Pictures) -> str:
-    """The image below the marks; blocks that were not whole are missing at its right and lower edge."""
+def _photo_picture(frame: Frame, shown: Pictures) -> Markup:
+    """The image below the marks. Incomplete blocks are missing at its right and lower edge."""
     if shown.photo is None:
-        return ""
+        return Markup("")
     rows, cols = (n * shown.photo_factor for n in shown.photo.shape)
     address = data_uri(grey(shrunk(shown.photo)))
-    return (
+    return Markup(
         f'<image href="{address}" width="{cols * frame.scale:.1f}" height="{rows * frame.scale:.1f}" '
         'preserveAspectRatio="none"/>'
     )
@@ -79,7 +78,7 @@ def _reasons(image: ImageVerdict) -> list[str]:
 
 
 def _places(image: ImageVerdict) -> Array:
-    """Where the corrected sensor has each point, else the given one; (n, 2)."""
+    """Pixels (n, 2) of the points in the corrected sensor, or in the given one without a correction."""
     corrected = image.points.corrected_px
     return np.where(np.isfinite(corrected), corrected, image.matches.predicted_px)
 
@@ -94,7 +93,7 @@ def _titles(image: ImageVerdict) -> list[str]:
 
 
 def _arrows(image: ImageVerdict) -> Arrows:
-    """Residuals of what was found; without a pose, offsets from where the given sensor puts it."""
+    """Residuals of the points found; without a pose, their offsets from the given sensor's prediction."""
     found = np.flatnonzero(image.matches.found)
     located = image.verdict == LOCATED
     by = (image.residual_px if located else image.matches.offset_px)[found]
@@ -112,71 +111,59 @@ def _arrow_sentence(image: ImageVerdict) -> str:
     if not image.matches.found.any():
         return ""
     start = "the corrected camera" if image.verdict == LOCATED else "the given camera"
-    return f"<p>Arrows lead from where {start} puts a point to where it was found.</p>"
+    return f"Arrows lead from the position predicted by {start} to the position found."
 
 
-def residuals_section(image: ImageVerdict) -> str:
-    """The residuals by themselves, coloured by how many sigma they are; nothing without a pose."""
+def residuals_data(image: ImageVerdict) -> dict[str, Any] | None:
+    """Drawing of the residuals, coloured by their size in sigma; None without a pose."""
     arrows = _arrows(image)
     if image.verdict != LOCATED or not len(arrows.by):
-        return ""
-    drawn = report_marks.quiver(
-        _frame(image), arrows, f"residuals of the points in {image.facts.name}", "px"
-    )
-    counts = {css: arrows.css.count(css) for _, css in report_marks.ERROR_CLASSES}
-    legend = "".join(
-        f"<li><b class='{css}'>{name}</b> {counts[css]}</li>"
-        for (_, css), name in zip(
-            report_marks.ERROR_CLASSES,
-            ("within 1 sigma", "1 to 2", "2 to 3", "beyond 3"),
-            strict=True,
-        )
-    )
+        return None
+    label = f"residuals of the points in {image.facts.name}"
+    names = ("within 1 sigma", "1 to 2", "2 to 3", "beyond 3")
     median = np.median(arrows.by, axis=0)
-    text = (
-        f"Residuals after the pose, by their own sigma (of true ones 63 %, 35 %, 2 % and 0.01 % are expected). "
-        f"Median {median[0]:+.3f} px right, {median[1]:+.3f} px down."
-    )
-    return f"<figure class='bare'>{drawn}<figcaption>{text}<ul class='classes'>{legend}</ul></figcaption></figure>"
+    return {
+        "drawing": report_marks.quiver(_frame(image), arrows, label, "px"),
+        "text": (
+            "Residuals after the pose estimate, in units of their sigma (expected shares: 63 %, 35 %, 2 % and 0.01 %). "
+            f"Median {median[0]:+.3f} px right, {median[1]:+.3f} px down."
+        ),
+        "classes": [
+            (css, name, arrows.css.count(css))
+            for (_, css), name in zip(report_marks.ERROR_CLASSES, names, strict=True)
+        ],
+    }
 
 
 # -- the table
 
 
 _COLUMNS = (
-    ("id", "the catalogue’s point"),
+    ("id", "identifier in the catalogue"),
     ("lon, °E", "longitude"),
     ("lat, °N", "latitude"),
-    ("expected, px", "column, row where the given camera puts it"),
+    ("expected, px", "column, row from the given camera"),
     ("found, px", "column, row"),
-    ("residual, px", "length, after the pose"),
+    ("residual, px", "length, after the pose estimate"),
     ("sigma, px", "1 sigma, major and minor axis"),
     ("corr.", "correlation at the peak"),
     ("2nd", "highest correlation elsewhere in the search area"),
-    ("back, px", "how far off the backward search ended"),
-    ("says", "found, or why not"),
+    ("back, px", "closing error of the backward search"),
+    ("result", "found, or the reason why not"),
 )
 
 
-def table_section(image: ImageVerdict) -> str:
-    if not len(image.matches):
-        return ""
-    head = "".join(
-        f"<th scope='col'><button type='button' title='{escape(meaning)}'>{name}</button></th>"
-        for name, meaning in _COLUMNS
-    )
-    lines = "".join(
-        f"<tr class='{'is-found' if found else 'not-found'}'>"
-        + "".join(f"<td>{escape(text)}</td>" for text in cells)
-        + "</tr>"
-        for found, cells in zip(image.matches.found[:ROWS_MAX], _rows(image), strict=True)
-    )
+def table_data(image: ImageVerdict) -> dict[str, Any] | None:
+    """Table of the points in view; None without any."""
     n = len(image.matches)
-    more = f" The first {ROWS_MAX} are here, all in the CSV." if n > ROWS_MAX else ""
-    return (
-        f"<details open><summary>Table of the {n} points in view.{more}</summary><div class='wide tall'>"
-        f"<table class='sortable'><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div></details>"
-    )
+    if not n:
+        return None
+    more = f" The first {ROWS_MAX} are shown; the CSV file has all." if n > ROWS_MAX else ""
+    return {
+        "summary": f"Table of the {n} points in view.{more}",
+        "columns": _COLUMNS,
+        "rows": list(zip(image.matches.found[:ROWS_MAX], _rows(image), strict=True)),
+    }
 
 
 def _rows(image: ImageVerdict) -> list[tuple[str, ...]]:

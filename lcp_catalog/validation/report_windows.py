@@ -1,90 +1,118 @@
-"""The part of a validation's page that holds image and render against each other, window by window."""
+"""The windows in the validation report: image and render side by side, map and histogram of their correlation, offsets.
+
+The histogram follows figure 4 of Pivovarchuk et al. (2026).
+"""
 
 from __future__ import annotations
 
 import math
-from html import escape
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..catalog.summary import percent
-from ..plots.greyscale import Pictures, grey, shrunk
-from ..plots.svg import data_uri, number
-from . import report_marks, window_charts
+from ..plots.axes import Axes, Axis, round_ticks
+from ..plots.greyscale import grey, shrunk
+from ..plots.numbers import nice_step, number
+from ..plots.png import data_uri
+from . import report_marks
 from .report_marks import Arrows, Frame
-from .result import ImageVerdict, WindowFigures
+from .result import ImageVerdict, Pictures, WindowFigures
 from .window_correlation import WindowComparison
 
 ARROWS_MAX = 1200
-"""Windows whose offsets are drawn; of more, every second, third ... one."""
+"""Most windows whose offsets are drawn; of more, every second, third ... one."""
 
 OFFSET_CORRELATION = 0.7
-"""Windows below it say little of their offset, and are not drawn."""
+"""Least correlation of a window whose offset is drawn."""
 
 PAIRS_MAX, PAIR_PIXELS = 18, 16_384
-"""Patches that are shown where there is no DEM, and most pixels of each."""
+"""Most patches shown if no DEM was rendered, and most pixels of each."""
 
-MODES = ("side by side", "image", "render", "blink", "swipe", "correlation")
-"""Ways to look at the image, its render and their correlation; "swipe" needs a script and shows only with one."""
+MODES = {
+    "side": "side by side",
+    "image": "image",
+    "render": "render",
+    "blink": "blink",
+    "swipe": "swipe",
+    "correlation": "correlation",
+}
+"""Views of image, render and correlation, and their names; "swipe" needs a script and is hidden without one."""
+
+LIMITS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+"""Limits between the colours of correlation."""
+
+COLOURS = (
+    (68, 1, 84),
+    (70, 50, 126),
+    (54, 92, 141),
+    (39, 127, 142),
+    (31, 161, 135),
+    (74, 193, 109),
+    (160, 218, 57),
+    (253, 231, 37),
+)
+"""Colours of correlation, dark to light, legible with colour blindness (viridis); one more than `LIMITS`."""
+
+BINS_BELOW, BINS_ABOVE, BIN = 10, 50, 0.02
+"""Bins of the histogram below and above 0, and their width: from -0.2 to 1."""
+
+LOWEST = -BINS_BELOW * BIN
 
 
-def windows_section(k: int, image: ImageVerdict, shown: Pictures) -> str:
-    title = "<h3 class='part'>Image against render</h3>"
-    if image.windows is None or not image.windows.compared.count:
-        reason = f": {image.windows_reason}" if image.windows_reason else ""
-        return f"{title}<p class='none'>Nothing was compared{escape(reason)}.</p>"
-    w = image.windows.compared
-    histogram = (
-        f"<figure>{window_charts.correlation_histogram(w)}"
-        f"<figcaption>{_histogram_caption(image.windows)}</figcaption></figure>"
+def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
+    """Drawings and captions of the comparison; ``none`` states why there is no comparison."""
+    figures = image.windows
+    data: dict[str, Any] = dict.fromkeys(
+        ("none", "histogram", "caption", "layers", "pairs", "quiver")
     )
+    if figures is None or not figures.compared.count:
+        data["none"] = f": {image.windows_reason}" if image.windows_reason else ""
+        return data
+    w = figures.compared
+    data["histogram"], data["caption"] = correlation_histogram(w), _histogram_caption(figures)
     if shown.ground_image is None or shown.ground_render is None:
-        return title + histogram
+        return data
     if w.patch is not None:
-        pairs = _pairs(image.windows, shown.ground_image, shown.ground_render)
-        return f"{title}<div class='columns'>{histogram}{pairs}</div>"
+        return data | {"pairs": _pairs(figures, shown.ground_image, shown.ground_render)}
     frame = Frame(*shown.ground_image.shape[::-1])
-    photo, model = shrunk(shown.ground_image), shrunk(shown.ground_render)
-    layers = {
-        "image": frame.picture(data_uri(grey(photo, model))),
-        "render": frame.picture(data_uri(grey(model, photo))),
-        "correlation": window_charts.correlation_map(
-            frame, w, data_uri(window_charts.correlation_pixels(w))
-        ),
+    return data | {
+        "layers": _layers(frame, w, shown.ground_image, shown.ground_render, image.facts.name),
+        "quiver": _window_quiver(frame, w),
     }
-    return (
-        f"{title}{_switched(k, frame, layers, image.facts.name)}"
-        f"<div class='columns'>{histogram}{_window_quiver(frame, w)}</div>"
-    )
 
 
-def _switched(k: int, frame: Frame, layers: dict[str, str], name: str) -> str:
-    """The layers in one figure; radio buttons and rules of style say which are seen, without a script."""
-    switches = "".join(
-        f"<input type='radio' name='look-{k}' id='look-{k}-{n}' class='to-{mode.split()[0]}'{'' if n else ' checked'}>"
-        f"<label for='look-{k}-{n}' class='for-{mode.split()[0]}'>{mode}</label>"
-        for n, mode in enumerate(MODES)
-    )
-    captions = {
-        "image": ("the image on the ground’s grid", ""),
-        "render": ("the render, light as in the image", ""),
-        "correlation": (
-            "correlation of each window; none where too few cells are known",
-            window_charts.colour_scale(),
-        ),
-    }
-    shown = "".join(
-        f"<figure class='layer {layer}'>{frame.drawing(layers[layer], f'{caption}: {name}')}"
-        f"<figcaption>{caption}{more}</figcaption></figure>"
-        for layer, (caption, more) in captions.items()
-    )
-    swipe = "<input type='range' class='swipe' min='0' max='100' value='50' aria-label='how much of the image is seen'>"
-    return f"<div class='look' role='group' aria-label='ways to look'>{switches}{swipe}<div class='stack'>{shown}</div></div>"
+def _layers(
+    frame: Frame, w: WindowComparison, image: Array, render: Array, name: str
+) -> list[dict[str, Any]]:
+    """Image, render and correlation map on one grid, each with its caption."""
+    photo, model = shrunk(image), shrunk(render)
+    layers = (
+        ("image", "image, resampled to the terrain grid", grey(photo, model), ""),
+        ("render", "render under the Sun of the image", grey(model, photo), ""),
+        ("correlation", "correlation of the windows; blank where too few cells are valid", None, colour_scale()),
+    )  # fmt: skip
+    return [
+        {
+            "name": layer,
+            "drawing": frame.drawing(
+                correlation_map(frame, w, data_uri(correlation_pixels(w)))
+                if pixels is None
+                else frame.picture(data_uri(pixels)),
+                f"{caption}: {name}",
+            ),
+            "caption": caption,
+            "scale": scale,
+        }
+        for layer, caption, pixels, scale in layers
+    ]
 
 
-def _pairs(windows: WindowFigures, images: Array, renders: Array) -> str:
-    """Some patches (k, rows, cols), each as image and render: the worst, the middle, the best by their windows' median."""
+def _pairs(windows: WindowFigures, images: Array, renders: Array) -> dict[str, Any]:
+    """Some patches (k, rows, cols) as image and render, from the lowest to the highest median correlation."""
     w = windows.compared
     assert w.patch is not None
     patches = np.unique(w.patch)
@@ -95,51 +123,169 @@ def _pairs(windows: WindowFigures, images: Array, renders: Array) -> str:
     for k, median in zip(patches[order[some]], medians[order[some]], strict=True):
         name = "" if windows.point_id is None else str(windows.point_id[np.argmax(w.patch == k)])
         photo, model = shrunk(images[k], PAIR_PIXELS), shrunk(renders[k], PAIR_PIXELS)
-        pair = (("image", grey(photo, model)), ("render", grey(model, photo)))
-        shown = "".join(
-            f"<img src='{data_uri(p)}' alt='{what} of patch {name}'>" for what, p in pair
-        )
-        drawn.append(
-            f"<figure><div>{shown}</div><figcaption>{median:.3f} {name}</figcaption></figure>"
-        )
+        pair = {"image": data_uri(grey(photo, model)), "render": data_uri(grey(model, photo))}
+        drawn.append({"point": name, "median": f"{median:.3f}", "images": pair})
     text = (
-        f"{len(some)} of {len(order)} patches, from the worst to the best: image, render, the median correlation "
-        "of its windows, its point."
+        f"{len(some)} of {len(order)} patches, from the lowest to the highest correlation: image, render, median correlation "
+        "of the windows, point."
     )
-    return f"<div><p class='file'>{text}</p><div class='pairs'>{''.join(drawn)}</div></div>"
+    return {"text": text, "patches": drawn}
 
 
 def _histogram_caption(windows: WindowFigures) -> str:
-    """What counts, and what else is known of the windows."""
+    """The windows that count, and special cases among them."""
     w = windows.compared
     flat = int(np.count_nonzero(w.correlation == 0.0))
-    low = int(np.count_nonzero(w.correlation < window_charts.LOWEST))
+    low = int(np.count_nonzero(w.correlation < LOWEST))
     sentences = [
-        f"All {w.count} windows count; they begin {w.step} cells of {number(w.gsd_m, 4)} m apart.",
-        f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} lie above 0.9.",
-        f"Flat, and correlated with nothing: {flat}." if flat else "",
-        f"In the first bar, being below {window_charts.LOWEST:g}: {low}." if low else "",
-        f"As to offsets, {windows.offset_sentence}.",
+        f"All {w.count} windows count; their spacing is {w.step} cells of {number(w.gsd_m, 4)} m.",
+        f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} exceed 0.9.",
+        f"Windows without contrast, whose correlation is set to 0: {flat}." if flat else "",
+        f"Windows below {LOWEST:g}, which the first bar includes: {low}." if low else "",
+        f"Offset: {windows.offset_sentence}.",
     ]
-    return escape(" ".join(filter(None, sentences)))
+    return " ".join(filter(None, sentences))
 
 
-def _window_quiver(frame: Frame, w: WindowComparison) -> str:
-    """Where each window's image lies off its render, of those windows that say so."""
+def _window_quiver(frame: Frame, w: WindowComparison) -> dict[str, Any] | None:
+    """Offset of each window's image from its render, where the correlation is high enough."""
     if w.offset_px is None:
-        return ""
+        return None
     sure = np.isfinite(w.offset_px).all(axis=1) & (w.correlation > OFFSET_CORRELATION)
     chosen = np.flatnonzero(sure)
     if not len(chosen):
-        return ""
+        return None
     chosen = chosen[:: math.ceil(len(chosen) / ARROWS_MAX)]
     corners = np.stack([w.col, w.row], axis=-1)[chosen].astype(np.float64)
     offsets = w.offset_px[chosen]
     titles = [f"{number(dx)} cells right, {number(dy)} down" for dx, dy in offsets]
     arrows = Arrows(corners + (w.size - 1) / 2.0, offsets, [""] * len(chosen), titles)
-    drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells")
     text = (
-        f"Where each window’s image lies off its render: {len(chosen)} of {int(sure.sum())} windows that "
-        f"correlate above {OFFSET_CORRELATION:g} there."
+        f"Offset of each window’s image from its render: {len(chosen)} of {int(sure.sum())} windows that "
+        f"correlate above {OFFSET_CORRELATION:g}."
     )
-    return f"<figure class='bare'>{drawn}<figcaption>{text}</figcaption></figure>"
+    drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells")
+    return {"drawing": drawn, "text": text}
+
+
+# -- map of the correlation
+
+
+def correlation_class(values: ArrayLike) -> NDArray[np.int64]:
+    """Index into `COLOURS`: the number of `LIMITS` below a value."""
+    return np.searchsorted(LIMITS, np.asarray(values), side="left")
+
+
+def correlation_pixels(windows: WindowComparison) -> NDArray[np.uint8]:
+    """One RGBA pixel per window step; transparent without a window, grey for NaN."""
+    row, col = (
+        (at - (at.min() if len(at) else 0)) // windows.step for at in (windows.row, windows.col)
+    )
+    shape = (int(row.max()) + 1, int(col.max()) + 1) if len(row) else (1, 1)
+    pixels = np.zeros((*shape, 4), dtype=np.uint8)
+    known = np.isfinite(windows.correlation)
+    pixels[row, col] = (128, 128, 128, 255)
+    colours = np.array(COLOURS, dtype=np.uint8)[
+        correlation_class(np.where(known, windows.correlation, 0.0))
+    ]
+    pixels[row[known], col[known], :3] = colours[known]
+    return pixels
+
+
+def correlation_map(frame: Frame, windows: WindowComparison, address: str) -> Markup:
+    """The image of `correlation_pixels` in a frame: each pixel covers one step around the centre of its window."""
+    rest = (windows.size - windows.step) / 2.0
+    left, top = (float(at.min()) + rest for at in (windows.col, windows.row))
+    wide, high = (float(at.max() - at.min() + windows.step) for at in (windows.col, windows.row))
+    k = frame.scale
+    return Markup(
+        f'<image class="cells" href="{address}" x="{left * k:.2f}" y="{top * k:.2f}" width="{wide * k:.2f}" '
+        f'height="{high * k:.2f}" preserveAspectRatio="none"/>'
+    )
+
+
+def colour_scale() -> Markup:
+    """The colours of correlation with the limits between them."""
+    width, step = 300.0, 300.0 / len(COLOURS)
+    boxes = "".join(
+        f'<rect fill="rgb{colour}" x="{k * step:.1f}" width="{step:.1f}" height="14"/>'
+        for k, colour in enumerate(COLOURS)
+    )
+    names = "".join(
+        f'<text x="{(k + 1) * step:.1f}" y="30">{limit:g}</text>' for k, limit in enumerate(LIMITS)
+    )
+    return Markup(
+        f'<svg class="scale-bar" viewBox="-2 -2 {width + 4:g} 36" role="img" aria-label="colours of correlation, below 0 to 1">'
+        f'{boxes}<g class="names">{names}</g></svg>'
+    )
+
+
+# -- histogram of the correlation
+
+
+def bin_shares(correlation: ArrayLike) -> Array:
+    """Share of all values in each bin (a, b] from -0.2 to 1. The first bin includes lower values; NaN is in no bin."""
+    values = np.asarray(correlation, dtype=np.float64)
+    known = values[np.isfinite(values)]
+    index = np.ceil(known / BIN).astype(np.int64) + BINS_BELOW - 1
+    counts = np.bincount(
+        np.clip(index, 0, BINS_BELOW + BINS_ABOVE - 1), minlength=BINS_BELOW + BINS_ABOVE
+    )
+    return counts / max(len(values), 1)
+
+
+def correlation_histogram(windows: WindowComparison) -> Markup:
+    """Share of the windows over their correlation, with the mode and the shares above 0.9 and 0.7."""
+    shares = 100.0 * bin_shares(windows.correlation)
+    step = nice_step(max(float(shares.max()), 1e-3), 5)
+    top = max(step * math.ceil(float(shares.max()) / step * (1 - 1e-9)), step)
+    axes = Axes(
+        Axis(
+            LOWEST,
+            BINS_ABOVE * BIN,
+            [(k / 5, f"{k / 5:g}") for k in range(-1, 6)],
+            f"correlation of image and render in {windows.size} x {windows.size} cells",
+        ),
+        Axis(0.0, top, round_ticks(0.0, top, 5), "share of the windows, %", grid=True),
+    )
+    label = (
+        f"histogram of the correlation of {windows.count} windows: {_percent(windows, 0.9)} above 0.9, "
+        f"{_percent(windows, 0.7)} above 0.7, mode {windows.mode:.3f}"
+    )
+    inside = _bars(axes, shares) + _mode_line(axes, windows.mode) + _shares_text(windows)
+    return axes.draw(inside, label)
+
+
+def _percent(windows: WindowComparison, limit: float) -> str:
+    return f"{100.0 * windows.share_above(limit):.1f} %"
+
+
+def _bars(axes: Axes, shares: Array) -> Markup:
+    def bar(k: int) -> tuple[float, float, float, str, str]:
+        low, high = ((k + d - BINS_BELOW) / BINS_ABOVE for d in (0, 1))
+        css = "h9" if low >= 0.9 else "h7" if low >= 0.7 else "h0"
+        limits = f"below {high:.2f}" if k == 0 else f"{low:.2f} to {high:.2f}"
+        return low, high, float(shares[k]), css, f"{limits}: {shares[k]:.2f} % of the windows"
+
+    return axes.bars(bar(int(k)) for k in np.flatnonzero(shares))
+
+
+def _mode_line(axes: Axes, mode: float) -> Markup:
+    if not math.isfinite(mode):
+        return Markup("")
+    x = min(max(float(axes.at(mode, 0.0)[0]), 0.0), axes.width)
+    end = "end" if x > axes.width / 2 else "start"
+    return Markup(
+        f'<path class="mode" d="M{x:.1f} -6V{axes.height:g}"/>'
+        f'<text class="name {end}" x="{x:.1f}" y="-12">mode {mode:.3f}</text>'
+    )
+
+
+def _shares_text(windows: WindowComparison) -> Markup:
+    return Markup("").join(
+        Markup(
+            f'<rect class="{css}" x="12" y="{12 + 22 * k}" width="12" height="12"/>'
+            f'<text class="name" x="31" y="{22 + 22 * k}">{_percent(windows, limit)} above {limit:g}</text>'
+        )
+        for k, (css, limit) in enumerate((("h9", 0.9), ("h7", 0.7)))
+    )

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._version import __version__
-from ..arrays import Array
+from ..arrays import AnyArray, Array
 from ..cameras.sensor import ON_MAP
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
 from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
 from ..matching.sun_check import LightCheck
-from ..plots.svg import number
+from ..plots.numbers import number
 from .window_correlation import WindowComparison
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
@@ -91,6 +91,21 @@ class WindowFigures:
             return "no offset was removed before comparing"
         right, down = (number(cells) for cells in self.compared.shift_px)
         return f"the whole image lay {right} cells right and {down} below its render: removed before comparing"
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Images for the report, None where there are none. Values have any gain and offset; NaN marks missing pixels.
+
+    ``photo`` (rows, cols) holds the means of blocks of ``photo_factor`` x ``photo_factor`` pixels of the image.
+    ``ground_image`` and ``ground_render`` (rows, cols) are on the grid of the windows; if patches were compared, they are
+    (k, rows, cols), and the windows refer to them.
+    """
+
+    photo: AnyArray | None = None
+    photo_factor: int = 1
+    ground_image: AnyArray | None = None
+    ground_render: AnyArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

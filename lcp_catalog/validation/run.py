@@ -31,9 +31,9 @@ from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Options, PositionFix, locate
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
-from ..plots.greyscale import PIXELS_MAX, Pictures
+from ..plots.greyscale import PIXELS_MAX
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
-from .result import ImageFacts, ImageVerdict, PointFigures, Verdict, WindowFigures
+from .result import ImageFacts, ImageVerdict, Pictures, PointFigures, Verdict, WindowFigures
 
 Progress = Callable[[int, int], None]
 

@@ -12,12 +12,12 @@ import pytest
 from helpers import catalogs
 from helpers.pages import decoded, parsed
 
-from lcp_catalog.catalog import report
+from lcp_catalog.catalog import charts, report
 from lcp_catalog.catalog.hdf5 import Overview, write_catalog
 from lcp_catalog.catalog.summary import summary
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.plots import svg
+from lcp_catalog.plots.numbers import number
 from lcp_catalog.plots.png import encode_png
 
 
@@ -44,7 +44,7 @@ def test_the_page_shows_the_catalogue(html: str) -> None:
     found = catalogs.catalog(70, 9)
     page = parsed(html)
     assert page.counts["article"] == report.CARDS_MAX
-    assert "60 of 70 points: the 20 most widely usable, the 20 least" in html
+    assert "60 of 70 points: the 20 with the largest usable share, the 20 with the smallest" in html
     assert "a&amp;b.h5" in html
     assert "a&b.h5" not in html
     assert html.count('class="c') > 70
@@ -102,7 +102,7 @@ def test_a_region_without_ground_and_one_node_has_a_page() -> None:
 @pytest.mark.parametrize("lat", [-90.0, 89.9, 0.0])
 def test_a_map_anywhere_parses(lat: float) -> None:
     x = np.linspace(-40e3, 40e3, 33)
-    drawn = svg.Map(np.zeros((33, 33)), x, x[::-1], EnuFrame(359.9, lat)).draw([], "map")
+    drawn = charts.Map(np.zeros((33, 33)), x, x[::-1], EnuFrame(359.9, lat)).draw([], "map")
     parsed(drawn)
     assert "nan" not in drawn
 
@@ -135,7 +135,7 @@ def test_written_page_is_whole_and_kept(tmp_path: Path) -> None:
     ],
 )
 def test_numbers_read_well(value: float, text: str) -> None:
-    assert svg.number(value) == text
+    assert number(value) == text
 
 
 # -- pictures
@@ -159,22 +159,22 @@ def test_png_is_read_by_others(channels: int) -> None:
     "pixels", [np.zeros((2, 2)), np.zeros((0, 3), np.uint8), np.zeros((1, 1, 5), np.uint8)]
 )
 def test_what_is_no_picture_is_refused(pixels: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"picture"):
+    with pytest.raises(ValueError, match=r"image"):
         encode_png(pixels)
 
 
 def test_slopes_to_the_north_west_are_bright() -> None:
     row, col = np.indices((21, 21)) - 10
-    lit = svg.hillshade(500.0 - 30.0 * np.hypot(row, col), 100.0)  # a cone
+    lit = charts.hillshade(500.0 - 30.0 * np.hypot(row, col), 100.0)  # a cone
     assert lit[4, 4, 0] > 200  # row 0 is north, column 0 west
     assert lit[16, 16, 0] < 100
     holed = np.zeros((5, 5))
     holed[0, 0] = np.nan
-    assert svg.hillshade(holed, 1.0)[0, 0, 1] == 0
+    assert charts.hillshade(holed, 1.0)[0, 0, 1] == 0
 
 
 def test_the_disc_has_north_up_and_east_right() -> None:
-    disc = svg.SunDisc(np.array([0.0, 30.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
+    disc = charts.SunDisc(np.array([0.0, 30.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
     outline = re.search(r'id="s1-1" d="M([^A]*)A', disc.definitions())
     assert outline is not None
     x, y = (float(v) for v in outline[1].split())  # elevation 15, azimuth 45: up and right
@@ -190,7 +190,7 @@ def test_the_disc_has_north_up_and_east_right() -> None:
 
 def test_a_map_puts_places_where_they_are() -> None:
     x = np.arange(-5, 6) * 100.0
-    chart = svg.Map(np.zeros((11, 11)), x, x[::-1], EnuFrame(0.0, 0.0))
+    chart = charts.Map(np.zeros((11, 11)), x, x[::-1], EnuFrame(0.0, 0.0))
     west, north = chart.pixel(-550.0, 550.0)
     east, south = chart.pixel(550.0, -550.0)
     assert (west, north) == pytest.approx((84.0, 14.0))
@@ -200,8 +200,10 @@ def test_a_map_puts_places_where_they_are() -> None:
 
 def test_histograms_count_everything() -> None:
     values = np.random.default_rng(2).normal(5.0, 2.0, 500)
-    drawn = svg.histogram([*values, np.nan], "m", "h")
+    drawn = charts.distribution([*values, np.nan], "m", "h").chart
     parsed(drawn)
     assert sum(int(n) for n in re.findall(r": (\d+)</title>", drawn)) == 500
-    assert "3 points" in svg.histogram([2.0, 2.0, 2.0], "m", "h")
-    assert "no values" in svg.histogram([np.nan], "m", "h")
+    same = charts.distribution([2.0, 2.0, 2.0], "m", "h")
+    assert (same.chart, same.single, same.count) == (None, "2 m", 3)
+    nothing = charts.distribution([np.nan], "m", "h")
+    assert (nothing.chart, nothing.single, nothing.count) == (None, "", 0)

@@ -14,8 +14,8 @@ from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
 from lcp_catalog.matching.position_fix import PositionFix
 from lcp_catalog.matching.sun_check import LightCheck
-from lcp_catalog.plots.greyscale import Pictures
 from lcp_catalog.validation import result
+from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 WIDTH, HEIGHT = 640, 480

@@ -10,9 +10,10 @@ import pytest
 from helpers import verdicts
 from helpers.pages import Page, decoded, parsed
 
-from lcp_catalog.plots.greyscale import PIXELS_MAX, Pictures, grey
-from lcp_catalog.validation import report_points, result, window_charts
-from lcp_catalog.validation.report import STYLE, render
+from lcp_catalog.plots.greyscale import PIXELS_MAX, grey
+from lcp_catalog.validation import report_points, report_windows, result
+from lcp_catalog.validation.report import render
+from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import of_patches
 
 BYTES_MAX = 5_000_000
@@ -65,7 +66,7 @@ def test_the_pictures_are_those_given(html: str) -> None:
     )
     assert (image[:9, :17, 3] == 0).all()
     assert photo.shape[:2] == shown.photo.shape
-    wanted = window_charts.correlation_pixels(verdicts.image().windows.compared)
+    wanted = report_windows.correlation_pixels(verdicts.image().windows.compared)
     np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
 
 
@@ -95,7 +96,7 @@ def test_points_are_marked_where_they_are() -> None:
 def test_arrows_are_the_residuals() -> None:
     image = verdicts.image()
     html = alone(image)
-    times = float(re.search(r"px; arrows ([\d.]+) times their length", html)[1])
+    times = float(re.search(r"px; arrows magnified ([\d.]+) times", html)[1])
     found = image.matches.found
     start = (image.points.corrected_px[found] + 0.5) * 1.5
     ends = start + image.residual_px[found] * 1.5 * times
@@ -109,7 +110,7 @@ def test_arrows_are_the_residuals() -> None:
 def test_windows_that_correlate_say_where_they_lie() -> None:
     image = verdicts.image()
     w, html = image.windows.compared, alone(image)
-    times = float(re.search(r"cells; arrows ([\d.]+) times their length", html)[1])
+    times = float(re.search(r"cells; arrows magnified ([\d.]+) times", html)[1])
     start = (
         (np.stack([w.col, w.row], axis=-1) + 8.0) * 960 / 128
     )  # 128 columns; the middle of 16 cells
@@ -119,7 +120,7 @@ def test_windows_that_correlate_say_where_they_lie() -> None:
     for (x, y), (to_x, to_y), drawn in zip(start, ends, sure, strict=True):
         assert (f'd="M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}' in html) == drawn
     assert (
-        f"{np.count_nonzero(sure)} of {np.count_nonzero(sure)} windows that correlate above 0.7"
+        f"{np.count_nonzero(sure)} of {np.count_nonzero(sure)} windows that correlate above 0.7."
         in html
     )
 
@@ -127,21 +128,24 @@ def test_windows_that_correlate_say_where_they_lie() -> None:
 def test_what_the_histogram_cannot_tell_its_caption_does() -> None:
     image = verdicts.image()
     w = image.windows.compared
-    assert "In the first bar" not in alone(image)
+    assert "which the first bar includes" not in alone(image)
     odd = w.correlation.copy()
     odd[:5], odd[5:8], odd[8] = -0.5, 0.0, -0.1
     html = alone(
         replace(image, windows=replace(image.windows, compared=replace(w, correlation=odd)))
     )
-    assert "Flat, and correlated with nothing: 3. In the first bar, being below -0.2: 5." in html
+    assert (
+        "whose correlation is set to 0: 3. Windows below -0.2, which the first bar includes: 5."
+        in html
+    )
 
 
 def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
     image = verdicts.image(located=False)
     html = alone(image)
-    assert "where the given camera puts a point" in html
+    assert "from the position predicted by the given camera" in html
     assert "Pose" not in texts(html)
-    assert "Nothing was compared: without a place there is nothing to compare." in html
+    assert "No windows were compared: without a place there is nothing to compare." in html
     first = np.flatnonzero(image.matches.found)[0]
     x, y = (image.matches.predicted_px[first] + 0.5) * 1.5
     assert f'd="M{x:.1f} {y:.1f}L' in html
@@ -156,9 +160,9 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
     assert f"{result.number(found['offset_px']['median'])} px" in text
     assert f"{100 * found['windows']['share_above_0_9']:.1f} % above 0.9" in text
     assert f"{result.number(found['pose']['position_sigma_m'])} m" in text
-    assert f"{result.number(found['pose']['position_error_m'])} m against the true place" in text
+    assert f"{result.number(found['pose']['position_error_m'])} m from the true position" in text
     assert (
-        "fits: median correlation 0.9; under other Suns 0.625 (turned -20°), – (raised +10°)"
+        "fits: median correlation 0.9; with the Sun elsewhere 0.625 (turned -20°), – (raised +10°)"
         in text
     )
     for reason, count in image.matches.counts().items():
@@ -172,10 +176,10 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
 
 def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
     image = verdicts.image()
-    assert "which the image is more like" not in texts(alone(image))
+    assert "which fits the image better" not in texts(alone(image))
     light = replace(image.located.light, law="hapke")
     other = replace(image, located=replace(image.located, light=light))
-    assert "fits (rendered with hapke, which the image is more like)" in texts(alone(other))
+    assert "fits (rendered with hapke, which fits the image better)" in texts(alone(other))
     assert result.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
 
 
@@ -201,7 +205,7 @@ def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_points, "ROWS_MAX", 10)
     html = alone(verdicts.image())
     assert len(re.findall(r"<tr class='(?:is|not)-found'", html)) == 10
-    assert "Table of the 60 points in view. The first 10 are here, all in the CSV." in html
+    assert "Table of the 60 points in view. The first 10 are shown; the CSV file has all." in html
 
 
 def test_every_drawing_has_a_name(html: str) -> None:
@@ -229,12 +233,13 @@ def test_ways_to_look_need_no_script(html: str) -> None:
     for layer in ("image", "render", "correlation"):
         assert f".to-{layer}:checked~.stack .{layer}" in html
         assert f"<figure class='layer {layer}'>" in html
-    assert "animation:blink" in html
+    assert "animation: blink" in html
 
 
-def test_what_is_chosen_outweighs_what_hides() -> None:
+def test_what_is_chosen_outweighs_what_hides(html: str) -> None:
     """Of two rules the one with more classes and states counts, then the one with more elements, then the later."""
-    rules = re.findall(r"([^{}]+)\{[^{}]*visibility:(hidden|visible)(?!!)", STYLE)
+    style = html[html.index("<style>") : html.index("</style>")]
+    rules = re.findall(r"([^{}]+)\{[^{}]*visibility: (hidden|visible)(?!!)", style)
     ranks = [
         (word, len(re.findall(r"[.:](?!not)", one)), len(re.findall(r"(?:^|[>~ (])[a-z]", one)), at)
         for at, (selectors, word) in enumerate(rules)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import REASONS
-from lcp_catalog.validation import report_marks, window_charts
+from lcp_catalog.validation import report_marks, report_windows
 from lcp_catalog.validation.report_marks import CANVAS, SYMBOLS, Arrows, Frame
 from lcp_catalog.validation.report_points import MEANINGS
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
+
+TEMPLATES = files("lcp_catalog.plots") / "templates"
+STYLE = "".join((TEMPLATES / name).read_text("utf-8") for name in ("page.css", "validation.css"))
 
 
 def comparison(correlation: np.ndarray, **other: object) -> WindowComparison:
@@ -96,7 +100,7 @@ def test_the_scale_arrow_is_what_it_says() -> None:
     arrows = Arrows(np.zeros((5, 2)), by, [""] * 5, [""] * 5)
     times = report_marks.magnification(frame, arrows)
     drawn = report_marks.scale_arrow(frame, times, arrows, "px")
-    said = re.search(r">([\d.]+) px; arrows ([\d.]+) times their length", drawn)
+    said = re.search(r">([\d.]+) px; arrows magnified ([\d.]+) times", drawn)
     assert said is not None
     assert float(said[2]) == times
     x, y, to_x, to_y = numbers(re.search(r'<path d="([^"]*)"', drawn)[1])[:4]
@@ -107,8 +111,8 @@ def test_the_scale_arrow_is_what_it_says() -> None:
 def test_arrows_of_their_own_length_are_said_to_be() -> None:
     by = np.full((5, 2), [40.0, 0.0])
     drawn = report_marks.quiver(Frame(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px")
-    assert "px; arrows as long as they are<" in drawn
-    assert "times" not in drawn
+    assert "px; arrows to scale<" in drawn
+    assert "magnified" not in drawn
 
 
 def test_residuals_are_judged_by_their_covariances() -> None:
@@ -138,9 +142,9 @@ def test_every_reason_has_its_own_symbol_and_meaning() -> None:
     filled = [reason for reason, (path, css) in SYMBOLS.items() if css == "found"]
     assert filled == ["found"]
     for _, css in SYMBOLS.values():
-        assert f".mark .{css}{{" in report_marks.STYLE
+        assert f".mark .{css} {{" in STYLE
     for _, css in report_marks.ERROR_CLASSES:
-        assert css == "within2" or f".{css} path{{" in report_marks.STYLE
+        assert css == "within2" or f".{css} path {{" in STYLE
 
 
 def test_marks_stand_in_the_image_alone() -> None:
@@ -159,13 +163,13 @@ def test_marks_stand_in_the_image_alone() -> None:
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=200))
 def test_bins_hold_every_window(values: list[float]) -> None:
-    shares = window_charts.bin_shares(values)
+    shares = report_windows.bin_shares(values)
     assert shares.sum() == pytest.approx(1.0)
     assert len(shares) == 60
     above = sum(value > 0.9 for value in values) / len(values)
     assert shares[55:].sum() == pytest.approx(above)
     assert shares[45:].sum() == pytest.approx(sum(value > 0.7 for value in values) / len(values))
-    assert window_charts.bin_shares([*values, np.nan]).sum() == pytest.approx(
+    assert report_windows.bin_shares([*values, np.nan]).sum() == pytest.approx(
         len(values) / (len(values) + 1)
     )
     low = sum(value <= -0.18 for value in values) / len(values)
@@ -175,19 +179,19 @@ def test_bins_hold_every_window(values: list[float]) -> None:
 def test_bins_are_numpys_away_from_their_edges() -> None:
     values = np.random.default_rng(2).uniform(-0.19, 1.0, 5000)
     counts, _ = np.histogram(values, np.linspace(-0.2, 1.0, 61))
-    np.testing.assert_allclose(window_charts.bin_shares(values), counts / 5000)
+    np.testing.assert_allclose(report_windows.bin_shares(values), counts / 5000)
 
 
 def test_the_histogram_shows_its_shares() -> None:
     dice = np.random.default_rng(4)
     found = comparison(np.clip(1.0 - dice.exponential(0.1, 400), -0.1, 0.9999))
-    drawn = window_charts.correlation_histogram(found)
+    drawn = report_windows.correlation_histogram(found)
     parsed(drawn)
     bars = re.findall(
         r'<rect class="(h\d)" x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"><title>(.*?) to ([\d.]+): ([\d.]+) %',
         drawn,
     )
-    shares = 100.0 * window_charts.bin_shares(found.correlation)
+    shares = 100.0 * report_windows.bin_shares(found.correlation)
     assert len(bars) == np.count_nonzero(shares)
     assert sum(float(bar[-1]) for bar in bars) == pytest.approx(100.0, abs=0.3)
     tallest = max(bars, key=lambda bar: float(bar[-1]))
@@ -208,12 +212,12 @@ def test_the_histogram_shows_its_shares() -> None:
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
 def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
-    drawn = window_charts.correlation_histogram(comparison(np.array(values)))
+    drawn = report_windows.correlation_histogram(comparison(np.array(values)))
     heights = [float(h) for h in re.findall(r'height="([\d.]+)"><title>', drawn)]
     assert 110.0 <= max(heights) <= 220.1
     lines = re.findall(r'M0 ([\d.]+)H420"/><text class="end" x="-7" y="[\d.]+">([\d.e+]+)<', drawn)
     top = max(float(name) for _, name in lines)
-    share = 100.0 * window_charts.bin_shares(values).max()
+    share = 100.0 * report_windows.bin_shares(values).max()
     assert top >= share * (1 - 1e-6)
     assert max(heights) == pytest.approx(220.0 * share / top, abs=0.06)
     assert 3 <= len(lines) <= 7
@@ -236,8 +240,9 @@ def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
     ],
 )
 def test_colours_change_at_their_limits(value: float, k: int) -> None:
-    assert window_charts.correlation_class(value) == k
-    assert f".k{k}{{fill:rgb{window_charts.COLOURS[k]}}}" in window_charts.STYLE
+    assert report_windows.correlation_class(value) == k
+    boxes = re.findall(r'<rect fill="(rgb[^"]*)"', report_windows.colour_scale())
+    assert boxes[k] == f"rgb{report_windows.COLOURS[k]}"
 
 
 def test_the_map_has_one_pixel_a_window() -> None:
@@ -246,11 +251,11 @@ def test_the_map_has_one_pixel_a_window() -> None:
     weight = np.ones((70, 90))
     weight[:30, :30] = 0.0
     found = compare(image, render, weight, gsd_m=1.0)
-    pixels = window_charts.correlation_pixels(found)
+    pixels = report_windows.correlation_pixels(found)
     assert pixels.shape == (4, 5, 4)
     assert np.count_nonzero(pixels[..., 3]) == found.count < 20
     for row, col, value in zip(found.row, found.col, found.correlation, strict=True):
-        colour = window_charts.COLOURS[int(window_charts.correlation_class(value))]
+        colour = report_windows.COLOURS[int(report_windows.correlation_class(value))]
         assert tuple(pixels[row // 16, col // 16]) == (*colour, 255)
 
 
@@ -263,7 +268,7 @@ def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) 
     ones = np.ones(len(cols))
     rows = np.zeros(len(cols), np.int64)
     found = WindowComparison(16, step, 1.0, rows, cols, ones, ones, ones, "kept")
-    drawn = window_charts.correlation_map(Frame(480, 240), found, "data:,")
+    drawn = report_windows.correlation_map(Frame(480, 240), found, "data:,")
     wanted = re.search(r'x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawn)
     x, _, width, height = (float(value) / 2.0 for value in wanted.groups())
     assert (x, width, height) == pytest.approx((left, (len(cols) - 1) * step + step, step))
@@ -275,11 +280,11 @@ def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) 
 def test_every_class_of_a_drawing_has_a_rule() -> None:
     image = verdicts.image()
     drawn = (
-        window_charts.correlation_histogram(image.windows.compared) + window_charts.colour_scale()
+        report_windows.correlation_histogram(image.windows.compared) + report_windows.colour_scale()
     )
-    drawn += report_marks.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
-    style = report_marks.STYLE + window_charts.STYLE
+    legend = report_marks.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
+    drawn += "".join(entry["symbol"] for entry in legend)
     used = {
         name for names in re.findall(r'class=["\']([^"\']*)["\']', drawn) for name in names.split()
     }
-    assert {name for name in used if f".{name}" not in style} == set()
+    assert {name for name in used if f".{name}" not in STYLE} == set()

@@ -1,31 +1,32 @@
-"""Pictures of a catalogue as inline SVG and PNG: shaded relief, maps, azimuth-elevation discs,
-histograms. Text in, text out.
+"""Drawings of the catalogue report: shaded relief, map of the points, Sun-direction discs, histograms.
 
-Colours are CSS classes of the page (``c0`` .. ``c5`` from no to all), so that a chart follows light and dark.
+Colours are CSS classes of ``plots/templates/catalogue.css``: ``c0`` .. ``c5`` for shares from 0 to 1.
 """
 
 # ruff: noqa: E501 - lines of markup
 
 from __future__ import annotations
 
-import base64
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
+from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
-from .png import encode_png
+from ..plots.axes import Axes, Axis, round_ticks
+from ..plots.greyscale import grey
+from ..plots.numbers import nice_step, number
+from ..plots.png import data_uri
 
 STEPS = 6
-"""Colours from none to all."""
+"""Number of colours of a share from 0 to 1."""
 
 _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
-"""Towards the light: from the north-west, 45 deg high; east, north, up."""
+"""Direction to the light (east, north, up): north-west, 45 deg high."""
 
 _MAP_PX = 960.0
 _MARGIN_PX = (84.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
@@ -39,38 +40,15 @@ def shade_class(share: float) -> str:
 
 
 def hillshade(height_m: AnyArray, cell_m: float) -> NDArray[np.uint8]:
-    """Relief lit from the north-west, stretched to 25..245, as (rows, cols, 2) grey and alpha;
-    no ground is transparent.
+    """Relief lit from the north-west, as grey and alpha (rows, cols, 2); cells without height are
+    transparent.
     """
     height = np.asarray(height_m, dtype=np.float64)
     if min(height.shape) < 2:
         return np.zeros((*height.shape, 2), dtype=np.uint8)
     down, right = np.gradient(height, cell_m)
     lit = (_LIGHT[2] - right * _LIGHT[0] + down * _LIGHT[1]) / np.sqrt(1.0 + right**2 + down**2)
-    known = np.isfinite(lit)
-    out = np.zeros((*height.shape, 2), dtype=np.uint8)
-    if known.any():
-        low, high = np.percentile(lit[known], [1.0, 99.0])
-        grey = 25.0 + 220.0 * (lit[known] - low) / max(high - low, 1e-6)
-        out[known] = np.stack([np.clip(grey, 0, 255), np.full(grey.shape, 255.0)], axis=-1).astype(
-            np.uint8
-        )
-    return out
-
-
-def data_uri(pixels: NDArray[np.uint8]) -> str:
-    """A picture as the address that holds it."""
-    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A figure with few digits and without exponents where that reads well; a dash for none."""
-    if not math.isfinite(value):
-        return "–"
-    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits - 1}e}"
-    text = f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    return grey(lit)
 
 
 # -- azimuth-elevation discs
@@ -78,25 +56,27 @@ def number(value: float, digits: int = 3) -> str:
 
 @dataclass(frozen=True)
 class SunDisc:
-    """The Sun's sky over a point: azimuth clockwise from north (up), elevation 90 at the centre,
-    the horizon the outer circle.
+    """Disc of Sun directions: azimuth clockwise from north (up), the zenith at the centre, the horizon
+    at the rim. ``sun_elevation`` and ``sun_azimuth`` are the grid of directions, degrees.
     """
 
     sun_elevation: AnyArray
     sun_azimuth: AnyArray
 
-    def definitions(self) -> str:
-        """The cells' outlines, drawn once in a page and used by every disc in it."""
+    def definitions(self) -> Markup:
+        """Outlines of the cells, which every disc of the page refers to."""
         cells = [
             f'<path id="s{i}-{j}" d="{_sector(e0, e1, a0, a1)}"/>'
             for i, (e0, e1) in enumerate(_spans(self.sun_elevation, 0.0, 90.0))
             for j, (a0, a1) in enumerate(_azimuth_spans(self.sun_azimuth))
         ]
-        return f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
+        return Markup(
+            f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
+        )
 
-    def draw(self, share: AnyArray, label: str, large: bool = False) -> str:
-        """A disc of shares 0..1, shape (elevation, azimuth); NaN: not evaluated, no cell. Large
-        ones carry a scale.
+    def draw(self, share: AnyArray, label: str, large: bool = False) -> Markup:
+        """Disc of shares 0..1 (elevation, azimuth); no cell where NaN (not evaluated). Large discs are
+        labelled.
         """
         cells = "".join(
             f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}">{self._title(i, j, share[i, j]) if large else ""}</use>'
@@ -105,7 +85,7 @@ class SunDisc:
         pad = 26 if large else 6
         side = 2 * (_DISC_PX + pad)
         corner = -(_DISC_PX + pad)
-        return (
+        return Markup(
             f'<svg class="disc" viewBox="{corner:g} {corner:g} {side:g} {side:g}" role="img" aria-label="{escape(label)}">'
             f'<circle r="{_DISC_PX:g}" class="horizon"/>{cells}{_rings(large)}</svg>'
         )
@@ -132,7 +112,7 @@ def _rings(large: bool) -> str:
 def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
     """Outline between two elevations and two azimuths, degrees."""
     outer, inner = (_DISC_PX * (90.0 - e) / 90.0 for e in (e0, e1))
-    a1 = min(a1, a0 + 359.9)  # a whole turn would begin where it ends
+    a1 = min(a1, a0 + 359.9)  # an arc of 360 degrees would be empty
     large = int(a1 - a0 > 180.0)
     corners = [
         f"{r * math.sin(math.radians(a)):.1f} {-r * math.cos(math.radians(a)):.1f}"
@@ -145,8 +125,8 @@ def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
 
 
 def _spans(values: AnyArray, low: float, high: float) -> list[tuple[float, float]]:
-    """Cells around rising values: to the middle between neighbours, as wide outwards as inwards
-    at the ends.
+    """Limits of the cells around increasing values: the midpoints between neighbours; cells at the
+    ends are symmetric.
     """
     if len(values) == 1:
         return [(max(low, float(values[0]) - 5.0), min(high, float(values[0]) + 5.0))]
@@ -157,7 +137,7 @@ def _spans(values: AnyArray, low: float, high: float) -> list[tuple[float, float
 
 
 def _azimuth_spans(values: AnyArray) -> list[tuple[float, float]]:
-    """Cells around azimuths on the circle, none wider than the median step on either side."""
+    """Limits of the cells around azimuths on the circle; half widths of at most half the median step."""
     if len(values) == 1:
         return [(float(values[0]) - 7.5, float(values[0]) + 7.5)]
     gaps = np.diff(np.append(values, values[0] + 360.0))
@@ -168,52 +148,48 @@ def _azimuth_spans(values: AnyArray) -> list[tuple[float, float]]:
 # -- histograms
 
 
-def histogram(values: ArrayLike, unit: str, label: str, bins: int = 24) -> str:
-    """How many points have which value; a dash of a chart for none."""
+@dataclass(frozen=True)
+class Distribution:
+    """Histogram of a variable over the points, or a text instead: no values, or one for all points."""
+
+    title: str
+    chart: Markup | None = None
+    single: str = ""
+    count: int = 0
+
+
+def distribution(values: ArrayLike, unit: str, title: str, bins: int = 24) -> Distribution:
+    """Number of points over a variable, in bins of a round width; NaN is left out."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not known.size:
-        return '<p class="none">no values</p>'
+        return Distribution(title)
     low, high = float(known.min()), float(known.max())
     if high - low <= 1e-9 * max(abs(high), 1e-300):
-        return f'<p class="single"><strong>{number(high, 4)}</strong> {escape(unit)} for all {known.size} points</p>'
-    counts, edges = np.histogram(known, bins=_nice_edges(low, high, bins))
-    width, height = 300.0, 120.0
-    step = width / len(counts)
-    bars = "".join(
-        f'<rect x="{i * step + 0.5:.1f}" y="{height * (1 - c / counts.max()):.1f}" width="{step - 1:.1f}" '
-        f'height="{height * c / counts.max():.1f}"><title>{number(edges[i])} to {number(edges[i + 1])} {escape(unit)}: {c}</title></rect>'
-        for i, c in enumerate(counts.tolist())
-        if c
+        return Distribution(title, single=f"{number(high, 4)} {unit}".strip(), count=known.size)
+    counts, edges = np.histogram(known, bins=_bin_edges(low, high, bins))
+    most = int(counts.max())
+    whole = [tick for tick in round_ticks(0.0, most, min(most, 4)) if tick[0] == round(tick[0])]
+    axes = Axes(
+        Axis(edges[0], edges[-1], round_ticks(edges[0], edges[-1], 4), unit),
+        Axis(0.0, most, whole, "points", grid=True),
+        width=200.0,
+        height=110.0,
+        left=46.0,
+        top=10.0,
     )
-    ticks = "".join(
-        f'<path class="tick" d="M{x:.1f} {height:g}v5"/><text x="{x:.1f}" y="{height + 18:g}">{number(v)}</text>'
-        for v, x in _ticks(edges[0], edges[-1], width)
+    bars = axes.bars(
+        (a, b, n, "bar", f"{number(a)} to {number(b)} {unit}: {n}")
+        for a, b, n in zip(edges[:-1], edges[1:], counts.tolist(), strict=True)
+        if n
     )
-    return (
-        f'<svg class="histogram" viewBox="-22 -14 344 152" role="img" aria-label="{escape(label)}">'
-        f'<g class="bars">{bars}</g><path class="axis" d="M0 {height:g}h{width:g}"/><g class="ticks">{ticks}'
-        f'<text class="small" x="0" y="-4" style="text-anchor:start">most: {counts.max()} points</text></g></svg>'
-    )
+    return Distribution(title, axes.draw(bars, title), count=known.size)
 
 
-def nice_step(span: float, parts: int) -> float:
-    """1, 2, 2.5, 5 or 10 times a power of ten: the smallest that covers a span in at most so many parts."""
-    raw = span / parts
-    power = 10.0 ** math.floor(math.log10(raw))
-    return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
-
-
-def _nice_edges(low: float, high: float, bins: int) -> AnyArray:
+def _bin_edges(low: float, high: float, bins: int) -> AnyArray:
     step = nice_step(high - low, bins)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return np.arange(first, max(last, first + 1) + 1) * step
-
-
-def _ticks(low: float, high: float, width: float) -> Iterator[tuple[float, float]]:
-    step = nice_step(high - low, 4)
-    for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
-        yield k * step, (k * step - low) / (high - low) * width
 
 
 # -- maps
@@ -221,9 +197,7 @@ def _ticks(low: float, high: float, width: float) -> Iterator[tuple[float, float
 
 @dataclass(frozen=True)
 class Mark:
-    """Something on a map: its place (metres in the map's frame), symbol, colour class and what
-    the pointer is told.
-    """
+    """A mark on the map: place (metres in the map's frame), symbol, CSS class and tooltip."""
 
     x_m: float
     y_m: float
@@ -241,22 +215,24 @@ SYMBOLS = {
 }
 
 
-def symbol(name: str, css: str) -> str:
-    """A map's symbol for a legend."""
-    return (
+def symbol(name: str, css: str) -> Markup:
+    """A symbol of the map for its legend."""
+    return Markup(
         f'<svg class="key" viewBox="-7 -7 14 14" aria-hidden="true">{_mark_path(name, css)}</svg>'
     )
 
 
 def _mark_path(name: str, css: str, place: str = "") -> str:
-    """An outline that keeps it legible on any ground, then the symbol."""
+    """The symbol on top of a dark outline, legible on any background."""
     path = SYMBOLS[name]
     return f'<g{place}><path class="halo" d="{path}"/><path class="{css}" d="{path}"/></g>'
 
 
 @dataclass(frozen=True)
 class Map:
-    """A shaded map in the frame of its centre; north is up at the centre."""
+    """Shaded map in the east-north-up frame of its centre: ``height`` (rows, cols), metres, with the
+    coordinates ``x_m`` (cols,) and ``y_m`` (rows,), metres. North is up at the centre.
+    """
 
     height: AnyArray
     x_m: AnyArray
@@ -265,7 +241,7 @@ class Map:
 
     @property
     def _scale(self) -> float:
-        """Pixels a metre."""
+        """SVG units per metre."""
         left, right, _, _ = _MARGIN_PX
         return (_MAP_PX - left - right) / max(self._width_m, 1e-9)
 
@@ -282,22 +258,22 @@ class Map:
         return len(self.y_m) * self._cell_m
 
     def pixel(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Where places of the frame lie in the drawing."""
+        """SVG coordinates of places in the frame."""
         left, _, _, top = _MARGIN_PX
         west, north = self.x_m[0] - self._cell_m / 2, self.y_m[0] + self._cell_m / 2
         return left + (np.asarray(x_m) - west) * self._scale, top + (
             north - np.asarray(y_m)
         ) * self._scale
 
-    def draw(self, marks: Iterable[Mark], label: str) -> str:
-        """The map as SVG with graticule, marks and scale bar."""
+    def draw(self, marks: Iterable[Mark], label: str) -> Markup:
+        """The map with graticule, marks and scale bar."""
         left, _, bottom, top = _MARGIN_PX
         width, height = self._width_m * self._scale, self._height_m * self._scale
         whole = height + top + bottom
         picture = data_uri(hillshade(self.height, self._cell_m))
         lines, labels = self._graticule()
         drawn = "".join(self._mark(mark) for mark in marks)
-        return (
+        return Markup(
             f'<svg class="map" viewBox="0 0 {_MAP_PX:g} {whole:.1f}" role="img" aria-label="{escape(label)}">'
             f'<image href="{picture}" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}" preserveAspectRatio="none"/>'
             f'<g class="graticule">{lines}</g><rect class="frame" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}"/>'
@@ -310,9 +286,7 @@ class Map:
         return shape.replace("</g>", f"<title>{escape(mark.title)}</title></g>")
 
     def _graticule(self) -> tuple[str, str]:
-        """Meridians and parallels at round degrees, and their names where they leave the map at
-        the south and the west.
-        """
+        """Meridians and parallels at round degrees, and their labels at the southern and western edge."""
         lon, lat = self._lonlat_limits()
         lines, labels = [], []
         for value in _round_degrees(*lon):
@@ -349,11 +323,11 @@ class Map:
         )
 
     def _clipped(self, lon: AnyArray, lat: AnyArray) -> AnyArray:
-        """The part of a line that lies inside the map, in pixels, (n, 2)."""
+        """Part of a line inside the map, SVG coordinates (n, 2)."""
         x, y, _ = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         px, py = self.pixel(x, y)
         left, _, _, top = _MARGIN_PX
-        slack = 3.0  # pixels: a line that ends just before the border still reaches it
+        slack = 3.0  # SVG units: a line that ends just short of the edge is extended to it
         inside = (px >= left - slack) & (px <= left + self._width_m * self._scale + slack)
         inside &= (py >= top - slack) & (py <= top + self._height_m * self._scale + slack)
         px = np.clip(px, left, left + self._width_m * self._scale)
@@ -361,7 +335,7 @@ class Map:
         return np.stack([px, py], axis=-1)[inside]
 
     def _scale_bar(self, base: float) -> str:
-        """A bar of a round length, about a fifth of the map, at the lower right."""
+        """Bar of a round length, about a fifth of the map's width, at the lower right."""
         length_m = nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
         length_m = length_m / 2.0 if length_m > self._width_m / 3.0 else length_m
         px = length_m * self._scale
@@ -379,7 +353,7 @@ def _polyline(points: AnyArray) -> str:
 
 
 def _round_degrees(low: float, high: float) -> Sequence[float]:
-    """Round values inside, about five."""
+    """Round values within limits, about five."""
     span = max(high - low, 1e-9)
     step = next((s for s in _GRATICULE_DEG if span / s <= 7.0), 30.0)
     return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]

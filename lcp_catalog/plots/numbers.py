@@ -1,0 +1,27 @@
+"""Numbers in texts and on axes: few digits, round steps."""
+
+from __future__ import annotations
+
+import math
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with ``digits`` significant digits; a dash for nan and inf.
+
+    Exponents are used only below 0.001 and from 100 000 on.
+    """
+    if not math.isfinite(value):
+        return "–"
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    text = f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def nice_step(span: float, parts: int) -> float:
+    """Smallest step of 1, 2, 2.5, 5 or 10 times a power of ten that divides ``span`` into at most
+    ``parts`` parts.
+    """
+    raw = span / parts
+    power = 10.0 ** math.floor(math.log10(raw))
+    return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
