@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..build.area_job import AreaJob, area_sweep
@@ -114,7 +115,7 @@ def _judge(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) 
         found.correlations.setdefault((law, phase), []).append(values)
 
 
-def window_correlations(ours: Array, theirs: Array) -> Array:
+def window_correlations(ours: NDArray[np.floating], theirs: NDArray[np.floating]) -> Array:
     """Centred normalised correlations (n,) of the windows whose nodes are all visible and that have contrast in ``theirs``;
     0 for a window without contrast in ``ours``.
     """
