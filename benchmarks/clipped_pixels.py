@@ -1,9 +1,9 @@
-"""What clipped pixels are worth to the matcher: AS15-M-0414 clipped below or above on purpose, its clipped pixels weighed 0 to 1.
+"""The effect of clipped pixels on the matches: AS15-M-0414 clipped at the dark or bright end, clipped pixels with weights 0 to 1.
 
     make catalog
     .venv/bin/python benchmarks/clipped_pixels.py [build/hadley.h5]
 
-writes the table of docs/images-in.md. A match is right when it lies within 1.25 pixels of where the frame's camera puts the point.
+A match is correct if it is within 1.25 pixels of the point's position by the frame's camera.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ WEIGHTS = (1.0, 0.5, 0.25, 0.0)
 
 
 def clipped(photo: Image, below: float, above: float, weight: float) -> tuple[Image, float]:
-    """The photo with values clipped, those weighed; and their share."""
+    """The image with clipped values and their weight, and the share of clipped pixels."""
     hit = (photo.signal <= below) | (photo.signal >= above)
     signal = np.clip(photo.signal, below, above).astype(np.float32)
     weights = (photo.weight * np.where(hit, weight, 1.0)).astype(np.float32)

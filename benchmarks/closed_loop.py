@@ -1,12 +1,11 @@
-"""The closed loop: random frames over real ground, offered as from a place that is wrong by 2 km, located, compared.
+"""Closed loop: random frames over real terrain, a start position that is wrong by 2 km, the position found.
 
     .venv/bin/python benchmarks/closed_loop.py [-o build/closed_loop] [--frames 25] [--renderer product|embree] [--sites hadley ...]
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought). Each site's catalogue is built there by ``lcp
-build-catalog``, once. Rows go to `RENDERER-SITE.jsonl` as they come, and a run that was stopped goes on after them; the tables
-of docs/validation.md are printed from them and written to `tables.md`. ``--renderer embree`` takes the frames from a mesh of
-the DEM's own nodes with a camera of its own (`tests/embree_camera.py`); ``hapke`` by the product, but after Hapke's law, while the
-search goes on with its own.
+The shared lunar data are needed (see `tests/conftest.py`). `lcp build-catalog` builds the catalogue of each site once. Rows are
+appended to `RENDERER-SITE.jsonl`; a run that was interrupted continues after them. The tables of the page "Closed loop" are
+printed and written to `tables.md`. `--renderer embree` takes the frames from a mesh of the DEM's nodes with an independent
+camera (`tests/helpers/embree_camera.py`). `--renderer hapke` takes them from lcp with Hapke's model, while the search keeps its own model.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 
 @dataclass(frozen=True)
 class Place:
-    """A site's DEM and how its catalogue is built."""
+    """The DEM of a site and the options of its catalogue."""
 
     dem: str  # in the shared data
     center_deg: tuple[float, float]
@@ -102,7 +101,7 @@ def shared_data() -> Path:
 
 
 def loop(name: str, asked: argparse.Namespace) -> None:
-    """A site's frames, those that are not in its file yet."""
+    """The frames of a site that are not in its file yet."""
     path = asked.output / f"{asked.renderer}-{name}.jsonl"
     done = {row["shot"]["number"] for row in read_rows(path)} if path.exists() else set()
     place = PLACES[name]
@@ -124,7 +123,7 @@ def loop(name: str, asked: argparse.Namespace) -> None:
 
 
 def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Image:
-    """A frame, taken once: to look again costs no rendering."""
+    """A frame that is rendered once and can be searched again."""
     if not path.exists():
         photo = take(camera, shot)
         path.parent.mkdir(exist_ok=True)
@@ -136,7 +135,7 @@ def kept(path: Path, camera: Camera, shot: Shot, take: Renderer) -> Image:
 
 
 def built(name: str, place: Place, dem: Path, folder: Path) -> Path:
-    """A site's catalogue by the command line."""
+    """Build the catalogue of a site with the command line."""
     path = folder / f"{name}.h5"
     if not path.exists():
         centre = [str(v) for v in place.center_deg]
@@ -163,7 +162,7 @@ def read_rows(path: Path) -> list[dict]:
 
 
 def report(rows: list[dict]) -> str:
-    """The bars, and how the errors depend on Sun, field and obliquity."""
+    """The limits of the issue, and the errors by Sun elevation, field of view and obliquity."""
     parts = [
         f"Position known to {POSITION_SIGMA_M / 1e3:g} km (1 sigma, each axis), attitude exact or known to 20 arcsec, signal to "
         f"noise {SNR:g}, {BITS} bits, blur {BLUR_PX:g} px.\n",
@@ -232,7 +231,7 @@ def _mean(values: list[float]) -> float:
 
 
 def biases(rows: list[dict]) -> str:
-    """Mean residual of the matches at the true camera, over frames, with the sigma of that mean."""
+    """Mean residual of the matches at the true camera over the frames, with the sigma of that mean."""
     lines = [
         "| frames | mean residual, column px | row px | scatter of a frame's, px |",
         "| --- " * 4 + "|",

@@ -1,10 +1,10 @@
-"""Where the map-projected frames of the Apollo 16 series lie, under Suns of 6 to 58 deg, from a catalogue of GLD100;
-and what is made of maps that are not what they are given for.
+"""Locate the map-projected frames of the Apollo 16 series (Sun elevation 6 to 58 deg) with a catalogue of GLD100, and maps
+that were altered on purpose.
 
     .venv/bin/python benchmarks/locate_maps.py [-o build/locate-maps] [--frames 53]
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought), builds the catalogue by the command into
-the folder (kept for the next run) and writes `tables.md`, the figures of docs/pose.md.
+The shared lunar data are needed (see `tests/conftest.py`). The command line builds the catalogue into the folder (kept for the next
+run). The output is `tables.md`, the figures of the page on pose.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def frames(right: dict[str, PositionFix]) -> list[str]:
 
 
 def spread(right: dict[str, PositionFix]) -> list[str]:
-    """Medians and robust spreads of the corrections, of frames located by points and by the ground as a whole."""
+    """Medians and robust spreads of the corrections of located frames, by points and by the joint offset."""
     lines = []
     for by in (BY_POINTS, BY_GROUND):
         located = [a.pose for a in right.values() if a.pose is not None and a.by == by]
@@ -98,7 +98,7 @@ def spread(right: dict[str, PositionFix]) -> list[str]:
 
 
 def wrong(catalog: Catalog, photos: dict[str, Image], right: dict[str, PositionFix]) -> list[str]:
-    """Verdicts on maps made into what they are not, and under Suns turned by known angles."""
+    """Results for altered maps, and for Suns turned by known angles."""
     said: dict[str, Counter[str]] = {}
     for key, photo in photos.items():
         lon = photo.sensor.center_deg[0]
@@ -121,7 +121,7 @@ def wrong(catalog: Catalog, photos: dict[str, Image], right: dict[str, PositionF
 
 
 def told(answer: PositionFix) -> str:
-    """The verdict, by what, and whether the Sun was to blame."""
+    """The result, the method that gave it, and if the Sun was the reason."""
     by = f" by {answer.by}" if answer.pose is not None or answer.by == BY_GROUND else ""
     return answer.verdict + by + (", Sun" if "Sun" in answer.reason else "")
 

@@ -1,10 +1,9 @@
-"""Where Apollo 15 Metric frames were taken, from catalogues of the ground built from the DEM alone; and what the search makes of
-images that are not what they are given for.
+"""Locate Apollo 15 Metric frames with catalogues built from the DEM alone, and images that were altered on purpose.
 
     .venv/bin/python benchmarks/locate_photos.py [-o build/locate-photos] [--draws 10] [--frames AS15-M-0414 ...]
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought), builds the catalogues by the command into the folder
-(kept for the next run) and writes `tables.md`, the tables of docs/pose.md.
+The shared lunar data are needed (see `tests/conftest.py`). The command line builds the catalogues into the folder (kept for the next
+run). The output is `tables.md`, the tables of the page on pose.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ def main() -> None:
 
 
 def located(data: Path, options: argparse.Namespace) -> Iterator[str]:
-    """A row a frame: the worst and the median of its draws."""
+    """One row for each frame: the largest and the median error of its draws."""
     yield (
         "| frame | points in view | agree | located | position error, m: median, worst | stated 1 sigma, m | "
         "error^2 / covariance (of 3): median, worst | chi2 / dof | worst accepted match, DEM pixels | s |"
@@ -94,7 +93,7 @@ def row(key: str, catalog: Catalog, photo: Image, draws: int) -> str:
 
 
 def spoilt(data: Path, options: argparse.Namespace) -> Iterator[str]:
-    """A row an input, a column a frame."""
+    """One row for each input, one column for each frame."""
     columns: dict[str, dict[str, str]] = {}
     for key in options.frames:
         catalog = frames.built(data, frames.FRAMES[key], options.output)
@@ -117,7 +116,7 @@ def spoilt(data: Path, options: argparse.Namespace) -> Iterator[str]:
 
 
 def verdict(catalog: Catalog, image: Image, known: Image) -> str:
-    """What is said, and how far off a pose is; WRONG where it is."""
+    """The result and the position error; WRONG if a position is false."""
     answer: PositionFix = locate(
         catalog, frames.displaced(image, 0), UNCERTAIN, frames.LAW, Options()
     )

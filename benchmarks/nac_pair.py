@@ -1,10 +1,10 @@
-"""A NAC orthoimage of half a metre a pixel against renders of the NAC DTM of the same ground: the pit in Mare Tranquillitatis.
+"""A NAC orthoimage of 0.5 m a pixel compared with renders of the NAC DTM of the same area: the pit in Mare Tranquillitatis.
 
     .venv/bin/python benchmarks/nac_pair.py [-o build/nac_pair]
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
-docs/validation.md), the smoothed DTM as `dtm.tif`, and pictures to look at. The DTM came in 256 steps of 0.467 m: its
-surface is the smoothest that rounds to them (`lcp_catalog.dem.terraces`). Nothing is fitted to the image.
+The shared lunar data are needed (see `tests/conftest.py`). The output is `tables.md`, the smoothed DTM as `dtm.tif`, and pictures.
+The DTM is quantised in 256 steps of 0.467 m; its surface here is the smoothest one that rounds to these steps
+(`benchmarks/dequantise.py`). Nothing is fitted to the image.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from lcp_catalog.rendering.pipeline import HeightfieldScene
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 OVERLAP = 4.0
-"""Windows lie half a side apart: so many cover every node, and are not independent."""
+"""The distance between windows is half a side, so that they cover every node; they are not independent."""
 
 BANDS_M = ((4, 8), (8, 16), (16, 32), (32, 64), (64, 128))
 STARTS = ((0.0, 0.0), (8.0, 0.0), (0.0, 8.0), (6.0, -5.0), (-7.0, 4.0))
@@ -67,15 +67,15 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def offset_and_sigma(scores: np.ndarray, draws: int = 400) -> tuple[np.ndarray, np.ndarray]:
-    """The offset, and its standard deviation over windows drawn anew (bootstrap)."""
+    """The offset and its standard deviation over resampled windows (bootstrap)."""
     rng = np.random.default_rng(0)
     again = [offset_of(scores[rng.integers(0, len(scores), len(scores))]) for _ in range(draws)]
     return offset_of(scores), np.nanstd(again, axis=0) * np.sqrt(OVERLAP)
 
 
 def hole_offset(folder: Path) -> tuple[np.ndarray, np.ndarray, float]:
-    """Least and greatest (east, north), metres, by which the orthoimage may be moved so that its hole covers the DTM's
-    as well as it can, and how well (shared area over joint area).
+    """Least and greatest shift (east, north) in metres of the orthoimage at which its pit covers the DTM's pit
+    best, and the overlap there (intersection over union).
     """
     with rasterio.open(folder / "tranqpit1_dtm_2m.tif") as file:
         coarse, corner = file.read(1) == file.nodata, (file.transform.c, file.transform.f)
@@ -102,7 +102,7 @@ def hole_offset(folder: Path) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def passed(values: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
-    """Waves of a band of lengths (metres), by the difference of two Gaussians; NaN filled by the mean."""
+    """The part of an array between two wavelengths in metres (difference of two Gaussians); NaN is filled by the mean."""
     filled = np.where(np.isfinite(values), values, np.nanmean(values))
     if band is None:
         return filled
@@ -140,7 +140,7 @@ def picture(path: Path, *values: np.ndarray) -> None:
 
 
 def located(photo: Image, dem: Path, out: Path) -> list[str]:
-    """`lcp build-catalog` of the smoothed DTM, and `locate` of the orthoimage, its map moved on purpose."""
+    """Build a catalogue of the smoothed DTM and locate the orthoimage from a start that is shifted on purpose."""
     catalog = open_catalog(build_catalog(dem, out / "pit.h5"))
     lines = [
         f"## `locate`, {len(catalog)} points", "",
@@ -163,7 +163,7 @@ def located(photo: Image, dem: Path, out: Path) -> list[str]:
 
 
 def beside() -> Path:
-    """The shared data in or beside the checkout."""
+    """The folder of the shared data in the checkout or beside it."""
     places = [ROOT / "shared" / "data", ROOT.parent / "shared" / "data"]
     return next((place for place in places if place.is_dir()), places[0])
 
@@ -229,7 +229,7 @@ def band_name(band: tuple[float, float] | None) -> str:
 
 
 def suns(photo: Image, dem: Path, scene: HeightfieldScene) -> list[str]:
-    """Mean correlation of windows of 64 m under Suns of the same height and other azimuths: albedo does not mind, shading does."""
+    """Mean correlation of windows of 64 m under Suns of the same elevation and other azimuths: shading depends on it, albedo does not."""
     azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
     lines = [
         f"## The Sun's azimuth (true: {azimuth:.1f} deg, {elevation:.1f} deg high)",
@@ -294,8 +294,8 @@ def limits(photo: Image, grounds: dict[str, Ground], out: Path, like: list[objec
 
 
 def ground_of_requantised(ground: Ground, out: Path, like: list[object]) -> np.ndarray:
-    """The smoothed surface taken for the truth, rounded to steps that lie a quarter of one elsewhere, smoothed again and
-    rendered: what rounding costs.
+    """The cost of quantisation: the smoothed surface as truth, rounded to steps shifted by a quarter of one, smoothed
+    again and rendered.
     """
     with rasterio.open(out / "dtm.tif") as file:
         heights = file.read(1).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Reading and resampling 4096 x 4096 nodes from each kind of file, against a plain read of the same pixels."""
+"""Time to read and resample 4096 x 4096 nodes from each kind of file, compared with a plain read of the same pixels."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ KINDS = {"float .IMG": float_img, "int16 polar .IMG": polar_img, "tiled GeoTIFF"
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("kind", KINDS)
 def test_reading_and_resampling(benchmark, tmp_path, kind):
-    """A node at every pixel, half a pixel aside, in blocks as terrain asks for them; one thread."""
+    """One node per pixel, half a pixel aside, in blocks as the terrain module requests them; one thread."""
     path, plain = KINDS[kind](tmp_path)
     dems = DemSet.open([path])
     grid, gsd_m = dems.dems[0].grid, dems.dems[0].gsd_m

@@ -1,6 +1,5 @@
-"""Speed of the matcher: points a second from catalogue to covariance, by stages, and its search beside OpenCV's masked one.
-
-Figures are in docs/matching.md. Times are of the processor, all threads together, so that a busy machine does not count.
+"""Speed of the matcher: points per second from catalogue to covariance, by stages, and its search compared with OpenCV's
+masked one. Times are processor times of all threads together, so that other work on the machine does not count.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ ROUNDS = 5
 
 @pytest.fixture(scope="module")
 def scene():
-    """Patches of 33 x 33 nodes on a grid, and a frame of 640 x 640 pixels of a node each, turned by 20 degrees."""
+    """Patches of 33 x 33 nodes on a grid, and a frame of 640 x 640 pixels of one node each, turned by 20 degrees."""
     lon, lat = np.meshgrid(np.linspace(2.7, 4.3, 12), np.linspace(25.3, 26.7, 12))
     catalog = catalog_of_dem(lon.ravel(), lat.ravel(), NODES, GSD_M)
     frame = EnuFrame(3.5, 26.0, -1000.0)
@@ -51,7 +50,7 @@ def scene():
 
 
 def processor_seconds(task) -> float:
-    """Median over some rounds, warm."""
+    """The median time over some rounds, after a warm-up."""
     task()
     times = []
     for _ in range(ROUNDS):
@@ -62,7 +61,7 @@ def processor_seconds(task) -> float:
 
 
 def test_points_a_second(benchmark, scene):
-    """All of it: render, search +-64 px, fraction of a pixel, covariance, way back."""
+    """All stages: render, search within +-64 px, sub-pixel fit, covariance, backward search."""
     catalog, photo, rows = scene
     with limit_threads(1):
         spent = processor_seconds(
@@ -84,7 +83,7 @@ def test_points_a_second(benchmark, scene):
 
 
 def test_stages(benchmark, scene, monkeypatch):
-    """Microseconds of one core a point."""
+    """Microseconds of one core for each point."""
     catalog, photo, rows = scene
     spent: dict[str, float] = {}
     for module, name in (
@@ -110,7 +109,7 @@ def test_stages(benchmark, scene, monkeypatch):
 
 
 def timed(task, name, spent):
-    """The task, adding what it takes of the processor to ``spent``."""
+    """Run the task and add its processor time to ``spent``."""
 
     def run(*arguments, **more):
         start = time.process_time()
@@ -122,7 +121,7 @@ def timed(task, name, spent):
 
 
 def test_search_beside_opencv(benchmark, scene):
-    """One thread, the same templates and masks, the same +-64 px; OpenCV correlates every place at full resolution."""
+    """One thread, the same templates and masks, the same +-64 px; OpenCV correlates every position at full resolution."""
     catalog, photo, rows = scene
     rows = rows[:40]
     image = SearchImage.of(photo)

@@ -1,4 +1,4 @@
-"""A whole area through the pipeline, the reading of terrain, and the memory that terrain takes a cell."""
+"""Time of a whole area through the pipeline, time to read its terrain, and memory of the terrain for each cell."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GSD_M = 118.45
 
 
 def test_area(benchmark):
-    """The middle area of the sample's build, on one thread: terrain, sweep, candidates, evaluation."""
+    """The middle area of the sample's build on one thread: terrain, sweep, candidates, evaluation."""
     build = Build.plan((DEM,), BuildConfig.from_toml(SAMPLE / "hadley.toml"))
     job = build.jobs[len(build.jobs) // 2 - 3]
     with limit_threads(1):
@@ -39,7 +39,7 @@ def test_area(benchmark):
 
 @pytest.mark.parametrize("nodes", [1024, 2048])
 def test_terrain(benchmark, nodes):
-    """From the GeoTIFF to a heightfield; bytes a cell that stay, and that are held at the most meanwhile."""
+    """From the GeoTIFF to a heightfield; bytes per cell that are kept, and the peak meanwhile."""
     dems, frame = DemSet.open([DEM]), EnuFrame(5.0, 25.0)
     window = NodeWindow(-nodes // 2, nodes // 2, -nodes // 2, nodes // 2)
 

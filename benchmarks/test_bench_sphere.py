@@ -1,5 +1,5 @@
-"""Speed of rays against the sphere, beside the textbook's formula in NumPy and rays through a
-heightfield; and of whole pictures of the sphere. Ratios are in docs/sphere.md.
+"""Speed of rays against the sphere, compared with the textbook's formula in NumPy and with rays through a heightfield; and
+of whole images of the sphere.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def seconds(task, *arguments) -> float:
 
 
 def in_turn(*tasks) -> list[float]:
-    """Median of each task's times, one after the other, so that all see the same machine."""
+    """The median time of each task; the tasks run in turn, so that all see the same machine."""
     for task in tasks:
         task()
     times = [[seconds(task) for task in tasks] for _ in range(ROUNDS)]
@@ -47,7 +47,7 @@ def in_turn(*tasks) -> list[float]:
 
 @pytest.mark.parametrize("altitude_km", [10, 2000, 400_000])
 def test_rays(benchmark, altitude_km):
-    """One thread; the heightfield is the sphere's own, 512 x 512 nodes under the same camera."""
+    """One thread; the heightfield is that of the sphere, 512 x 512 nodes under the same camera."""
     distance = altitude_km * 1e3
     gsd = 0.4 * min(distance, MOON_RADIUS_M) / PIXELS
     camera = looking_camera(FRAME, [0, 0, distance], gsd, (PIXELS * gsd, PIXELS * gsd))
@@ -73,9 +73,7 @@ def test_rays(benchmark, altitude_km):
 
 @pytest.mark.parametrize("model", ["lommel-seeliger", "hapke"])
 def test_whole_moon(benchmark, model):
-    """A picture of the whole disc, limb included: share of its time that goes to the limb's pixels
-    and to the rays.
-    """
+    """An image of the whole disc with its limb: the shares of its time spent on pixels at the limb and on rays."""
     size = 2.1 * MOON_RADIUS_M
     camera = looking_camera(FRAME, [0, 0, 3.8e8], size / PIXELS, (size, size))
     light = Lighting.of_sun(direction_enu(90, 40))

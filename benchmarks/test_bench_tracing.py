@@ -1,6 +1,4 @@
-"""Speed of exact shadows, camera rays and sweeps, and the memory they keep; figures of one machine
-are in docs/performance.md.
-"""
+"""Speed of exact shadows, camera rays and sweeps, and the memory that they keep."""
 
 from __future__ import annotations
 
@@ -27,9 +25,7 @@ ROUNDS = 3
 
 @cache
 def terrain(size: int) -> Heightfield:
-    """Tiles of one cratered square, mirrored so that they join: the generator is slow, not the
-    tracing.
-    """
+    """Tiles of one cratered square, mirrored so that they join (the generator is slow)."""
     z = cratered(512, GSD)
     block = np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]])
     return Heightfield(np.tile(block, (size // 1024, size // 1024)), GSD)
@@ -66,7 +62,7 @@ def test_tier(benchmark, size, elevation_deg, tier):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_camera(benchmark, size):
-    """A square pinhole image 100 km off, 30 deg from the vertical, a pixel a cell in the middle."""
+    """A square pinhole image from 100 km, 30 deg from the vertical, one pixel per cell in the middle."""
     pixels, away = 1024, 1e5
     axis = np.array([math.sin(math.radians(30)), 0.0, math.cos(math.radians(30))])
     middle = np.array([0.5 * size * GSD, -0.5 * size * GSD, 0.0])
@@ -99,7 +95,7 @@ def test_fragments(benchmark):
 
 
 def test_bytes_a_cell(benchmark):
-    """What a heightfield keeps once everything has been asked of it (arrays it holds); the limit is 12."""
+    """Bytes per cell of the arrays that a heightfield keeps after every kind of query; the limit is 12."""
     field = terrain(2048)
     benchmark.pedantic(field.occluded_nodes, (sun(37, 45),), rounds=1)
     occluded(field, sun(90, 5), TIERS["draft"])  # the transposed copy

@@ -1,10 +1,10 @@
-"""What keeps 16 x 16 windows of photographs and renders below 0.9: one thing changed at a time, on Apollo 15 frames.
+"""Causes of correlations below 0.9 in 16 x 16 windows of images and renders: one change at a time, on Apollo 15 frames.
 
     .venv/bin/python benchmarks/windows_budget.py [-o build/windows]        # 3 minutes of one core, 1.5 GB
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
-docs/validation.md), and for each frame a picture: image, render, map of correlations, and the histogram. All settings
-were chosen on `CHOSEN_ON`; the other frames were run once with them.
+The shared lunar data are needed (see `tests/conftest.py`). The output is `tables.md` and, for each frame, a picture: image, render,
+map of correlations, and the histogram. All settings were chosen on the frames of `CHOSEN_ON`; the other frames were run once with
+these settings.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ DEMS = {
 
 
 def variants(ground: Ground, target_m: float) -> Iterator[tuple[str, WindowComparison]]:
-    """The comparison as it is, the plain one, and every change alone."""
+    """The comparison with the default settings, the plain one, and each change alone."""
     whole = ground.radiance()
     as_it_is = ground.pair(target_m, whole)
     yield "as it is", _compared(as_it_is)
@@ -97,7 +97,7 @@ def _best(pair: Pair) -> WindowComparison:
 
 
 def _matched(pair: Pair) -> WindowComparison:
-    """The render through the rising curve that gives it the image's histogram, over the whole frame."""
+    """The render after the monotonic map of grey values that gives it the image's histogram over the whole frame."""
     there = (pair.weight > 0.9) & np.isfinite(pair.image) & np.isfinite(pair.render)
     render = pair.render.copy()
     ranks = np.argsort(np.argsort(render[there]))
@@ -196,7 +196,7 @@ def _resolution_of(path: Path) -> Resolution:
 
 
 def two_images(shared: Path) -> str:
-    """Two frames of the same ground, 21 s apart: what a render without any fault could reach."""
+    """Two frames of the same terrain, taken 21 s apart: the correlation that a render without errors could reach."""
     grounds = [Ground.of(shared, key) for key in KEPT_ASIDE[:2]]
     text = "| cells, m | windows | > 0.9, % | median | its root |\n| ---: | ---: | ---: | ---: | ---: |\n"
     nodes = grounds[0]
@@ -219,7 +219,7 @@ def two_images(shared: Path) -> str:
 
 
 def series(shared: Path) -> str:
-    """The Apollo 16 series: windows of 20 km by the Sun's elevation."""
+    """The Apollo 16 series: windows of 20 km by Sun elevation."""
     albedo = AlbedoMap.open(shared / "albedo" / "relative_albedo_11ppd.tif", "linear")
     cells: dict[int, list[tuple[float, float]]] = {}
     for key in apollo.series_keys(shared):
