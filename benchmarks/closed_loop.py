@@ -5,7 +5,8 @@
 The shared lunar data are needed (see `tests/conftest.py`). `lcp build-catalog` builds the catalogue of each site once. Rows are
 appended to `RENDERER-SITE.jsonl`; a run that was interrupted continues after them. The tables of the page "Closed loop" are
 printed and written to `tables.md`. `--renderer embree` takes the frames from a mesh of the DEM's nodes with an independent
-camera (`tests/helpers/embree_camera.py`). `--renderer hapke` takes them from lcp with Hapke's model, while the search keeps its own model.
+camera (`tests/helpers/embree_camera.py`). `--renderer hapke` takes them from lcp with Hapke's model, while the search keeps its
+own model.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/locate_photos.py [-o build/locate-photos] [--draws 10] [--frames AS15-M-0414 ...]
 
-The shared lunar data are needed (see `tests/conftest.py`). The command line builds the catalogues into the folder (kept for the next
-run). The output is `tables.md`, the tables of the page on pose.
+The shared lunar data are needed (see `tests/conftest.py`). The command line builds the catalogues into the folder (kept for the
+next run). The output is `tables.md`, the tables of the page on pose.
 """
 
 from __future__ import annotations

@@ -229,7 +229,7 @@ def band_name(band: tuple[float, float] | None) -> str:
 
 
 def suns(photo: Image, dem: Path, scene: HeightfieldScene) -> list[str]:
-    """Mean correlation of windows of 64 m under Suns of the same elevation and other azimuths: shading depends on it, albedo does not."""
+    """Mean correlation of windows of 64 m under Suns of the same elevation and other azimuths; it drops if shading prevails."""
     azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
     lines = [
         f"## The Sun's azimuth (true: {azimuth:.1f} deg, {elevation:.1f} deg high)",
