@@ -8,7 +8,6 @@ from ..errors import CameraError
 from .frame_camera import Camera, camera_from_json
 from .isd import AnySensor, is_isd, sensor_from_isd
 from .json_fields import parsed
-from .scanners import LineScanner
 from .tsai import camera_from_tsai, is_tsai
 
 
@@ -38,9 +37,8 @@ def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camer
     """The framing camera that a camera file describes; CameraError for scanners as well, and all that `read_sensor` refuses."""
     sensor = read_sensor(path, shape)
     if not isinstance(sensor, Camera):
-        kind = "line scanner" if isinstance(sensor, LineScanner) else "push-frame camera"
         raise CameraError(
-            f"{path}: is a {kind}; only framing cameras are rendered: give a CAMERA.json"
+            f"{path}: is a {sensor.kind}; only framing cameras are rendered: give a CAMERA.json"
         )
     return sensor
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
@@ -23,7 +23,7 @@ from ..geometry.rotations import by_vector
 from .distortion import Lens, NoLens, OpenCV, lens_from_json
 from .focal_plane import FocalPlane
 from .json_fields import LARGEST
-from .sensor import POSE, within_image
+from .sensor import POSE, FullSensor
 
 FARTHEST_M = 1e11
 """No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
@@ -35,13 +35,16 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(FullSensor):
     """A framing camera at a place; raises CameraError for one that cannot be.
 
     ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding
     (up to 1e-5) is made orthonormal. ``lens`` is one that ``distortion`` cannot say, in units of the
     focal length; one of the two at most.
     """
+
+    kind: ClassVar[str] = "framing camera"
+    corrections: ClassVar[tuple[str, ...]] = POSE
 
     position_mcmf_m: Array
     rotation_mcmf_to_camera: Array
@@ -154,11 +157,6 @@ class Camera:
             self.focal_length_px, self.principal_point_px, bent if self.lens is None else self.lens
         )
 
-    @property
-    def corrections(self) -> tuple[str, ...]:
-        """What `moved` takes."""
-        return POSE
-
     def moved(self, correction: ArrayLike) -> Camera:
         """The camera shifted by three metres MCMF and turned about its own axes by a vector of three radians."""
         six = np.asarray(correction, dtype=np.float64)
@@ -184,10 +182,6 @@ class Camera:
         """Unit directions (..., 3) from points (..., 3) to the camera."""
         away = self.position_mcmf_m - np.asarray(points_mcmf_m, dtype=np.float64)
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
-
-    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Whether pixels (..., 2) lie within the image; False for NaN."""
-        return within_image(pixels, self.shape)
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Unit MCMF directions (..., 3) in which pixels (..., 2) look.

@@ -65,7 +65,7 @@ def _line_scanner(fields: JsonFields, tables: Tables) -> LineScanner:
     tables.cover(times[BEYOND], times[-1 - BEYOND])
     plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
     return LineScanner(
-        shape=(lines, samples),
+        image_shape=(lines, samples),
         plane=plane,
         trajectory=tables.trajectory.turned_by(axes),
         times_s=times,
@@ -104,7 +104,7 @@ def _push_frame(fields: JsonFields, tables: Tables) -> PushFrame:
     upside_down = int(height) if fields.flag("framelets_flipped") else None
     plane, axes = plane_of_isd(fields, looks_back=tables.looks_back, upside_down=upside_down)
     return PushFrame(
-        shape=(lines, samples),
+        image_shape=(lines, samples),
         plane=plane,
         trajectory=tables.trajectory.turned_by(axes),
         lines=int(height),

@@ -8,23 +8,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import ImageError, LabelError
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.map_projection import MapProjection, map_projection
-from .sensor import ON_MAP, within_image
+from .sensor import ON_MAP, FullSensor
 
 ORIGIN_HEIGHT_M = 100e3
 """From how high above the sphere `looks` starts: above all ground of the Moon."""
 
 
 @dataclass(frozen=True, eq=False)
-class MapImage:
+class MapImage(FullSensor):
     """A map-projected image.
 
     ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the upper left corner of
@@ -39,6 +40,9 @@ class MapImage:
     from north), or from a position (``seen_from_mcmf_m``). Raises ImageError for a CRS that is not
     the Moon's, and for a transform that maps nothing.
     """
+
+    kind: ClassVar[str] = "map-projected image"
+    corrections: ClassVar[tuple[str, ...]] = ON_MAP
 
     crs_wkt: str
     transform: tuple[float, ...]
@@ -68,10 +72,6 @@ class MapImage:
         return self.image_shape
 
     @property
-    def corrections(self) -> tuple[str, ...]:
-        return ON_MAP
-
-    @property
     def projection(self) -> MapProjection:
         """The map; ImageError for one that is not of the Moon."""
         try:
@@ -86,10 +86,6 @@ class MapImage:
         x, y = self.projection.forward(lon, lat)
         along = np.stack([x - self.transform[2], y - self.transform[5]], axis=-1)
         return self._nearest_copy(along @ self._inverse_linear.T - 0.5)
-
-    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Whether pixels (..., 2) lie within the image; False for NaN."""
-        return within_image(pixels, self.shape)
 
     def ground(self, pixels: ArrayLike) -> Array:
         """Unit MCMF vectors (..., 3) from the Moon's centre through what pixels (..., 2) show; NaN off the map."""

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from .focal_plane import FocalPlane
-from .sensor import POSE, Reduced, Sensor, within_image
+from .sensor import POSE, FullSensor
 from .trajectory import Trajectory
 
 CONVERGED = 1e-8
@@ -31,24 +31,22 @@ _TURNED_ROUND_RAD = 3.0  # what jumps by more changes its sign behind the camera
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scanner:
+class Scanner(FullSensor):
     """What both kinds share. ``trajectory`` turns MCMF to the axes of ``plane``: right, down, ahead."""
 
+    corrections: ClassVar[tuple[str, ...]] = POSE
+
     name: str
-    shape: tuple[int, int]
+    image_shape: tuple[int, int]
     plane: FocalPlane
     trajectory: Trajectory
     sun_position_mcmf_m: Array | None = None
     time_utc: str | None = None
 
     @property
-    def corrections(self) -> tuple[str, ...]:
-        """What `moved` takes."""
-        return POSE
-
-    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Whether pixels (..., 2) lie within the image; False for NaN."""
-        return within_image(pixels, self.shape)
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.image_shape
 
     def moved(self, correction: ArrayLike) -> Self:
         """The scanner with all its lines shifted by three metres MCMF and turned about the camera's own axes by a vector of
@@ -147,6 +145,8 @@ class LineScanner(Scanner):
     last; between them time runs evenly. ``line_px``: where on ``plane`` the line lies, in its rows.
     """
 
+    kind: ClassVar[str] = "line scanner"
+
     times_s: Array
     line_px: float
 
@@ -178,6 +178,8 @@ class PushFrame(Scanner):
     a gap between framelets, in none.
     """
 
+    kind: ClassVar[str] = "push-frame camera"
+
     lines: int
     first_s: float
     step_s: float
@@ -187,7 +189,7 @@ class PushFrame(Scanner):
         """How many the image has."""
         return self.shape[0] // self.lines
 
-    def in_framelets(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+    def project_near(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
         """Pixels (n, 2) of MCMF points (n, 3) in the framelets that hold some pixels (n, 2), also over a framelet's edges; within a
         row of an edge in the one of both that has the point nearer. NaN behind the camera.
         """
@@ -231,19 +233,6 @@ class PushFrame(Scanner):
         framelet = np.clip(np.floor((pixels[:, 1] + 0.5) / self.lines), 0, self.framelets - 1)
         within = pixels - np.stack([np.zeros(len(pixels)), framelet * self.lines], axis=-1)
         return self._time(framelet), within
-
-
-def project_beside(sensor: Sensor, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
-    """Pixels (n, 2) of points (n, 3) that were found at pixels (n, 2): `project`, but of a push-frame camera in the framelet in
-    which each was found. Near a framelet's edge `project` changes to the next one when the camera moves a little, and the pixel
-    jumps by as many rows as the framelets overlap: a least-squares solution would stop at that jump.
-    """
-    if isinstance(sensor, Reduced):
-        full = (np.asarray(pixels, dtype=np.float64) + 0.5) * sensor.factor - 0.5
-        return (project_beside(sensor.full, points_mcmf_m, full) + 0.5) / sensor.factor - 0.5
-    if isinstance(sensor, PushFrame):
-        return sensor.in_framelets(points_mcmf_m, pixels)
-    return sensor.project(points_mcmf_m)
 
 
 def _in_parts(answer: Callable[[Array], Array], points_mcmf_m: ArrayLike) -> Array:

@@ -1,14 +1,14 @@
-"""What took an image, whatever it was: ground to pixels, pixels to rays, and what may be wrong about its place.
+"""Sensors: the geometry of an image, from points to pixels and from pixels to rays.
 
-A sensor is a framing camera (`camera`), a line scanner or a push-frame camera (`scanners`), or a map
-that an image was projected on (`map_image`). Pixel coordinates are (column, row) with pixel centres at
-whole numbers. Positions are MCMF metres, directions unit MCMF vectors from the ground to the sensor.
+A sensor is a frame camera (`frame_camera`), a line scanner or a push-frame camera (`scanners`), or
+the map of a map-projected image (`map_projected`). Pixel coordinates are (column, row) with pixel
+centres at whole numbers. Positions are MCMF metres, directions unit MCMF vectors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,75 +16,133 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array
 
 _JUMP = 0.5
-"""Steps of a metre that differ by more than this share of the shorter are not a slope's two sides."""
+"""Two steps of a metre whose pixel differences differ by more than this share of the shorter one
+are not two sides of a slope.
+"""
 
 POSE = ("x_m", "y_m", "z_m", "turn_x_rad", "turn_y_rad", "turn_z_rad")
-"""Corrections of a camera: a shift in MCMF, then a small rotation about the camera's own axes (right,
-down, ahead): rotation' = exp([turn]_x) rotation.
+"""Corrections of a camera: a shift in MCMF, then a small rotation about the camera's own axes
+(right, down, ahead): rotation' = exp([turn]_x) rotation.
 """
 
 ON_MAP = ("east_m", "north_m")
-"""Corrections of a map-projected image: where its ground really lies, from where the map puts it."""
+"""Corrections of a map-projected image: the shift of its surface from the mapped position."""
 
 
 class Sensor(Protocol):
-    """The geometry of one image. Frozen: `moved` gives another."""
+    """The geometry of one image. Frozen: `moved` returns another sensor."""
 
     @property
     def name(self) -> str:
-        """The file it was read from."""
+        """Name of the file that describes the sensor."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of sensor, as reports print it: framing camera, line scanner, push-frame camera or
+        map-projected image.
+        """
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the image."""
 
     @property
+    def full(self) -> Sensor:
+        """Sensor of the image at full resolution; itself unless `Reduced`."""
+
+    @property
+    def factor(self) -> int:
+        """Side of a pixel in pixels at full resolution; 1 unless `Reduced`."""
+
+    @property
     def sun_position_mcmf_m(self) -> Array | None:
-        """Where the Sun stood, (3,), if that is known."""
+        """Position of the Sun, (3,); None if unknown."""
 
     @property
     def time_utc(self) -> str | None:
-        """When the image was taken (its middle), if that is known."""
+        """Time of the middle of the image; None if unknown."""
 
     @property
     def corrections(self) -> tuple[str, ...]:
-        """What `moved` takes: `POSE` or `ON_MAP`."""
+        """Names of the numbers that `moved` takes: `POSE` or `ON_MAP`."""
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        """Pixels (..., 2) of MCMF points (..., 3); NaN for what the sensor cannot have seen."""
+        """Pixels (..., 2) of MCMF points (..., 3); NaN for points that the sensor cannot see."""
+
+    def project_near(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+        """Pixels (n, 2) of MCMF points (n, 3) that were found at pixels (n, 2).
+
+        The same as `project`, except for a push-frame camera: it uses the framelet in which each
+        point was found. Near the edge of a framelet a small move of the camera takes `project` to
+        the next framelet, and the pixel jumps by as many rows as framelets overlap; a least-squares
+        solution would stop at that jump.
+        """
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Whether pixels (..., 2) lie within the image; False for NaN."""
+        """True for pixels (..., 2) within the image; False for NaN."""
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        """From where, and in which direction (both (..., 3)), pixels (..., 2) look."""
+        """Origins and unit directions, both (..., 3), of the rays of pixels (..., 2)."""
 
     def towards(self, points_mcmf_m: ArrayLike) -> Array:
-        """Unit directions (..., 3) from ground points (..., 3) to where they were seen from."""
+        """Unit directions (..., 3) from points (..., 3) of the surface to the sensor."""
 
     def moved(self, correction: ArrayLike) -> Self:
-        """The sensor with its place corrected, one number for each of `corrections`."""
+        """The sensor with corrected geometry; one number for each of `corrections`."""
 
 
 def within_image(pixels: ArrayLike, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Whether pixels (..., 2) lie within an image of so many rows and columns; False for NaN."""
+    """True for pixels (..., 2) within an image of ``shape`` (rows, columns); False for NaN."""
     column, row = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
     rows, cols = shape
     return np.asarray((column >= -0.5) & (column < cols - 0.5) & (row >= -0.5) & (row < rows - 0.5))
 
 
+class FullSensor:
+    """Base of sensors that see the image at full resolution, and see every point once."""
+
+    factor: ClassVar[int] = 1
+
+    @property
+    def full(self) -> Self:
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        raise NotImplementedError
+
+    def project(self, points_mcmf_m: ArrayLike) -> Array:
+        raise NotImplementedError
+
+    def project_near(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+        return self.project(points_mcmf_m)
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        return within_image(pixels, self.shape)
+
+
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A sensor whose pixels are blocks of ``factor`` x ``factor`` of another's; blocks that are not whole
-    are left out.
+    """A sensor whose pixels are blocks of ``factor`` x ``factor`` pixels of another sensor.
+
+    Blocks that are not whole are left out. A reduced sensor that is reduced again has the product
+    of both factors.
     """
 
     full: Sensor
     factor: int
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", self.factor * self.full.factor)
+        object.__setattr__(self, "full", self.full.full)
+
     @property
     def name(self) -> str:
         return self.full.name
+
+    @property
+    def kind(self) -> str:
+        return self.full.kind
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -104,38 +162,50 @@ class Reduced:
         return self.full.corrections
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        return (self.full.project(points_mcmf_m) + 0.5) / self.factor - 0.5
+        return self._reduced(self.full.project(points_mcmf_m))
+
+    def project_near(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
+        return self._reduced(self.full.project_near(points_mcmf_m, self._full(pixels)))
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         return within_image(pixels, self.shape)
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        return self.full.looks((np.asarray(pixels, dtype=np.float64) + 0.5) * self.factor - 0.5)
+        return self.full.looks(self._full(pixels))
 
     def towards(self, points_mcmf_m: ArrayLike) -> Array:
         return self.full.towards(points_mcmf_m)
 
     def moved(self, correction: ArrayLike) -> Reduced:
-        return replace(self, full=self.full.moved(correction))
+        return Reduced(self.full.moved(correction), self.factor)
+
+    def _full(self, pixels: ArrayLike) -> Array:
+        """Pixels of the image at full resolution."""
+        return (np.asarray(pixels, dtype=np.float64) + 0.5) * self.factor - 0.5
+
+    def _reduced(self, pixels: Array) -> Array:
+        return (pixels + 0.5) / self.factor - 0.5
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well a sensor's place is known, 1 sigma of each component; what is 0 is taken as exact and not solved for."""
+    """1 sigma of each component of a sensor's position and attitude. A component with 0 is exact: it is
+    not solved for.
+    """
 
     position_m: float
     attitude_rad: float = 0.0
 
     def sigmas(self, sensor: Sensor) -> Array:
-        """One sigma for each of a sensor's corrections."""
+        """1 sigma of each of a sensor's corrections."""
         if sensor.corrections == ON_MAP:
             return np.full(2, self.position_m)
         return np.repeat([self.position_m, self.attitude_rad], 3)
 
 
 def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
-    """Ground sample distance at ground points (..., 3): the square root of the area, across the line of sight,
-    of one pixel.
+    """Ground sample distance in metres, (...,), at points (..., 3) of the surface: the square root of
+    the area of one pixel across the line of sight.
     """
     points = np.asarray(points_mcmf_m, dtype=np.float64)
     towards = sensor.towards(points)
@@ -151,13 +221,13 @@ def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
 
 
 def _slope(sensor: Sensor, points: Array, here: Array, axis: Array) -> Array:
-    """Pixels (..., 2) that a metre along ``axis`` is worth."""
+    """Change of the pixels (..., 2) by a metre along ``axis``."""
     return mean_step(sensor.project(points + axis) - here, here - sensor.project(points - axis))
 
 
 def mean_step(forward: Array, back: Array) -> Array:
-    """How far pixels (..., 2) move by a step: the mean of one forward and one back. Where one of the two jumps (to the next
-    framelet of a push-frame camera) the other.
+    """Change of pixels (..., 2) by a step: the mean of a step forward and one back, or the shorter
+    where one of the two leads to another framelet of a push-frame camera.
     """
     lengths = np.linalg.norm(forward, axis=-1), np.linalg.norm(back, axis=-1)
     apart = np.linalg.norm(forward - back, axis=-1)

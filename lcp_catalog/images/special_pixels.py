@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ..arrays import Mask
 
@@ -129,20 +130,10 @@ def _is_plateau(values: NDArray[Any], end: Any, towards: float) -> bool:
 
 
 def touching_edge(mask: Mask) -> Mask:
-    """The part of a mask (rows, cols) that hangs together with the image's edge, by sides."""
-    reached = np.zeros_like(mask)
-    for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
-        reached[edge] = mask[edge]
-    while True:
-        before = int(np.count_nonzero(reached))
-        for axis in (0, 1):
-            for step in (1, -1):
-                _sweep(np.moveaxis(mask, axis, 0)[::step], np.moveaxis(reached, axis, 0)[::step])
-        if int(np.count_nonzero(reached)) == before:
-            return reached
-
-
-def _sweep(mask: Mask, reached: Mask) -> None:
-    """Carries what is reached on along the first axis, as far as the mask goes; in place."""
-    for row in range(1, len(mask)):
-        reached[row] |= reached[row - 1] & mask[row]
+    """The parts of a mask (rows, cols), connected by sides, that touch the edge of the image."""
+    labels, count = ndimage.label(mask)
+    at_edge = np.zeros(count + 1, dtype=np.bool_)
+    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        at_edge[edge] = True
+    at_edge[0] = False  # the label of the background
+    return np.asarray(at_edge[labels])

@@ -18,7 +18,7 @@ from ..images.image import Image
 from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import evenly
-from .search_image import SearchImage, reduction
+from .search_image import SearchImage
 from .templates import POINT_SPREAD_PX, render_patches
 
 _GRID_PX = 64
@@ -78,7 +78,7 @@ def coarse_shift(
     rows = evenly(np.asarray(points, dtype=np.int64), _MOST_POINTS)
     if not len(rows):
         return None
-    factor, size = _scale(catalog, photo, rows, reach_px / reduction(photo.sensor), grid_px)
+    factor, size = _scale(catalog, photo, rows, reach_px / photo.sensor.factor, grid_px)
     image = SearchImage.of(photo.reduced(factor))
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)

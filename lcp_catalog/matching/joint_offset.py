@@ -29,7 +29,7 @@ from .consensus import GATE, SIGNIFICANT, independent_share, widened
 from .point_choice import evenly
 from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
-from .search_image import SearchImage, reduction
+from .search_image import SearchImage
 from .subpixel import peaks
 from .sun_check import with_sun
 
@@ -132,7 +132,7 @@ class _Search:
 
     @property
     def factor(self) -> int:
-        return reduction(self.photo.sensor)
+        return self.photo.sensor.factor
 
     @cached_property
     def share(self) -> float:

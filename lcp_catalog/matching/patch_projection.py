@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
-from ..cameras.sensor import Reduced, Sensor
+from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 
 TOLERANCE_PX = 0.002
@@ -46,9 +46,7 @@ def node_pixels(catalog: Catalog, rows: Index, nodes_mcmf: Array, sensor: Sensor
 
 def _is_quick(sensor: Sensor) -> bool:
     """Whether a sensor has a closed form."""
-    while isinstance(sensor, Reduced):
-        sensor = sensor.full
-    return isinstance(sensor, Camera)
+    return isinstance(sensor.full, Camera)
 
 
 def _interpolated(

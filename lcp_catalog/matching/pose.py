@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
-from ..cameras.scanners import project_beside
 from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
 
@@ -182,9 +181,9 @@ def solve(
 
 def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:
     """Found minus expected, pixels (n, 2), of points (n, 3) found at pixels (n, 2); NaN where not found, or behind the sensor. A
-    push-frame camera is asked in the framelets where they were found (`scanners.project_beside`).
+    push-frame camera is asked in the framelets where they were found (`Sensor.project_near`).
     """
-    return np.asarray(found_px) - project_beside(sensor, points_mcmf_m, found_px)
+    return np.asarray(found_px) - sensor.project_near(points_mcmf_m, found_px)
 
 
 def _scale(chi2: float, dof: float) -> float:

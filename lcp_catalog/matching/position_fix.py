@@ -33,7 +33,7 @@ from .point_choice import points_in_view, working_image
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
-from .search_image import nothing_in, reduction
+from .search_image import nothing_in
 from .sun_check import LightCheck, check_light
 
 LOCATED = "located"
@@ -136,7 +136,7 @@ class _Search:
     @property
     def factor(self) -> int:
         """Pixels of the image as it came to one that is searched."""
-        return reduction(self.working.sensor)
+        return self.working.sensor.factor
 
     @property
     def tolerance_px(self) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Float32, Index, Mask
-from ..cameras.sensor import Reduced, Sensor
 from ..images.image import Image
 from ..landmarks.corners import fill_missing
 from ..landmarks.correlation import moments
@@ -45,7 +44,7 @@ class SearchImage:
         if not valid.all():
             signal = fill_missing(signal, _FILL_PX)
         weight = np.where(valid, photo.weight, 0.0).astype(np.float32)
-        return cls(photo, np.ascontiguousarray(signal), weight, reduction(photo.sensor))
+        return cls(photo, np.ascontiguousarray(signal), weight, photo.sensor.factor)
 
     @cached_property
     def half(self) -> Float32:
@@ -66,14 +65,6 @@ class SearchImage:
             box = np.s_[max(row - high, 0) : row + high + 1, max(col - wide, 0) : col + wide + 1]
             out[k] = bright[box].sum() > 0.5 * lost[box].sum()
         return out
-
-
-def reduction(sensor: Sensor) -> int:
-    """Pixels of the image as it came along the side of one of a sensor's."""
-    factor = 1
-    while isinstance(sensor, Reduced):
-        factor, sensor = factor * sensor.factor, sensor.full
-    return factor
 
 
 def full_pixels(pixels: Array, factor: int) -> Array:

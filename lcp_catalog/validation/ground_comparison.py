@@ -18,7 +18,6 @@ import numpy as np
 from ..accuracy import Accuracy
 from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
-from ..cameras.sensor import Reduced, Sensor
 from ..cameras.view import View, sensor_view
 from ..catalog.catalogue import Catalog
 from ..errors import AreaError
@@ -136,7 +135,7 @@ def dem_request(
     albedo: AlbedoMap | None = None,
 ) -> Request:
     """What a render of the ground that an image shows is asked for, at the DEM's own cells and under the image's Sun."""
-    sensor = unreduced(photo.sensor)
+    sensor = photo.sensor.full
     if isinstance(sensor, Camera):
         sensor = replace(sensor, sun_position_mcmf_m=photo.sun_position_mcmf_m)
         view = ViewChoice(camera=sensor)
@@ -154,11 +153,6 @@ def dem_request(
         albedo=albedo,
         surface="heightfield",
     )
-
-
-def unreduced(sensor: Sensor) -> Sensor:
-    """The sensor of the image as it came."""
-    return unreduced(sensor.full) if isinstance(sensor, Reduced) else sensor
 
 
 def subsolar(photo: Image) -> tuple[float, float]:
@@ -246,7 +240,7 @@ def _pair(
 ) -> Pair | None:
     """One patch, and the image on its nodes; None where the sensor cannot have seen its middle."""
     terrain = patch_terrain(catalog, row)
-    sensor = unreduced(photo.sensor)
+    sensor = photo.sensor.full
     towards = sensor.towards(terrain.frame.origin_mcmf_m)
     if not np.isfinite(towards).all() or towards @ terrain.frame.rotation[2] <= 0.0:
         return None

@@ -13,8 +13,6 @@ import numpy as np
 
 from ..accuracy import TIERS, Accuracy
 from ..cameras.camera_file import read_sensor
-from ..cameras.frame_camera import Camera
-from ..cameras.scanners import LineScanner, PushFrame
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
@@ -274,7 +272,7 @@ def _facts(request: Validation, photo: Image, name: str) -> ImageFacts:
         name,
         cols,
         rows,
-        _kind(photo.sensor),
+        photo.sensor.kind,
         sun_from=_sun_from(request, photo.sensor),
         saturated_share=photo.saturated_share,
         missing_share=photo.missing_share,
@@ -302,12 +300,3 @@ def _sun_from(request: Validation, sensor: Sensor) -> str:
         return "as stated"
     known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None
     return "the camera file" if known else "the image's label"
-
-
-def _kind(sensor: Sensor) -> str:
-    kinds = (
-        (Camera, "framing camera"),
-        (LineScanner, "line scanner"),
-        (PushFrame, "push-frame camera"),
-    )
-    return next((name for kind, name in kinds if isinstance(sensor, kind)), "map-projected image")

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lcp_catalog.cameras.distortion import LroNac, NoLens, OnPlane
 from lcp_catalog.cameras.focal_plane import FocalPlane
-from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame, project_beside
+from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame
 from lcp_catalog.cameras.sensor import POSE, Reduced, Uncertainty, pixel_size_m
 from lcp_catalog.cameras.trajectory import Track, Trajectory, Turning
 from lcp_catalog.cameras.view import footprint
@@ -49,7 +49,7 @@ def line_scanner(rows=2000, cols=500, **how):
     lens = OnPlane(((0.0, 70.0), (70.0, 0.0)), LroNac(1.81e-5), ((0.0, 1 / 70.0), (1 / 70.0, 0.0)))
     return LineScanner(
         name="scan",
-        shape=(rows, cols),
+        image_shape=(rows, cols),
         plane=FocalPlane(focal, (cols / 2, -0.5), lens),
         trajectory=flight(**how),
         times_s=times,
@@ -62,7 +62,7 @@ def push_frame(framelets=40, lines=14, overlap=4, **how):
     step = (lines - overlap) * 0.065
     return PushFrame(
         name="frames",
-        shape=(framelets * lines, 300),
+        image_shape=(framelets * lines, 300),
         plane=FocalPlane(1e3, (149.5, (lines - 1) / 2), NoLens()),
         trajectory=flight(**how),
         lines=lines,
@@ -258,12 +258,12 @@ def test_beside_where_it_was_found():
     points = sphere_intersection.hits(*camera.looks(pixels))[1]
     jumped = np.abs(camera.project(points) - pixels)[:, 1] > 1.0
     assert 0.2 < jumped.mean() < 0.9
-    assert project_beside(camera, points, pixels) == pytest.approx(pixels, abs=1e-6)
+    assert camera.project_near(points, pixels) == pytest.approx(pixels, abs=1e-6)
     of_five = (pixels + 0.5) / 5 - 0.5
-    assert project_beside(Reduced(camera, 5), points, of_five) == pytest.approx(of_five, abs=1e-6)
+    assert Reduced(camera, 5).project_near(points, of_five) == pytest.approx(of_five, abs=1e-6)
     scanner = line_scanner()
     assert np.array_equal(
-        project_beside(scanner, points, pixels), scanner.project(points), equal_nan=True
+        scanner.project_near(points, pixels), scanner.project(points), equal_nan=True
     )
 
 

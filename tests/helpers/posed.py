@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.cameras.sensor import ON_MAP, Sensor
+from lcp_catalog.cameras.sensor import ON_MAP, FullSensor, Sensor
 from lcp_catalog.geometry.frames import EnuFrame
 
 HADLEY = EnuFrame(3.6, 26.1)
@@ -77,7 +77,7 @@ def covariances(count: int, dice: np.random.Generator, sigma_px: float = 0.3) ->
 
 
 @dataclass(frozen=True, eq=False)
-class PlainMap:
+class PlainMap(FullSensor):
     """A map of the tangent plane at a place, 100 m a pixel, 1000 pixels a side, its middle at the place."""
 
     frame: EnuFrame = HADLEY

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.twins_match import catalog_of_patches, looking_at
 
-from lcp_catalog.cameras.sensor import Reduced
+from lcp_catalog.cameras.sensor import FullSensor, Reduced
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.patch_projection import node_pixels
 from lcp_catalog.matching.templates import nodes_mcmf
@@ -28,7 +28,7 @@ def catalog():
     return catalog_of_patches(z.astype(np.float32), FRAMES, GSD_M)
 
 
-class Strange:
+class Strange(FullSensor):
     """A camera's geometry and an offset that depends on the pixel; counts what it projects."""
 
     def __init__(self, camera, offset: Callable[[np.ndarray], np.ndarray]) -> None:

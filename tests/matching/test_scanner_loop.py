@@ -57,7 +57,7 @@ def scanner() -> LineScanner:
     )
     plane = FocalPlane(ALTITUDE_M / PIXEL_M, ((COLUMNS - 1) / 2.0, 0.0), NoLens())
     return LineScanner(
-        name="swaying", shape=(LINES, COLUMNS), plane=plane, trajectory=way, times_s=times, line_px=0.0
+        name="swaying", image_shape=(LINES, COLUMNS), plane=plane, trajectory=way, times_s=times, line_px=0.0
     )  # fmt: skip
 
 

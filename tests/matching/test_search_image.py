@@ -8,7 +8,7 @@ from helpers.posed import camera
 
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.search_image import SearchImage, full_pixels, nothing_in, reduction
+from lcp_catalog.matching.search_image import SearchImage, full_pixels, nothing_in
 
 
 def made(signal: np.ndarray, weight: np.ndarray | None = None) -> Image:
@@ -53,7 +53,7 @@ def test_pixels_of_a_reduced_photo_in_those_that_came() -> None:
     """A reduced pixel's middle is its block's: of 3 x 3 pixels the middle one."""
     known = camera()
     nested = Reduced(Reduced(known, 2), 3)
-    assert [reduction(s) for s in (known, Reduced(known, 2), nested)] == [1, 2, 6]
+    assert [s.factor for s in (known, Reduced(known, 2), nested)] == [1, 2, 6]
     np.testing.assert_array_equal(full_pixels(np.array([0.0, 5.0]), 3), [1.0, 16.0])
     ground = known.looks([100.25, 37.5])[0] + 110e3 * known.looks([100.25, 37.5])[1]
     np.testing.assert_allclose(full_pixels(nested.project(ground), 6), [100.25, 37.5], atol=1e-6)

@@ -32,7 +32,6 @@ from lcp_catalog.validation.ground_comparison import (
     patch_terrain,
     rendered_cell_m,
     subsolar,
-    unreduced,
 )
 from lcp_catalog.validation.orthoimage import terrain_nodes
 from lcp_catalog.validation.point_spread import Grid
@@ -237,4 +236,4 @@ def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
 
 
 def test_a_reduced_sensor_is_taken_whole(camera) -> None:
-    assert unreduced(Reduced(Reduced(camera, 2), 3)) is camera
+    assert Reduced(Reduced(camera, 2), 3).full is camera
