@@ -4,7 +4,6 @@ tier; figures of one machine are in docs/solar-disc.md.
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.light.solar_disc import sunlit_share
 from lcp_catalog.terrain import occlusion
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -32,11 +32,6 @@ def terrain() -> Heightfield:
     return Heightfield(np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]]), GSD)
 
 
-def towards(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
-    a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
-    return np.array([math.sin(a) * math.cos(e), math.cos(a) * math.cos(e), math.sin(e)])
-
-
 def seconds(task, *arguments) -> float:
     start = time.perf_counter()
     task(*arguments)
@@ -47,7 +42,7 @@ def seconds(task, *arguments) -> float:
 @pytest.mark.parametrize("elevation_deg", [0.5, 2, 5, 15])
 def test_disc_against_point(benchmark, terrain, elevation_deg, tier):
     """Disc and point in turn, so that both see the same machine; ``ratio`` of the best of each."""
-    sun, accuracy = towards(37, elevation_deg), TIERS[tier]
+    sun, accuracy = direction_enu(37, elevation_deg), TIERS[tier]
     sunlit_share(terrain, sun, accuracy)
     occlusion.occluded(terrain, sun, accuracy)
     point = min(seconds(occlusion.occluded, terrain, sun, accuracy) for _ in range(ROUNDS))
@@ -62,7 +57,7 @@ def test_disc_against_point(benchmark, terrain, elevation_deg, tier):
 def test_horizons(benchmark, terrain, elevation_deg):
     """One horizon of every node, sought over the height of the disc."""
     rows, cols = (k.ravel() for k in np.indices(terrain.shape))
-    du, dv, slope = terrain.ray_in_cells(towards(37, elevation_deg))
+    du, dv, slope = terrain.ray_in_cells(direction_enu(37, elevation_deg))
     planes = np.array([[du, dv, slope - 0.0047 * GSD, slope + 0.0047 * GSD]])
     benchmark.pedantic(Nodes(terrain, rows, cols).horizons, (planes,), rounds=3, warmup_rounds=1)
     if benchmark.stats:

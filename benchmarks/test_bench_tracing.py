@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 from lcp_catalog.threads import limit_threads, thread_limit
@@ -31,11 +32,6 @@ def terrain(size: int) -> Heightfield:
     return Heightfield(np.tile(block, (size // 1024, size // 1024)), GSD)
 
 
-def sun(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
-    a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
-    return np.array([math.sin(a) * math.cos(e), math.cos(a) * math.cos(e), math.sin(e)])
-
-
 def timed(benchmark, count: int, unit: str, task, *arguments) -> None:
     benchmark.pedantic(task, arguments, rounds=ROUNDS, warmup_rounds=1)
     if benchmark.stats:
@@ -48,7 +44,11 @@ def timed(benchmark, count: int, unit: str, task, *arguments) -> None:
 def test_exact_shadow(benchmark, size, elevation_deg, threads):
     with limit_threads(min(threads, thread_limit())):
         timed(
-            benchmark, size * size, "Mray/s", terrain(size).occluded_nodes, sun(37, elevation_deg)
+            benchmark,
+            size * size,
+            "Mray/s",
+            terrain(size).occluded_nodes,
+            direction_enu(37, elevation_deg),
         )
 
 
@@ -56,7 +56,7 @@ def test_exact_shadow(benchmark, size, elevation_deg, threads):
 @pytest.mark.parametrize("elevation_deg", [0.5, 5, 15])
 @pytest.mark.parametrize("size", SIZES)
 def test_tier(benchmark, size, elevation_deg, tier):
-    field, direction = terrain(size), sun(17, elevation_deg)
+    field, direction = terrain(size), direction_enu(17, elevation_deg)
     timed(benchmark, size * size, "Mnode/s", occluded, field, direction, TIERS[tier])
 
 
@@ -90,15 +90,22 @@ def test_fragments(benchmark):
     rng = np.random.default_rng(1)
     rows, cols = rng.integers(0, 1024, (2, 200))
     timed(
-        benchmark, 200 * 33 * 33, "Mray/s", terrain(1024).occluded_alone, rows, cols, 16, sun(37, 5)
+        benchmark,
+        200 * 33 * 33,
+        "Mray/s",
+        terrain(1024).occluded_alone,
+        rows,
+        cols,
+        16,
+        direction_enu(37, 5),
     )
 
 
 def test_bytes_a_cell(benchmark):
     """Bytes per cell of the arrays that a heightfield keeps after every kind of query; the limit is 12."""
     field = terrain(2048)
-    benchmark.pedantic(field.occluded_nodes, (sun(37, 45),), rounds=1)
-    occluded(field, sun(90, 5), TIERS["draft"])  # the transposed copy
+    benchmark.pedantic(field.occluded_nodes, (direction_enu(37, 45),), rounds=1)
+    occluded(field, direction_enu(90, 5), TIERS["draft"])  # the transposed copy
     kept = sum(_bytes(value) for value in vars(field).values())
     benchmark.extra_info["bytes a cell"] = round(kept / field.z_m.size, 2)
     assert kept / field.z_m.size <= 12.0

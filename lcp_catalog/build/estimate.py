@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import resource
-import sys
 import time
 from typing import Any
 
 import numpy as np
 
+from ..memory import peak_mb
 from ..threads import limit_threads
 from .area_job import Candidates, run_area
 from .assembly import OVERVIEW_NODES, choose
@@ -40,7 +39,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "suns": max(int(c.reachable.sum()) for c in conditions),
         "views": len(config.view),
         "cell_renders": int(sum(cost)),
-        "memory_mb_per_worker": _peak_mb(),
+        "memory_mb_per_worker": round(peak_mb()),
         "seconds_estimate": round(
             seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1
         ),
@@ -58,12 +57,6 @@ def _measured(build: Build, index: int) -> tuple[float, Candidates]:
         start = time.perf_counter()
         result = run_area(build.jobs[index])
         return time.perf_counter() - start, result
-
-
-def _peak_mb() -> int:
-    """Most memory that this process has held so far, MB; it has computed an area, as a worker does."""
-    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6)
 
 
 def _overview_bytes(build: Build) -> int:

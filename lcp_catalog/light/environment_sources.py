@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arrays import Array, Mask
 from ..errors import ImageError
-from ..geometry.frames import azimuth_elevation
+from ..geometry.frames import azimuth_elevation, direction_enu_rad
 from .environment_map import Panorama
 
 log = logging.getLogger(__name__)
@@ -256,8 +256,7 @@ def _segments(panorama: Panorama) -> Iterator[tuple[slice, slice]]:
 
 def _direction(panorama: Panorama, row: int, col: int) -> Array:
     elevation, azimuth = panorama.elevations[row], panorama.azimuths[col]
-    level = math.cos(elevation)
-    return np.array([level * math.sin(azimuth), level * math.cos(azimuth), math.sin(elevation)])
+    return direction_enu_rad(azimuth, elevation)
 
 
 def _cosines(panorama: Panorama, band: slice, direction: Array) -> Array:

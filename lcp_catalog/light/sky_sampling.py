@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.view import View
+from ..geometry.frames import direction_enu_rad
 from ..kernels.photometry import sky as kernel
 from ..photometry.laws import Reflectance
 from ..terrain.heightfield import Window
@@ -65,10 +66,7 @@ class SkySamples:
 
     def directions(self, azimuth: int) -> Array:
         """Unit ENU vectors (e, 3) of one azimuth's samples."""
-        elevation, turn = self.elevations[azimuth], self.azimuths[azimuth]
-        level = np.cos(elevation)
-        east, north = level * math.sin(turn), level * math.cos(turn)
-        return np.stack([east, north, np.sin(elevation)], axis=-1)
+        return direction_enu_rad(self.azimuths[azimuth], self.elevations[azimuth])
 
 
 def samples_of(panorama: Panorama, accuracy: Accuracy) -> SkySamples:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..accuracy import Accuracy
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
+from ..geometry.direction import Direction
 from ..kernels.rays import bundles, horizon
 from ..sun.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
 from ..terrain import occlusion
@@ -217,10 +218,8 @@ def disc_directions(direction: ArrayLike, disc: SolarDisc, accuracy: Accuracy) -
 
 
 def _sun(direction: ArrayLike, disc: SolarDisc, gsd_m: float) -> _Sun:
-    east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
-    if not math.isfinite(east + north + up) or east == north == up == 0.0:
-        raise ValueError(f"no direction: {direction!r}")
-    return _Sun(disc, math.atan2(east, north), math.atan2(up, math.hypot(east, north)), gsd_m)
+    towards = Direction.of(direction)
+    return _Sun(disc, towards.azimuth_rad, towards.elevation_rad, gsd_m)
 
 
 def sunlit_share(

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
 from ..arrays import Mask
+from ..geometry.frames import direction_enu_rad
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .occlusion_scan import LIKELY, PROVED, draft_occluded, hybrid_occluded
@@ -82,10 +83,7 @@ def occluded_sweep(
     if not math.isfinite(azimuth_rad):
         raise ValueError(f"no azimuth: {azimuth_rad}")
     inside = field.checked_window(window)
-    level = np.cos(elevations)
-    directions = np.stack(
-        [np.sin(azimuth_rad) * level, np.cos(azimuth_rad) * level, np.sin(elevations)], axis=-1
-    )
+    directions = direction_enu_rad(azimuth_rad, elevations)
     if accuracy.shadows == "lines":
         masks_ = draft_occluded(field, azimuth_rad, elevations, inside)
         if far is not None:

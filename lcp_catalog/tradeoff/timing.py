@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import multiprocessing
-import resource
 import signal
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from ..build.area_job import AreaJob, Candidates, run_area
 from ..build.assembly import joined
 from ..errors import AreaFailedError
+from ..memory import peak_mb
 from ..threads import limit_threads
 
 
@@ -37,26 +35,12 @@ def timed_area(job: AreaJob) -> TimedArea:
     """`job.run_area` on one thread: seconds of wall time, and of the process's own time, which other work on the machine does not
     lengthen so much.
     """
-    before_mb = _peak_mb()
+    before_mb = peak_mb()
     with limit_threads(1):
         wall, own = time.perf_counter(), time.process_time()
         result = run_area(job)
         wall, own = time.perf_counter() - wall, time.process_time() - own
-    return TimedArea(wall, own, result, before_mb, _peak_mb())
-
-
-def _peak_mb() -> float:
-    """The most memory that this process has held so far, MB.
-
-    On Linux from ``VmHWM``: ``ru_maxrss`` begins with what the process that started this one held.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text(encoding="ascii", errors="replace").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    return TimedArea(wall, own, result, before_mb, peak_mb())
 
 
 class Workers:

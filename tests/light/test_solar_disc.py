@@ -342,7 +342,7 @@ def test_a_sun_overhead_and_one_underfoot() -> None:
 def test_what_is_no_sun() -> None:
     field = Heightfield(np.zeros((4, 4)), 1.0)
     for direction in ([0.0, 0.0, 0.0], [math.nan, 0.0, 1.0]):
-        with pytest.raises(ValueError, match="no direction"):
+        with pytest.raises(ValueError, match="no such direction"):
             sunlit_share(field, direction, HIGH)
     with pytest.raises(ValueError, match="radius"):
         SolarDisc(0.0)
