@@ -24,6 +24,7 @@ from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..photometry.laws import Reflectance
+from . import sun_check
 from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
 from .point_choice import evenly
@@ -31,7 +32,7 @@ from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
 from .search_image import SearchImage
 from .subpixel import peaks
-from .sun_check import with_sun
+from .sun_check import SunCheck, check_sun
 
 SHOWS = -3.0
 """log10 of the number of false alarms below which an image is not said to be of another place."""
@@ -42,14 +43,17 @@ FEWEST = 10
 MOST_SLACK_PX = 0.5
 """Searched pixels, 1 sigma, by which points may lie off a common offset, for it to be their place."""
 
-TURNS_DEG = ((20.0, 0.0), (-20.0, 0.0), (45.0, 0.0), (-45.0, 0.0), (90.0, 0.0), (-90.0, 0.0), (180.0, 0.0),
-             (0.0, 10.0), (0.0, -10.0))  # fmt: skip
-"""Suns that the stated one is held against; raised ones are only a doubt: a lower Sun is liked by all faint ground."""
-
-SUN_SIGMAS = 2.0
+TURNS_DEG = (
+    *sun_check.TURNS_DEG,
+    (-45.0, 0.0),
+    (45.0, 0.0),
+    (-90.0, 0.0),
+    (90.0, 0.0),
+    (180.0, 0.0),
+)
+"""Suns that are tried: also far ones, because points that are found only together agree under any of them."""
 
 _MOST_POINTS = 200
-_MOST_UNDER_SUNS = 100
 _CHUNK = 64
 _NEAR_PX = 6
 _SUN_PX = 3
@@ -77,6 +81,7 @@ class WholeGround:
     rival_log10: float
     pose: Pose | None = None
     reason: str = ""
+    sun: SunCheck | None = None
 
     @property
     def shows(self) -> bool:
@@ -193,10 +198,13 @@ class _Search:
         if self.is_beyond(off, covariance):
             away = float(np.hypot(*off))
             return replace(whole, reason=f"it lies {away:.1f} px from where the sensor can have it")
-        complaint, doubt = self.sun(self.at(pose)) if self.check_sun else ("", 0.0)
-        if complaint:
-            return replace(whole, reason=complaint)
-        return replace(whole, pose=self.solved(found, covariance, doubt))
+        if not self.check_sun:
+            return replace(whole, pose=pose)
+        check = self.sun(self.at(pose))
+        if check is None or not check.fits:
+            few = "too few points remain to compare the stated Sun with others"
+            return replace(whole, sun=check, reason=check.complaint if check else few)
+        return replace(whole, sun=check, pose=self.solved(found, covariance, check.doubt_px))
 
     @cached_property
     def middle(self) -> int:
@@ -257,12 +265,16 @@ class _Search:
         covariance = scale * np.cov(column[inside], row[inside]) + _FLOOR_PX**2 * np.eye(2)
         return _Place(shift, covariance)
 
-    def z_maps(self, photo: Image, rows: Index, reach: int) -> Array:
+    def z_maps(
+        self, photo: Image, rows: Index, reach: int, law: Reflectance | None = None
+    ) -> Array:
         """artanh of the correlations of points about where a photograph's sensor has them, (n, 2 reach + 1, 2 reach + 1)."""
         image = replace(self.image, photo=photo)
         parts = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
         found = [
-            correlation_maps(self.catalog, image, self.model, part, np.zeros((len(part), 2)), reach)
+            correlation_maps(
+                self.catalog, image, law or self.model, part, np.zeros((len(part), 2)), reach
+            )
             for part in parts
         ]
         return np.arctanh(np.clip(np.concatenate(found).astype(np.float64), -0.99, 0.99))
@@ -271,35 +283,19 @@ class _Search:
     def image(self) -> SearchImage:
         return SearchImage.of(self.photo)
 
-    def sun(self, photo: Image) -> tuple[str, float]:
-        """What speaks against the stated Sun, empty where nothing does; and how far, in pixels of the image as it came,
-        another one that does as well or better moves the place.
-        """
-        rows, z = self.area.points, self.z_maps(photo, self.area.points, _SUN_PX)
-        some = evenly(np.flatnonzero(_whole_middle(z)), _MOST_UNDER_SUNS)
-        if len(some) < FEWEST:
-            return "too few points are there to hold other Suns against the stated one", 0.0
-        rows, z = rows[some], z[some]
+    def sun(self, photo: Image) -> SunCheck | None:
+        """The check of the stated Sun by the points whose map has no gap next to its middle; None for too few of them."""
+        rows = self.area.points
+        rows = rows[_whole_middle(self.z_maps(photo, rows, _SUN_PX))]
+        if len(rows) < FEWEST:
+            return None
+
+        def search(moved: Image, law: Reflectance, some: Index) -> tuple[Array, Array]:
+            shift, z = _summit(self.z_maps(moved, rows[some], _SUN_PX, law))
+            return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
+
         ground = self.catalog.position_mcmf[rows]
-        stated, own = _summit(z)
-        worst, complaint, doubt = SUN_SIGMAS, "", 0.0
-        for turn, up in TURNS_DEG:
-            shift, z = _summit(self.z_maps(with_sun(photo, ground, turn, up), rows, _SUN_PX))
-            gain = (z - own)[np.isfinite(z - own)]
-            if len(gain) < FEWEST or gain.mean() <= 0.0:
-                continue
-            clear = float(gain.mean() / gain.std(ddof=1) * math.sqrt(len(gain) * self.share))
-            doubt = max(doubt, float(np.nan_to_num(np.hypot(*(shift - stated)))))
-            if turn and clear > worst:
-                worst, complaint = clear, _complaint(turn, clear)
-        return complaint, self.factor * doubt
-
-
-def _complaint(turn_deg: float, sigmas: float) -> str:
-    return (
-        "the stated Sun does not fit the image: the ground as a whole correlates better, "
-        f"by {sigmas:.1f} sigma, under one turned by {turn_deg:+.0f} deg"
-    )
+        return check_sun(search, photo, ground, self.model, self.share, TURNS_DEG)
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
 from .search_image import nothing_in
-from .sun_check import LightCheck, check_light
+from .sun_check import SunCheck, check_points
 
 LOCATED = "located"
 NOT_HERE = "not this place"
@@ -75,8 +75,8 @@ class Options:
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
     most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given
-    check_light: bool = True
-    light_reach_px: float = 3.0
+    check_sun: bool = True
+    sun_reach_px: float = 3.0
 
 
 FAINT = Options(tolerance_px=1.5, criteria=Criteria(max_back_px=3.0, max_false_match=1.0))
@@ -97,7 +97,7 @@ class PositionFix:
     pose: Pose | None = None
     log10_false_alarms: float = 0.0
     rival_log10: float = 0.0
-    light: LightCheck | None = None
+    sun: SunCheck | None = None
     by: str = BY_POINTS  # or `BY_GROUND`: of all points together, few of which may be found alone
 
 
@@ -313,7 +313,7 @@ class _Search:
             area,
             width_px,
             common_px=self.options.common_px * self.factor,
-            check_sun=self.options.check_light,
+            check_sun=self.options.check_sun,
         )
 
     def by_ground(self, matches: Matches, whole: WholeGround) -> PositionFix:
@@ -326,14 +326,16 @@ class _Search:
         lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
         if whole.pose is None or lacking:
             reason = f"single points agree on no place; {shows}; but {lacking}"
-            return PositionFix(CANNOT_SAY, reason, matches, None, *figures, by=BY_GROUND)
+            return PositionFix(CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_GROUND)
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
-        return PositionFix(LOCATED, reason, told_apart(matches, used), pose, *figures, by=BY_GROUND)
+        return PositionFix(
+            LOCATED, reason, told_apart(matches, used), pose, *figures, whole.sun, BY_GROUND
+        )
 
     def if_here(self, searched: Mask, area: SearchArea) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of the points that could be looked for agreed."""
@@ -350,16 +352,16 @@ class _Search:
         figures = (score.log10_false_alarms, score.rival_log10)
         if far := self.too_far(pose):
             return PositionFix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
-        light = self.light(matches, pose) if self.options.check_light else None
-        if light is not None and not light.fits:
-            return PositionFix(CANNOT_SAY, light.complaint, matches, None, *figures, light)
-        if light is not None and light.doubt_px > 0.0:
-            pose = self.solution(matches, pose.used, light.doubt_px)
+        sun = self.sun(matches, pose) if self.options.check_sun else None
+        if sun is not None and not sun.fits:
+            return PositionFix(CANNOT_SAY, sun.complaint, matches, None, *figures, sun)
+        if sun is not None and sun.doubt_px > 0.0:
+            pose = self.solution(matches, pose.used, sun.doubt_px)
         reason = (
             f"{pose.used.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
-        return PositionFix(LOCATED, reason, matches, pose, *figures, light)
+        return PositionFix(LOCATED, reason, matches, pose, *figures, sun)
 
     def too_far(self, pose: Pose) -> str:
         """What speaks against a correction that is larger than the stated uncertainty allows; empty where it is not."""
@@ -369,10 +371,10 @@ class _Search:
             return ""
         return f"the place is {off:.1f} of the stated sigmas away; state a larger uncertainty if it may be there"
 
-    def light(self, matches: Matches, pose: Pose) -> LightCheck:
+    def sun(self, matches: Matches, pose: Pose) -> SunCheck:
         rows = matches.point[pose.used]
         offset = matches.found_px[pose.used] - pose.sensor.project(self.catalog.position_mcmf[rows])
-        return check_light(
+        return check_points(
             self.catalog,
             self.corrected(pose),
             self.model,
@@ -380,7 +382,7 @@ class _Search:
             offset,
             self.options.criteria,
             1.0 / pose.overlap,
-            self.options.light_reach_px * self.factor,
+            self.options.sun_reach_px * self.factor,
         )
 
 

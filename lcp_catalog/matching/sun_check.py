@@ -16,7 +16,7 @@ all of them share. docs/pose.md has the figures.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..catalog.catalogue import Catalog
 from ..choices import DEFAULT_LAW, REFERENCE_LAW
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
+from .point_choice import evenly
 from .point_search import Criteria, find_points
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
@@ -57,7 +58,7 @@ _FEWEST = 5
 
 
 @dataclass(frozen=True)
-class LightCheck:
+class SunCheck:
     """How the points correlate under the stated Sun, and under others (m)."""
 
     points: int
@@ -91,9 +92,12 @@ class LightCheck:
 
     @property
     def doubt_px(self) -> float:
-        """How far all matches may be off alike because another Sun is preferred; 0 where none is."""
-        best = self.preferred
-        return max(self.least_doubt_px, 0.0 if best is None else self.shifts_px[best])
+        """1 sigma of a shift that all matches share, because another Sun may be the right one: the largest shift under a Sun
+        that the points do not reject, that is, of which no majority by two sigmas correlates worse; 0 if they reject all.
+        """
+        least = 1.0 - _majority(self.independent)
+        shifts = zip(self.shifts_px, self.shares, strict=True)
+        return max(self.least_doubt_px, *(shift for shift, share in shifts if share >= least), 0.0)
 
     @property
     def complaint(self) -> str:
@@ -109,7 +113,14 @@ class LightCheck:
         )
 
 
-def check_light(
+Search = Callable[[Image, Reflectance, Index], tuple[Array, Array]]
+"""A search for n points that have been found before, near where they were found: correlations (k,) and places (k, 2), pixels,
+of some of them (rows (k,) of the n) in an image with its Sun, under a reflectance law. A point that is not found has the
+correlation 0 and a NaN place.
+"""
+
+
+def check_points(
     catalog: Catalog,
     photo: Image,
     model: Reflectance,
@@ -118,87 +129,102 @@ def check_light(
     criteria: Criteria,
     independent_share: float = 1.0,
     reach_px: float = _REACH_PX,
-) -> LightCheck:
-    """Points (rows (n,) of the catalogue) that were found ``offset_px`` (n, 2) from where the photograph's sensor has
-    them, looked for again within ``reach_px`` of there under each Sun; pixels of the image as it came, one point at
-    least. What comes back is of ``model``, or of the one of `LAWS` that most points prefer to it.
+) -> SunCheck:
+    """`check_sun` by points that are found one by one: rows (n,) of the catalogue, at least one, each searched within
+    ``reach_px`` of ``offset_px`` (n, 2) from where the image's sensor puts it. Pixels of the image as it came.
     """
-    some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST)).round().astype(int))
-    rows, offset = points[some], offset_px[some]
-    asked = _Points(catalog, photo, rows, offset, criteria, reach_px)
-    own, own_like = asked.check(model, independent_share)
-    glance, glance_like = asked.some(slice(None, None, _GLANCE)), own_like[::_GLANCE]
+
+    def search(moved: Image, law: Reflectance, rows: Index) -> tuple[Array, Array]:
+        found = find_points(
+            catalog,
+            moved,
+            law,
+            reach_px,
+            points=points[rows],
+            offset_px=offset_px[rows],
+            criteria=criteria,
+        )
+        return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
+
+    return check_sun(search, photo, catalog.position_mcmf[points], model, independent_share)
+
+
+def check_sun(
+    search: Search,
+    photo: Image,
+    ground_mcmf_m: Array,
+    model: Reflectance,
+    independent_share: float = 1.0,
+    turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
+) -> SunCheck:
+    """How n points at ``ground_mcmf_m`` (n, 3), n >= 1, correlate under the image's stated Sun and under Suns moved by
+    ``turns_deg``, with ``model`` or with the one of `LAWS` that most points prefer to it.
+
+    ``independent_share``: the number of points that share no terrain, as a share of n. At most 100 points are searched.
+    """
+    tried = _Tried(search, photo, ground_mcmf_m, turns_deg)
+    rows = evenly(np.arange(len(ground_mcmf_m)), _MOST)
+    glance = rows[::_GLANCE]
+    own, own_z = tried.check(model, rows, independent_share)
     best, most = own, 0.0
     for law in map(reflectance_model, LAWS):
-        if law.name == model.name or not _most_gain(glance.like(law, SIDEWAYS_DEG) - glance_like):
+        if law.name == model.name:
             continue
-        other, like = asked.check(law, independent_share)
-        gain = float(np.median(like - own_like))
-        if _most_gain(like - own_like, _majority(own.independent)) and gain > most:
+        if not _most_gain(tried.best_z(law, glance, SIDEWAYS_DEG) - own_z[::_GLANCE]):
+            continue
+        other, z = tried.check(law, rows, independent_share)
+        gain = float(np.median(z - own_z))
+        if _most_gain(z - own_z, _majority(own.independent)) and gain > most:
             best, most = replace(other, law=law.name, least_doubt_px=own.doubt_px), gain
     return best
 
 
 def _most_gain(gain: Array, majority: float = 0.5) -> bool:
-    """Whether more than a share of the points (n,) gain."""
+    """True if more than a share of the points (n,) gain."""
     return bool((gain > 0.0).mean() > majority)
 
 
 def _majority(independent: float) -> float:
-    """The share of points, so many independent ones among them, that is more than half of them by `SIGMAS`."""
+    """The share of points, ``independent`` of them, that exceeds one half by `SIGMAS` of the binomial."""
     return 0.5 + SIGMAS * 0.5 / math.sqrt(independent)
 
 
 @dataclass(frozen=True, eq=False)
-class _Points:
-    """Points (n,) that are looked for near where they were found, under any law and Sun."""
+class _Tried:
+    """A search repeated under other Suns and reflectance laws."""
 
-    catalog: Catalog
+    search: Search
     photo: Image
-    rows: Index
-    offset_px: Array
-    criteria: Criteria
-    reach_px: float
-
-    def some(self, which: slice) -> _Points:
-        return replace(self, rows=self.rows[which], offset_px=self.offset_px[which])
+    ground_mcmf_m: Array  # (n, 3)
+    turns_deg: tuple[tuple[float, float], ...]  # (m)
 
     def under(
-        self, law: Reflectance, turns_deg: Sequence[tuple[float, float]]
+        self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
     ) -> tuple[Array, Array]:
-        """Correlations (m, n) and places (m, n, 2) under Suns."""
-        ground, answers = self.catalog.position_mcmf[self.rows], []
-        for turn in turns_deg:
-            answers.append(
-                find_points(
-                    self.catalog,
-                    with_sun(self.photo, ground, *turn),
-                    law,
-                    self.reach_px,
-                    points=self.rows,
-                    offset_px=self.offset_px,
-                    criteria=self.criteria,
-                )
-            )
-        # what a Sun leaves in the dark does not correlate
-        correlations = np.array([np.nan_to_num(found.correlation) for found in answers])
-        return correlations, np.array([found.found_px for found in answers])
+        """Correlations (m, k) and places (m, k, 2) under Suns."""
+        ground = self.ground_mcmf_m[rows]
+        found = [self.search(with_sun(self.photo, ground, *t), law, rows) for t in turns_deg]
+        return np.array([f[0] for f in found]), np.array([f[1] for f in found])
 
-    def like(self, law: Reflectance, turns_deg: Sequence[tuple[float, float]]) -> Array:
-        """Each point's z (n,) under the Sun with the highest median."""
-        return _highest(_z(self.under(law, turns_deg)[0]))
+    def best_z(
+        self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
+    ) -> Array:
+        """Each point's z (k,) under the Sun with the highest median."""
+        return _highest(_z(self.under(law, rows, turns_deg)[0]))
 
-    def check(self, law: Reflectance, independent_share: float) -> tuple[LightCheck, Array]:
-        """What they say under a law, and each one's z under the Sun with the highest median."""
-        correlations, places = self.under(law, (AS_STATED, *TURNS_DEG))
-        z = _z(correlations)
+    def check(
+        self, law: Reflectance, rows: Index, independent_share: float
+    ) -> tuple[SunCheck, Array]:
+        """The check under one law, and each point's z (k,) under the Sun with the highest median."""
+        correlations, places = self.under(law, rows, (AS_STATED, *self.turns_deg))
+        z, medians = _z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
-        check = LightCheck(
-            points=len(self.rows),
-            independent=max(1.0, len(self.rows) * independent_share),
-            correlation=float(np.median(correlations[0])),
-            turns_deg=TURNS_DEG,
-            correlations=tuple(np.median(correlations[1:], axis=1).tolist()),
+        check = SunCheck(
+            points=len(rows),
+            independent=max(1.0, len(rows) * independent_share),
+            correlation=float(medians[0]),
+            turns_deg=self.turns_deg,
+            correlations=tuple(medians[1:].tolist()),
             gains=tuple(np.median(gain, axis=1).tolist()),
             shares=tuple((gain > 0.0).mean(axis=1).tolist()),
             shifts_px=tuple(_common_shift(moved - places[0]) for moved in places[1:]),

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
+from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .patch_projection import node_pixels
@@ -64,20 +65,6 @@ class Templates:
         """Share of each one's pixels that get any light, (n,); 0 for an empty one."""
         count = self.mask.sum(axis=(1, 2))
         return np.asarray((self.values > 0.0).sum(axis=(1, 2)) / np.maximum(count, 1))
-
-
-def nodes_mcmf(catalog: Catalog, index: ArrayLike) -> Array:
-    """Positions (n, p, p, 3) of the nodes of a catalogue's patches, MCMF metres."""
-    rows = np.asarray(index, dtype=np.int64)
-    z = catalog.dem[rows].astype(np.float64)
-    step = np.arange(catalog.patch_nodes) - 0.5 * (catalog.patch_nodes - 1)
-    gsd = catalog.gsd[rows][:, None]
-    east, north, up = np.moveaxis(catalog.rotation_mcmf_to_enu[rows], 1, 0)
-    flat = (step * gsd)[:, None, :, None] * east[:, None, None, :]
-    flat = flat - (step * gsd)[:, :, None, None] * north[:, None, None, :]
-    flat += catalog.position_mcmf[rows][:, None, None, :]
-    flat += z[..., None] * up[:, None, None, :]
-    return np.asarray(flat)
 
 
 def render_patches(

@@ -7,7 +7,7 @@ surface nearest to the camera is seen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import camera_view
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
+from ..catalog.patch_terrain import patch_terrain
 from ..geometry.frames import EnuFrame
 from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
@@ -30,7 +31,7 @@ from ..rendering.plan import plan_scene
 from ..rendering.renderer import render_camera
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
-from ..terrain.terrain import NodeWindow, Terrain
+from ..terrain.terrain import Terrain
 from .frame import sun_position, windowed
 
 Window = tuple[int, int, int, int]
@@ -63,23 +64,10 @@ class Patch:
     @classmethod
     def of(cls, catalog: Catalog, row: int) -> Patch:
         """The patch of the catalogue's point in a row."""
-        nodes, gsd_m = catalog.patch_nodes, float(catalog.gsd[row])
-        half = nodes // 2
-        place = (gsd_m, -half * gsd_m, half * gsd_m)
-        frame = EnuFrame(
-            *(float(v[row]) for v in (catalog.longitude, catalog.latitude, catalog.elevation))
-        )
-        terrain = Terrain(
-            Heightfield(catalog.dem[row], *place),
-            frame,
-            (0, nodes, 0, nodes),
-            NodeWindow(-half, nodes - half, -half, nodes - half),
-            np.zeros((nodes, nodes), dtype=np.int16),
-            (str(catalog.dem_product[row]),),
-        )
+        terrain = patch_terrain(catalog, row)
         if catalog.albedo is None:
             return cls(terrain, None)
-        return cls(terrain, PatchAlbedo(Heightfield(catalog.albedo[row], *place)))
+        return cls(terrain, PatchAlbedo(replace(terrain.field, z_m=catalog.albedo[row])))
 
     def window(self, camera: Camera) -> Window | None:
         """Rows and columns of a camera's image in which it may be seen (half open, first row, row

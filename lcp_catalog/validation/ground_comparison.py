@@ -7,7 +7,6 @@ before, and each window's own gain and offset.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,18 +19,16 @@ from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, sensor_view
 from ..catalog.catalogue import Catalog
+from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
 from ..errors import AreaError
-from ..geometry.frames import EnuFrame, mcmf_to_lonlat
+from ..geometry.frames import mcmf_to_lonlat
 from ..images.image import Image
 from ..light.sun_choice import SunChoice
-from ..matching.templates import nodes_mcmf
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..rendering.pipeline import prepare_terrain
 from ..rendering.renderer import render_enu
 from ..rendering.request import Request, ViewChoice
-from ..terrain.heightfield import Heightfield
-from ..terrain.terrain import NodeWindow, Terrain
 from .dem_resolution import of_terrain
 from .orthoimage import orthorectify, terrain_nodes
 from .point_spread import Pair, paired
@@ -267,17 +264,3 @@ def _pair(
 def _beyond_image(view: View) -> View:
     """The view without its image's border: which nodes lie in the image `ortho` knows."""
     return replace(view, camera=None)
-
-
-def patch_terrain(catalog: Catalog, row: int) -> Terrain:
-    """One patch as a terrain of its own, in its own frame."""
-    half = 0.5 * (catalog.patch_nodes - 1)
-    gsd_m = float(catalog.gsd[row])
-    field = Heightfield(catalog.dem[row], gsd_m, -half * gsd_m, half * gsd_m)
-    frame = EnuFrame(
-        float(catalog.longitude[row]), float(catalog.latitude[row]), float(catalog.elevation[row])
-    )
-    edge = math.floor(half)
-    window = NodeWindow(-edge, catalog.patch_nodes - edge, -edge, catalog.patch_nodes - edge)
-    product = np.zeros(field.shape, np.int16)
-    return Terrain(field, frame, field.whole, window, product, (str(catalog.dem_product[row]),))

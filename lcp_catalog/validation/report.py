@@ -9,7 +9,7 @@ from typing import Any
 
 from ..catalog.summary import percent
 from ..matching.position_fix import BY_GROUND
-from ..matching.sun_check import LightCheck
+from ..matching.sun_check import SunCheck
 from ..plots.html_page import page
 from ..plots.numbers import number
 from .report_points import points_data, residuals_data, table_data
@@ -103,7 +103,7 @@ def _facts(image: ImageVerdict) -> list[tuple[str, str]]:
         ("saturated", percent(f.saturated_share) if f.saturated_share > 0 else ""),
         ("without data", percent(f.missing_share) if f.missing_share > 0 else ""),
         ("chance agreement", _chance(image)),
-        ("check of the Sun", _light(image.located.light)),
+        ("check of the Sun", _light(image.located.sun)),
         ("rendered DEM", w.against if w else ""),
         ("window cells", f"{number(w.compared.gsd_m, 4)} m: {w.resolution}" if w else ""),
         ("offset", w.offset_sentence if w else ""),
@@ -121,7 +121,7 @@ def _chance(image: ImageVerdict) -> str:
     return f"expected number of equally good agreements of {random}: 10^{known:.0f}; for the second-best position 10^{rival:.0f}"
 
 
-def _light(check: LightCheck | None) -> str:
+def _light(check: SunCheck | None) -> str:
     """Median correlation of the points under the stated Sun direction and under others."""
     if check is None:
         return ""

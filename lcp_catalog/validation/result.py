@@ -22,7 +22,7 @@ from ..cameras.sensor import ON_MAP
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
 from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
-from ..matching.sun_check import LightCheck
+from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
 from .window_correlation import WindowComparison
 
@@ -222,7 +222,7 @@ class ImageVerdict:
             "located_by": None if self.pose is None else self.located.by,
             "log10_false_alarms": self.located.log10_false_alarms,
             "log10_false_alarms_rival": self.located.rival_log10,
-            "light": _light(self.located.light),
+            "light": _light(self.located.sun),
             "size_px": [self.facts.width_px, self.facts.height_px],
             "sensor": self.facts.sensor,
             "pixel_m": self.facts.pixel_m,
@@ -300,7 +300,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _light(check: LightCheck | None) -> dict[str, Any] | None:
+def _light(check: SunCheck | None) -> dict[str, Any] | None:
     """What the points say of the Sun: as stated, and under Suns turned clockwise and raised. ``law``: of the renders, where it
     is not the search's own.
     """

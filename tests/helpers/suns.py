@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lcp_catalog.matching.sun_check import TURNS_DEG, LightCheck
+from lcp_catalog.matching.sun_check import TURNS_DEG, SunCheck
 
 
 def light(
@@ -11,9 +11,9 @@ def light(
     gain_z: float = 0.1,
     points: int = 50,
     independent: float = 25.0,
-) -> LightCheck:
+) -> SunCheck:
     """One Sun that is turned, and with the same gain in z less 0.01 one that is lowered."""
-    return LightCheck(
+    return SunCheck(
         points,
         independent,
         0.8,

@@ -13,7 +13,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
 from lcp_catalog.matching.position_fix import PositionFix
-from lcp_catalog.matching.sun_check import LightCheck
+from lcp_catalog.matching.sun_check import SunCheck
 from lcp_catalog.validation import result
 from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
@@ -123,7 +123,7 @@ def image(
         np.linspace(150.0, 250.0, n),
         corrected,
     )
-    light = LightCheck(
+    light = SunCheck(
         points=30,
         independent=20.0,
         correlation=0.9,

@@ -35,7 +35,7 @@ from lcp_catalog.matching.templates import render_patches
 
 MOVED_M = (700.0, -1300.0)
 UNCERTAIN = Uncertainty(1500.0)
-QUICK = Options(check_light=False)
+QUICK = Options(check_sun=False)
 WIDE_PX = 128.0
 """Side of a patch in the map's pixels of 100 m."""
 

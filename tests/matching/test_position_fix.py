@@ -31,10 +31,10 @@ from lcp_catalog.matching.position_fix import (
     nothing_in,
 )
 from lcp_catalog.matching.search_area import narrowed, perhaps_in_view
-from lcp_catalog.matching.sun_check import check_light, with_sun
+from lcp_catalog.matching.sun_check import check_points, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
-QUICK = Options(check_light=False)
+QUICK = Options(check_sun=False)
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +99,8 @@ def test_a_camera_comes_back(world: World, points: Catalog, camera: Camera) -> N
     assert answer.log10_false_alarms < -20.0
     # patches of 32 cells, 25 apart, share a good part of their ground
     assert 1.2 < answer.pose.overlap < 4.0
-    assert answer.light is not None
-    assert answer.light.fits
+    assert answer.sun is not None
+    assert answer.sun.fits
     expected = given.sensor.project(points.position_mcmf[answer.matches.point])
     assert np.array_equal(answer.matches.predicted_px, expected)
 
@@ -337,7 +337,7 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
 
 def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     rows = points_in_view(points, photo.sensor)
-    check = check_light(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
+    check = check_points(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
     assert check.fits
     assert check.complaint == ""
     assert check.correlation > max(check.correlations)
@@ -350,7 +350,7 @@ def test_a_preferred_sun_is_a_doubt_about_the_place(
     """The pose's covariance grows by what moving all matches does; the pose is the same."""
     plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)
     monkeypatch.setattr(
-        "lcp_catalog.matching.position_fix.check_light", lambda *_: light(0.9, gain=0.02)
+        "lcp_catalog.matching.position_fix.check_points", lambda *_: light(0.9, gain=0.02)
     )
     doubted = locate(points, believed(photo), UNCERTAIN, LAW)
     assert doubted.verdict == LOCATED

@@ -26,9 +26,9 @@ from lcp_catalog.matching.position_fix import (
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
-from lcp_catalog.matching.sun_check import LightCheck
+from lcp_catalog.matching.sun_check import SunCheck
 
-QUICK = Options(check_light=False)
+QUICK = Options(check_sun=False)
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +74,12 @@ def test_reaches_are_in_the_searched_photographs_pixels(
         reaches.append(np.unique(given[3]).tolist())
         return find_points(*given, **more)
 
-    def fits(*given: object) -> LightCheck:
+    def fits(*given: object) -> SunCheck:
         suns.append(given[-1])
         return light(0.1)
 
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_light", fits)
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", fits)
     camera = overhead(pixel_m=200.0, size_px=320)
     answer = locate(few, World().photo(camera), Uncertainty(200.0), LAW, Options(common_px=0.2))
     assert answer.verdict == LOCATED

@@ -15,7 +15,7 @@ from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.sun_check import TURNS_DEG, check_light, with_sun
+from lcp_catalog.matching.sun_check import TURNS_DEG, check_points, with_sun
 
 
 def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
@@ -30,7 +30,8 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     assert light(0.95, gain=0.02).fits
     assert not light(0.95, gain=0.02, gain_z=0.26).fits
     assert light(0.71).doubt_px == light(0.71, gain=0.02).doubt_px == 0.4
-    assert light(0.69).doubt_px == 0.0
+    assert light(0.31).doubt_px == 0.4  # neither preferred nor rejected
+    assert light(0.29).doubt_px == 0.0
     assert light(0.69).complaint == light(0.95, gain=0.02).complaint == ""
     assert light(0.95).complaint == (
         "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
@@ -103,7 +104,7 @@ def listened(monkeypatch, hills, correlations, places, count, **how):
     offset = rng.normal(size=(count, 2))
     photo = plain_photo(np.ones(camera.shape), camera)
     criteria = Criteria(min_correlation=0.1)
-    found = check_light(hills, photo, LAW, points, offset, criteria, **how)
+    found = check_points(hills, photo, LAW, points, offset, criteria, **how)
     return found, listener, points, offset
 
 

@@ -167,7 +167,7 @@ def test_a_small_rotations_vector():
 def test_the_truth_is_what_the_believed_camera_was_moved_from(site):
     """A camera that is moved and moved back by what was found is the camera; sigmas are those of the brief."""
     assert np.degrees(ATTITUDE_SIGMA_RAD) * 3600.0 == pytest.approx(20.0)
-    assert OPTIONS.check_light
+    assert OPTIONS.check_sun
     _, camera = next(site.shots(1, 5, SMALL))
     wrong = camera.moved([100.0, -50.0, 30.0, 1e-4, -2e-4, 5e-5])
     turn = _turn(camera.rotation_mcmf_to_camera @ wrong.rotation_mcmf_to_camera.T)

@@ -12,10 +12,10 @@ from helpers.twins_match import catalog_of_dem, looking_at
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Reduced
+from lcp_catalog.catalog.patch_terrain import nodes_mcmf, patch_terrain
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.templates import nodes_mcmf
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -29,7 +29,6 @@ from lcp_catalog.validation.ground_comparison import (
     against_dem,
     against_patches,
     dem_request,
-    patch_terrain,
     rendered_cell_m,
     subsolar,
 )

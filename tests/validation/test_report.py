@@ -177,8 +177,8 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
 def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
     image = verdicts.image()
     assert "which fits the image better" not in texts(alone(image))
-    light = replace(image.located.light, law="hapke")
-    other = replace(image, located=replace(image.located, light=light))
+    light = replace(image.located.sun, law="hapke")
+    other = replace(image, located=replace(image.located, sun=light))
     assert "fits (rendered with hapke, which fits the image better)" in texts(alone(other))
     assert result.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
 
