@@ -14,7 +14,8 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.albedo_raster import mean_value, open_pixels
-from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+from lcp_catalog.terrain.area import NodeWindow
+from lcp_catalog.terrain.terrain import build_terrain
 from lcp_catalog.threads import limit_threads
 
 DEM = Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif"

@@ -17,8 +17,9 @@ from lcp_catalog.light.sky_sampling import sky_at_nodes
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from helpers.environment_maps import Lamp, cie_sky, with_lamps

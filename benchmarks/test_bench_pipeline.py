@@ -13,7 +13,8 @@ from lcp_catalog.build.run import Build
 from lcp_catalog.build.sweep import Conditions
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+from lcp_catalog.terrain.area import NodeWindow
+from lcp_catalog.terrain.terrain import build_terrain
 from lcp_catalog.threads import limit_threads
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"

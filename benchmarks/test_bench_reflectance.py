@@ -23,9 +23,10 @@ from lcp_catalog.kernels.photometry.images import add_light, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded_sweep
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 from lcp_catalog.threads import limit_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -98,7 +98,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.rendering.compositing import Backdrop
     from lcp_catalog.rendering.request import Request, ViewChoice
     from lcp_catalog.rendering.sphere_extent import Cap
-    from lcp_catalog.terrain.terrain import Area
+    from lcp_catalog.terrain.area import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
     if not sun_stated and panorama is None and (camera is None or not camera.has_sun):

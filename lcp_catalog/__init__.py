@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .rendering.pipeline import render as render
     from .rendering.request import Request as Request
     from .rendering.request import ViewChoice as ViewChoice
-    from .terrain.terrain import Area as Area
+    from .terrain.area import Area as Area
     from .validation.run import ImageFiles as ImageFiles
     from .validation.run import Validation as Validation
     from .validation.run import validate as validate

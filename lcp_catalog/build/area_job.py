@@ -19,9 +19,10 @@ from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates
 from ..photometry.albedo_map import AlbedoMap
+from ..terrain.area import Area
 from ..terrain.heightfield import Window
 from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
-from ..terrain.terrain import Area, Terrain, sample_patch
+from ..terrain.terrain import Terrain, sample_patch
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
-from ..terrain.terrain import Area, NodeWindow
+from ..terrain.area import Area, NodeWindow
 from .config import ModelConfig
 
 _SAMPLES = 49

@@ -27,7 +27,8 @@ from ..photometry.albedo_map import AlbedoMap, Cover
 from ..rendering import decisions as effects
 from ..rendering.decisions import Decision
 from ..rendering.error_bounds import limb_tangent
-from ..terrain.terrain import Area, NodeWindow, build_terrain
+from ..terrain.area import Area, NodeWindow
+from ..terrain.terrain import build_terrain
 from .area_job import Candidates
 from .config import BuildConfig
 from .evaluation import Evaluation

@@ -24,7 +24,8 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError, SunError
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
-from ..terrain.terrain import Area, native_gsd_m
+from ..terrain.area import Area
+from ..terrain.terrain import native_gsd_m
 from .area_job import AreaJob, Candidates, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble, decisions

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..geometry.frames import EnuFrame
+from ..terrain.area import NodeWindow
 from ..terrain.heightfield import Heightfield
-from ..terrain.terrain import NodeWindow, Terrain
+from ..terrain.terrain import Terrain
 from .catalogue import Catalog
 
 

@@ -15,9 +15,10 @@ from ..geometry.frames import EnuFrame, direction_enu
 from ..kernels.rays.bundles import scaled
 from ..sun.table import SunTable, sun_table
 from ..sun.times import Times
+from ..terrain.area import Area, NodeWindow
 from ..terrain.horizons import Points
 from ..terrain.surroundings import build_surrounded, surroundings
-from ..terrain.terrain import Area, NodeWindow, Terrain, native_gsd_m
+from ..terrain.terrain import Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 
 _LOWEST_DEG = -7.0

@@ -27,8 +27,9 @@ from ..errors import AlbedoError
 from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..kernels.resampling import heights
+from ..terrain.area import Area
 from ..terrain.relief_bounds import nodes_enu
-from ..terrain.terrain import Area, Terrain
+from ..terrain.terrain import Terrain
 from .albedo_raster import AlbedoPixels, mean_value, open_pixels
 
 log = logging.getLogger(__name__)

@@ -13,6 +13,7 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, CameraError
 from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
+from ..terrain.area import Area, NodeWindow
 from ..terrain.relief_bounds import (
     COARSE_NODES,
     COARSE_SLOPE,
@@ -20,7 +21,7 @@ from ..terrain.relief_bounds import (
     nodes_enu,
     ring_needed_m,
 )
-from ..terrain.terrain import Area, NodeWindow, Terrain, build_terrain
+from ..terrain.terrain import Terrain, build_terrain
 from .request import Request
 from .sphere_extent import Cap
 

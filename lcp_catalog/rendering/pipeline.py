@@ -23,15 +23,9 @@ from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
+from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import build_surrounded, surroundings
-from ..terrain.terrain import (
-    Area,
-    NodeWindow,
-    Terrain,
-    native_gsd_m,
-    require_room,
-    terrain_from_area,
-)
+from ..terrain.terrain import Terrain, native_gsd_m, require_room, terrain_from_area
 from . import decisions
 from .compositing import composite
 from .decisions import Decision

@@ -18,7 +18,7 @@ from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
-from ..terrain.terrain import Area
+from ..terrain.area import Area
 from .compositing import Backdrop
 from .sphere_extent import Cap
 

@@ -13,7 +13,7 @@ from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting
 from ..photometry.laws import Reflectance
-from ..terrain.terrain import NodeWindow
+from ..terrain.area import NodeWindow
 from .plan import ScenePlan
 from .renderer import Rendering
 from .request import Request

@@ -21,7 +21,8 @@ from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
 from ..photometry.laws import Reflectance
-from ..terrain.terrain import NodeWindow, require_room
+from ..terrain.area import NodeWindow
+from ..terrain.terrain import require_room
 from . import decisions
 from .decisions import Decision
 from .plan import ScenePlan

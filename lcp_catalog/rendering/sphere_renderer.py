@@ -30,7 +30,7 @@ from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting, Source
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
-from ..terrain.terrain import NodeWindow
+from ..terrain.area import NodeWindow
 from . import limb
 from .footprint_sampling import Map, seen_through
 from .renderer import Rendering

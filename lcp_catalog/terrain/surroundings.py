@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame
+from .area import NodeWindow
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield
 from .relief_bounds import COARSE_NODES, COARSE_SLOPE, ring_needed_m
-from .terrain import NodeWindow, Terrain, build_terrain
+from .terrain import Terrain, build_terrain
 
 NEAR_NODES = 128
 """The area's own cells go so many nodes beyond it, where light wants more than that."""

@@ -25,8 +25,9 @@ from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+from lcp_catalog.terrain.terrain import build_terrain
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 

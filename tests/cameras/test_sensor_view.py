@@ -9,8 +9,9 @@ from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 FRAME = EnuFrame(40.0, -30.0)
 SUN = direction_enu(100.0, 35.0)

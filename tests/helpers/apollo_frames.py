@@ -27,8 +27,8 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.renderer import Rendering
 from lcp_catalog.rendering.request import Request, ViewChoice
+from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.terrain.terrain import Area
 
 GSD_M = 474.0
 """Cells of the renders: those of GLD100 at 64 pixels a degree."""

@@ -29,7 +29,7 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.rendering.output import encode
 from lcp_catalog.rendering.pipeline import prepare
 from lcp_catalog.rendering.request import Request
-from lcp_catalog.terrain.terrain import Area
+from lcp_catalog.terrain.area import Area
 
 AGREED = 0.995
 STERE = "+proj=stere +lat_0={} +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs"

@@ -10,8 +10,9 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 GSD = 20.0
 

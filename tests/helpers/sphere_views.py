@@ -5,7 +5,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.terrain.terrain import NodeWindow
+from lcp_catalog.terrain.area import NodeWindow
 
 R = MOON_RADIUS_M
 LAMBERT, SEELIGER = reflectance_model("lambert"), reflectance_model("lommel-seeliger")

@@ -26,9 +26,10 @@ from lcp_catalog.light.sky_sampling import (
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 GSD = 20.0
 LAMBERT, LOMMEL = reflectance_model("lambert"), reflectance_model("lommel-seeliger")

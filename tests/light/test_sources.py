@@ -26,8 +26,9 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.sun.limb_darkening import LimbDarkening
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 GSD = 20.0
 EARTH = SolarDisc(math.radians(0.95), LimbDarkening(1.0, 0.0, 0.0))

@@ -18,8 +18,8 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground
 from lcp_catalog.sun.limb_darkening import VISIBLE
 from lcp_catalog.sun.table import sun_table
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.surroundings import build_surrounded, surroundings
-from lcp_catalog.terrain.terrain import NodeWindow
 
 
 @pytest.fixture(scope="module")

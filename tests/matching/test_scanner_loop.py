@@ -22,7 +22,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import LOCATED, locate
 from lcp_catalog.photometry.laws import photometry, reflectance_model
-from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+from lcp_catalog.terrain.area import NodeWindow
+from lcp_catalog.terrain.terrain import build_terrain
 from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
 
 FRAME = EnuFrame(3.6, 26.1)

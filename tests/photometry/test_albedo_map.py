@@ -25,7 +25,8 @@ from lcp_catalog.errors import AlbedoError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.photometry import albedo_raster
 from lcp_catalog.photometry.albedo_map import AlbedoMap, Cover
-from lcp_catalog.terrain.terrain import Area, Terrain, terrain_from_area
+from lcp_catalog.terrain.area import Area
+from lcp_catalog.terrain.terrain import Terrain, terrain_from_area
 
 SOUTH = "+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs"
 SPHERE = "+proj=longlat +R=1737400 +no_defs"

@@ -20,8 +20,9 @@ from lcp_catalog.light.sources import Lighting, Source
 from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor
 from lcp_catalog.rendering.renderer import render_camera
 from lcp_catalog.sun.limb_darkening import LimbDarkening
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 HIGH = 60.0
 

@@ -12,9 +12,10 @@ from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import ring_needed_m, steepness
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 GSD = 20.0
 

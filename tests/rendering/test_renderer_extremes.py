@@ -20,8 +20,9 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.terrain.area import Area, NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import Area, NodeWindow, Terrain, build_terrain, terrain_from_area
+from lcp_catalog.terrain.terrain import Terrain, build_terrain, terrain_from_area
 from lcp_catalog.threads import limit_threads, thread_limit
 
 R = 1_737_400.0

@@ -19,8 +19,9 @@ from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.rendering.sphere_error_bounds import SHIFT_PX, SphereCost, sphere_cost
 from lcp_catalog.rendering.sphere_renderer import render_sphere_enu, sphere_nodes
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 R = MOON_RADIUS_M
 FRAME = EnuFrame(12.0, -34.0)

@@ -16,7 +16,7 @@ from lcp_catalog.rendering.sphere_renderer import (
     render_sphere_enu,
     share_and_cosine,
 )
-from lcp_catalog.terrain.terrain import NodeWindow
+from lcp_catalog.terrain.area import NodeWindow
 
 # ---- the Sun's disc
 

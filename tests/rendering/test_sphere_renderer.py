@@ -25,8 +25,9 @@ from lcp_catalog.rendering.sphere_renderer import (
     render_sphere_enu,
     sphere_nodes,
 )
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 
 # ---- at nodes
 
@@ -281,7 +282,8 @@ def test_no_shift_against_real_heights():
     what pixels see lies in the same place, but for what their height and slant shift it by.
     """
     from lcp_catalog.dem.mosaic import DemSet
-    from lcp_catalog.terrain.terrain import Area, terrain_from_area
+    from lcp_catalog.terrain.area import Area
+    from lcp_catalog.terrain.terrain import terrain_from_area
 
     area = Area(95.0, 34.0, 300.0)
     terrain = terrain_from_area(DemSet.open([GLD100]), area, 2000.0)

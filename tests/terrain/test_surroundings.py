@@ -27,6 +27,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.rays.bundles import scaled
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.horizons import Nodes
 from lcp_catalog.terrain.surroundings import (
     CELL_SHARE,
@@ -36,7 +37,7 @@ from lcp_catalog.terrain.surroundings import (
     ring_for_rays_m,
     surroundings,
 )
-from lcp_catalog.terrain.terrain import NodeWindow, build_terrain
+from lcp_catalog.terrain.terrain import build_terrain
 
 RIDGE_DEG, RIDGE_M, RIDGE_WIDTH_DEG = 5.3, 9000.0, 0.8
 

@@ -16,14 +16,8 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.terrain import terrain as terrain_module
-from lcp_catalog.terrain.terrain import (
-    Area,
-    NodeWindow,
-    Terrain,
-    build_terrain,
-    sample_patch,
-    terrain_from_area,
-)
+from lcp_catalog.terrain.area import Area, NodeWindow
+from lcp_catalog.terrain.terrain import Terrain, build_terrain, sample_patch, terrain_from_area
 
 R = 1_737_400.0
 

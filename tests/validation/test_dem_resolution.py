@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.terrain.terrain import Area, terrain_from_area
+from lcp_catalog.terrain.area import Area
+from lcp_catalog.terrain.terrain import terrain_from_area
 from lcp_catalog.validation.dem_resolution import of_terrain, true_resolution
 from lcp_catalog.validation.point_spread import SIGMA_PER_FWHM
 

@@ -14,8 +14,9 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
+from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import NodeWindow, Terrain
+from lcp_catalog.terrain.terrain import Terrain
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
 
 SUN = np.array([1.0, 0.0, 0.0])

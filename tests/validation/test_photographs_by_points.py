@@ -16,8 +16,8 @@ from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
+from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.terrain.terrain import Area
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = SAMPLE / "hadley_gld100_256ppd.tif"

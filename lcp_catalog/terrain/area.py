@@ -1,0 +1,182 @@
+"""An area of the Moon, and windows of nodes in the east-north-up frame of a centre."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..choices import HEIGHTFIELD_SIZE_MAX_KM
+from ..constants import MOON_RADIUS_M
+from ..errors import AreaError
+from ..geometry.bounds import Bounds
+from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+
+_EDGE = 129
+
+
+@dataclass(frozen=True)
+class Area:
+    """A rectangle of the tangent plane at a centre (``size_km``: east-west, north-south), or a box
+    of longitudes and latitudes.
+
+    ``Area(lon, lat, size_km)`` or ``Area.from_bounds``. Longitudes -180..360; ``AreaError`` refuses
+    what is no place.
+    """
+
+    lon_deg: float
+    lat_deg: float
+    size_km: tuple[float, float] | float | None
+    box: Bounds | None = None
+
+    def __post_init__(self) -> None:
+        require_place(self.lon_deg, self.lat_deg)
+        if (self.size_km is None) == (self.box is None):
+            raise AreaError("an area wants a size or bounds, one of them")
+        if self.size_km is not None:
+            size = self.size_km if isinstance(self.size_km, tuple) else (self.size_km, self.size_km)
+            if not all(math.isfinite(s) and 0.0 < s <= HEIGHTFIELD_SIZE_MAX_KM for s in size):
+                raise AreaError(
+                    f"a size of {size[0]:g} x {size[1]:g} km is not above 0 and at most "
+                    f"{HEIGHTFIELD_SIZE_MAX_KM:g} km"
+                )
+            object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))
+
+    @classmethod
+    def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:
+        """A box in degrees; where ``east`` is not greater than ``west`` it crosses the antimeridian
+        (or the prime meridian).
+        """
+        for lon in (west, east):
+            if not -360.0 <= lon <= 720.0:
+                raise AreaError(f"longitude {lon:g} is not in -180..360 degrees")
+        if not (-90.0 <= south <= 90.0 and -90.0 <= north <= 90.0):
+            raise AreaError(f"latitudes {south:g} and {north:g} are not in -90..90 degrees")
+        if not south < north:
+            raise AreaError(f"south {south:g} must lie below north {north:g}")
+        if west == east:
+            raise AreaError(f"west and east are both {west:g}: the area has no width")
+        east = east if east > west else east + 360.0
+        if not west < east <= west + 360.0:
+            raise AreaError(f"longitudes {west:g}..{east:g} go around the Moon more than once")
+        west, east = (west - 360.0, east - 360.0) if west >= 360.0 else (west, east)
+        middle = (west + east) / 2.0
+        middle = middle - 360.0 if middle > 360.0 else middle
+        return cls(middle, (south + north) / 2.0, None, Bounds(west, south, east, north))
+
+    @property
+    def frame(self) -> EnuFrame:
+        """The frame at the area's centre, its origin on the reference sphere."""
+        return EnuFrame(self.lon_deg % 360.0, self.lat_deg)
+
+    def contains(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
+        """Which places (on the sphere) lie inside."""
+        lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        if self.box is not None:
+            west, south, east, north = self.box
+            return np.asarray(
+                ((lon - west) % 360.0 <= east - west) & (lat >= south) & (lat <= north)
+            )
+        x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
+        width, height = self._half_m
+        return np.asarray((np.abs(x) <= width) & (np.abs(y) <= height) & (z > -MOON_RADIUS_M))
+
+    @property
+    def _half_m(self) -> tuple[float, float]:
+        assert isinstance(self.size_km, tuple)
+        return 500.0 * self.size_km[0], 500.0 * self.size_km[1]
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """The box of longitudes and latitudes that encloses the area; all longitudes where a pole
+        lies inside.
+        """
+        if self.box is not None:
+            return self.box
+        width, height = self._half_m
+        along = np.linspace(-1.0, 1.0, _EDGE)
+        x = np.concatenate(
+            [along * width, along * width, np.full(_EDGE, width), np.full(_EDGE, -width)]
+        )
+        y = np.concatenate(
+            [np.full(_EDGE, height), np.full(_EDGE, -height), along * height, along * height]
+        )
+        z = np.sqrt(MOON_RADIUS_M**2 - x**2 - y**2) - MOON_RADIUS_M
+        lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+        south, north = float(lat.min()), float(lat.max())
+        poles = [bool(self.contains(0.0, pole)) for pole in (-90.0, 90.0)]
+        if any(poles):
+            return Bounds(0.0, -90.0 if poles[0] else south, 360.0, 90.0 if poles[1] else north)
+        away = (lon - self.lon_deg + 180.0) % 360.0 - 180.0
+        return Bounds(
+            self.lon_deg + float(away.min()), south, self.lon_deg + float(away.max()), north
+        )
+
+    @cached_property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """Least x, greatest x, least y, greatest y of the area in its frame, on the sphere."""
+        if self.box is None:
+            width, height = self._half_m
+            return -width, width, -height, height
+        west, south, east, north = self.box
+        lon, lat = np.meshgrid(np.linspace(west, east, _EDGE), np.linspace(south, north, _EDGE))
+        x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
+        near = z > -MOON_RADIUS_M
+        return (
+            float(x[near].min()),
+            float(x[near].max()),
+            float(y[near].min()),
+            float(y[near].max()),
+        )
+
+
+@dataclass(frozen=True)
+class NodeWindow:
+    """Nodes of a frame, counted from its origin and half open: x = column * gsd, y = -row * gsd
+    (row 0 through the origin).
+
+    All windows of one frame and cell size share their nodes.
+    """
+
+    row0: int
+    row1: int
+    col0: int
+    col1: int
+
+    def __post_init__(self) -> None:
+        if self.row1 <= self.row0 or self.col1 <= self.col0:
+            raise AreaError(
+                f"a window of {self.row1 - self.row0} x {self.col1 - self.col0} nodes holds none"
+            )
+
+    @classmethod
+    def covering(cls, extent_m: tuple[float, float, float, float], gsd_m: float) -> NodeWindow:
+        """The nodes that enclose least x, greatest x, least y, greatest y."""
+        x0, x1, y0, y1 = (value / gsd_m for value in extent_m)
+        slack = 1e-6  # an edge on a node is that node, whatever the last bits say
+        return cls(
+            row0=math.floor(-y1 + slack),
+            row1=math.ceil(-y0 - slack) + 1,
+            col0=math.floor(x0 + slack),
+            col1=math.ceil(x1 - slack) + 1,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.row1 - self.row0, self.col1 - self.col0
+
+    def grown(self, nodes: int) -> NodeWindow:
+        """With so many nodes more on every side."""
+        return NodeWindow(
+            self.row0 - nodes, self.row1 + nodes, self.col0 - nodes, self.col1 + nodes
+        )
+
+
+def require_place(lon_deg: float, lat_deg: float) -> None:
+    if not (math.isfinite(lon_deg) and -360.0 <= lon_deg <= 720.0):
+        raise AreaError(f"longitude {lon_deg:g} is not in -180..360 degrees")
+    if not (math.isfinite(lat_deg) and -90.0 <= lat_deg <= 90.0):
+        raise AreaError(f"latitude {lat_deg:g} is not in -90..90 degrees")
