@@ -7,15 +7,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike
+from markupsafe import Markup
 
 from lcp_catalog.arrays import Array
 from lcp_catalog.photometry.facet_model import FacetModel, shadowing_share
 from lcp_catalog.photometry.facet_plot import incidence_panel, lobe_curves
 from lcp_catalog.photometry.laws import Reflectance, radiance_factor
+from lcp_catalog.plots.axes import Axes, Axis
 from lcp_catalog.plots.polar import STYLES, Curve, Panel, polar_chart
 
 _PHASES_DEG = np.concatenate([np.linspace(0.0, 7.0, 15), np.linspace(8.0, 150.0, 72)])
@@ -27,17 +27,17 @@ ALLEN_1973 = {
 """The Moon's magnitude below that of the full Moon, by phase in degrees: C. W. Allen, Astrophysical Quantities, 3rd ed. (1973), p. 143."""
 
 _COLOURS = ("#4269d0", "#c3501e", "#3a8f5c", "#8e5bbf", "#a8871a", "#c94f7c", "#4f9fb3", "#7a6352")
-_FRAME = (88.0, 20.0, 58.0, 20.0)  # left, right, bottom, top
-_SIZE = (760.0, 420.0)
 _STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#444}.grid{stroke:#8884;fill:none}.axis{stroke:#888;fill:none}"
+    ".end{text-anchor:end}.middle{text-anchor:middle}"
     ".curve{fill:none;stroke-width:2}.measured{fill:none;stroke:#888;stroke-width:1.5}"
     "@media(prefers-color-scheme:dark){text{fill:#ccc}}"
+    + "".join(f".k{k}{{stroke:{colour}}}" for k, colour in enumerate(_COLOURS))
 )
 
 
 def disc_reflectance(model: Reflectance, phase_deg: float, count: int = 48) -> float:
-    """Brightness of a sphere's disc relative to a white Lambert disc held square to the light; at 0 deg the geometric albedo.
+    """Brightness of a sphere's disc relative to a white Lambert disc normal to the light; at 0 deg the geometric albedo.
 
     Gauss-Legendre quadrature over photometric longitude and latitude.
     """
@@ -52,14 +52,14 @@ def disc_reflectance(model: Reflectance, phase_deg: float, count: int = 48) -> f
 
 
 def ground_reflectance(model: Reflectance, phase_deg: float) -> float:
-    """I/F of level ground seen from straight above, which the Sun leaves as the phase grows."""
+    """I/F of level terrain seen from the zenith; the Sun's zenith distance is the phase angle."""
     g = math.radians(phase_deg)
     return float(radiance_factor(model, g, 0.0, g))
 
 
 def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) -> str:
-    """Magnitudes against phase, each law from its own brightness at 10 deg: of a sphere's disc, beside the Moon's as Allen (1973)
-    has it, or of level ground.
+    """SVG of the magnitude over the phase angle, relative to that at 10 deg: of a sphere's disc, with the Moon's of Allen (1973),
+    or of level terrain.
     """
     bright = ground_reflectance if of_ground else disc_reflectance
     last = 88.0 if of_ground else 150.5
@@ -71,19 +71,23 @@ def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) ->
         with np.errstate(divide="ignore"):
             curves[model.name] = -2.5 * np.log10(values / start)
     top = max(1.0, *(float(np.max(c[np.isfinite(c)])) for c in curves.values()))
-    axes = _Axes((0.0, float(phases[-1])), (math.ceil(min(top, 7.0)), -1.0))
-    marks = "" if of_ground else "".join(_measured(axes))
+    low = math.ceil(min(top, 7.0))
+    axes = Axes(
+        Axis(0.0, last, _ticks(0, last, 15), "phase angle, degrees", grid=True),
+        Axis(low, -1.0, _ticks(-1, low, 1), "magnitudes below phase 10°", grid=True),
+        width=652.0, height=342.0, left=88.0, right=20.0, top=20.0, bottom=58.0,
+    )  # fmt: skip
+    marks = Markup("") if of_ground else _measured(axes)
     what = (
-        "level ground seen from above"
+        "level terrain seen from above"
         if of_ground
         else "a sphere’s disc; circles: the Moon (Allen 1973)"
     )
-    return _svg(
-        axes.grid("phase, degrees", "magnitudes below phase 10°")
-        + marks
-        + _curves(axes, phases, curves),
-        f"phase curves of {what}",
-    )
+    return str(axes.draw(marks + _curves(axes, phases, curves), f"phase curves of {what}", _STYLE))
+
+
+def _ticks(first: int, last: float, step: int) -> list[tuple[float, str]]:
+    return [(value, str(value)) for value in range(first, int(last) + 1, step)]
 
 
 def incidence_chart(
@@ -144,79 +148,28 @@ def shadowing_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
     return polar_chart([Panel("lit and seen", curves)], f"{model.name}: shadowing and masking", 1)
 
 
-class _Axes:
-    """Two linear axes; y may fall."""
-
-    def __init__(self, x: tuple[float, float], y: tuple[float, float]) -> None:
-        self.x, self.y = x, y
-
-    def at(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-        left, right, bottom, top = _FRAME
-        width, height = _SIZE[0] - left - right, _SIZE[1] - bottom - top
-        across = (np.asarray(x) - self.x[0]) / (self.x[1] - self.x[0])
-        up = (np.asarray(y) - self.y[0]) / (self.y[1] - self.y[0])
-        return left + width * across, _SIZE[1] - bottom - height * up
-
-    def grid(self, x_name: str, y_name: str) -> str:
-        left, right, bottom, top = _FRAME
-        parts = []
-        for value in np.arange(self.x[0], self.x[1] + 0.1, 15.0):
-            x, _ = self.at(value, self.y[0])
-            parts.append(f'<path class="grid" d="M{float(x):.1f} {top:g}V{_SIZE[1] - bottom:g}"/>')
-            parts.append(
-                f'<text x="{float(x):.1f}" y="{_SIZE[1] - bottom + 18:g}" text-anchor="middle">{value:g}</text>'
-            )
-        for value in np.arange(min(self.y), max(self.y) + 0.1, 1.0):
-            _, y = self.at(self.x[0], value)
-            parts.append(f'<path class="grid" d="M{left:g} {float(y):.1f}H{_SIZE[0] - right:g}"/>')
-            parts.append(
-                f'<text x="{left - 8:g}" y="{float(y) + 4:.1f}" text-anchor="end">{value:g}</text>'
-            )
-        parts.append(
-            f'<path class="axis" d="M{left:g} {top:g}V{_SIZE[1] - bottom:g}H{_SIZE[0] - right:g}"/>'
-        )
-        parts.append(
-            f'<text x="{(left + _SIZE[0] - right) / 2:.1f}" y="{_SIZE[1] - 14:g}" text-anchor="middle">{escape(x_name)}</text>'
-        )
-        parts.append(
-            f'<text transform="translate(26 {_SIZE[1] / 2:.1f}) rotate(-90)" text-anchor="middle">{escape(y_name)}</text>'
-        )
-        return "".join(parts)
-
-
-def _curves(axes: _Axes, phases: Array, curves: dict[str, Array]) -> str:
+def _curves(axes: Axes, phases: Array, curves: dict[str, Array]) -> Markup:
+    """One line for each model, and the legend at the lower left."""
     parts = []
-    low = max(axes.y)
     for k, (name, values) in enumerate(curves.items()):
-        inside = np.isfinite(values) & (values <= low)
-        parts.append(_line(*axes.at(phases[inside], values[inside]), _COLOURS[k % len(_COLOURS)]))
-        parts.append(_key(k, name, 110.0, 344.0 - 18.0 * len(curves)))
-    return "".join(parts)
+        inside = np.isfinite(values) & (values <= axes.y.low)
+        css = f"k{k % len(_COLOURS)}"
+        parts.append(axes.line(phases[inside], values[inside], f"curve {css}"))
+        y = axes.height - 18.0 * (len(curves) - k)
+        parts.append(
+            Markup(
+                '<path class="curve {}" d="M22 {:g}h22"/><text x="52" y="{:g}">{}</text>'
+            ).format(css, y, y + 4, name)
+        )
+    return Markup("").join(parts)
 
 
-def _measured(axes: _Axes) -> list[str]:
-    marks = []
-    for phase, magnitude in ALLEN_1973.items():
-        x, y = axes.at(np.float64(phase), np.float64(magnitude - ALLEN_1973[10]))
-        if float(magnitude) - ALLEN_1973[10] <= max(axes.y):
-            marks.append(
-                f'<circle class="measured" cx="{float(x):.1f}" cy="{float(y):.1f}" r="5"/>'
-            )
-    return marks
-
-
-def _key(place: int, name: str, x: float, top: float) -> str:
-    y, colour = top + 18.0 * place, _COLOURS[place % len(_COLOURS)]
-    return f'<path d="M{x:g} {y:g}h22" stroke="{colour}" stroke-width="3"/><text x="{x + 30:g}" y="{y + 4:g}">{escape(name)}</text>'
-
-
-def _line(x: Array, y: Array, colour: str) -> str:
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-    return f'<polyline class="curve" stroke="{colour}" points="{points}"/>'
-
-
-def _svg(body: str, label: str) -> str:
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_SIZE[0]:g} {_SIZE[1]:g}" role="img" aria-label="{escape(label)}">'
-        f"<style>{_STYLE}</style>{body}</svg>"
+def _measured(axes: Axes) -> Markup:
+    """Circles at the measurements of Allen (1973)."""
+    phases = np.array(list(ALLEN_1973))
+    magnitudes = np.array(list(ALLEN_1973.values())) - ALLEN_1973[10]
+    inside = magnitudes <= axes.y.low
+    return Markup("").join(
+        Markup(f'<circle class="measured" cx="{x:.1f}" cy="{y:.1f}" r="5"/>')
+        for x, y in zip(*axes.at(phases[inside], magnitudes[inside]), strict=True)
     )

@@ -84,27 +84,21 @@ class Axes:
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(*self.at(x, y), strict=True))
         return Markup('<polyline class="{}" points="{}"/>').format(css, points)
 
-    def draw(self, inside: Markup, label: str, css: str = "") -> Markup:
-        """The whole chart: grid, ``inside`` (elements of the plot area), axes. ``label`` describes it to
-        screen readers.
+    def draw(self, inside: Markup, label: str, style: str = "", css: str = "") -> Markup:
+        """The whole chart: grid, ``inside`` (elements of the plot area), axes.
+
+        ``label`` describes it to screen readers. ``style``: rules for a file of its own, without a page.
         """
-        box = (
-            -self.left,
-            -self.top,
+        width, height = (
             self.left + self.width + self.right,
             self.top + self.height + self.bottom,
         )
-        frame = f'<path class="axis" d="M0 0V{self.height:g}H{self.width:g}"/>'
+        box = f"{-self.left:g} {-self.top:g} {width:g} {height:g}"
+        own = ' xmlns="http://www.w3.org/2000/svg"' if style else ""
         return Markup(
-            '<svg class="{}" viewBox="{}" role="img" aria-label="{}">{}{}{}{}</svg>'
-        ).format(
-            f"chart {css}".rstrip(),
-            " ".join(f"{value:g}" for value in box),
-            label,
-            self._y_ticks() + self._x_ticks(),
-            inside,
-            Markup(frame),
-            self._titles(),
+            f'<svg{own} class="chart{" " * bool(css)}{css}" viewBox="{box}" role="img" aria-label="{escape(label)}">'
+            f"{f'<style>{style}</style>' * bool(style)}{self._y_ticks()}{self._x_ticks()}{inside}"
+            f'<path class="axis" d="M0 0V{self.height:g}H{self.width:g}"/>{self._titles()}</svg>'
         )
 
     def _x_ticks(self) -> Markup:

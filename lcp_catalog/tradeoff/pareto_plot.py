@@ -52,7 +52,9 @@ def pareto(rows: list[Row]) -> Markup:
         _marks(axes, row, _drawn(row["sunlit_error_share"], decades), place)
         for row, place in zip(rows, _label_places(rows), strict=True)
     ]
-    return axes.draw(Markup().join([line, *marks]), "error of every tier over its time", "pareto")
+    return axes.draw(
+        Markup().join([line, *marks]), "error of every tier over its time", css="pareto"
+    )
 
 
 def front(rows: list[Row]) -> list[Row]:

@@ -28,10 +28,10 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def curves(svg: str) -> dict[str, np.ndarray]:
-    """Points (n, 2) of each line by its colour; pixels, y down."""
+    """Points (n, 2) of each line by its class; pixels, y down."""
     lines = ElementTree.fromstring(svg).iter(f"{SVG}polyline")
     return {
-        line.get("stroke"): np.array([p.split(",") for p in line.get("points").split()], float)
+        line.get("class"): np.array([p.split(",") for p in line.get("points").split()], float)
         for line in lines
     }
 
