@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..cameras.view import slant_range_m
-from ..catalog.flags import summarise_usable
 from ..catalog.hdf5 import Catalog, Coverage, Overview
-from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE
+from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
-from .flags import evaluated, summarise_usable, usable
 from .layout import FIXED, GROUPS, Values, centred, key
-from .schema import COVERAGE_STATUS, OPTIONAL, USABLE
+from .schema import COVERAGE_STATUS, OPTIONAL, USABLE, evaluated, summarise_usable, usable
 
 _PLACE_TOLERANCE_M = 1e-3
 _ROTATION_TOLERANCE = 1e-9

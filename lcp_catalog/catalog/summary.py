@@ -14,9 +14,8 @@ from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
 from ..plots.numbers import number
-from .flags import evaluated, usable
 from .hdf5 import Catalog, open_catalog, verify
-from .schema import COVERAGE_STATUS
+from .schema import COVERAGE_STATUS, evaluated, usable
 
 
 @dataclass(frozen=True)

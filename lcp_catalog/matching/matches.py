@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 from ..arrays import Array
 
 FOUND = "found"
-REASONS = (
-    FOUND,
-    "out of frame",  # its search area does not lie in the image
-    "not lit",  # the Sun is below its horizon, or too little of the patch is lit
-    "not seen",  # the camera sees it edge-on, from behind, or not at all
-    "low contrast",  # its render has too little texture to be placed
-    "no data",  # the image has too little that is valid there
-    "saturated",
-    "weak",  # the highest correlation is too low
-    "ambiguous",  # another place correlates about as well
-    "not confirmed",  # searched for backwards it is somewhere else
-    "inconsistent",  # no camera that agrees with the others sees it there
-)
-"""What may be said of a point; the place in this list is its code."""
+MEANINGS = {
+    FOUND: "where it was found",
+    "out of frame": "its search area is not inside the image",
+    "not lit": "the Sun is below its horizon, or too little of the patch is lit",
+    "not seen": "hidden, turned away from the camera, or seen edge-on",
+    "low contrast": "too little texture in its render",
+    "no data": "too few valid pixels in the image",
+    "saturated": "the image is saturated there",
+    "weak": "the highest correlation is too low",
+    "ambiguous": "another place correlates about as well",
+    "not confirmed": "the backward search ended at another place",
+    "inconsistent": "contradicts the camera position of the other points",
+}
+"""Result of the search for a point, by name, with its meaning; the position in this table is its code."""
+
+REASONS = tuple(MEANINGS)
 
 CODE = {reason: code for code, reason in enumerate(REASONS)}
 

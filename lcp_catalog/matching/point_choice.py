@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..catalog.schema import USABLE
+from ..catalog.schema import usable
 from ..errors import SunError
 from ..geometry.frames import direction_enu
 from ..images.image import Image
@@ -75,7 +75,7 @@ def usable_points(
     view = np.argmax(np.nan_to_num(camera, nan=-1.0) @ views.T, axis=1)
     nearest = np.argmax(sun @ suns.T, axis=1)
     condition = catalog.condition[rows, view].reshape(len(rows), -1)
-    return np.asarray((condition[np.arange(len(rows)), nearest] & USABLE) == USABLE)
+    return usable(condition[np.arange(len(rows)), nearest])
 
 
 def directions_to_sun(

@@ -11,7 +11,7 @@ from ..arrays import AnyArray
 from ..build.area_job import Candidates
 from ..build.assembly import choose
 from ..build.config import BuildConfig
-from ..catalog.flags import evaluated, usable
+from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import nearest, stable_id
 
 

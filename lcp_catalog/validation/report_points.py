@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ..arrays import Array
-from ..matching.matches import FOUND, REASONS
+from ..matching.matches import MEANINGS, REASONS
 from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
 from ..plots.png import data_uri
@@ -20,21 +20,6 @@ from .tables import error_ellipses
 
 ROWS_MAX = 1500
 """Most points in the page's table; the CSV file has all."""
-
-MEANINGS = {
-    FOUND: "where it was found",
-    "out of frame": "its search area is not inside the image",
-    "not lit": "the Sun is below its horizon, or too little of the patch is lit",
-    "not seen": "hidden, turned away from the camera, or seen edge-on",
-    "low contrast": "too little texture in its render",
-    "no data": "too few valid pixels in the image",
-    "saturated": "the image is saturated there",
-    "weak": "the highest correlation is too low",
-    "ambiguous": "another place correlates about as well",
-    "not confirmed": "the backward search ended at another place",
-    "inconsistent": "contradicts the camera position of the other points",
-}
-"""Meaning of each of `REASONS`."""
 
 
 def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog.catalogue import Coverage
-from lcp_catalog.catalog.flags import summarise_usable
+from lcp_catalog.catalog.schema import summarise_usable
 from lcp_catalog.errors import CatalogError
 
 

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import rasterio
 
-from lcp_catalog.catalog.flags import summarise_usable
 from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
-from lcp_catalog.catalog.schema import COVERAGE_STATUS
+from lcp_catalog.catalog.schema import COVERAGE_STATUS, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
     EnuFrame,

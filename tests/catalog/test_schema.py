@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcp_catalog.catalog.flags import summarise_usable, usable
+from lcp_catalog.catalog.schema import summarise_usable, usable
 
 
 def test_summary_of_usable_suns() -> None:
