@@ -10,6 +10,7 @@ from helpers.twins_match import catalog_of_dem, catalog_of_patches, looking_at, 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.cameras.sensor import FullSensor
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import draw_patch, point_spread, subpixel_fit
@@ -355,7 +356,7 @@ def test_the_point_spread_stays_within_the_patch():
     np.testing.assert_array_equal(values[~mask], 0.0)
 
 
-class Slow:
+class Slow(FullSensor):
     """A sensor of its own kind: a camera's geometry, and a jump where it is asked for. Counts what it projects."""
 
     def __init__(self, camera, jump_px=0.0):
