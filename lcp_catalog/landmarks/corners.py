@@ -1,7 +1,8 @@
-"""Corners that stay corners while the Sun moves.
+"""Corners that remain corners under many Sun directions.
 
-A shadow's edge is often the strongest corner of an image, and it lies elsewhere in the next image.
-No single image can tell it from ground; what is left after many Suns is ground (`Persistence`).
+The edge of a shadow is often the strongest corner of an image, and lies elsewhere in the next one.
+A single image does not separate it from a feature of the terrain. The mean response over many Suns
+does (`Persistence`).
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ from ..arrays import Float32, Index, Mask
 from .thinning import thinned
 
 _HIGH_PERCENTILE = 99.0
-"""The response that counts as 1 in an image: high, so that one bright spot does not set the scale,
-yet above the ground's noise.
+"""Percentile of the response that counts as 1: below the maximum, so that a single bright spot does
+not set the scale.
 """
 
 
 def fill_missing(image: Float32, size: int) -> Float32:
     """A copy whose NaN nodes hold the mean of the valid nodes in the ``size``-wide box around them.
 
-    Where that box holds none, the mean of the whole image; all zeros where nothing at all is valid.
+    Without a valid node in the box: the mean of the whole image; 0 if no node is valid.
     """
     missing = ~np.isfinite(image)
     filled = np.where(missing, np.float32(0.0), image)
@@ -42,9 +43,7 @@ def fill_missing(image: Float32, size: int) -> Float32:
 
 
 def robust_contrast(image: Float32) -> float:
-    """A standard deviation of the lit nodes that outliers do not move: (84th - 16th percentile) /
-    2; 0 where nothing is lit.
-    """
+    """Robust standard deviation of the lit nodes, (84th - 16th percentile) / 2; 0 if no node is lit."""
     lit = image[np.isfinite(image) & (image > 0.0)]
     if not lit.size:
         return 0.0
@@ -53,14 +52,13 @@ def robust_contrast(image: Float32) -> float:
 
 
 def harris(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
-    """Response of Harris and Stephens (1988) per node: det M - k trace(M)^2, M summed over
+    """Response of Harris and Stephens (1988) at each node: det M - k trace(M)^2, M summed over
     ``block`` x ``block`` nodes.
 
-    cv2's response grows with the fourth power of contrast, so the image is divided by its own
-    robust contrast first: the response does not change when the image is multiplied by a number. An
-    image without contrast answers 0. NaN where the window or its gradients (3 x 3 Sobel) would
-    touch a missing node or the image's border. The edges of shadows answer strongly: see
-    `Persistence`.
+    The response of cv2 grows with the fourth power of contrast. The image is therefore divided by
+    its robust contrast first, so that a gain does not change the response. It is 0 for an image
+    without contrast, and NaN where the window or its gradients (3 x 3 Sobel) would touch a missing
+    node or the image's border. Edges of shadows have a strong response: see `Persistence`.
     """
     margin = block // 2 + 1
     known = cv2.erode(
@@ -82,9 +80,9 @@ def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float3
     """Fourth root of the Harris response over its own 99th percentile of positive lit responses,
     clipped to 0..1.
 
-    The response grows with the fourth power of contrast: the root makes it proportional to
-    contrast, so that ground which is there under every Sun outweighs the edges of shadows, ten
-    times as strong, that pass. 0 in shadow; NaN where the response is NaN.
+    The root makes the response proportional to contrast, so that terrain that is visible under
+    every Sun outweighs the passing edges of shadows, which are ten times as strong. 0 in shadow;
+    NaN where the response is NaN.
     """
     response = harris(image, block, k)
     lit = np.isfinite(response) & np.nan_to_num(image > 0.0)
@@ -99,12 +97,11 @@ def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float3
 
 @dataclass
 class Persistence:
-    """Relative corner response, added up over conditions.
+    """Relative corner response, summed over conditions.
 
-    ``lit`` counts, per node, the conditions in which the node was valid and lit. The score is the
-    mean over *all* added conditions, so a node that is dark or unseen under half of the Suns gets
-    at most one half, and a shadow's edge, which passes a node under one or two Suns of many, nearly
-    nothing.
+    ``lit`` counts the conditions in which each node is valid and lit. The score is the mean over
+    *all* added conditions: at most one half for a node that is dark or not visible under half of
+    the Suns, and nearly 0 for the edge of a shadow, which lies at a node under one or two Suns.
     """
 
     shape: tuple[int, int]
@@ -117,13 +114,13 @@ class Persistence:
         self.lit = np.zeros(self.shape, dtype=np.int32)
 
     def add(self, image: Float32) -> None:
-        """Take in the image of one more condition."""
+        """Add the image of one condition."""
         self.total += np.nan_to_num(relative_response(image))
         self.lit += np.isfinite(image) & (np.nan_to_num(image) > 0.0)
         self.conditions += 1
 
     def score(self) -> Float32:
-        """Mean relative response 0..1 over the conditions added; 0 before the first."""
+        """Mean relative response 0..1 over the added conditions; 0 without any."""
         return (self.total / max(self.conditions, 1)).astype(np.float32)
 
 
@@ -136,14 +133,14 @@ def candidates(
     radius: int | None = None,
     origin: tuple[int, int] = (0, 0),
 ) -> tuple[Index, Index]:
-    """Rows and columns of the best local maxima, at most ``per_cell`` in every ``spacing_px`` x
-    ``spacing_px`` cell.
+    """Rows and columns of the highest local maxima, at most ``per_cell`` in each cell of
+    ``spacing_px`` x ``spacing_px`` nodes, ordered by (row, column).
 
-    A maximum is the highest valid node within ``radius`` nodes in both directions (default: an
-    eighth of the spacing, at least 1) and has a positive score; equal neighbours: the first by
-    (row, column). ``border`` nodes along the edges are left out. Cells count from the node
-    ``-origin`` of this array: give the array's place in a fixed grid of nodes as ``origin``, and
-    the same ground is cut into the same cells in every build. Ordered by (row, column).
+    A maximum is the highest valid node within ``radius`` nodes in both axes (default: an eighth of
+    the spacing, at least 1) and has a positive score; of equal neighbours the first by (row,
+    column) counts. ``border`` nodes along the edges are left out. ``origin`` is the row and column
+    of node [0, 0] in a fixed grid, from whose origin cells are counted: every build then divides
+    the same terrain into the same cells.
     """
     radius = max(1, spacing_px // 8) if radius is None else radius
     usable = _inner(score.shape, border) & np.isfinite(score)
@@ -168,7 +165,7 @@ def _inner(shape: tuple[int, ...], border: int) -> Mask:
 
 
 def _rank_in_group(first: Index, second: Index) -> Index:
-    """Place of each element within its run of equal (first, second); sorted input."""
+    """Position of each element within its run of equal (first, second); the input is sorted."""
     if not len(first):
         return np.zeros(0, dtype=np.int64)
     new = np.r_[True, (first[1:] != first[:-1]) | (second[1:] != second[:-1])]

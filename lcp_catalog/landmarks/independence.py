@@ -1,4 +1,4 @@
-"""Patches out of arrays, and how much of a patch depends on terrain outside it."""
+"""Dependence of a patch's shadows and visibility on terrain outside it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ..arrays import Mask
 
 
 def dependence(alone: Mask, full: Mask, valid: Mask | None = None) -> NDArray[np.float64]:
-    """Share of each patch's valid nodes that are lit (or visible) with the fragment alone but not
-    with all terrain, (n,).
+    """Share of each patch's valid nodes that are lit (or visible) with the patch alone but not with
+    all terrain, (n,).
 
-    ``alone`` and ``full`` (n, p, p) are traced on the same surface, so a difference is terrain
-    outside the patch and nothing else. More terrain can only take light away; should a node be lit
-    in ``full`` alone, it does not count. ``valid`` (default: all nodes) are the nodes with a
-    height; NaN where a patch has none.
+    ``alone`` and ``full`` (n, p, p) are traced on the same surface, so that only terrain outside
+    the patch makes a difference. More terrain only removes light: a node that is lit in ``full``
+    alone does not count. ``valid`` (default: all nodes) are the nodes with a height. NaN for a
+    patch without valid nodes.
     """
     lost = alone & ~full
     if valid is None:

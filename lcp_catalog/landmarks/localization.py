@@ -1,16 +1,16 @@
-"""How well a patch can be placed in a noisy image: the covariance of its registration.
+"""Covariance of the registration of a patch in a noisy image.
 
-Matching a known patch I (rendered, without noise) with an image I(x - d) + e, where e is white
-noise, by least squares or by correlation, has to first order the covariance  noise^2 M^-1,  M = sum
-over the patch of g g^T,  g = grad(I) / mean lit level: the Cramer-Rao bound of the shift (Foerstner
-and Guelch 1987; the M of Harris and Stephens 1988). Correlation is blind to gain and offset; what a
-shift has in common with them is useless, so M is taken after the parts of g along the constant and
-along I are projected out (Schur complement). A patch that is one even slope of brightness has no
-place at all, although its plain M is large along the slope.
+Let a known patch I (rendered, without noise) be matched with an image I(x - d) + e, e white noise,
+by least squares or by correlation. To first order the covariance of the shift d is noise^2 M^-1,
+with M = sum over the patch of g g^T and g = grad(I) / mean lit level: the Cramer-Rao bound
+(Foerstner and Guelch 1987; M is that of Harris and Stephens 1988). Correlation does not depend on
+gain and offset. The parts of g along the constant and along I are therefore projected out of M
+(Schur complement). A patch of one uniform brightness gradient cannot be located, although its plain
+M is large along the gradient.
 
-Limits: first order, so for sigmas well below the width of the features; noise white, one figure per
-pixel. Central differences damp detail near one pixel (an ideal step counts half), so very sharp
-patches do better than stated; two noisy images are worse by sqrt(2).
+Limits: first order, so for sigmas well below the width of the features; white noise, the same at
+every pixel. Central differences damp detail near one pixel (an ideal step counts half), so very
+sharp patches are located better than stated. With noise in both images sigmas are larger by sqrt(2).
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from ..arrays import Array, Float32
 HARRIS_K = 0.04
 _CHUNK = 256
 _SMALLEST_PX = 7
-"""Pixels a side below which a decimated patch is not tried."""
+"""Fewest pixels a side of a decimated patch."""
 
 
 @dataclass(frozen=True)
 class Localization:
-    """Per patch, shapes (n,): 1-sigma of the place along both axes, and the angle of the major
-    axis.
+    """Error ellipse of each patch's position, shapes (n,): 1-sigma along both axes, and the angle of
+    the major axis.
 
     The angle is in radians from the direction of columns (east) towards the direction of rows
-    (south), -pi/2..pi/2: along it the patch is worst placed. Infinite sigmas (angle NaN) for a
-    patch that cannot be placed. ``harris`` is det M - 0.04 trace(M)^2 of the plain M, divided by
-    the number of nodes squared; NaN where a node is missing.
+    (south), -pi/2..pi/2. Sigmas are infinite and the angle NaN for a patch that cannot be located.
+    ``harris`` is det M - 0.04 trace(M)^2 of the plain M, divided by the squared number of nodes;
+    NaN where a node is missing.
     """
 
     sigma_major_px: Float32
@@ -46,15 +46,15 @@ class Localization:
     harris: Float32
 
     def localizable(self, max_sigma_px: float) -> NDArray[np.bool_]:
-        """Whether the worse axis is good enough."""
+        """True where the larger sigma is at most ``max_sigma_px``, (n,)."""
         return np.asarray(self.sigma_major_px <= max_sigma_px)
 
 
 def localization(patches: Float32, noise: float) -> Localization:
-    """Registration accuracy of patches (n, p, p); ``noise`` is 1 sigma of a pixel over the patch's
-    mean lit (> 0) signal.
+    """Registration accuracy of patches (n, p, p); ``noise`` is 1 sigma of a pixel relative to the
+    patch's mean lit (> 0) signal.
 
-    A patch with a NaN, without light, or flat along any direction gets infinite sigmas.
+    Sigmas are infinite for a patch that has a NaN, is not lit, or is constant along any direction.
     """
     chunks = range(0, len(patches), _CHUNK)
     plain, free = (
@@ -73,13 +73,13 @@ def localization(patches: Float32, noise: float) -> Localization:
 
 
 def lit_share(patches: Float32) -> Array:
-    """Share of each patch's nodes that are lit (> 0), (n,); a missing node is not lit."""
+    """Share of each patch's nodes that are lit (> 0), (n,); missing nodes are not lit."""
     return np.asarray((np.nan_to_num(patches) > 0.0).mean(axis=(1, 2)))
 
 
 def _tensors(patches: Float32) -> tuple[Array, Array]:
-    """(n, 3) xx, yy, xy of the plain structure tensor and of the one with gain and offset free; NaN
-    for bad patches.
+    """xx, yy, xy (n, 3) of the plain structure tensor, and of the one with free gain and offset; NaN
+    for a patch with a missing node or without light.
     """
     image = _normalised(patches)
     gy, gx = np.gradient(image, axis=(1, 2))
@@ -103,7 +103,7 @@ def _three(tensor: Array) -> Array:
 
 
 def mean_lit_level(patches: Float32) -> Array:
-    """Mean of each patch's lit (> 0) nodes, (n,); NaN where a node is missing or nothing is lit."""
+    """Mean of each patch's lit (> 0) nodes, (n,); NaN where a node is missing or no node is lit."""
     image = np.asarray(patches, dtype=np.float64)
     lit = np.nan_to_num(image) > 0.0
     count = lit.sum(axis=(1, 2))
@@ -112,8 +112,8 @@ def mean_lit_level(patches: Float32) -> Array:
 
 
 def _normalised(patches: Float32) -> Array:
-    """Patches over their mean lit level, float64; all NaN where a node is missing or nothing is
-    lit.
+    """Patches divided by their mean lit level, float64; all NaN where a node is missing or no node
+    is lit.
     """
     level = mean_lit_level(patches)
     good = np.isfinite(level)[:, None, None]
@@ -129,9 +129,7 @@ def _ellipse(free: Array, plain: Array, noise: float) -> tuple[Array, Array, Arr
         weak = np.where(
             strong > 0.0, (xx * yy - xy * xy) / np.where(strong > 0.0, strong, 1.0), 0.0
         )
-        floor = 1e-9 * (
-            plain[:, 0] + plain[:, 1]
-        )  # rounding of float32 input: below it there is nothing
+        floor = 1e-9 * (plain[:, 0] + plain[:, 1])  # rounding of the float32 input
         good = (weak > floor) & np.isfinite(weak)
     sigma = [
         np.where(good, noise / np.sqrt(np.where(good, m, 1.0)), np.inf) for m in (weak, strong)
@@ -150,13 +148,13 @@ def coarsest_scale(
     max_sigma_px: float,
     min_lit: float = 0.0,
 ) -> Float32:
-    """The coarsest of ``scales`` at which each patch is still placed to ``max_sigma_px`` of the
-    *coarse* pixel, (n,).
+    """The coarsest of ``scales`` at which each patch is still located to ``max_sigma_px`` *coarse*
+    pixels, (n,).
 
-    A scale s >= 1 stands for images whose pixels are s times as wide; each is the mean over its
-    area, the noise per pixel stays, and at least ``min_lit`` of the pixels must be lit. Scales are
-    climbed from the finest and the climb ends at the first that fails, so that everything between
-    works too; NaN where the finest fails. Fewer than 7 coarse pixels a side fail.
+    At scale s >= 1 the pixels are s times as wide; each is the mean over its area, the noise per
+    pixel is the same, and at least ``min_lit`` of the pixels must be lit. Scales are tested from
+    the finest up to the first that fails, so that all finer ones are valid, too. NaN where the
+    finest fails. A scale with fewer than 7 coarse pixels a side fails.
     """
     best = np.full(len(patches), np.nan, dtype=np.float32)
     alive = np.arange(len(patches))
@@ -171,11 +169,11 @@ def coarsest_scale(
 
 
 def decimate(patches: Float32, scale: float) -> Float32:
-    """Patches (n, p, p) as seen with pixels ``scale`` >= 1 times as wide: area means, (n, m, m), m
-    = floor(p / scale).
+    """Patches (n, p, p) with pixels ``scale`` >= 1 times as wide: area means, (n, m, m), m =
+    floor(p / scale).
 
-    A node is a cell of one brightness. The coarse pixels lie symmetrically about the patch's
-    centre; a strip of less than one of them is lost at the edges.
+    Each node is a cell of constant brightness. The coarse pixels lie symmetrically about the
+    patch's centre; a strip of less than one of them is left out at the edges.
     """
     size = patches.shape[1]
     count = int(size / scale + 1e-9)

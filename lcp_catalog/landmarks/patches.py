@@ -14,9 +14,9 @@ def gather_patches(
     array: NDArray[Any], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
 ) -> NDArray[Any]:
     """The (2 half + 1)^2 nodes around each (row, col), shape (n, 2 half + 1, 2 half + 1), of the
-    array's own type.
+    array's type.
 
-    Nodes outside the array are NaN for floats, False for booleans, 0 for whole numbers.
+    Nodes outside the array are NaN for floats, False for booleans, 0 for integers.
     """
     rows, cols = np.asarray(rows, dtype=np.int64), np.asarray(cols, dtype=np.int64)
     height, width = array.shape

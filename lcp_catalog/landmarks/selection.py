@@ -1,4 +1,4 @@
-"""Which candidates become points, what covers each cell, and the id that the same ground has in
+"""Choice of points among the candidates, coverage of the spacing cells, and ids that are the same in
 every build.
 """
 
@@ -26,8 +26,8 @@ _ID_STRIDE = 2**20
 
 
 class Status(IntEnum):
-    """What a spacing cell holds, or why it holds nothing; the numbers are those of the catalogue's
-    ``coverage/status``.
+    """Content of a spacing cell: a point, or the reason why there is none; the numbers are those of
+    the catalogue's ``coverage/status``.
     """
 
     POINT = 0
@@ -43,13 +43,13 @@ _BY_STAGE = np.array(
 
 
 def stable_id(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Index:
-    """A positive number for a place, the same in every build: (row + 1) * 2^20 + column of a fixed
-    grid of cells.
+    """A positive number for a position, the same in every build: (row + 1) * 2^20 + column of a
+    fixed grid of cells.
 
     Rows are 0.001 degrees of latitude (30 m) from the south pole; a row has round(360000
     cos(latitude of its middle)) columns from longitude 0 eastwards, so cells are about 30 m wide
     everywhere; the row at either pole is one cell. Longitudes 0 and 360 are the same. ValueError
-    for a place that is not one.
+    for a longitude that is not finite or a latitude outside -90..90.
     """
     lon, lat = np.broadcast_arrays(np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64))
     if not (np.isfinite(lon).all() and (np.abs(lat) <= 90.0).all()):
@@ -79,13 +79,14 @@ def select(
     """Indices of the candidates to keep, in the order of their stable ids.
 
     Greedy over the whole Moon: most usable conditions first, then the higher quality, then the
-    lower id (then longitude and latitude), whatever the order of the input. Nobody is chosen closer
-    than ``spacing_m`` (along the sphere) to a point chosen before, so every candidate with a usable
-    condition lies less than ``spacing_m`` from a point. ``fill`` < 1 adds a second pass, in the
-    same order, that takes candidates at least ``fill * spacing_m`` from every point: it evens out
-    the gaps that a greedy choice leaves, and ``fill * spacing_m`` is then both the least distance
-    of two points and the bound on the distance from a candidate. Candidates with no usable
-    condition, or with a quality that is NaN, are never chosen, and no id twice.
+    lower id (then longitude and latitude), for any order of the input. No candidate is chosen
+    closer than ``spacing_m`` (along the sphere) to a point chosen before, so every candidate with
+    a usable condition lies less than ``spacing_m`` from a point. ``fill`` < 1 adds a second pass,
+    in the same order, that takes candidates at least ``fill * spacing_m`` from every point: it
+    fills the gaps that a greedy choice leaves, and ``fill * spacing_m`` is then both the least
+    distance of two points and the bound on the distance of a candidate from a point. Candidates
+    without a usable condition or with a NaN quality are never chosen, and no id is chosen twice.
+    ValueError for a spacing or fill that is out of range.
     """
     if not (spacing_m > 0.0 and 0.0 < fill <= 1.0):
         raise ValueError("spacing_m must be positive and fill in 0..1")
@@ -103,8 +104,8 @@ def select(
 
 
 def _chord(distance_m: float) -> float:
-    """Chord on the unit sphere of a distance along the reference sphere; more than any chord beyond
-    half a turn.
+    """Chord on the unit sphere of a distance along the reference sphere; 3, longer than any chord,
+    beyond half the circumference.
     """
     half_angle = distance_m / (2.0 * MOON_RADIUS_M)
     return 2.0 * math.sin(half_angle) if half_angle <= math.pi / 2.0 else 3.0
@@ -117,8 +118,8 @@ def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
 def nearest(
     lon_deg: ArrayLike, lat_deg: ArrayLike, to_lon_deg: ArrayLike, to_lat_deg: ArrayLike
 ) -> tuple[Index, Array]:
-    """For each place the index of the nearest of the others and the distance along the sphere,
-    metres (-1, inf: there is none).
+    """For each place the index of the nearest of the other places and the distance along the
+    sphere, metres; -1 and inf if there is no other place.
 
     ValueError for places that are not finite.
     """
@@ -140,15 +141,16 @@ def coverage(
     points: Places,
     spacing_m: float,
 ) -> NDArray[np.uint8]:
-    """What each spacing cell holds, as `Status`; places are (longitudes, latitudes) in degrees,
-    cells are given by their centres.
+    """`Status` of each spacing cell; places are (longitudes, latitudes) in degrees, cells are given
+    by their centres.
 
-    ``stages`` of the candidates: 0 never localisable, 1 never unique as well, 2 never independent
-    as well, 3 usable. A candidate counts for the cell whose centre is nearest, within one spacing.
-    POINT: a point lies within one spacing of the centre, or a usable candidate lies in the cell
-    (and then, by `select`, a point within one spacing of that candidate). Else the furthest stage
-    that a candidate of the cell reached: DEPENDENT, AMBIGUOUS, or FEATURELESS, also where there is
-    no candidate. NODATA: no ground, no point near and no candidate.
+    ``has_ground``: True for cells with heights. ``stages`` of the candidates: 0 never localisable,
+    1 localisable but never unique as well, 2 both but never independent as well, 3 usable. A
+    candidate counts for the cell whose centre is nearest, within one spacing. POINT: a point lies
+    within one spacing of the centre, or a usable candidate lies in the cell (`select` then has a
+    point within one spacing of that candidate). Otherwise the furthest stage of the cell's
+    candidates: DEPENDENT, AMBIGUOUS, or FEATURELESS, also for a cell without candidates. NODATA:
+    no heights, no point near and no candidate.
     """
     best = np.where(np.asarray(has_ground, dtype=np.bool_), 0, -1)
     cell, away_m = nearest(*candidates, *cells)

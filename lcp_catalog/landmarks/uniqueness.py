@@ -1,6 +1,6 @@
-"""Is there anything else like a patch where it may be searched for?
+"""Uniqueness of a patch within the area in which it may be searched for.
 
-Correlation is the centred, normalised one (cv2's TM_CCOEFF_NORMED): blind to gain and offset.
+Correlation is centred and normalised: it does not depend on gain and offset.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ def second_peak(
 
 
 def expected_correlation(patches: Float32, noise: float) -> Array:
-    """Correlation of each patch (n, p, p) with itself seen through noise, (n,): 1 / sqrt(1 + (noise
-    / contrast)^2).
+    """Expected correlation of each patch (n, p, p) with a noisy image of itself, (n,):
+    1 / sqrt(1 + (noise / contrast)^2).
 
-    Contrast is the standard deviation over the mean lit level, ``noise`` 1 sigma of a pixel over
-    the same. 0 for a patch without contrast, without light or with a missing node. The mean over
-    noise; it scatters by about (1 - r^2) / sqrt(p^2).
+    Contrast is the standard deviation divided by the mean lit level, ``noise`` is 1 sigma of a
+    pixel divided by the same. 0 for a patch without contrast, without light or with a missing
+    node. Single correlations scatter about it by about (1 - r^2) / sqrt(p^2).
     """
     level = mean_lit_level(patches)
     image = np.asarray(patches, dtype=np.float64)
@@ -88,16 +88,16 @@ def expected_correlation(patches: Float32, noise: float) -> Array:
 
 
 def effective_samples(patches: Float32) -> Array:
-    """How many independent samples each patch (n, p, p) is worth when it is correlated with another
-    like it, (n,); 1..p^2.
+    """Effective number of independent samples of each patch (n, p, p) in a correlation with another
+    patch of the same statistics, (n,); 1..p^2.
 
     Bartlett (1935): the correlation of two independent fields scatters with variance 1 / n_eff,
     n_eff = N / sum of rho(lag)^2. By Parseval that is (sum S)^2 / sum S^2 of the power spectrum S;
     a periodogram P scatters about S like an exponential variable, for which E[P^2] = 2 S^2, so
-    n_eff = 2 (sum P)^2 / sum P^2 - 8, over all frequencies but zero. The 8 is measured: what few
-    strong frequencies and the patch's edges add; with it n_eff is right to 15 % for patches of 17,
-    33 and 65 nodes a side wherever it is above 6, and too high by up to 2 below. Missing nodes hold
-    the patch's mean; a patch without contrast gets 1.
+    n_eff = 2 (sum P)^2 / sum P^2 - 8, over all frequencies but zero. The 8 is measured; it is the
+    contribution of few strong frequencies and of the patch's edges. With it n_eff is correct to
+    15 % for patches of 17, 33 and 65 nodes a side where it is above 6, and too high by up to 2
+    below. Missing nodes hold the patch's mean; the result is 1 for a patch without contrast.
     """
     image = np.asarray(patches, dtype=np.float64)
     known = np.isfinite(image)
@@ -114,13 +114,12 @@ def effective_samples(patches: Float32) -> Array:
 def false_match_probability(
     true_correlation: Array, second_peak: Array, effective_samples: Array
 ) -> Array:
-    """Probability that the correlation at the second peak comes out above the one at the true
-    place, (n,).
+    """Probability that the correlation at the second peak exceeds the one at the true place, (n,).
 
     Fisher (1921): z = artanh(r) is nearly normal with variance 1 / (n_eff - 3); the difference of
-    two has twice that, so p = Phi((z_second - z_true) / sqrt(2 / (n_eff - 3))). With n_eff <= 3
-    nothing is known: 1/2. The two correlations share the image and are not quite independent, and
-    only the one strongest rival is asked: read it as an order of magnitude.
+    two has twice that, so p = Phi((z_second - z_true) / sqrt(2 / (n_eff - 3))); 1/2 for n_eff <= 3.
+    The result is an order of magnitude: the two correlations share the image and are not quite
+    independent, and only the highest second peak is considered.
     """
     limit = 1.0 - 1e-12
     true, second = (
