@@ -43,7 +43,6 @@ from helpers.pit_pair import (
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.dem.terraces import bending, smooth_terraces
-from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate
@@ -230,7 +229,7 @@ def band_name(band: tuple[float, float] | None) -> str:
 
 def suns(photo: Image, dem: Path, scene: HeightfieldScene) -> list[str]:
     """Mean correlation of windows of 64 m under Suns of the same elevation and other azimuths; it drops if shading prevails."""
-    azimuth, elevation = (float(v) for v in azimuth_elevation(scene.sun))
+    azimuth, elevation = scene.sun.azimuth_deg, scene.sun.elevation_deg
     lines = [
         f"## The Sun's azimuth (true: {azimuth:.1f} deg, {elevation:.1f} deg high)",
         "",

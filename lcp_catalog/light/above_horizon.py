@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
 from ..errors import SunError
+from ..geometry.direction import Direction
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .sources import Lighting, Source
@@ -63,7 +63,7 @@ def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> 
     return _sun_above_horizon_deg(terrain, source.direction, lowest_m, step) + limb
 
 
-def _sun_above_horizon_deg(terrain: Terrain, sun: Array, lowest_m: float, step: int) -> float:
+def _sun_above_horizon_deg(terrain: Terrain, sun: Direction, lowest_m: float, step: int) -> float:
     """Greatest elevation of the Sun above the dipped horizon of the core's nodes; NaN without
     heights.
     """

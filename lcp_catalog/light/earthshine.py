@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
+from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..sun.ephemeris import apparent_sun, lunar_rotation
 from ..sun.limb_darkening import LimbDarkening
@@ -80,7 +81,7 @@ class Earth:
             nearer = np.linalg.norm(sun - place) / np.linalg.norm(sun - self.position_mcmf_m)
             ratio *= float(nearer) ** 2
         disc = SolarDisc(math.asin(EARTH_RADIUS_M / distance_m), LimbDarkening(1.0, 0.0, 0.0))
-        direction = frame.direction_from_mcmf(towards / distance_m)
+        direction = Direction.from_mcmf(towards / distance_m, frame)
         return Source(direction, ratio, disc if as_disc else None, "Earth")
 
 

@@ -8,10 +8,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
+from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from ..geometry.frames import azimuth_elevation
+from ..geometry.direction import Direction
 from .environment_map import Panorama
 from .environment_sources import Split
 from .solar_disc import MEAN_SUN, SolarDisc
@@ -29,15 +28,13 @@ class Source:
     a point.
     """
 
-    direction: Array
+    direction: Direction
     irradiance: float = 1.0
     disc: SolarDisc | None = None
     name: str = "Sun"
 
-    @property
-    def elevation_rad(self) -> float:
-        east, north, up = self.direction
-        return math.atan2(up, math.hypot(east, north))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "direction", Direction.of(self.direction))
 
     @property
     def radius_rad(self) -> float:
@@ -46,11 +43,10 @@ class Source:
 
     def describe(self) -> dict[str, Any]:
         """For tags and ``--explain``; angles in the terrain's frame."""
-        azimuth, elevation = azimuth_elevation(self.direction)
         found: dict[str, Any] = {
             "name": self.name,
-            "azimuth_deg": float(azimuth),
-            "elevation_deg": float(elevation),
+            "azimuth_deg": self.direction.azimuth_deg,
+            "elevation_deg": self.direction.elevation_deg,
             "irradiance": self.irradiance,
         }
         return found | ({"radius_deg": math.degrees(self.radius_rad)} if self.disc else {})
@@ -66,10 +62,10 @@ class Lighting:
     sky: Panorama | None = None
 
     @classmethod
-    def of_sun(cls, direction: Array, disc: SolarDisc | bool = False) -> Lighting:
+    def of_sun(cls, direction: Direction | ArrayLike, disc: SolarDisc | bool = False) -> Lighting:
         """A lone Sun of irradiance one: a point, the mean disc (True), or a stated one."""
         size = disc if isinstance(disc, SolarDisc) else MEAN_SUN if disc else None
-        return cls((Source(np.asarray(direction, dtype=np.float64), disc=size),))
+        return cls((Source(Direction.of(direction), disc=size),))
 
     @classmethod
     def of_panorama(cls, split: Split) -> Lighting:
@@ -81,11 +77,11 @@ class Lighting:
         """
         unit = split.power_above
         sources = [
-            Source(bright.direction, bright.power / unit, name=f"source {number}")
+            Source(Direction(bright.direction), bright.power / unit, name=f"source {number}")
             for number, bright in enumerate(split.sources, start=1)
         ]
         if not sources:
-            sources = [Source(split.remainder.middle_above, 0.0, name="sky's middle")]
+            sources = [Source(Direction(split.remainder.middle_above), 0.0, name="sky's middle")]
         return cls(tuple(sources), split.remainder.times(1.0 / unit))
 
     @property
@@ -103,8 +99,8 @@ class Lighting:
         """Tangent of the elevation of the lowest limb of all sources; of those that may be up, where
         any may.
         """
-        limbs = [source.elevation_rad - source.radius_rad for source in self.sources]
-        tops = [source.elevation_rad + source.radius_rad for source in self.sources]
+        limbs = [source.direction.elevation_rad - source.radius_rad for source in self.sources]
+        tops = [source.direction.elevation_rad + source.radius_rad for source in self.sources]
         up = [limb for limb, top in zip(limbs, tops, strict=True) if top > -_NEVER_UP_RAD]
         return math.tan(max(min(up or limbs), -math.pi / 2.0))
 

@@ -132,7 +132,7 @@ def _lights(light: Lighting, accuracy: Accuracy) -> Iterator[tuple[Array, float]
     """Directions and irradiances that stand for all light; a disc by directions of equal flux."""
     for source in light.sources:
         if source.disc is None:
-            yield source.direction, source.irradiance
+            yield source.direction.vector, source.irradiance
             continue
         directions = disc_directions(source.direction, source.disc, accuracy)
         for direction in directions:

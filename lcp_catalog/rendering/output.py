@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from .._version import __version__
 from ..constants import FRAME, MOON_RADIUS_M
-from ..geometry.frames import azimuth_elevation
 from .rasters import geotiff, node_transform, orthographic_crs
 from .renderer import Rendering
 from .scene import Scene
@@ -46,7 +45,6 @@ def encode(scene: Scene, result: Rendering) -> bytes:
 def tags(scene: Scene) -> dict[str, str]:
     """What a result says about its making; no paths, no clock."""
     frame = scene.frame
-    azimuth, elevation = azimuth_elevation(scene.sun)
     gsd = {} if scene.gsd_m is None else {"gsd_m": repr(float(scene.gsd_m))}
     found = {
         "body": "MOON",
@@ -56,8 +54,8 @@ def tags(scene: Scene) -> dict[str, str]:
         "center_lat": repr(float(frame.lat_deg)),
         "reference_radius_m": repr(MOON_RADIUS_M),
         **gsd,
-        "sun_azimuth": repr(float(azimuth)),
-        "sun_elevation": repr(float(elevation)),
+        "sun_azimuth": repr(scene.sun.azimuth_deg),
+        "sun_elevation": repr(scene.sun.elevation_deg),
         "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
         "camera": json.dumps(scene.view.describe(), sort_keys=True),
         "sun_model": "disc" if scene.light.first.disc is not None else "point",

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, ImageError
+from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import risen
 from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
@@ -60,8 +60,8 @@ class HeightfieldScene:
     sources: tuple[Path, ...]
 
     @property
-    def sun(self) -> Array:
-        """ENU direction to the first source."""
+    def sun(self) -> Direction:
+        """Direction to the first source."""
         return self.light.first.direction
 
     @property
@@ -145,10 +145,12 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
     terrain, view, ring = _ground(request, dems, area, grows, light)
-    choice = choose_model(terrain, light.first.direction, view, request.accuracy, request.model)
+    choice = choose_model(
+        terrain, light.first.direction.vector, view, request.accuracy, request.model
+    )
     plan = plan_scene(
         terrain,
-        light.first.direction,
+        light.first.direction.vector,
         view,
         in_camera_plane=request.in_camera_plane,
         ring=ring,

@@ -95,7 +95,7 @@ def render_enu(
     Sun is below every horizon.
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
-    sun, disc = light.first.direction, light.first.disc is not None
+    sun, disc = light.first.direction.vector, light.first.disc is not None
     plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
     light = risen(terrain, light)
     check_camera(terrain, view)
@@ -162,7 +162,7 @@ def render_camera(
     edge-on).
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
-    sun, disc = light.first.direction, light.first.disc is not None
+    sun, disc = light.first.direction.vector, light.first.disc is not None
     view = camera_view(camera, terrain.frame)
     plan = plan or plan_scene(
         terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
@@ -242,7 +242,7 @@ def _share_at_points(
     """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 where they
     face away.
     """
-    share = np.where(np.sum(normals * source.direction, axis=-1) > 0, 1.0, 0.0)
+    share = np.where(np.sum(normals * source.direction.vector, axis=-1) > 0, 1.0, 0.0)
     facing = share > 0
     if source.irradiance == 0.0 or not shadows:
         return np.zeros_like(share) if source.irradiance == 0.0 else share
@@ -252,7 +252,7 @@ def _share_at_points(
         )
     else:
         seen_from = Points(terrain.field, points[facing], terrain.far)
-        share[facing] = ~seen_from.occluded(source.direction)
+        share[facing] = ~seen_from.occluded(source.direction.vector)
     return share
 
 
@@ -304,7 +304,7 @@ def _bands_parallel(
     the first's and seen of the whole window being brought up to date.
     """
     assert view.direction is not None
-    weights = [(s.direction, np.float32(s.irradiance) * share[rows]) for s, share in lights]
+    weights = [(s.direction.vector, np.float32(s.irradiance) * share[rows]) for s, share in lights]
     bands = bands_of_nodes(normals, weights, view.direction, model)
     lights[0][1][rows] *= bands.lit_side
     seen[rows] &= bands.near_side
@@ -330,5 +330,5 @@ def _radiance(
     normals: Array, source: Source, to_camera: Array, share: Band, model: Reflectance
 ) -> Array:
     """What another source adds to the radiance of points that are seen."""
-    factor = radiance_under(normals, source.direction, to_camera, share > 0.0, model)
+    factor = radiance_under(normals, source.direction.vector, to_camera, share > 0.0, model)
     return source.irradiance * share * factor

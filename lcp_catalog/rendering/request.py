@@ -11,6 +11,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
 from ..choices import SURFACES
+from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.earthshine import earth_at, mean_earth
 from ..light.environment import Environment
@@ -75,7 +76,7 @@ class Request:
         camera = self.view.camera
         to_sun = self.sun.direction_mcmf(frame, camera)
         disc = self.sun.disc(frame, camera) if self.sun_is_disc else False
-        light = Lighting.of_sun(frame.direction_from_mcmf(to_sun), disc)
+        light = Lighting.of_sun(Direction.from_mcmf(to_sun, frame), disc)
         if not self.earthshine:
             return light
         time = self.sun.instant(camera)

@@ -7,9 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from ..arrays import Array
 from ..cameras.view import View
 from ..errors import CameraError
+from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting
 from ..photometry.laws import Reflectance
@@ -35,7 +35,7 @@ class Scene(Protocol):
         """All light sources."""
 
     @property
-    def sun(self) -> Array:
+    def sun(self) -> Direction:
         """ENU unit vector (3,) to the first source."""
 
     @property

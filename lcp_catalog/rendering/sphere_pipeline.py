@@ -16,6 +16,7 @@ from ..cameras.view import View, camera_view, looking_camera
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..errors import AreaError, CameraError
 from ..geometry import sphere_intersection
+from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, enu_rotation
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
@@ -66,8 +67,8 @@ class SphereScene:
         return self.window.col0 * self.gsd_m, -self.window.row0 * self.gsd_m
 
     @property
-    def sun(self) -> Array:
-        """ENU direction to the first source."""
+    def sun(self) -> Direction:
+        """Direction to the first source."""
         return self.light.first.direction
 
     def expose(self) -> Rendering:

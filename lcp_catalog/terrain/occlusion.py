@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
 from ..arrays import Mask
+from ..geometry.direction import Direction
 from ..geometry.frames import direction_enu_rad
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
@@ -57,9 +58,9 @@ def _occluded(
         return field.occluded_nodes(direction, window)
     inside = field.checked_window(window)
     if accuracy.shadows == "lines":
-        east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
-        elevation = math.atan2(up, math.hypot(east, north))
-        masks = draft_occluded(field, math.atan2(east, north), np.array([elevation]), inside)
+        towards = Direction.of(direction)
+        elevations = np.array([towards.elevation_rad])
+        masks = draft_occluded(field, towards.azimuth_rad, elevations, inside)
         return masks[0].view(np.bool_)
     effort = PROVED if accuracy.shadows == "proved" else LIKELY
     return hybrid_occluded(field, ray, inside, effort)[0]

@@ -18,7 +18,8 @@ from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
-from ..geometry.frames import EnuFrame, azimuth_elevation, lonlat_to_mcmf
+from ..geometry.direction import Direction
+from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..images.image import Image
 from ..images.image_file import ImageOptions, center_of, open_image
 from ..images.pixels import image_shape
@@ -284,12 +285,12 @@ def _angles(photo: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
     """Pixel, Sun and view at a place of the sphere."""
     frame = EnuFrame(lon_deg, lat_deg)
     place = lonlat_to_mcmf(lon_deg, lat_deg)
-    azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(photo.sun_directions(place)))
+    sun = Direction.from_mcmf(photo.sun_directions(place), frame)
     up = float(frame.rotation[2] @ photo.sensor.towards(place))
     return {
         "pixel_m": float(pixel_size_m(photo.sensor, place)),
-        "sun_azimuth_deg": float(azimuth),
-        "sun_elevation_deg": float(elevation),
+        "sun_azimuth_deg": sun.azimuth_deg,
+        "sun_elevation_deg": sun.elevation_deg,
         "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
     }
 

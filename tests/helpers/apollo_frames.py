@@ -145,7 +145,7 @@ class Frame:
     @property
     def sun_elevation_deg(self) -> float:
         """At the middle of the area."""
-        return float(np.degrees(np.arcsin(self.scene.sun[2])))
+        return self.scene.sun.elevation_deg
 
     @property
     def phase_at_centre_deg(self) -> float:

@@ -110,7 +110,7 @@ def test_the_mean_earth_hangs_over_the_middle():
     assert earth.sub_earth == (0.0, 0.0)
     assert math.degrees(earth.phase_rad()) == pytest.approx(180.0)
     full = mean_earth([-1.0, 0.0, 0.0]).source(EnuFrame(0.0, 0.0))
-    assert full.direction == pytest.approx([0.0, 0.0, 1.0])
+    assert full.direction.vector == pytest.approx([0.0, 0.0, 1.0])
     distance = MEAN_DISTANCE_M - MOON_RADIUS_M
     assert full.irradiance == pytest.approx(EARTH_ALBEDO * (EARTH_RADIUS_M / distance) ** 2)
 
@@ -123,10 +123,10 @@ def test_the_earth_stands_where_a_place_sees_it(lon, lat):
     away = math.radians(float(central_angle_deg(lon, lat, 5.0, -3.0)))
     distance = math.sqrt(370e6**2 + MOON_RADIUS_M**2 - 2 * 370e6 * MOON_RADIUS_M * math.cos(away))
     elevation = math.asin((370e6 * math.cos(away) - MOON_RADIUS_M) / distance)
-    assert source.elevation_rad == pytest.approx(elevation, abs=1e-12)
+    assert source.direction.elevation_rad == pytest.approx(elevation, abs=1e-12)
     assert source.disc.radius_rad == pytest.approx(math.asin(EARTH_RADIUS_M / distance))
     if lat == -10.0:  # the Earth is west and a little north of there
-        assert source.direction[0] < 0.0 < source.direction[1]
+        assert source.direction.vector[0] < 0.0 < source.direction.vector[1]
 
 
 def test_the_suns_distance_from_place_and_earth_counts():

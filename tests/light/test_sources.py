@@ -124,7 +124,7 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
     frame = EnuFrame(0.0, 0.0)
     terrain, to_sun = make(z, frame), direction_enu(90, 6)
     earth = mean_earth(frame.direction_to_mcmf(to_sun)).source(frame)
-    assert earth.elevation_rad == pytest.approx(math.pi / 2)
+    assert earth.direction.elevation_rad == pytest.approx(math.pi / 2)
     model = reflectance_model("lambert")
     light = Lighting.of_sun(to_sun)
     how = {"model": model, "accuracy": TIERS["high"]}
@@ -173,7 +173,7 @@ def test_what_has_risen(craters):
 
 def test_an_overcast_sky_has_a_middle_to_speak_of():
     light = Lighting.of_panorama(split_sources(uniform(32)))
-    assert light.first.direction == pytest.approx([0, 0, 1])
+    assert light.first.direction.vector == pytest.approx([0, 0, 1])
     assert light.first.irradiance == 0.0
     assert light.sky.power_above == pytest.approx(1.0)
     found = render_enu(make(np.zeros((5, 5))), light, nadir_view(), accuracy=TIERS["standard"])
@@ -198,7 +198,7 @@ def test_turning_a_panorama_turns_its_sun():
         first = Environment.of(Panorama(image, turn)).lighting.first
         expected = direction_enu(20 + turn, 40)
         assert (
-            math.degrees(math.acos(min(1.0, first.direction @ expected))) < 1.5
+            math.degrees(math.acos(min(1.0, first.direction.vector @ expected))) < 1.5
         )  # pixels of 2 deg
 
 
@@ -206,9 +206,9 @@ def test_scaling_the_sun_darkens_the_sky_by_as_much():
     sky = room(90, [Lamp(20, 40, 3.0)], ambient=0.5)
     found, scaled = Environment.of(sky), Environment.of(sky, sun_sky_ratio=4.0)
     plain = [one.lighting for one in (found, scaled)]
-    level = math.sin(plain[1].first.elevation_rad) * plain[1].first.irradiance
+    level = math.sin(plain[1].first.direction.elevation_rad) * plain[1].first.irradiance
     assert level / plain[1].sky.horizontal_irradiance == pytest.approx(4.0)
-    assert plain[1].first.direction == pytest.approx(plain[0].first.direction)
+    assert plain[1].first.direction.vector == pytest.approx(plain[0].first.direction.vector)
 
 
 @pytest.mark.parametrize(("elevation", "below"), [(5.0, 5.0), (-3.0, -3.0), (-40.0, 10.0)])
