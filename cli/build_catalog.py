@@ -1,4 +1,4 @@
-"""``lcp build-catalog``: DEMs in, a catalogue of control points out."""
+"""``lcp build-catalog``: a catalogue of control points from DEMs."""
 
 from __future__ import annotations
 
@@ -42,30 +42,33 @@ EXIT_SOME_FAILED = 3
     "-j",
     type=click.IntRange(1),
     metavar="N",
-    help="Areas computed side by side; default: the cores of this machine.",
+    help="Number of areas computed at the same time; default: number of CPU cores.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="A dask scheduler to send the areas to.",
+    help="Compute the areas on the cluster of this dask scheduler (tcp://HOST:PORT).",
 )
 @click.option(
     "--plan",
     "plan_only",
     is_flag=True,
-    help="Say what the build would do; compute one area to time it.",
+    help="Print the number of areas and conditions, estimates of time, memory and file size, and the scene plan. One "
+    "area is computed for the estimates; nothing is written.",
 )
 @click.option(
     "--json",
     "as_json",
     is_flag=True,
-    help="With --plan: one JSON object on stdout.",
+    help="With --plan: print one JSON object.",
 )
 @click.option(
-    "--resume", is_flag=True, help="Take up the finished areas of a run that was broken off."
+    "--resume", is_flag=True, help="Continue an interrupted run: keep its finished areas."
 )
 @click.option(
-    "--keep-going", is_flag=True, help="Write the catalogue even if areas failed (exit code 3)."
+    "--keep-going",
+    is_flag=True,
+    help="If areas fail, write the catalogue without them (exit code 3).",
 )
 @overwrite_option
 @depfile_option
@@ -84,11 +87,12 @@ def command(
 ) -> int:
     """Build a catalogue of control points from one or more DEM files.
 
-    The region is cut into areas; each is rendered under every Sun and view that can happen there, and the points that can be
-    localised, are unique and do not depend on the relief around them are kept.
+    The region is divided into areas. Each area is rendered for every Sun and view that can occur there. Points are
+    kept if they can be localised, are unique within the search radius, and do not depend on the relief around them.
+    Without --center or --bounds the region is the whole DEM.
     """
     if output is None and not plan_only:
-        raise click.UsageError("-o CATALOG.h5 is missing (or say --plan)")
+        raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     config, workers = configuration(**flags), jobs or os.cpu_count() or 1

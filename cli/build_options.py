@@ -1,4 +1,4 @@
-"""What decides a build, for every command that plans one: the options that describe it and the configuration they make."""
+"""Options that describe a build, for every command that plans one, and the configuration they make."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .options import check_accuracy, check_albedo, check_area, option_group
 
 
 class NumberList(click.ParamType):
-    """Numbers with commas between them, or START:STOP:STEP with both ends included."""
+    """Comma-separated numbers, or START:STOP:STEP with both ends included."""
 
     name = "numbers"
 
@@ -57,7 +57,7 @@ config_option = click.option(
     "config_path",
     type=click.Path(path_type=Path),
     metavar="BUILD.toml",
-    help="The whole configuration; flags override it.",
+    help="Configuration of the build; options of the command line replace its values.",
 )
 
 sweep_options = option_group(
@@ -65,13 +65,13 @@ sweep_options = option_group(
         "--sun-azimuths",
         type=NumberList(),
         metavar="LIST",
-        help="Azimuths of the Sun's grid: A,B,C or START:STOP:STEP, degrees.",
+        help="Azimuths of the Sun, degrees: A,B,C or START:STOP:STEP; default: 0:345:15.",
     ),
     click.option(
         "--sun-elevations",
         type=NumberList(),
         metavar="LIST",
-        help="Elevations of the Sun's grid, degrees.",
+        help="Elevations of the Sun, degrees: A,B,C or START:STOP:STEP; default: 5,10,15,20,30,45,60,75.",
     ),
     click.option(
         "--view",
@@ -79,7 +79,8 @@ sweep_options = option_group(
         type=ViewParam(),
         multiple=True,
         metavar="OFF:AZ[:KM]",
-        help="A viewpoint: angle off the vertical at the point, azimuth, altitude; may be repeated.",
+        help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). Repeat "
+        "for more views. Default: 0, and 30 degrees from four azimuths.",
     ),
 )
 
@@ -89,21 +90,21 @@ point_options = option_group(
         "spacing_km",
         type=click.FloatRange(0, min_open=True),
         metavar="KM",
-        help="Least distance of two points; default: two patches.",
+        help="Least distance between two points; default: two patch widths.",
     ),
     click.option(
         "--search",
         "search_km",
         type=click.FloatRange(0, min_open=True),
         metavar="KM",
-        help="Radius inside which a point must be unique; default: 64 cells.",
+        help="Radius within which a point must be unique; default: 64 cells.",
     ),
     click.option(
         "--noise",
         "image_noise",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         metavar="SHARE",
-        help="1 sigma of image minus render, as a share of the mean signal; default 0.15.",
+        help="Standard deviation of image minus render, as a share of the mean signal; default: 0.15.",
     ),
 )
 
@@ -128,14 +129,14 @@ def configuration(
     albedo_encoding: str | None = None,
     albedo_reference: float | None = None,
 ) -> Any:
-    """The ``BuildConfig`` of the file with the flags laid over it. UsageError for flags that contradict each other."""
+    """The ``BuildConfig`` of the file, with the values of the options. UsageError for contradictory options."""
     from lcp_catalog.build.config import BuildConfig
 
     check_area(center, size_km, bounds)
     check_accuracy(accuracy, tolerance)
     config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
     check_albedo(albedo_path or config.model.albedo, albedo_encoding, albedo_reference)
-    if albedo_path:  # how the file's own map is read says nothing of another
+    if albedo_path:  # the file's encoding and reference belong to its own map
         config = dataclasses.replace(config, model=config.model.without_albedo)
     area: dict[str, Any] = {}
     if center or bounds:
@@ -173,12 +174,12 @@ def configuration(
 
 
 def _undecided(model: Any) -> Any:
-    """The file's model without its tier and tolerance: a flag replaces whichever of both it states."""
+    """The file's model without tier and tolerance: an option for one of them replaces both."""
     return dataclasses.replace(model, accuracy=None, tolerance=None)
 
 
 def _over(section: Any, **values: Any) -> Any:
-    """A section with the flags that were given; with an area given, what the file said of the area's place is dropped."""
+    """A section with the values that were given; a given area replaces the file's area."""
     given = {
         name: value for name, value in values.items() if value is not None or name == "size_km"
     }

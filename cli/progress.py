@@ -11,7 +11,7 @@ import click
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Give a callback ``(done, total)`` that draws the bar; without a terminal it draws nothing."""
+    """Yield a callback ``(done, total)`` that draws a progress bar; without a terminal it draws nothing."""
     if not sys.stderr.isatty():
         yield lambda done, total: None
         return

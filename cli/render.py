@@ -1,4 +1,4 @@
-"""``lcp render``: an area under one Sun and one view."""
+"""``lcp render``: one image of an area."""
 
 from __future__ import annotations
 
@@ -28,9 +28,12 @@ if TYPE_CHECKING:
 @options.model_options
 @options.albedo_options
 @render_options.composite_options
-@click.option("--preview", metavar="OUT.png", help="Also write a picture for the eye.")
+@click.option("--preview", metavar="OUT.png", help="Also write the radiance as an 8-bit PNG.")
 @click.option(
-    "--explain", is_flag=True, help="Say as JSON what is modelled and why; without -o only that."
+    "--explain",
+    is_flag=True,
+    help="Print the scene plan as JSON: which effects are modelled, why, and with what error bound. "
+    "Without -o nothing is rendered.",
 )
 @options.depfile_option
 @options.overwrite_option
@@ -43,15 +46,17 @@ def command(
     overwrite: bool,
     **flags: Any,
 ) -> None:
-    """Render an area of the Moon under one Sun and one view.
+    """Render one image of an area of the Moon.
 
-    The bands of OUT.tif are radiance, sunlit, visible, incidence, emission, phase and height
-    (in the camera's plane x, y, z instead of height). See docs/render.md.
+    The area is taken from --center and --size or from --bounds; without them it is what the camera sees, else
+    the whole DEM. The Sun is given by --sun-azimuth and --sun-elevation, by --time or by --subsolar; without
+    them it is the camera file's. Without view options the view is straight down.
 
-    Without a DEM, --surface sphere renders the plain sphere: see docs/sphere.md.
+    Bands of OUT.tif: radiance, sunlit, visible, incidence, emission, phase (degrees), and height (metres). With
+    --frame camera, x, y and z (metres, MCMF) take the place of height.
     """
     if output is None and not explain:
-        raise click.UsageError("say where to write with -o OUT.tif, or --explain")
+        raise click.UsageError("-o OUT.tif is missing (or --explain)")
     if output is None and (preview or depfile):
         raise click.UsageError("--preview and --depfile need -o OUT.tif")
     named = [name for name in (output, preview, depfile) if name]
@@ -74,7 +79,7 @@ def command(
 
 
 def _request(dem: tuple[str, ...], **flags: Any) -> Request:
-    """The library's request of the flags; usage errors for flags that do not go together."""
+    """The library's request for the options; usage errors for options that exclude each other."""
     options.check_area(flags["center"], flags["size_km"], flags["bounds"])
     angles = (flags["sun_azimuth"], flags["sun_elevation"])
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
@@ -103,7 +108,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
     if not sun_stated and panorama is None and (camera is None or not camera.has_sun):
         raise click.UsageError(
-            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
+            "no Sun: give --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
             + (f" ({flags['camera_path']} has none)" if camera else "")
         )
     area: Area | Cap | None = None
@@ -135,7 +140,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
 
 
 ENVIRONMENT = ("environment_azimuth", "environment_sources", "sun_sky_ratio")
-"""Flags that say how a panorama is used."""
+"""Options about the use of an environment map."""
 
 
 def _environment(
@@ -159,7 +164,7 @@ def _write(
     overwrite: bool,
     camera: list[str],
 ) -> None:
-    """Render and write; OUT.tif appears last, when everything else is whole."""
+    """Render and write the files; OUT.tif appears last, after the others are complete."""
     from lcp_catalog.atomic_files import depfile_text, write_aside
     from lcp_catalog.rendering.output import encode
     from lcp_catalog.rendering.rasters import picture, png

@@ -1,5 +1,5 @@
-"""What decides one render beside the shared options: its light, its view, its surface and what stands behind it; and which of
-these flags contradict each other.
+"""Options of ``lcp render`` besides the shared ones: light, view, surface, background; and checks of their
+combinations.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ light_options = option_group(
     click.option(
         "--earthshine",
         is_flag=True,
-        help="The Earth lights the scene, too; where it stands is by --time (or the camera's), else over longitude 0, "
-        "latitude 0.",
+        help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
+        "longitude 0, latitude 0.",
     ),
     click.option(
         "--environment",
         "environment_path",
         metavar="PANORAMA",
-        help="Instead of a Sun: a panorama of all directions (Radiance .hdr, or .pfm, .tif, .png), twice as wide as "
-        "high, its middle looking north.",
+        help="Light the scene with an environment map instead of the Sun: an equirectangular image of all directions "
+        "(.hdr, .pfm, .tif or .png), twice as wide as high, with north at its centre.",
     ),
     click.option(
         "--environment-azimuth",
         type=AZIMUTH,
         metavar="DEG",
-        help="Where the panorama's middle looks, clockwise from north; default: 0.",
+        help="Azimuth of the environment map's centre, degrees clockwise from north; default: 0.",
     ),
     click.option(
         "--environment-sources",
         nargs=3,
         type=click.Tuple([POSITIVE] * 3),
         metavar="T R M",
-        help="A bright source: its peak over T times the mean of 45 x 45 deg, its pixels within R deg and over M times "
-        "that mean; default: 6 5 2.",
+        help="Bright sources in the environment map: peak above T times the mean of its 45 x 45 deg segment, pixels "
+        "within R degrees of it and above M times that mean; default: 6 5 2.",
     ),
     click.option(
         "--sun-sky-ratio",
         type=POSITIVE,
         metavar="RATIO",
-        help="Scale the strongest source until it lights a horizontal plane so many times as the rest of the sky "
-        "(CIE clear sky: 4).",
+        help="Scale the strongest source so that its irradiance on a horizontal plane is RATIO times that of the rest "
+        "of the environment map (CIE clear sky: 4); default: not scaled.",
     ),
 )
 
@@ -56,21 +56,21 @@ composite_options = option_group(
         "catcher_m",
         type=Finite(),
         metavar="M",
-        help="Where a camera misses the terrain, the background under the shadows on a horizontal plane at this ENU "
-        "height.",
+        help="Height of a horizontal plane, metres (ENU z). Where the camera misses the terrain, shadows on this plane "
+        "darken the background.",
     ),
     click.option(
         "--background",
         "background_path",
         metavar="IMAGE",
-        help="What stands behind the terrain in the camera's plane; default with --environment: the panorama.",
+        help="Background image of the camera's plane; default: the environment map, if there is one.",
     ),
     click.option(
         "--background-white",
         type=POSITIVE,
         metavar="V",
-        help="Radiance of the background's 1 (of 8 and 16 bits: white); default: 1, and the render's own white for "
-        "8 and 16 bits.",
+        help="Radiance factor of the background's value 1 (in 8 and 16 bits: of white); default: 1, in 8 and 16 bits "
+        "the white of the preview.",
     ),
 )
 
@@ -79,33 +79,33 @@ view_options = option_group(
         "--camera",
         "camera_path",
         metavar="CAMERA.json",
-        help="Camera that looks: CAMERA.json, or USGS ISD or .tsai of a framing camera.",
+        help="Camera file: CAMERA.json, a USGS ISD or a .tsai file of a framing camera.",
     ),
     click.option(
         "--off-nadir",
         type=Number(0, 90, max_open=True),
         metavar="DEG",
-        help="Angle between the vertical and the camera at the area's centre.",
+        help="Angle between the vertical and the direction to the camera at the area's centre, degrees; default: 0.",
     ),
     click.option(
         "--view-azimuth",
         type=AZIMUTH,
         metavar="DEG",
-        help="Azimuth of the camera, seen from the area's centre.",
+        help="Azimuth of the camera, seen from the area's centre, degrees clockwise from north.",
     ),
     click.option(
         "--altitude",
         "altitude_km",
         type=POSITIVE,
         metavar="KM",
-        help="Altitude of the camera above the sphere; default: at infinity.",
+        help="Altitude of the camera above the reference sphere; default: infinity (parallel rays).",
     ),
     click.option(
         "--frame",
         type=click.Choice(["enu", "camera"]),
         default="enu",
         show_default=True,
-        help="Render at the ground's nodes, or in the camera's plane.",
+        help="Output raster: nodes of the area's ENU plane, or pixels of the camera.",
     ),
 )
 
@@ -114,8 +114,8 @@ surface_option = click.option(
     type=click.Choice(SURFACES),
     default=SURFACES[0],
     show_default=True,
-    help="The DEM's heights, or the plain sphere of 1737.4 km, which needs no DEM; auto: the sphere "
-    "where relief changes less than the accuracy admits.",
+    help="Surface: heights of the DEM, or a sphere of 1737.4 km (needs no DEM). auto: the heights, or "
+    "the sphere if relief changes the image by less than the accuracy permits.",
 )
 
 
@@ -126,16 +126,15 @@ def check_light(
     environment: str | None,
     **how: Any,
 ) -> None:
-    """Usage error for lights that exclude each other, and for what says how (by name) without a
-    panorama.
+    """Raise a usage error for lights that exclude each other, and for options about an environment map
+    (``how``, by name) without one.
     """
     if environment is not None and (sun_stated or sun_model is not None):
         raise click.UsageError(
-            "--environment is all the light there is: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar "
-            "and --sun"
+            "--environment replaces the Sun: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar and --sun"
         )
     if environment is not None and earthshine:
-        raise click.UsageError("--environment excludes --earthshine: the panorama holds all light")
+        raise click.UsageError("--environment excludes --earthshine")
     for name, value in how.items():
         if environment is None and value is not None:
             raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
@@ -148,7 +147,7 @@ def check_composite(
     environment: str | None,
     frame: str,
 ) -> None:
-    """Usage error for a background or a shadow catcher that has no camera, or nothing to darken."""
+    """Raise a usage error for a background or shadow catcher without a camera or without an image."""
     if (catcher_m is not None or background is not None) and frame != "camera":
         raise click.UsageError("--shadow-catcher and --background need --frame camera")
     if catcher_m is not None and background is None and environment is None:
@@ -166,12 +165,10 @@ def check_view(
     altitude_km: float | None,
     frame: str,
 ) -> None:
-    """Usage error for view flags that contradict each other or say half."""
+    """Raise a usage error for contradictory or incomplete view options."""
     oblique = any(value is not None for value in (off_nadir, view_azimuth, altitude_km))
     if camera_path and oblique:
-        raise click.UsageError(
-            "--camera excludes --off-nadir, --view-azimuth and --altitude: it is the view"
-        )
+        raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
     if off_nadir and view_azimuth is None:
         raise click.UsageError("--off-nadir needs --view-azimuth")
     if view_azimuth is not None and off_nadir is None:
@@ -181,11 +178,11 @@ def check_view(
 
 
 def check_surface(surface: str, dems: tuple[str, ...], size_km: float | None) -> None:
-    """Usage error for heights without a DEM, and for more of them than fit into one plane."""
+    """Raise a usage error for a heightfield without a DEM or wider than one plane can be."""
     if surface != "sphere" and not dems:
-        raise click.UsageError("no DEM: name one or more, or --surface sphere to render without")
+        raise click.UsageError("no DEM: give one or more, or --surface sphere")
     if surface != "sphere" and size_km is not None and size_km > HEIGHTFIELD_SIZE_MAX_KM:
         raise click.UsageError(
-            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; the plain "
-            "sphere as wide as the Moon: --surface sphere"
+            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; for "
+            "wider areas: --surface sphere"
         )

@@ -18,7 +18,11 @@ from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates
-from ..photometry.albedo_map import AlbedoMap
+from ..photometry.albedo_map import AlbedoMap, Cover
+from ..photometry.law_choice import Choice
+from ..rendering import decisions
+from ..rendering.decisions import Decision
+from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.area import Area
 from ..terrain.heightfield import Window
 from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
@@ -26,7 +30,7 @@ from ..terrain.terrain import Terrain, sample_patch
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate
-from .sweep import Conditions, Sweep, law_of_build
+from .sweep import Conditions, Sweep, plan_area
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +48,7 @@ class AreaJob:
     gsd_m: float
     config: BuildConfig
     dem_paths: tuple[Path, ...]
+    choice: Choice
     albedo: AlbedoMap | None = None
 
 
@@ -64,29 +69,43 @@ class Candidates:
         return len(self.lon_deg)
 
 
-def run_area(job: AreaJob) -> Candidates:
+@dataclass(frozen=True)
+class AreaResult:
+    """Candidates of an area, and the scene plan that its images follow."""
+
+    candidates: Candidates
+    plan: ScenePlan
+
+
+def run_area(job: AreaJob) -> AreaResult:
     """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
     dems = DemSet.open(job.dem_paths, job.config.dem.product_order)
-    terrain, sweep = area_sweep(job, dems)
-    core = _Core(job, terrain, _halo(job))
+    sweep = area_sweep(job, dems)
+    core = _Core(job, sweep.terrain, _halo(job))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
-    return _evaluated(job, dems, core, sweep, rows, cols)
+    return AreaResult(_evaluated(job, dems, core, sweep, rows, cols), sweep.plan)
 
 
-def area_sweep(job: AreaJob, dems: DemSet) -> tuple[Terrain, Sweep]:
-    """The area's terrain with its halo as the core window, and all its images."""
-    terrain = _terrain(job, dems, _halo(job))
-    conditions, model = Conditions.at(job.task.lat_deg, job.config), job.config.model
-    sweep = Sweep(
-        terrain.field,
-        terrain.core,
-        conditions,
-        law_of_build(job.config, job.region.lat_deg).model,
-        model.precision,
-        far=terrain.far,
-        brightness=job.albedo.known_nodes(terrain) if job.albedo else None,
-    )
-    return terrain, sweep
+def area_sweep(job: AreaJob, dems: DemSet) -> Sweep:
+    """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
+    terrain, beyond = _terrain(job, dems, _halo(job))
+    conditions = Conditions.at(job.task.lat_deg, job.config)
+    brightness = job.albedo.known_nodes(terrain) if job.albedo else None
+    albedo = _albedo_decision(job.albedo, terrain, brightness)
+    plan = plan_area(terrain, conditions, job.config, job.choice, beyond, albedo)
+    how = (job.choice.model, job.config.model.precision)
+    return Sweep(terrain, conditions, plan, *how, brightness=brightness)
+
+
+def _albedo_decision(
+    albedo: AlbedoMap | None, terrain: Terrain, brightness: NDArray[np.float32] | None
+) -> Decision | None:
+    """The decision about an albedo map, by its factors at the core's nodes; None without a map."""
+    if albedo is None or brightness is None:
+        return None
+    row0, row1, col0, col1 = terrain.core
+    known = np.isfinite(terrain.field.z_m[row0:row1, col0:col1])
+    return decisions.albedo(albedo, Cover.of(brightness.astype(np.float64), known))
 
 
 def _halo(job: AreaJob) -> int:
@@ -95,18 +114,22 @@ def _halo(job: AreaJob) -> int:
     return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
 
 
-def _terrain(job: AreaJob, dems: DemSet, halo: int) -> Terrain:
-    """The area with its halo as the core window, what can hide it from a view around it, and what
-    can shadow it under the lowest Sun, at most as far off as is configured.
+def _terrain(job: AreaJob, dems: DemSet, halo: int) -> tuple[Terrain, Decision]:
+    """The area with its halo as the core, the terrain around it that can hide it from a view or
+    shadow it under the lowest Sun, at most as far away as is configured; and what the plan says of
+    that.
     """
     place = (dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
     limit_m = job.config.model.ring_max_km * 1e3
     view_rad = np.radians(90.0 - max(job.config.view.off_nadir_deg))
-    ring_m = (
+    view_m = (
         ring_for_rays_m(*place, float(np.tan(view_rad)), limit_m) if view_rad < np.pi / 2 else 0.0
     )
     light = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
-    return build_surrounded(*place, surroundings(*place, light, ring_m, limit_m))
+    around = surroundings(*place, light, view_m, limit_m)
+    terrain = build_surrounded(*place, around)
+    needed_m = max(around.needed_m, view_m)
+    return terrain, ring_decision(terrain, around.ring_m, needed_m, limit_m)
 
 
 class _Core:

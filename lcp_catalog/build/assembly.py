@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import warnings
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..cameras.view import slant_range_m
 from ..catalog.hdf5 import Catalog, Coverage, Overview
 from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
-from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..landmarks.selection import coverage, select, stable_id
-from ..photometry.albedo_map import AlbedoMap, Cover
-from ..rendering import decisions as effects
-from ..rendering.decisions import Decision
-from ..rendering.error_bounds import limb_tangent
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.laws import Reflectance
+from ..rendering.plan import ScenePlan
 from ..terrain.area import Area, NodeWindow
 from ..terrain.terrain import build_terrain
-from .area_job import Candidates
+from .area_job import AreaResult, Candidates
 from .config import BuildConfig
 from .evaluation import Evaluation
-from .sweep import law_of_build
 
 OVERVIEW_NODES = 480
 """Longer side of the overview raster."""
@@ -45,15 +40,18 @@ def assemble(
     dem_paths: tuple[Path, ...],
     region: Area,
     gsd_m: float,
-    results: list[Candidates],
+    results: Mapping[str, AreaResult],
+    model: Reflectance,
     albedo: AlbedoMap | None = None,
 ) -> Catalog:
-    """Choose the points and fill every variable of the catalogue."""
+    """Choose the points among the areas' candidates (by the area's name) and fill every variable of
+    the catalogue; ``model``: the reflectance model of all images.
+    """
     dems = DemSet.open(dem_paths, config.dem.product_order)
-    everything = joined(results)
+    everything = joined([result.candidates for result in results.values()])
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
-    cover = albedo.cover_of(region, gsd_m) if albedo else None
+    plan = ScenePlan.merged({name: result.plan for name, result in results.items()})
     return Catalog(
         **_places(points, dems, gsd_m),
         **_worth(points.evaluation, config, gsd_m),
@@ -62,12 +60,10 @@ def assemble(
         view_off_nadir=np.array(config.view.off_nadir_deg),
         view_azimuth=np.array(config.view.azimuth_deg),
         view_altitude=np.array(config.view.altitude_km),
-        config=_resolved(config, region, gsd_m, spacing_m).to_toml(),
+        config=_resolved(config, region, gsd_m, spacing_m, model).to_toml(),
         sources=dems.sources(),
         albedo_map=albedo.provenance() if albedo else None,
-        scene_plan=json.dumps(
-            {"decisions": decisions(config, gsd_m, region.lat_deg, albedo, cover)}, sort_keys=True
-        ),
+        scene_plan=str(plan),
         overview=_overview(dems, region, gsd_m),
         coverage=_coverage(
             dems, region, everything, points, spacing_m, config.points.min_usable_conditions
@@ -257,62 +253,14 @@ def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     )
 
 
-def _resolved(config: BuildConfig, region: Area, gsd_m: float, spacing_m: float) -> BuildConfig:
+def _resolved(
+    config: BuildConfig, region: Area, gsd_m: float, spacing_m: float, model: Reflectance
+) -> BuildConfig:
     """The configuration with what was derived from the DEM filled in; no folders."""
     area = dataclasses.replace(config.area, gsd_m=gsd_m)
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
     search_m = config.points.search_nodes(gsd_m) * gsd_m
     points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
-    law = law_of_build(config, region.lat_deg).model.name
-    model = dataclasses.replace(config.model.portable, reflectance=law)
-    return dataclasses.replace(config, area=area, points=points, model=model)
-
-
-def decisions(
-    config: BuildConfig,
-    gsd_m: float,
-    lat_deg: float,
-    albedo: AlbedoMap | None = None,
-    cover: Cover | None = None,
-) -> list[dict[str, Any]]:
-    """What every area of a build models, as `scene_effects` says it: worst over all Suns and views. ``cover``: of the region
-    by the map of brightness.
-    """
-    accuracy, elevations = config.model.precision, config.sun.elevations_deg
-    light = math.tan(math.radians(min(elevations)))
-    limb = limb_tangent(direction_enu(0.0, min(elevations)))
-    lowest_view = math.tan(math.radians(90.0 - max(config.view.off_nadir_deg)))
-    rays, law = effects.Rays.of(accuracy), law_of_build(config, lat_deg)
-    made = [
-        effects.hiding("cast shadows", "the lowest Sun's elevation", light, None, rays),
-        effects.hiding("occlusion", "the lowest view's elevation", lowest_view, None, rays)
-        if any(config.view.off_nadir_deg)
-        else effects.straight_down(),
-        effects.perspective_of_patches(_widest_rad(config, gsd_m)),
-        effects.solar_disc(False, None, limb, math.inf, accuracy),
-        effects.surface(None, lowest_view, 0.0),
-        effects.float_width(),
-        effects.reflectance(law),
-        effects.ring_of_build(min(elevations), config.model.ring_max_km * 1e3),
-        *effects.always(config.model.area_nodes_max * gsd_m / math.sqrt(2.0)),
-        effects.albedo(albedo, cover),
-        Decision("dependence", True, _DEPENDENCE, 0.0, "share of nodes"),
-        Decision(
-            "one direction per area", True, _DIRECTION, config.model.direction_tolerance_deg, "deg"
-        ),
-    ]
-    return [asdict(decision) for decision in made]
-
-
-def _widest_rad(config: BuildConfig, gsd_m: float) -> float:
-    """By how much the directions from a patch's nodes to a camera differ at most from its point's,
-    slopes left aside."""
-    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
-    near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
-    half_m = config.points.half * gsd_m * math.sqrt(2.0)
-    return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
-
-
-_DEPENDENCE = "exact rays, the patch alone against all the terrain"
-_DIRECTION = "Sun and view are those of the area's centre, turned to the point's own north in steps of twice the tolerance"
+    section = dataclasses.replace(config.model.portable, reflectance=model.name)
+    return dataclasses.replace(config, area=area, points=points, model=section)

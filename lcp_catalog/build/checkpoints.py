@@ -18,7 +18,10 @@ import numpy as np
 
 from ..atomic_files import write_aside
 from ..errors import OutputExistsError
-from .area_job import Candidates
+from ..rendering.plan import ScenePlan
+from .area_job import AreaResult, Candidates
+
+_PLAN = "scene_plan"
 
 
 @dataclass(frozen=True)
@@ -51,18 +54,19 @@ class Shards:
     def path(self, name: str) -> Path:
         return self.folder / f"{name}.npz"
 
-    def write(self, name: str, result: Candidates) -> None:
+    def write(self, name: str, result: AreaResult) -> None:
         """Keep a finished area."""
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
-            arrays: dict[str, Any] = _flatten("", result)
+            arrays: dict[str, Any] = _flatten("", result.candidates)
+            arrays[_PLAN] = np.array(str(result.plan))
             np.savez(stream, **arrays)
 
-    def read(self, name: str) -> Candidates | None:
-        """A finished area, or None where there is none (or the file is damaged: it is computed again)."""
+    def read(self, name: str) -> AreaResult | None:
+        """A finished area; None if there is none or its file is damaged (it is computed again)."""
         try:
             with np.load(self.path(name), allow_pickle=False) as arrays:
-                result: Candidates = _unflatten("", Candidates, arrays)
-                return result
+                plan = ScenePlan.from_json(json.loads(str(arrays[_PLAN])))
+                return AreaResult(_unflatten("", Candidates, arrays), plan)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None
 

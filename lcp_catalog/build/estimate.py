@@ -9,7 +9,7 @@ import numpy as np
 
 from ..memory import peak_mb
 from ..threads import limit_threads
-from .area_job import Candidates, run_area
+from .area_job import AreaResult, run_area
 from .assembly import OVERVIEW_NODES, choose
 from .run import Build
 from .sweep import Conditions
@@ -31,7 +31,11 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     sample = sorted(range(len(cost)), key=cost.__getitem__)[len(cost) // 2]
     seconds, result = _measured(build, sample)
     ground = [int(np.prod(job.task.window.shape)) for job in build.jobs]
-    points = len(choose(result, build.config, build.gsd_m)) * sum(ground) / max(ground[sample], 1)
+    points = (
+        len(choose(result.candidates, build.config, build.gsd_m))
+        * sum(ground)
+        / max(ground[sample], 1)
+    )
     layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
     one_point = config.points.patch_nodes**2 * 4 * layers + int(np.prod(conditions[sample].shape))
     return {
@@ -46,11 +50,11 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "bytes_estimate": int(
             FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
         ),
-        "decisions": build.decisions(),
+        "decisions": result.plan.to_json()["decisions"],
     }
 
 
-def _measured(build: Build, index: int) -> tuple[float, Candidates]:
+def _measured(build: Build, index: int) -> tuple[float, AreaResult]:
     """Seconds of one area, on one thread, after a first run that compiles the kernels."""
     with limit_threads(1):
         run_area(build.jobs[index])

@@ -24,11 +24,12 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError, SunError
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
+from ..photometry.law_choice import Choice
 from ..terrain.area import Area
 from ..terrain.terrain import native_gsd_m
-from .area_job import AreaJob, Candidates, run_area
+from .area_job import AreaJob, AreaResult, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
-from .assembly import assemble, decisions
+from .assembly import assemble
 from .checkpoints import Shards
 from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
@@ -48,6 +49,7 @@ class Build:
     region: Area
     gsd_m: float
     jobs: tuple[AreaJob, ...]
+    choice: Choice
     albedo: AlbedoMap | None = None
 
     @classmethod
@@ -63,15 +65,13 @@ class Build:
         if not tasks:
             raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
         _require_sunlight(tasks, config)
-        law = law_of_build(config, region.lat_deg).model
-        spec = config.model.reflectance if law.file else law.name
-        lawful = replace(config, model=replace(config.model, reflectance=spec))
+        choice = law_of_build(config, region.lat_deg)
         albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
-        given = (grid, region, gsd_m, lawful, paths, albedo)
+        given = (grid, region, gsd_m, config, paths, choice, albedo)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, paths, region, gsd_m, jobs, albedo)
+        return cls(config, paths, region, gsd_m, jobs, choice, albedo)
 
     @property
     def files(self) -> list[Path]:
@@ -79,11 +79,6 @@ class Build:
         dems = [path for dem in DemSet.open(self.dem_paths).dems for path in dem.files]
         law = law_file(self.config.model.reflectance)
         return [*dems, *(self.albedo.files if self.albedo else ()), *([law] if law else ())]
-
-    def decisions(self) -> list[dict[str, Any]]:
-        """What is modelled, and why."""
-        cover = self.albedo.cover_of(self.region, self.gsd_m) if self.albedo else None
-        return decisions(self.config, self.gsd_m, self.region.lat_deg, self.albedo, cover)
 
     def fingerprint(self) -> str:
         """What decides the areas' content: version, configuration, and every file's bytes."""
@@ -190,7 +185,13 @@ def run_build(
             f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
         )
     catalog = assemble(
-        build.config, build.dem_paths, build.region, build.gsd_m, list(whole.values()), build.albedo
+        build.config,
+        build.dem_paths,
+        build.region,
+        build.gsd_m,
+        whole,
+        build.choice.model,
+        build.albedo,
     )
     write_catalog(catalog, output, overwrite=overwrite)
     shards.remove()
@@ -226,8 +227,8 @@ def _run_areas(
     return failed
 
 
-def _checked(outcome: Candidates) -> Candidates:
-    if not isinstance(outcome, Candidates):
+def _checked(outcome: AreaResult) -> AreaResult:
+    if not isinstance(outcome, AreaResult):
         raise TypeError(f"an area gave {type(outcome).__name__}")
     return outcome
 

@@ -1,12 +1,14 @@
-"""Every Sun and view of a site over one area: directions, shadows from one scan an azimuth, and the images.
+"""All images of an area: its Suns and views, the scene plan that holds for all of them, and the images.
 
-Angles belong to the area's centre; ``turn_rad`` rotates all azimuths, for points whose meridian converges with the centre's.
+Angles belong to the area's centre; ``turn_rad`` rotates all azimuths, for points whose meridian
+converges with the centre's.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,15 +16,19 @@ from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
 from ..arrays import Array, Mask
+from ..cameras.view import View, slant_range_m
 from ..geometry.frames import direction_enu
-from ..kernels.photometry.images import shade_nodes
 from ..photometry.albedo_map import neutral
 from ..photometry.law_choice import Choice, choose, named
-from ..photometry.laws import Reflectance
+from ..photometry.laws import Reflectance, planes_of, radiance_of_nodes
+from ..rendering import decisions
+from ..rendering.decisions import Decision
+from ..rendering.plan import ScenePlan, is_vertical, plan_scene
 from ..sun.reachable import reachable_suns
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
+from ..terrain.terrain import Terrain
 from .config import BuildConfig
 
 
@@ -93,62 +99,132 @@ class RenderedImage:
     radiance: NDArray[np.float32]
 
 
+def plan_area(
+    terrain: Terrain,
+    conditions: Conditions,
+    config: BuildConfig,
+    choice: Choice,
+    surroundings: Decision,
+    albedo: Decision | None,
+) -> ScenePlan:
+    """The decisions for all images of an area: those of a render under its lowest Sun and from its
+    lowest view, which hold for all others, and what is particular to a build.
+    """
+    lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
+    sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
+    view = View(direction=conditions.view_direction(int(conditions.off_nadir_deg.argmax()), 0.0))
+    plan = plan_scene(
+        terrain,
+        sun,
+        view,
+        ring=surroundings,
+        accuracy=config.model.precision,
+        model=choice.model,
+        choice=choice,
+        albedo=albedo,
+        lowest=True,
+    )
+    own = decisions.of_a_build(config.model.direction_tolerance_deg)
+    patch_rad = _patch_angle_rad(config, terrain.field.gsd_m)
+    return replace(
+        plan,
+        perspective=decisions.perspective_of_patches(patch_rad),
+        others=(*plan.others, *own),
+    )
+
+
+def _patch_angle_rad(config: BuildConfig, gsd_m: float) -> float:
+    """Greatest angle between the directions to a camera from a patch's nodes and from its point,
+    slopes not considered; 0 where all views are at infinity.
+    """
+    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
+    near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
+    half_m = config.points.half * gsd_m * math.sqrt(2.0)
+    return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
+
+
 @dataclass(frozen=True)
 class Sweep:
-    """All images of a window of a heightfield under the conditions, one after the other."""
+    """All images of a terrain's core under the conditions, one after the other, as the scene plan
+    says. The radiance of nodes is that of a render (`photometry.laws.radiance_of_nodes`).
+    """
 
-    field: Heightfield
-    window: Window
+    terrain: Terrain
     conditions: Conditions
-    reflectance: Reflectance
+    plan: ScenePlan
+    model: Reflectance
     accuracy: Accuracy
     turn_rad: float = 0.0
-    far: FarTerrain | None = None  # terrain beyond the field, for its shadows
     brightness: NDArray[np.float32] | None = None
-    """Relative albedo of the window's nodes, NaN where it is not known; None: all ground alike."""
+    """Relative albedo of the core's nodes, NaN where it is not known; None without a map."""
+
+    def __post_init__(self) -> None:
+        if self.plan.solar_disc.modelled or self.plan.perspective.modelled:
+            raise ValueError("a sweep has a point Sun and parallel views")
+
+    @property
+    def field(self) -> Heightfield:
+        """The heightfield."""
+        return self.terrain.field
+
+    @property
+    def window(self) -> Window:
+        """The core: the part of the heightfield that is rendered."""
+        return self.terrain.core
+
+    @property
+    def far(self) -> FarTerrain | None:
+        """The terrain beyond the heightfield."""
+        return self.terrain.far
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
+        """Unit normals of the core's nodes, (rows, cols, 3)."""
         return self.field.normals(self.window)
 
     @cached_property
     def planes(self) -> NDArray[np.float32]:
         """The normals' components, each a raster, (3, rows, cols)."""
-        return np.ascontiguousarray(np.moveaxis(self.normals, -1, 0))
+        return planes_of(self.normals)
 
     @cached_property
     def unseen(self) -> list[Mask]:
-        """For each view the nodes that terrain hides (nodata is NaN in the normals)."""
+        """For each view the nodes that terrain hides."""
         views = range(len(self.conditions.off_nadir_deg))
-        return [
-            self._occluded(self.conditions.view_direction(view, self.turn_rad)) for view in views
-        ]
+        return [self._hidden(self.conditions.view_direction(v, self.turn_rad)) for v in views]
 
-    def _occluded(self, direction: Array) -> Mask:
-        if direction[2] >= 1.0 - 1e-15:  # straight above: a heightfield hides nothing of itself
+    def _hidden(self, direction: Array) -> Mask:
+        if not self.plan.occlusion.modelled or is_vertical(direction):
             return np.zeros(self.normals.shape[:2], dtype=np.bool_)
         return occluded(self.field, direction, self.accuracy, self.window)
 
+    def _dark(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
+        """1 where terrain keeps the Sun from a node, uint8 (elevations, rows, cols)."""
+        if not self.plan.cast_shadows.modelled:
+            return np.zeros((len(elevations), *self.normals.shape[:2]), dtype=np.uint8)
+        azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad
+        elevations_rad = np.radians(self.conditions.sun_elevation_deg[elevations])
+        return occluded_sweep(
+            self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window, self.far
+        )
+
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
-        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those named)."""
+        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
-        law = (self.reflectance.code, self.reflectance.numbers)
-        factors = None if self.brightness is None else neutral(self.brightness)
+        factors = None
+        if self.plan.albedo.modelled and self.brightness is not None:
+            factors = neutral(self.brightness)
         for azimuth in range(len(self.conditions.sun_azimuth_deg)):
             elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
             if not len(elevations):
                 continue
-            azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad
-            elevations_rad = np.radians(self.conditions.sun_elevation_deg[elevations])
-            dark = occluded_sweep(
-                self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window, self.far
-            )
+            dark = self._dark(azimuth, elevations)
             for slot, elevation in enumerate(elevations):
                 sun = self.conditions.sun_direction(int(elevation), azimuth, self.turn_rad)
                 for view in wanted:
                     camera = self.conditions.view_direction(view, self.turn_rad)
-                    radiance = shade_nodes(
-                        self.planes, sun, camera, dark[slot], self.unseen[view], *law
+                    radiance = radiance_of_nodes(
+                        self.planes, sun, camera, dark[slot], self.unseen[view], self.model
                     )
                     if factors is not None:
                         radiance *= factors

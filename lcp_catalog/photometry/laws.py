@@ -202,7 +202,7 @@ class NodeBands(NamedTuple):
 
 def bands_of_nodes(
     normals: NDArray[np.float32],
-    lights: Sequence[tuple[Array, NDArray[np.floating]]],
+    lights: Sequence[tuple[Array, NDArray[np.floating] | NDArray[np.bool_]]],
     camera: Array,
     model: Reflectance = DEFAULT_MODEL,
 ) -> NodeBands:
@@ -210,10 +210,11 @@ def bands_of_nodes(
     times as fast.
 
     normals (rows, cols, 3); lights: direction (3,) and weight (rows, cols), the irradiance times
-    the share of it that arrives; camera (3,). The angles are those to the first light. The
-    radiance is 0, not NaN, on the far side.
+    the share of it that arrives, or, of a lone point of irradiance 1, a mask of the nodes that it
+    reaches; camera (3,). The angles are those to the first light. On the far side the radiance has
+    no meaning.
     """
-    planes = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+    planes = planes_of(normals)
     shape = normals.shape[:2]
     incidence, emission = np.empty(shape, np.float32), np.empty(shape, np.float32)
     lit_side, near_side = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
@@ -223,11 +224,40 @@ def bands_of_nodes(
     across = float(np.linalg.norm(np.cross(sun, camera)))
     phase = np.full(shape, math.degrees(math.atan2(across, float(sun @ camera))), np.float32)
     phase[np.isnan(incidence)] = np.nan
+    if len(lights) == 1 and lights[0][1].dtype == np.bool_:
+        dark = np.logical_not(lights[0][1]).view(np.uint8)
+        radiance = radiance_of_nodes(planes, sun, camera, dark, np.zeros(shape, np.bool_), model)
+        return NodeBands(radiance, incidence, emission, phase, lit_side, near_side)
     radiance = np.zeros(shape, np.float32)
     for direction, weight in lights:
         towards, share = np.asarray(direction, np.float64), np.asarray(weight, np.float32)
         images.add_light(radiance, planes, towards, camera, share, model.code, model.numbers)
     return NodeBands(radiance, incidence, emission, phase, lit_side, near_side)
+
+
+def planes_of(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The components of normals (rows, cols, 3), each a raster: (3, rows, cols)."""
+    return np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+
+
+def radiance_of_nodes(
+    planes: NDArray[np.float32],
+    sun: Array,
+    camera: Array,
+    dark: NDArray[np.uint8],
+    unseen: NDArray[np.bool_],
+    model: Reflectance = DEFAULT_MODEL,
+) -> NDArray[np.float32]:
+    """Radiance factor (rows, cols) of nodes under one distant point source and one parallel view, in
+    single precision; for renders and for the images of a build.
+
+    planes: `planes_of` the normals; sun, camera (3,): unit vectors; dark, unseen (rows, cols): nodes
+    that terrain keeps from the Sun or from the camera. 0 where seen but not lit; NaN where hidden, on
+    the far side, or without a normal.
+    """
+    return np.asarray(
+        images.shade_nodes(planes, sun, camera, dark, unseen, model.code, model.numbers)
+    )
 
 
 def _flat(vectors: NDArray[np.floating]) -> Array:

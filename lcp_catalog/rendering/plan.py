@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +50,7 @@ _SLOPE_NODES = 256  # of a side, whose slopes say how rough a terrain is
 
 @dataclass(frozen=True)
 class ScenePlan:
-    """All decisions of a render; a render looks at the first four."""
+    """All decisions of a scene: of one image, or of all images of a build."""
 
     cast_shadows: Decision
     occlusion: Decision
@@ -57,12 +59,33 @@ class ScenePlan:
     relief: Decision
     float_width: Decision
     reflectance: Decision
+    albedo: Decision
     others: tuple[Decision, ...] = ()
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
-        named = (self.cast_shadows, self.occlusion, self.perspective, self.solar_disc)
-        return (*named, self.relief, self.float_width, self.reflectance, *self.others)
+        """Every decision: the named ones in the order of the fields, then the others."""
+        return (*(getattr(self, name) for name in _NAMED), *self.others)
+
+    @classmethod
+    def of(cls, decisions: Sequence[Decision]) -> ScenePlan:
+        """The plan of a list in the order of `decisions`."""
+        named = dict(zip(_NAMED, decisions, strict=False))
+        return cls(**named, others=tuple(decisions[len(_NAMED) :]))
+
+    @classmethod
+    def merged(cls, by_area: Mapping[str, ScenePlan]) -> ScenePlan:
+        """One plan for several areas, each decision by `Decision.merged`."""
+        columns = zip(*(plan.decisions for plan in by_area.values()), strict=True)
+        names = list(by_area)
+        return cls.of(
+            [Decision.merged(dict(zip(names, column, strict=True))) for column in columns]
+        )
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> ScenePlan:
+        """The plan of a document that `to_json` gave."""
+        return cls.of([Decision(**decision) for decision in document["decisions"]])
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
         """The document of ``lcp render --explain``."""
@@ -70,6 +93,9 @@ class ScenePlan:
 
     def __str__(self) -> str:
         return json.dumps(self.to_json(), sort_keys=True)
+
+
+_NAMED = tuple(field.name for field in fields(ScenePlan) if field.name != "others")
 
 
 def plan_scene(
@@ -87,8 +113,12 @@ def plan_scene(
     albedo: Decision | None = None,
     everything: bool = False,
     sphere_may_do: bool = False,
+    lowest: bool = False,
 ) -> ScenePlan:
     """Decide for a terrain, an ENU direction to the Sun (its middle, where ``disc``) and a view.
+
+    ``lowest``: the Sun and the view are the lowest of several. All that is decided depends on their
+    elevations only and changes monotonically with them, so the plan holds for the higher ones.
 
     ``albedo``: the decision about a map of brightness, none: there is no map.
     ``choice``: how the law of reflection was found, where that is known. ``everything``: leave
@@ -109,8 +139,13 @@ def plan_scene(
     half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
     if everything:
         accuracy = replace(accuracy, tolerance=0.0)
-    lowest = limb if disc_decision.modelled else None
-    hidden = _shadows(light_slope, sun, lowest, in_camera_plane, accuracy)
+    which = "the lowest" if lowest else "the"
+    what = f"{which} Sun's elevation"
+    if disc_decision.modelled:
+        what = f"the elevation of {which} Sun's lower limb"
+    light = limb if disc_decision.modelled else tangent_of(sun)
+    rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
+    hidden = effects.hiding("cast shadows", what, light, light_slope, rays)
     plain = None
     if sphere_may_do and not hidden.modelled and found.slope.clears(least_view):
         pixel = pixel_m(found, view, in_camera_plane)
@@ -118,7 +153,7 @@ def plan_scene(
         plain = _sphere(terrain, sun, view, model, *how)
     return ScenePlan(
         cast_shadows=hidden,
-        occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy),
+        occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy, lowest),
         perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
         solar_disc=disc_decision,
         relief=effects.surface(found, least_view, away_m, plain, accuracy),
@@ -126,11 +161,8 @@ def plan_scene(
         reflectance=effects.reflectance(choice)
         if choice
         else effects.reflectance_as_asked(model.name),
-        others=(
-            *((ring,) if ring is not None else ()),
-            *effects.always(half_m),
-            albedo or effects.albedo(),
-        ),
+        albedo=albedo or effects.albedo(),
+        others=(*((ring,) if ring is not None else ()), *effects.always(half_m)),
     )
 
 
@@ -164,34 +196,27 @@ def _disc(
     return effects.solar_disc(asked, slope, limb, width, accuracy)
 
 
-def _shadows(
-    slope: Steepness | None,
-    sun: Array,
-    limb: float | None,
-    in_camera_plane: bool,
-    accuracy: Accuracy,
-) -> Decision:
-    rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
-    if limb is not None:
-        return effects.hiding(
-            "cast shadows", "the elevation of the Sun's lower limb", limb, slope, rays
-        )
-    return effects.hiding("cast shadows", "the Sun's elevation", tangent_of(sun), slope, rays)
-
-
 def _occlusion(
     slope: Steepness | None,
     view: View,
     least_tangent: float,
     in_camera_plane: bool,
     accuracy: Accuracy,
+    lowest: bool,
 ) -> Decision:
     if in_camera_plane:
         reason = "every pixel's ray is traced to its first hit"
         return Decision("occlusion", True, reason, 0.0, "share of nodes")
+    if view.direction is not None and is_vertical(view.direction):
+        return effects.straight_down()
     rays = EVERY_NODE if view.direction is None else Rays.of(accuracy)
-    what = "the camera's least elevation"
+    what = "the lowest view's elevation" if lowest else "the camera's least elevation"
     return effects.hiding("occlusion", what, least_tangent, slope, rays)
+
+
+def is_vertical(direction: Array) -> bool:
+    """True if an ENU unit vector (3,) points straight up, but for rounding."""
+    return bool(direction[2] >= 1.0 - 1e-15)
 
 
 def _perspective(
@@ -239,19 +264,25 @@ def choose_model(
     return choose(accuracy, suns[None], cameras[None], slope_rms, asked)
 
 
-def ring_decision(terrain: Terrain, ring_m: float, needed_m: float) -> Decision:
+def ring_decision(
+    terrain: Terrain, ring_m: float, needed_m: float, limit_m: float = REACH_MAX_M
+) -> Decision:
     """What the terrain around an area holds, and what it does not; ``ring_m``: the width of what
-    has the area's own cells.
+    has the area's own cells; ``limit_m``: no terrain further away was read.
     """
     ring, box, far = ring_of(terrain), core_box(terrain), terrain.far
     known_m = min(ring_m if needed_m > ring_m and far is None else math.inf, ring.gap_m)
     if far is not None:
-        known_m = min(known_m, far.gap_m, REACH_MAX_M if needed_m >= REACH_MAX_M else math.inf)
-    horizon = 0.0
+        known_m = min(known_m, far.gap_m)
+    limited = limit_m < REACH_MAX_M or (far is not None and needed_m >= limit_m)
+    if limited:
+        known_m = min(known_m, limit_m)
+    horizon = None
     if math.isfinite(known_m):
         sides = np.concatenate([-box.low_m[:2], box.high_m[:2]])
         lowest, origin_m = float(box.low_m[2]), float(sides.min()) + known_m
         horizon = horizon_beyond_rad(known_m, lowest, origin_m, terrain.frame.height_m)
+    rest = (terrain.field.gsd_m, limit_m if limited else None, horizon)
     if far is not None:
-        return effects.far_terrain(ring_m, needed_m, ring, far, terrain.field.gsd_m, horizon)
-    return effects.near_terrain(ring_m, needed_m, ring, terrain.field.gsd_m, horizon)
+        return effects.far_terrain(ring_m, needed_m, ring, far, *rest)
+    return effects.near_terrain(ring_m, needed_m, ring, *rest)

@@ -304,7 +304,12 @@ def _bands_parallel(
     the first's and seen of the whole window being brought up to date.
     """
     assert view.direction is not None
-    weights = [(s.direction.vector, np.float32(s.irradiance) * share[rows]) for s, share in lights]
+    weights: list[tuple[Array, Band | Mask]] = [
+        (s.direction.vector, np.float32(s.irradiance) * share[rows]) for s, share in lights
+    ]
+    first = lights[0][0]
+    if len(lights) == 1 and first.disc is None and first.irradiance == 1.0:
+        weights = [(first.direction.vector, lights[0][1][rows] > 0.0)]
     bands = bands_of_nodes(normals, weights, view.direction, model)
     lights[0][1][rows] *= bands.lit_side
     seen[rows] &= bands.near_side

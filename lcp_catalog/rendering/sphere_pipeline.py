@@ -240,49 +240,46 @@ def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
 def _plan(
     light: Lighting, choice: Choice, shift_px: float, half_m: float, albedo: Decision | None
 ) -> ScenePlan:
-    """``shift_px``: by how many pixels the Moon's highest ground would be shifted; ``half_m``: from
-    the middle of what is drawn to its farthest point.
+    """The plan of a render on the plain sphere. Relief is left out, and without heights only the
+    Moon's extreme heights bound its effect.
+
+    ``shift_px``: shift of the Moon's highest terrain; ``half_m``: distance from the middle of what
+    is rendered to its farthest point.
     """
+    share = "share of nodes"
+    shadows = "the plain sphere: its night side is dark; relief casts no shadow"
+    hidden = "the plain sphere: it hides what lies behind its limb, exactly; relief hides nothing"
     return ScenePlan(
-        cast_shadows=_cast_shadows(),
-        occlusion=_occlusion(),
-        perspective=Decision(
-            decisions.PERSPECTIVE, True, "a direction a point", 0.0, decisions.PERSPECTIVE_UNIT
-        ),
+        cast_shadows=Decision("cast shadows", False, shadows, None, share),
+        occlusion=Decision("occlusion", False, hidden, None, share),
+        perspective=decisions.perspective_of_nodes(),
         solar_disc=_solar_disc(light),
         relief=_relief(shift_px),
-        float_width=Decision("float width", True, "float64 throughout", 0.0, "rad of a normal"),
+        float_width=Decision("float width", True, "float64", 0.0, "rad of a normal"),
         reflectance=decisions.reflectance(choice),
-        others=(_curvature(), *decisions.always(half_m)[1:], albedo or decisions.albedo()),
+        albedo=albedo or decisions.albedo(),
+        others=(
+            Decision("curvature", True, "the surface is the sphere itself", 0.0, "m"),
+            *decisions.always(half_m)[1:],
+        ),
     )
-
-
-def _curvature() -> Decision:
-    return Decision("curvature", True, "the surface is the sphere itself", 0.0, "m")
-
-
-def _cast_shadows() -> Decision:
-    reason = "the plain sphere: its own night side is dark, and relief casts no shadow"
-    return Decision("cast shadows", False, reason, None, "share of nodes")
-
-
-def _occlusion() -> Decision:
-    reason = "the plain sphere: what lies behind its limb is hidden, exactly; relief hides nothing"
-    return Decision("occlusion", False, reason, None, "share of nodes")
 
 
 def _solar_disc(light: Lighting) -> Decision:
     effect, unit = "solar disc", "share of the disc"
     if light.first.disc is None:
         return Decision(effect, False, "a point Sun", 1.0, unit)
-    reason = "its share above each point's level horizon, and that part's cosine of incidence: closed forms"
+    reason = (
+        "closed forms of the share of the disc above each point's level horizon, and of the mean "
+        "cosine of incidence of that share"
+    )
     return Decision(effect, True, reason, TIERS["reference"].disc_rms, unit)
 
 
 def _relief(shift_px: float) -> Decision:
     reason = (
-        f"the plain sphere, as asked; the Moon's ground lies {LOWEST_M / 1e3:g} to "
-        f"{HIGHEST_M / 1e3:g} km off it"
+        f"the plain sphere, as asked; the Moon's surface lies {LOWEST_M / 1e3:g} to "
+        f"{HIGHEST_M / 1e3:g} km above it"
     )
     if not math.isfinite(shift_px):
         return Decision("relief", False, reason, None, "pixels")

@@ -109,7 +109,7 @@ def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], P
 def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
     """The area's sweep in every tier over one terrain, with a view from straight above added where the build has none."""
     job = jobs[REFERENCE]
-    _, exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+    exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
     conditions = exact.conditions
     if not (conditions.off_nadir_deg == 0.0).any():
         conditions = dataclasses.replace(

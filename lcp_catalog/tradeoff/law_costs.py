@@ -82,10 +82,9 @@ def compare_models(job: AreaJob) -> ModelChanges:
     """An area's images under each of `LAWS_BY_COST`, on one thread, the laws in turn image by image."""
     found = ModelChanges()
     with limit_threads(1):
-        _, sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+        sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
         sweeps = {
-            law: dataclasses.replace(sweep, reflectance=reflectance_model(law))
-            for law in LAWS_BY_COST
+            law: dataclasses.replace(sweep, model=reflectance_model(law)) for law in LAWS_BY_COST
         }
         for ready in sweeps.values():  # what is made once is made before anything is timed
             next(dataclasses.replace(ready).images(), None)

@@ -17,7 +17,7 @@ import numpy as np
 from ..accuracy import DEFAULT_TIER, TIERS
 from ..build.area_job import AreaJob, run_area
 from ..build.run import Build
-from ..build.sweep import Conditions, law_of_build
+from ..build.sweep import Conditions
 from ..dem.mosaic import DemSet
 from ..errors import ConfigError
 from ..geometry.frames import lonlat_to_mcmf
@@ -219,7 +219,7 @@ def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) 
         "sun_elevations_deg": list(config.sun.elevations_deg),
         "views": len(config.view),
         "view_off_nadir_deg": list(config.view.off_nadir_deg),
-        "reflectance": law_of_build(config, build.region.lat_deg).model.name,
+        "reflectance": build.choice.model.name,
         "threads": 1,
         "rounds": rounds,
         "own_process": isolated,

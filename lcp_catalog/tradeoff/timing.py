@@ -40,7 +40,7 @@ def timed_area(job: AreaJob) -> TimedArea:
         wall, own = time.perf_counter(), time.process_time()
         result = run_area(job)
         wall, own = time.perf_counter() - wall, time.process_time() - own
-    return TimedArea(wall, own, result, before_mb, peak_mb())
+    return TimedArea(wall, own, result.candidates, before_mb, peak_mb())
 
 
 class Workers:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.build import run
-from lcp_catalog.build.area_job import run_area
+from lcp_catalog.build.area_job import area_sweep, run_area
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -25,6 +26,7 @@ from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
+from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import build_terrain
@@ -109,7 +111,7 @@ def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
 def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
     """One of many of a region near a pole; a region of nothing else is refused."""
     night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
-    assert len(run_area(dataclasses.replace(plan.jobs[0], config=night))) == 0
+    assert len(run_area(dataclasses.replace(plan.jobs[0], config=night)).candidates) == 0
     with pytest.raises(SunError, match=r"at latitude 24\.6 deg it stands at most 67\.2 deg"):
         Build.plan((DEM,), night)
 
@@ -169,6 +171,15 @@ def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
     ).all()
 
 
+def test_the_stored_plan_is_the_merged_plan_of_the_areas(plan: Build, catalog: Catalog) -> None:
+    """Also of areas that were read back from their checkpoints."""
+    dems = DemSet.open([DEM])
+    plans = {job.task.name: area_sweep(job, dems).plan for job in plan.jobs}
+    assert len(plans) > 1
+    assert catalog.scene_plan == ScenePlan.merged(plans).to_json()
+    assert all(ScenePlan.from_json(json.loads(str(one))) == one for one in plans.values())
+
+
 def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: Path) -> None:
     run_build(plan, tmp_path / "two.h5", jobs=2)
     assert (tmp_path / "two.h5").read_bytes() == built.read_bytes()
@@ -181,7 +192,7 @@ def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> 
     )
     task = Build.plan((DEM,), CONFIG).jobs[len(Build.plan((DEM,), CONFIG).jobs) // 2]
     twin = next(job for job in Build.plan((DEM,), other).jobs if job.task.name == task.task.name)
-    ours, theirs = run_area(task), run_area(twin)
+    ours, theirs = run_area(task).candidates, run_area(twin).candidates
     places = {tuple(p) for p in np.round(lonlat_to_mcmf(ours.lon_deg, ours.lat_deg), 1).tolist()}
     again = {tuple(p) for p in np.round(lonlat_to_mcmf(theirs.lon_deg, theirs.lat_deg), 1).tolist()}
     assert len(places & again) >= 0.5 * min(len(places), len(again)) > 0

@@ -112,8 +112,9 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
 def test_the_images_are_those_without_times_the_factor(built: tuple[Build, Path]) -> None:
     """At every node: the closed form at the node's own longitude and latitude, over the reference."""
     job = built[0].jobs[0]
-    terrain, lit = area_sweep(job, DemSet.open(job.dem_paths))
-    _, bare = area_sweep(dataclasses.replace(job, albedo=None), DemSet.open(job.dem_paths))
+    lit = area_sweep(job, DemSet.open(job.dem_paths))
+    bare = area_sweep(dataclasses.replace(job, albedo=None), DemSet.open(job.dem_paths))
+    terrain = lit.terrain
     row0, row1, col0, col1 = terrain.core
     field = terrain.field
     x = field.x0_m + np.arange(col0, col1) * GSD_M
@@ -243,7 +244,7 @@ def test_where_the_map_ends_inside_a_patch_is_no_point(
     path = brightness_map(tmp_path / "west.tif", 178.5, 280)
     plan = Build.plan((ball,), with_map(path, albedo_reference=0.1))
     assert "of the area; the factor is 1 there" in caplog.text
-    results = [run_area(job) for job in plan.jobs]
+    results = [run_area(job).candidates for job in plan.jobs]
     lon = np.concatenate([found.lon_deg for found in results])
     albedo = np.concatenate([found.albedo for found in results])
     known = np.isfinite(albedo)

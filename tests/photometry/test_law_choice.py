@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from lcp_cli.main import run
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build.assembly import decisions
 from lcp_catalog.build.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
 from lcp_catalog.build.sweep import Conditions, law_of_build
 from lcp_catalog.choices import LAWS_BY_COST
@@ -18,6 +17,7 @@ from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.law_choice import choose, cost, named
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.rendering import decisions
 
 LS, LAMBERT = reflectance_model("lommel-seeliger"), reflectance_model("lambert")
 UP = np.array([0.0, 0.0, 1.0])
@@ -167,9 +167,9 @@ def test_a_law_from_a_file_is_named_by_its_content(tmp_path):
     table = Path(__file__).parents[2] / "sample_data" / "goniometer_synthetic.csv"
     assert run(["fit-reflectance", str(table), "-o", str(file)]) == 0
     build = BuildConfig(model=ModelConfig(reflectance=f"facet:{file}"))
-    (said,) = [d for d in decisions(build, 100.0, 26.0) if d["effect"] == "reflectance"]
-    assert hashlib.sha256(file.read_bytes()).hexdigest() in said["reason"]
-    assert str(tmp_path) not in said["reason"]
+    said = decisions.reflectance(law_of_build(build, 26.0)).reason
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in said
+    assert str(tmp_path) not in said
 
 
 def test_a_build_gets_the_law_of_its_worst_image():

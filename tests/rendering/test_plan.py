@@ -10,13 +10,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build.assembly import decisions
-from lcp_catalog.build.config import BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.cameras.view import View, nadir_view, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.rendering.error_bounds import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
-from lcp_catalog.rendering.plan import plan_scene, ring_decision
+from lcp_catalog.rendering.plan import ring_decision
 from lcp_catalog.rendering.renderer import render_enu
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -143,36 +141,6 @@ def test_renders_take_the_path_that_the_plan_says(monkeypatch):
         called.clear()
         render_enu(terrain, sun, far, accuracy=STANDARD, disc=disc)
         assert called == expected
-
-
-# ---- builds
-
-
-def test_a_builds_decisions_are_the_renders():
-    config = BuildConfig(
-        sun=SunConfig(elevations_deg=(5.0, 30.0)),
-        view=ViewConfig((0.0, 40.0), (0.0, 90.0), (math.inf, 100.0)),
-    )
-    found = {d["effect"]: d for d in decisions(config, 20.0, 26.0)}
-    json.dumps(found, allow_nan=False)
-    rough = make(np.random.default_rng(1).normal(size=(9, 9)) * 30)
-    plan = plan_scene(rough, direction_enu(0, 5.0), oblique_view(40.0, 90.0), accuracy=STANDARD)
-    for decision in plan.decisions:
-        if decision.effect == "perspective":
-            continue
-        there = found[decision.effect]
-        assert (there["modelled"], there["unit"]) == (decision.modelled, decision.unit)
-        # the Sun's parallax and the law's cost are those of a whole build, not of one image
-        if decision.effect not in ("parallax of the Sun", "reflectance"):
-            assert there["error_bound"] == decision.error_bound
-    assert "5.000 deg" in found["cast shadows"]["reason"]
-    assert "50.000 deg" in found["occlusion"]["reason"]
-    half = 16 * 20.0 * math.sqrt(2)
-    assert half / 150e3 < found["perspective"]["error_bound"] < half / 100e3
-    nadir = BuildConfig(view=ViewConfig((0.0,), (0.0,), (math.inf,)))
-    found = {d["effect"]: d for d in decisions(nadir, 20.0, 26.0)}
-    assert not found["occlusion"]["modelled"]
-    assert found["perspective"]["error_bound"] == 0.0
 
 
 def test_the_lower_limb():
