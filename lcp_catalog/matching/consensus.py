@@ -1,19 +1,23 @@
-"""Which matches agree on one place of the sensor, and whether that could be chance.
+"""The largest agreement among matches on one correction of a sensor, and its expected number by
+chance.
 
-Sets of one to m matches (2 m >= the number of unknowns) each give a correction, with the prior as weak weights; the
-one that most matches agree with is refined on all of them. A match agrees when it lies within its gate: 3 sigma of
-its own covariance, which is widened by a tolerance for what covariances do not know.
+Sets of one to m matches (2 m >= the number of unknowns) each give a correction, with the prior as
+weak weights. The correction with which most matches agree is refined with all of them. A match
+agrees if it lies within its gate: 3 sigma of its own covariance, widened by a tolerance for errors
+that the covariances do not contain.
 
-That k of n agree is held against a background of false matches, each anywhere in its own search area alike (a
-contrario: Desolneux, Moisan and Morel 2000; for geometry Moisan and Stival 2004). Match i agrees by chance with p_i =
-area of its gate / its search area. The expected number of solutions as good as the one found is at most the number of
-minimal sets times the chance of such agreement,
+The background model is that of false matches, uniformly distributed in their own search areas (a
+contrario: Desolneux, Moisan and Morel 2000; for geometry Moisan and Stival 2004). Match i agrees by
+chance with p_i = area of its gate / its search area. The number of false alarms (NFA), the expected
+number of solutions as good by chance, is at most the number of minimal sets times the probability
+of such an agreement,
 
     NFA <= C(n, m) exp( min_t  sum_all log(1 - p_i + p_i^(1-t))  +  t sum_agreeing log p_i ),   0 < t < 1
 
-Chernoff's bound for the sum of the agreeing matches' -log p_i, of which the m largest are left out: they chose the
-solution. Matches whose patches overlap see the same ground and err together: the exponent is multiplied by k_eff / k,
-k_eff = k^2 / sum_ij (shared area of patches i and j, 0..1). docs/pose.md says what was measured.
+This is Chernoff's bound for the sum of the agreeing matches' -log p_i without the m largest, which
+chose the solution. Matches whose patches overlap see the same terrain and have correlated errors:
+the exponent is multiplied by k_eff / k, k_eff = k^2 / sum_ij (shared area of patches i and j,
+0..1).
 """
 
 from __future__ import annotations
@@ -31,7 +35,9 @@ from ..errors import PoseError
 from .pose import Pose, jacobian, residuals_px, solve
 
 SIGNIFICANT = -6.0
-"""log10 of the number of false alarms below which an agreement is no chance: one frame in a million."""
+"""log10 of the number of false alarms below which an agreement is significant: one frame in a
+million.
+"""
 
 GATE = 3.0
 """Sigmas within which a match agrees."""
@@ -42,22 +48,22 @@ _KEPT = 5
 _LOOKED_AT = 200
 _ROUNDS = 10
 _FARTHEST = 5.0
-"""A correction of more than this many of the prior's sigmas is not looked at."""
+"""Largest correction that is tried, in sigmas of the prior."""
 _EXPONENTS = np.linspace(0.02, 0.98, 49)
 
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """The largest agreement among n matches, and the largest among those that have no part in it."""
+    """The largest agreement among n matches, and the largest among the matches outside it."""
 
     inliers: Mask  # (n,)
-    pose: Pose | None  # None: nothing agrees
+    pose: Pose | None  # None: no agreement
     log10_false_alarms: float
     rival_log10: float
 
     @property
     def significant(self) -> bool:
-        """Whether it is no chance, and no other solution is nearly as good."""
+        """True if the agreement is not by chance and no other solution is nearly as good."""
         return self.log10_false_alarms < SIGNIFICANT and self.rival_log10 > min(
             SIGNIFICANT, 0.5 * self.log10_false_alarms
         )
@@ -75,10 +81,12 @@ def agree(
     width_px: float = 0.0,
     seed: int = 0,
 ) -> Consensus:
-    """What matches of points (n, 3) found at pixels (n, 2) with covariances (n, 2, 2) agree on; NaN is no match.
+    """The largest agreement of matches: points (n, 3), MCMF metres, found at pixels (n, 2) with
+    covariances (n, 2, 2); NaN for no match.
 
-    Each was sought within +-``reach_px`` (a number or (n,)) of where the sensor has it. ``width_px``: side of a patch
-    in the image, for how much neighbours share; 0: nothing.
+    Each point was searched within +-``reach_px`` (a number or (n,)) of where the sensor projects
+    it. ``width_px``: side of a patch in the image, which tells how much terrain neighbours share;
+    0: none.
     """
     points, found, covariance = (
         np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, found_px, covariance_px2)
@@ -110,7 +118,9 @@ def agree(
 def log10_false_alarms(
     chance: ArrayLike, agrees: ArrayLike, minimal: int, share: float = 1.0
 ) -> float:
-    """The formula above: p_i and who agrees (both (n,)), m, and k_eff / k. Never above log10 C(n, m)."""
+    """log10 of the NFA by the formula above, from p_i and the agreeing matches (both (n,)), m, and
+    k_eff / k. Never above log10 C(n, m).
+    """
     p = np.clip(np.asarray(chance, dtype=np.float64), 1e-300, 1.0)
     evidence = np.sort(-np.log(p[np.asarray(agrees, dtype=bool)]))[: -minimal or None].sum()
     tests = math.lgamma(len(p) + 1) - math.lgamma(minimal + 1) - math.lgamma(len(p) - minimal + 1)
@@ -127,18 +137,20 @@ def agreeing(
     tolerance_px: float,
     gate: float = GATE,
 ) -> Mask:
-    """Which of n matches lie within their gates of where a sensor has them, (n,); False for NaN."""
+    """True (n,) for the matches that lie within their gates of where a sensor projects their
+    points; False for NaN.
+    """
     covariance = widened(covariance_px2, tolerance_px)
     return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= gate**2
 
 
 def widened(covariance_px2: Array, tolerance_px: float) -> Array:
-    """Covariances (n, 2, 2) whose gates are wider by a tolerance, by root of sum of squares."""
+    """Covariances (n, 2, 2) whose gates are widened by a tolerance, added in quadrature."""
     return np.asarray(covariance_px2 + (tolerance_px / GATE) ** 2 * np.eye(2))
 
 
 def independent_share(places_px: Array, width_px: float) -> float:
-    """k_eff / k of patches of one width about places (k, 2): 1 where none overlap."""
+    """k_eff / k of patches of one width at places (k, 2): 1 if none overlap."""
     if width_px <= 0.0 or not len(places_px):
         return 1.0
     off = np.abs(places_px[:, None] - places_px[None])
@@ -148,7 +160,7 @@ def independent_share(places_px: Array, width_px: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Matches that were found, with their covariances already widened."""
+    """Matches that were found, with widened covariances."""
 
     sensor: Sensor
     uncertainty: Uncertainty
@@ -173,11 +185,11 @@ class _Table:
 
     @property
     def minimal(self) -> int:
-        """Matches that decide the unknowns."""
+        """Number of matches that determine the unknowns."""
         return -(-int((self.uncertainty.sigmas(self.sensor) > 0.0).sum()) // 2)
 
     def agreeing(self, sensor: Sensor, gate: float = GATE) -> Mask:
-        """Which lie within their gates of where a sensor has them."""
+        """True (n,) for the matches within their gates of where a sensor projects their points."""
         off = residuals_px(sensor, self.points, self.found)
         return _squared(off, self.covariance) <= gate**2
 
@@ -189,7 +201,7 @@ class _Table:
         return log10_false_alarms(chance, agrees, self.minimal, share)
 
     def best(self) -> tuple[Pose | None, float]:
-        """The most meaningful agreement; (None, 0.0) where there is none."""
+        """The most significant agreement; (None, 0.0) if there is none."""
         if len(self) <= self.minimal:
             return None, 0.0
         solutions = [self.refined(start) for start in self.starts()]
@@ -200,8 +212,8 @@ class _Table:
         return pose, log10
 
     def refined(self, agrees: Mask) -> Pose | None:
-        """Solved from those who agree, and asked again who agrees, until that stands; None where fewer than a minimal
-        set are left.
+        """The pose solved from the agreeing matches, repeated until the same matches agree; None if
+        fewer than a minimal set remain.
         """
         pose = None
         for _ in range(_ROUNDS):
@@ -219,8 +231,8 @@ class _Table:
         return pose
 
     def starts(self) -> list[Mask]:
-        """The agreements, under the linearised sensor, that are worth refining: the best of all sets tried, none
-        twice. Of a sensor that is held as it is, those who agree with it.
+        """Agreements under the linearised sensor that are worth refining: the best of all sets
+        tried, no two alike. For a sensor without unknowns: the matches that agree with it.
         """
         if not self.minimal:
             return [self.agreeing(self.sensor)]
@@ -243,11 +255,13 @@ class _Table:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The matches' offsets as a linear function of the free corrections, these counted in the prior's sigmas."""
+    """The matches' offsets as a linear function of the free corrections, which are in sigmas of the
+    prior.
+    """
 
     slope: Array  # (n, 2, f)
     offset: Array  # (n, 2)
-    inverse: Array  # (n, 2, 2) of the covariances, widened by what is not linear
+    inverse: Array  # (n, 2, 2) of the covariances, widened by the linearisation error
 
     @classmethod
     def of(cls, table: _Table) -> _Linear:
@@ -266,7 +280,7 @@ class _Linear:
         return cls(slope[..., free] * sigmas[free], table.found - expected, inverse)
 
     def corrections(self, rows: Index) -> Array:
-        """Of each set of rows (s, m): the correction (s, f) that it and the prior want."""
+        """Corrections (s, f) by sets of rows (s, m) and the prior."""
         weighted = np.einsum("nia,nij->naj", self.slope, self.inverse)
         matrix = np.einsum("naj,njb->nab", weighted, self.slope)[rows].sum(1)
         right = np.einsum("naj,nj->na", weighted, self.offset)[rows].sum(1)
@@ -279,15 +293,19 @@ class _Linear:
         return np.asarray(np.einsum("sni,nij,snj->sn", off, self.inverse, off, optimize=True))
 
     def gains(self, corrections: Array) -> Array:
-        """How much each correction explains, (s,): the sum of what is left of the squared gate."""
+        """Quality (s,) of each correction: the sum over the matches of the squared gate less the
+        squared distance, where that is positive.
+        """
         return np.asarray(np.clip(GATE**2 - self.squared(corrections), 0.0, None).sum(-1))
 
     def agreeing(self, correction: Array) -> Mask:
-        """Who agrees with a correction (f,)."""
+        """True (n,) for the matches that agree with a correction (f,)."""
         return np.asarray(self.squared(correction[None])[0] <= GATE**2)
 
     def grown(self, agrees: Mask) -> Mask:
-        """Who agrees with the correction that those who agree want, until that stands."""
+        """The matches that agree with the correction solved from the agreeing ones, repeated until
+        they stay the same.
+        """
         for _ in range(_ROUNDS):
             if not agrees.any():
                 break
@@ -299,12 +317,14 @@ class _Linear:
 
 
 def _is_new(agrees: Mask, others: list[Mask]) -> bool:
-    """Whether less than half of a set lies in each of the others."""
+    """True if at most half of a set of matches lies in each of the others."""
     return all((agrees & other).sum() <= 0.5 * agrees.sum() for other in others)
 
 
 def _subsets(count: int, most: int, seed: int) -> list[Index]:
-    """Sets of one to ``most`` of ``count`` rows, for each size (s, size): all of them, or `_SETS` at random."""
+    """Sets of one to ``most`` of ``count`` rows, for each size (s, size): all of them, or `_SETS`
+    at random.
+    """
     dice = np.random.default_rng(seed)
     found = []
     for size in range(1, most + 1):

@@ -1,4 +1,6 @@
-"""Control points sought in an image: where each was expected, where it was found, and why not where it was not."""
+"""Results of the search for control points in an image: expected and found places, and why a point
+was not found.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ MEANINGS = {
     "not confirmed": "the backward search ended at another place",
     "inconsistent": "contradicts the camera position of the other points",
 }
-"""Result of the search for a point, by name, with its meaning; the position in this table is its code."""
+"""Results of the search for a point: name and meaning; the position in this table is the code."""
 
 REASONS = tuple(MEANINGS)
 
@@ -33,24 +35,25 @@ CODE = {reason: code for code, reason in enumerate(REASONS)}
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """One row for each of n control points that should be in an image. Pixels are (column, row) of the image as it came.
+    """One row for each of n control points expected in an image. Pixels are (column, row) of the
+    full-resolution image.
 
-    ``covariance_px2`` is that of ``found_px``; what was not found has NaN there and in ``correlation``
-    where no search was made.
+    ``covariance_px2`` is that of ``found_px``. Both are NaN for a point that was not placed;
+    ``correlation`` is NaN if no search was made.
     """
 
     point: NDArray[np.int64]  # (n,) row in the catalogue
-    predicted_px: Array  # (n, 2) where the sensor, as it was given, puts it
+    predicted_px: Array  # (n, 2) by the given sensor
     found_px: Array  # (n, 2)
     covariance_px2: Array  # (n, 2, 2)
     correlation: Array  # (n,) centred, normalised, at the peak
-    second: Array  # (n,) the highest peak elsewhere in the search area, NaN: none
-    back_px: Array  # (n,) how far off the backward search ended
+    second: Array  # (n,) highest peak elsewhere in the search area, NaN: none
+    back_px: Array  # (n,) distance at which the backward search ended
     code: NDArray[np.uint8]  # (n,) index into `REASONS`
 
     @classmethod
     def none(cls) -> Matches:
-        """Of no points."""
+        """An empty table."""
         pixels, figures = np.empty((0, 2)), np.empty(0)
         nothing = np.empty(0, np.uint8)
         return cls(
@@ -69,7 +72,7 @@ class Matches:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Which were found, (n,)."""
+        """True (n,) for the points that were found."""
         return np.asarray(self.code == CODE[FOUND])
 
     @property
@@ -78,6 +81,6 @@ class Matches:
         return self.found_px - self.predicted_px
 
     def counts(self) -> dict[str, int]:
-        """How many of each reason, those that occur, in the order of `REASONS`."""
+        """Number of points of each reason that occurs, in the order of `REASONS`."""
         seen = Counter(self.code.tolist())
         return {reason: seen[code] for code, reason in enumerate(REASONS) if seen[code]}

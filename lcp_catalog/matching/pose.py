@@ -1,13 +1,14 @@
-"""A sensor's place from points found in its image: weighted least squares with a prior, and how far to believe it.
+"""Correction of a sensor's position and attitude from points found in its image: weighted least
+squares with a prior, and its covariance.
 
-The unknowns c are the sensor's own corrections (`Sensor.moved`), so that a framing camera, a scanner and a map are
-all solved alike. What is minimised, over c and counted from the sensor as it was given,
+The unknowns c are the sensor's own corrections (`Sensor.moved`), so that a framing camera, a
+scanner and a map-projected image are solved alike. Minimised over c, counted from the given sensor:
 
     sum_i  rho( (found_i - project_c(X_i))^T  C_i^-1  (found_i - project_c(X_i)) )  +  sum_j (c_j / sigma_j)^2
 
-with C_i the covariance of a place in the image and sigma_j the prior's: Gauss-Newton with Levenberg's damping. The
-Jacobian is taken by central differences over a tenth of a pixel, which for a pinhole leaves a relative error of (0.1
-px / f)^2, below 1e-6 from f = 100 px on. docs/pose.md has the figures.
+with C_i the covariance of a place in the image and sigma_j the prior: Gauss-Newton with Levenberg's
+damping. The Jacobian is computed by central differences over a tenth of a pixel; for a pinhole its
+relative error is (0.1 px / f)^2, below 1e-6 from f = 100 px on.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
 
 STEP_PX = 0.1
-"""Corrections are varied by what moves the image by about this much."""
+"""Shift of the image, about, by which a correction is varied for the Jacobian."""
 
 HUBER = 2.5
-"""Places further off than this many of their own sigmas count linearly, not squared, where nobody has said which
-agree.
+"""Distance in sigmas beyond which a place counts linearly, not squared (Huber's loss), if no
+inliers are stated.
 """
 
 _STEPS = 40
 _CONVERGED = 1e-4
-"""A step that moves no unknown by more than this share of its own sigma is the last."""
+"""The iteration ends when no unknown moves by more than this share of its own sigma."""
 _CONDITION = 1e13
 
 
@@ -41,10 +42,10 @@ _CONDITION = 1e13
 class Pose:
     """A sensor corrected by k numbers, from n points.
 
-    ``covariance`` is that of the correction, in metres and radians squared, with zero rows for what was held. It is
-    the formal one times ``scale`` as far as it comes from the points: where residuals are larger than the points' own
-    covariances say (``normalised_error`` > 1) the points are believed that much less; where they are smaller nothing
-    is made better.
+    ``covariance`` is that of the correction, in metres and radians squared, with zero rows for
+    fixed corrections. Its part from the points is the formal one times ``scale``: if the residuals
+    are larger than the points' covariances (``normalised_error`` > 1), the points count that much
+    less; smaller residuals do not improve it.
     """
 
     sensor: Sensor
@@ -52,32 +53,30 @@ class Pose:
     covariance: Array  # (k, k)
     solved: Mask  # (k,)
     used: Mask  # (n,)
-    residual_px: (
-        Array  # (n, 2) found minus where the corrected sensor has them; of all, used or not
-    )
+    residual_px: Array  # (n, 2) found minus projected by the corrected sensor; of all, used or not
     chi2: float  # of the used points' residuals, with their own covariances
-    dof: float  # its expectation: 2 a point, less what the points decided
-    overlap: float = 1.0  # places that share pixels err together: so many count as one
+    dof: float  # its expectation: 2 per point, less the unknowns that the points decided
+    overlap: float = 1.0  # number of places that count as one because they share pixels
 
     @property
     def normalised_error(self) -> float:
-        """chi2 / dof, 1 where the stated covariances are right; NaN where too few points leave nothing to judge by."""
+        """chi2 / dof, 1 for right covariances; NaN if there are too few points for a test."""
         return self.chi2 / self.dof if self.dof >= 1.0 else float("nan")
 
     @property
     def scale(self) -> float:
-        """By which the points' covariances were multiplied."""
+        """Factor by which the points' covariances were multiplied."""
         return self.overlap * _scale(self.chi2, self.dof)
 
     @property
     def sigma(self) -> Array:
-        """1 sigma of each correction, (k,); 0 for what was held."""
+        """1 sigma of each correction, (k,); 0 for fixed ones."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def position_mcmf_m(self) -> Array:
-        """Position (3,) of the corrected sensor, MCMF metres; of a scanner, at the middle line of its image. ValueError
-        for a map-projected image, which has no position.
+        """Position (3,) of the corrected sensor, MCMF metres; of a scanner, at the middle line of
+        its image. ValueError for a map-projected image, which has no position.
         """
         if self.sensor.corrections != POSE:
             raise ValueError(f"{self.sensor.name}: a map-projected image has no position")
@@ -85,20 +84,24 @@ class Pose:
 
     @property
     def position_covariance_m2(self) -> Array:
-        """Covariance (3, 3) of `position_mcmf_m`; of a map-projected image (2, 2), of its shift east and north."""
+        """Covariance (3, 3) of `position_mcmf_m`; of a map-projected image (2, 2), of its shift
+        east and north.
+        """
         length = 3 if self.sensor.corrections == POSE else len(self.correction)
         return self.covariance[:length, :length]
 
     @property
     def position_sigma_m(self) -> float:
-        """1 sigma of the position, all directions together: the root of its covariance's trace."""
+        """1 sigma of the position, all directions together: the square root of its covariance's
+        trace.
+        """
         return float(np.sqrt(np.trace(self.position_covariance_m2)))
 
 
 @dataclass(frozen=True)
 class Split:
-    """An error of position, or its sigma, in metres: whole, across the line of sight (both directions together),
-    along it.
+    """An error of position, or its sigma, in metres: total, across the line of sight (both
+    directions together), and along it.
     """
 
     whole_m: float
@@ -108,8 +111,8 @@ class Split:
 
 @dataclass(frozen=True)
 class PositionError:
-    """A solved position against a known one. ``squared`` is the error squared in units of the stated covariance, of
-    which 3 is expected.
+    """Difference between a solved and a known position. ``squared`` is the squared error in units
+    of the stated covariance; its expectation is 3.
     """
 
     error: Split
@@ -118,8 +121,8 @@ class PositionError:
 
 
 def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
-    """How the pixels (n, 2) of ground points (n, 3) follow the sensor's k corrections: (n, 2, k), pixels per metre
-    and per radian; NaN for points that it cannot have seen.
+    """Derivatives (n, 2, k) of the pixels of ground points (n, 3) with respect to the sensor's k
+    corrections, pixels per metre and per radian; NaN for points that the sensor cannot see.
     """
     points = np.asarray(points_mcmf_m, dtype=np.float64)
     here = sensor.project(points)
@@ -131,8 +134,8 @@ def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
 
 
 def spread_px2(sensor: Sensor, points_mcmf_m: ArrayLike, covariance: ArrayLike) -> Array:
-    """Covariance (n, 2, 2) of where points (n, 3) lie in the image, for a covariance (k, k) of the sensor's
-    corrections; to first order.
+    """Covariance (n, 2, 2) of the image places of points (n, 3), to first order, for a covariance
+    (k, k) of the sensor's corrections.
     """
     slope = jacobian(sensor, points_mcmf_m)
     return np.asarray(slope @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(slope, -1, -2))
@@ -148,14 +151,16 @@ def solve(
     overlap: float = 1.0,
     common_px: float = 0.0,
 ) -> Pose:
-    """The sensor corrected by points (n, 3) found at pixels (n, 2), each with its covariance (n, 2, 2).
+    """The sensor corrected by points (n, 3), MCMF metres, found at pixels (n, 2), each with its
+    covariance (n, 2, 2).
 
-    ``inliers`` (n,): which points count; all of those alike. None: all, with Huber's weights. An infinite sigma in
-    the uncertainty is no prior at all; one of 0 holds. Raises PoseError where nothing is left to solve with, or the
-    points do not decide what has no prior.
+    ``inliers`` (n,): the points that count, all alike. None: all points, with Huber's weights. An
+    infinite sigma in the uncertainty is no prior; a sigma of 0 fixes a correction. Raises PoseError
+    if no point remains, or if the points do not determine a correction without a prior.
 
-    ``overlap``: so many places share their pixels that they count as one. ``common_px``: 1 sigma of an error of place
-    that is the same for all, in either coordinate; it adds to the covariance and changes nothing else.
+    ``overlap``: number of places that count as one because they share pixels. ``common_px``: 1
+    sigma of an error that is the same for all places, in either coordinate; it adds to the
+    covariance and changes nothing else.
     """
     problem = _problem(
         sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers
@@ -180,8 +185,9 @@ def solve(
 
 
 def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:
-    """Found minus expected, pixels (n, 2), of points (n, 3) found at pixels (n, 2); NaN where not found, or behind the sensor. A
-    push-frame camera is asked in the framelets where they were found (`Sensor.project_near`).
+    """Found minus expected pixels (n, 2) of points (n, 3) found at pixels (n, 2); NaN if not found,
+    or behind the sensor. For a push-frame camera the expected pixel is that in the framelet where
+    the point was found (`project_near`).
     """
     return np.asarray(found_px) - sensor.project_near(points_mcmf_m, found_px)
 
@@ -191,10 +197,10 @@ def _scale(chi2: float, dof: float) -> float:
 
 
 def _steps(sensor: Sensor, points: Array) -> Array:
-    """By how much each correction is varied, (k,): what moves the image by `STEP_PX`."""
+    """Step (k,) by which each correction is varied: what moves the image by `STEP_PX`."""
     ground_m = float(np.nanmedian(pixel_size_m(sensor, points)))
     if not np.isfinite(ground_m):
-        raise PoseError(f"{sensor.name}: none of the {len(points)} points lies before it")
+        raise PoseError(f"{sensor.name}: none of the {len(points)} points lies in front of it")
     if sensor.corrections != POSE:
         return np.full(len(sensor.corrections), STEP_PX * ground_m)
     range_m = float(np.median(np.linalg.norm(points - _middle_ray(sensor)[0], axis=-1)))
@@ -223,7 +229,7 @@ def _problem(
     if inliers is not None:
         used &= np.asarray(inliers, dtype=bool)
     if not used.any():
-        raise PoseError(f"{sensor.name}: no point was found, so its place cannot be solved for")
+        raise PoseError(f"{sensor.name}: no point was found, so its position cannot be solved")
     whitening = np.linalg.inv(np.linalg.cholesky(covariance[used]))
     huber = HUBER if inliers is None else np.inf
     return _Problem(sensor, points[used], found[used], whitening, sigmas, huber, used)
@@ -239,13 +245,13 @@ class _Solved(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """By which the points' covariances have to grow; 1 where they need not."""
+        """Factor by which the points' covariances have to grow; at least 1."""
         return _scale(self.chi2, self.dof)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Least squares over the free corrections, each counted in its own steps of about `STEP_PX`."""
+    """Least squares over the free corrections, each in units of its own step of about `STEP_PX`."""
 
     sensor: Sensor
     points: Array  # (m, 3) the used ones
@@ -261,7 +267,7 @@ class _Problem:
 
     @cached_property
     def steps(self) -> Array:
-        """Metres or radians of one unit of each free unknown."""
+        """Metres or radians per unit of each free unknown."""
         return _steps(self.sensor, self.points)[self.free]
 
     @cached_property
@@ -278,8 +284,9 @@ class _Problem:
         return full
 
     def residual(self, unknown: Array) -> Array:
-        """Whitened residuals (m, 2); NaN for what the sensor would no longer see, and all where it would be no camera: a step
-        too long may end deep inside the Moon.
+        """Whitened residuals (m, 2); NaN for points that the corrected sensor does not see, and for
+        all points if the correction is no valid camera (a step too long may end deep inside the
+        Moon).
         """
         try:
             sensor = self.corrected(unknown)
@@ -289,12 +296,12 @@ class _Problem:
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, off))
 
     def weights(self, residual: Array) -> Array:
-        """Huber's, (m,)."""
+        """Huber's weights, (m,)."""
         far = np.linalg.norm(residual, axis=-1)
         return np.minimum(1.0, self.huber / np.maximum(far, 1e-300))
 
     def cost(self, unknown: Array, residual: Array) -> float:
-        """Huber's loss and the prior; infinite where a point is lost from sight."""
+        """Huber's loss and the prior; infinite if a point is not seen."""
         far = np.linalg.norm(residual, axis=-1)
         with np.errstate(invalid="ignore"):
             linear = 2.0 * self.huber * far - self.huber**2
@@ -319,14 +326,14 @@ class _Problem:
         return matrix, gradient
 
     def solved(self, start: Array | None = None) -> _Solved:
-        """The unknowns at the least cost: Levenberg's damping grows where a step made it worse. The last step is too
-        small to be worth another Jacobian.
+        """The unknowns with the least cost; Levenberg's damping grows after a step that increases
+        it. The last step is too small to need another Jacobian.
         """
         unknown = np.zeros(len(self.free)) if start is None else start
         residual, damping = self.residual(unknown), 0.0
         cost = self.cost(unknown, residual)
         if not np.isfinite(cost):
-            raise PoseError(f"{self.sensor.name}: not all points lie before it")
+            raise PoseError(f"{self.sensor.name}: not all points lie in front of it")
         matrix = np.zeros((len(unknown),) * 2)
         for _ in range(_STEPS if len(unknown) else 0):
             matrix, gradient = self.normal(unknown, residual)
@@ -345,10 +352,12 @@ class _Problem:
         return self._judged(unknown, residual, matrix)
 
     def _judged(self, unknown: Array, residual: Array, matrix: Array) -> _Solved:
-        """With the points' chi2 and its expectation, 2 m - trace(covariance times the points' normal matrix).
+        """The solution with the points' chi2 and its expectation, 2 m - trace(covariance times the
+        points' normal matrix).
 
-        Of the residuals of a maximum a posteriori, whose covariance is C (C + J P J^T)^-1 C, that is exact for a
-        linear problem and a right prior; without a prior it is the usual 2 m - f.
+        For a maximum a posteriori estimate, whose residuals have the covariance C (C + J P J^T)^-1
+        C, this is exact for a linear problem and a right prior; without a prior it is the usual 2 m
+        - f.
         """
         weight = self.weights(residual)
         chi2 = float((weight * (residual**2).sum(-1)).sum())
@@ -356,17 +365,20 @@ class _Problem:
         return _Solved(unknown, matrix, chi2, 2.0 * float(weight.sum()) - decided)
 
     def inverse(self, matrix: Array) -> Array:
-        """Covariance (f, f) of the unknowns by the points' normal matrix and the prior."""
+        """Covariance (f, f) of the unknowns, from the points' normal matrix and the prior."""
         whole = matrix + np.diag(self.prior)
         size = np.sqrt(np.diag(whole))
         if not (size > 0.0).all() or np.linalg.cond(whole / np.outer(size, size)) > _CONDITION:
             raise PoseError(
-                f"{self.sensor.name}: {len(self.points)} points do not decide what has no prior; state an uncertainty, or give more"
+                f"{self.sensor.name}: {len(self.points)} points do not determine a correction without a "
+                "prior; state an uncertainty, or give more points"
             )
         return np.asarray(np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size))
 
     def shared(self, last: _Solved, common_px: float) -> Array:
-        """What an error that all places have in common, 1 sigma of either coordinate, adds to the covariance (k, k)."""
+        """Contribution of an error common to all places (1 sigma of either coordinate) to the
+        covariance (k, k).
+        """
         full = np.zeros((len(self.sigmas),) * 2)
         if common_px > 0.0 and len(self.free):
             weight = self.weights(self.residual(last.unknown))
@@ -376,7 +388,7 @@ class _Problem:
         return full
 
     def covariance(self, matrix: Array) -> Array:
-        """Covariance (k, k) of the corrections in metres and radians; zero for what is held."""
+        """Covariance (k, k) of the corrections in metres and radians; zero for fixed ones."""
         full = np.zeros((len(self.sigmas),) * 2)
         if len(self.free):
             scale = np.outer(self.steps, self.steps)
@@ -385,8 +397,8 @@ class _Problem:
 
 
 def position_error(pose: Pose, known: Sensor) -> PositionError:
-    """Where a solved camera stands against where it is known to stand; of a scanner its middle line. ValueError for a
-    map, which stands nowhere.
+    """Difference between a solved position and the known one; for a scanner at its middle line.
+    ValueError for a map-projected image, which has no position.
     """
     position, ahead = _middle_ray(known)
     off, covariance = pose.position_mcmf_m - position, pose.position_covariance_m2

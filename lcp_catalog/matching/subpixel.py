@@ -1,6 +1,8 @@
-"""Two arrays on one grid moved against each other by a few cells: whole steps, parts of a cell, and the place of a peak.
+"""Shifts between two arrays on one grid: by whole cells, by fractions of a cell, and the sub-cell
+place of a peak.
 
-Shifts are (column, row) in cells: by how much an image lies right of and below what it is held against.
+Shifts are (column, row) in cells: how far an image lies right of and below the array that it is
+compared with.
 """
 
 from __future__ import annotations
@@ -13,8 +15,11 @@ from ..arrays import Array
 
 
 def undone(image: Array, weight: Array, shift_px: tuple[float, float]) -> tuple[Array, Array]:
-    """The image and its weights with a shift (column, row) undone, by cubic convolution (Keys 1981, a = -1/2); cells in which a
-    missing one takes part, or that come from beyond the border, weigh nothing. At the border the image goes on as there.
+    """The image and its weights with a shift (column, row) undone, by cubic convolution (Keys 1981,
+    a = -1/2).
+
+    Cells to which a missing cell or one from beyond the border contributes have weight 0. The image
+    is extended by its border values.
     """
     there = weight > 0.0
     values = [np.where(there, image, 0.0), weight, (~there).astype(np.float64)]
@@ -29,7 +34,7 @@ def undone(image: Array, weight: Array, shift_px: tuple[float, float]) -> tuple[
 
 
 def _keys(t: float) -> list[float]:
-    """Shares of the four values around a place, a part ``t`` of the middle interval on."""
+    """Weights of the four values around a place, a part ``t`` into the middle interval."""
     return [
         t * (-0.5 + t * (1.0 - 0.5 * t)),
         1.0 + t * t * (-2.5 + 1.5 * t),
@@ -39,7 +44,7 @@ def _keys(t: float) -> list[float]:
 
 
 def _mixed(values: Array, axis: int, whole: int, parts: list[tuple[int, float]]) -> Array:
-    """Sum of the values so many whole steps and a few more on, each times its share."""
+    """Weighted sum of the values ``whole`` steps and a few more further on."""
     total = np.zeros_like(values)
     for step, share in parts:
         total += share * _along(values, axis, whole + step)
@@ -47,26 +52,28 @@ def _mixed(values: Array, axis: int, whole: int, parts: list[tuple[int, float]])
 
 
 def _along(values: Array, axis: int, steps: int) -> Array:
-    """Every cell's value so many steps further on; at the border the last one goes on."""
+    """The value ``steps`` cells further on, for every cell; beyond the border, the border's value."""
     at = np.clip(np.arange(values.shape[axis]) + steps, 0, values.shape[axis] - 1)
     return np.take(values, at, axis=axis)
 
 
 def _beyond(shape: tuple[int, ...], axis: int, away: float) -> Array:
-    """1 where a cell so far on lies outside, 0 elsewhere, broadcastable."""
+    """1 where a cell that far on lies outside, 0 elsewhere, broadcastable."""
     at = np.arange(shape[axis]) + away
     outside = ((at < -0.5) | (at > shape[axis] - 0.5)).astype(np.float64)
     return outside[:, None] if axis == 0 else outside[None]
 
 
 def moves(reach: int) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Places in a table of scores and the shift (column, row) of each."""
+    """Indices in a table of scores and the shift (column, row) of each."""
     span = range(-reach, reach + 1)
     return [((i, j), (col, row)) for i, row in enumerate(span) for j, col in enumerate(span)]
 
 
 def moved(a: Array, b: Array, w: Array, shift: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Image cells ``shift`` (column, row) right and below, brought over the render's; nothing beyond the border."""
+    """The image cells ``shift`` (column, row) right and below, aligned with the render's cells;
+    weight 0 beyond the border.
+    """
     col, row = shift
     moved = [np.zeros_like(a), np.zeros_like(w)]
     rows, cols = a.shape
@@ -78,7 +85,9 @@ def moved(a: Array, b: Array, w: Array, shift: tuple[int, int]) -> tuple[Array, 
 
 
 def peaks(scores: Array) -> tuple[Array, Array, Array]:
-    """Column and row (n,) of the highest of each table of scores (m, m, n), and its height; NaN at the table's edge."""
+    """Column and row (n,) of the highest value of each table of scores (m, m, n), and its height;
+    NaN at the table's edge.
+    """
     m, _, n = scores.shape
     at = scores.reshape(m * m, n).argmax(axis=0)
     i, j, k = at // m, at % m, np.arange(n)
@@ -90,8 +99,8 @@ def peaks(scores: Array) -> tuple[Array, Array, Array]:
 
 
 def _summit(near: list[list[Array]]) -> tuple[Array, Array]:
-    """Where the quadratic through a highest value's 3 x 3 neighbours, its cross term included, is highest: steps right and
-    below, 1 at most; 0 where it has no summit.
+    """Maximum of the quadratic, cross term included, through a highest value's 3 x 3 neighbours:
+    steps right and below, at most 1; 0 if it has no maximum there.
     """
     (nw, n, ne), (w, at, e), (sw, s, se) = near
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,16 +1,18 @@
-"""Does the Sun that was stated explain an image better than other Suns would?
+"""Check of the stated Sun direction: comparison with the correlations under other Suns.
 
-A patch rendered under a wrong Sun still correlates with the image, but less, and it may be found shifted, alike
-everywhere: matches can agree with each other on a place that is wrong. So the points that agree are rendered again
-under Suns turned about the vertical and raised or lowered, and correlated near where they were found.
+A patch rendered under a wrong Sun still correlates with the image, but less, and its match may be
+shifted, by the same amount for all points: the matches can agree on a wrong position. So the points
+of an agreement are rendered again under Suns turned about the vertical and raised or lowered, and
+searched near their matches (`check_points`), or all together (`joint_offset`).
 
-With z = artanh(correlation) (Fisher 1921), another Sun is preferred when most points say so: more than half of them
-by twice the binomial's sigma. Preferred is not yet right: another law of reflection than the image's looks like a
-Sun that is off, or hides that it is. So the same is asked under other laws (`LAWS`), and the law that most points
-prefer, each law under its own best Sun, decides. A DEM that is smoother than the ground, too, makes all points prefer
-a Sun that is a little off, most of all a lower one. So a stated Sun is refused only when the one preferred most gains
-so much that no true frame did (`LEAST_GAIN`); below that, how far the preferred Sun moves the matches is a doubt that
-all of them share. docs/pose.md has the figures.
+With z = artanh(correlation) (Fisher 1921), another Sun is preferred if more than half of the points
+correlate better under it, by two sigmas of the binomial distribution. A preferred Sun is not yet a
+reason to refuse the stated one, for two reasons. A reflectance law other than that of the surface
+looks like a wrong Sun, or hides one. So the check is repeated with other laws (`LAWS`); the law
+that most points prefer, each law under its own best Sun, decides. A DEM that is smoother than the
+terrain makes all points prefer a Sun that is slightly off, mostly a lower one. So the stated Sun is
+refused only if the preferred one gains more than any true frame did (`LEAST_GAIN`). Below that, the
+shift of the matches under a Sun that is not rejected is a position error common to all of them.
 """
 
 from __future__ import annotations
@@ -30,20 +32,20 @@ from .point_choice import evenly
 from .point_search import Criteria, find_points
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
-"""Suns that are tried: by how much the azimuth is turned and the elevation raised."""
+"""Suns that are tried: change of azimuth (clockwise) and of elevation."""
 
 AS_STATED = (0.0, 0.0)
 SIDEWAYS_DEG = (AS_STATED, *TURNS_DEG[:2])
 
 LEAST_GAIN = ((0.025, 0.25), (0.08, 0.5))
-"""In the median correlation, or in that of z; for a Sun that is turned, and for one that is raised or lowered. The
-first of each pair is for photographs, whose correlations are 0.7 to 0.9; the second for those above 0.95, as
-simulated frames have them.
+"""Gain in the median correlation, and in the median of z, above which the stated Sun is refused:
+for a Sun that is turned, and for one that is raised or lowered. The first of each pair decides for
+photographs (correlations of 0.7 to 0.9), the second for simulated frames (above 0.95).
 """
 
 LAWS = (REFERENCE_LAW, DEFAULT_LAW)
-"""Laws of reflection that are asked beside the search's own, a rough surface's and a dark one's: a surface after one of
-them looks, under the other, as if its Sun stood elsewhere.
+"""Reflectance laws tried beside that of the search: one of a rough and one of a dark surface. Under
+one of them, a surface that follows the other looks as if the Sun were elsewhere.
 """
 
 SIGMAS = 2.0
@@ -51,30 +53,33 @@ SIGMAS = 2.0
 _REACH_PX = 3.0
 _MOST = 100
 _GLANCE = 2
-"""Of so many points one is asked first, and under fewer Suns, whether another law is worth asking: it is if most of them
-correlate better. That is a third of the time.
+"""One of so many points is searched first, under the stated and the turned Suns, to decide if
+another law is tried in full: only if most of these points correlate better. This takes a third of
+the time.
 """
 _FEWEST = 5
 
 
 @dataclass(frozen=True)
 class SunCheck:
-    """How the points correlate under the stated Sun, and under others (m)."""
+    """Correlations of the points under the stated Sun and under m others."""
 
     points: int
-    independent: float  # as many points that share no ground
+    independent: float  # number of points that share no terrain
     correlation: float  # median, under the stated Sun
     turns_deg: tuple[tuple[float, float], ...]  # (m) azimuth, elevation
     correlations: tuple[float, ...]  # (m) medians
-    gains: tuple[float, ...]  # (m) median of z less z under the stated Sun
-    shares: tuple[float, ...]  # (m) of the points that prefer it
-    shifts_px: tuple[float, ...]  # (m) how far it moves the matches, the median of both coordinates
-    law: str = ""  # that of the renders, where it is not the search's own
-    least_doubt_px: float = 0.0  # what the search's own law leaves in doubt, where another decides
+    gains: tuple[float, ...]  # (m) median of the differences of z from the stated Sun
+    shares: tuple[float, ...]  # (m) of the points that correlate better
+    shifts_px: tuple[float, ...]  # (m) length of the matches' median shift
+    law: str = ""  # of the renders, if not the law of the search
+    least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
 
     @property
     def preferred(self) -> int | None:
-        """Which of the others most points prefer, and by most; None: the stated Sun stands."""
+        """Index of the Sun that a significant majority of the points prefers, the one with the
+        largest gain; None if there is none.
+        """
         if self.points < _FEWEST:
             return None
         most = _majority(self.independent)
@@ -83,7 +88,7 @@ class SunCheck:
 
     @property
     def fits(self) -> bool:
-        """Whether the stated Sun may be right."""
+        """True if the stated Sun may be right."""
         best = self.preferred
         if best is None:
             return True
@@ -92,8 +97,9 @@ class SunCheck:
 
     @property
     def doubt_px(self) -> float:
-        """1 sigma of a shift that all matches share, because another Sun may be the right one: the largest shift under a Sun
-        that the points do not reject, that is, of which no majority by two sigmas correlates worse; 0 if they reject all.
+        """1 sigma of a shift common to all matches, because another Sun may be the right one: the
+        largest shift under a Sun that the points do not reject, that is, of which no majority by
+        two sigmas correlates worse; 0 if they reject all others.
         """
         least = 1.0 - _majority(self.independent)
         shifts = zip(self.shifts_px, self.shares, strict=True)
@@ -101,7 +107,7 @@ class SunCheck:
 
     @property
     def complaint(self) -> str:
-        """One line on a Sun that does not fit; empty for one that may be right."""
+        """One line about a Sun that does not fit; empty for one that may be right."""
         best = self.preferred
         if self.fits or best is None:
             return ""
@@ -114,9 +120,9 @@ class SunCheck:
 
 
 Search = Callable[[Image, Reflectance, Index], tuple[Array, Array]]
-"""A search for n points that have been found before, near where they were found: correlations (k,) and places (k, 2), pixels,
-of some of them (rows (k,) of the n) in an image with its Sun, under a reflectance law. A point that is not found has the
-correlation 0 and a NaN place.
+"""A search for n points near their known matches. Arguments: an image with its Sun, a reflectance
+law, and rows (k,) of the n points. Returns correlations (k,) and places (k, 2) in pixels. A point
+that is not found has the correlation 0 and a NaN place.
 """
 
 
@@ -130,8 +136,9 @@ def check_points(
     independent_share: float = 1.0,
     reach_px: float = _REACH_PX,
 ) -> SunCheck:
-    """`check_sun` by points that are found one by one: rows (n,) of the catalogue, at least one, each searched within
-    ``reach_px`` of ``offset_px`` (n, 2) from where the image's sensor puts it. Pixels of the image as it came.
+    """`check_sun` by points that are searched one by one: rows (n,) of the catalogue, n >= 1, each
+    within ``reach_px`` of ``offset_px`` (n, 2) from where the image's sensor projects it. Pixels of
+    the full-resolution image.
     """
 
     def search(moved: Image, law: Reflectance, rows: Index) -> tuple[Array, Array]:
@@ -157,10 +164,12 @@ def check_sun(
     independent_share: float = 1.0,
     turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
 ) -> SunCheck:
-    """How n points at ``ground_mcmf_m`` (n, 3), n >= 1, correlate under the image's stated Sun and under Suns moved by
-    ``turns_deg``, with ``model`` or with the one of `LAWS` that most points prefer to it.
+    """Correlations of n >= 1 points at ``ground_mcmf_m`` (n, 3) under the stated Sun of an image
+    and under Suns moved by ``turns_deg``; rendered with ``model``, or with the one of `LAWS` that
+    most points prefer to it.
 
-    ``independent_share``: the number of points that share no terrain, as a share of n. At most 100 points are searched.
+    ``independent_share``: number of points that share no terrain, as a share of n. At most 100
+    points, evenly chosen, are searched.
     """
     tried = _Tried(search, photo, ground_mcmf_m, turns_deg)
     rows = evenly(np.arange(len(ground_mcmf_m)), _MOST)
@@ -185,7 +194,9 @@ def _most_gain(gain: Array, majority: float = 0.5) -> bool:
 
 
 def _majority(independent: float) -> float:
-    """The share of points, ``independent`` of them, that exceeds one half by `SIGMAS` of the binomial."""
+    """Share of the points, ``independent`` of them, that exceeds one half by `SIGMAS` of the
+    binomial distribution.
+    """
     return 0.5 + SIGMAS * 0.5 / math.sqrt(independent)
 
 
@@ -201,7 +212,7 @@ class _Tried:
     def under(
         self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
     ) -> tuple[Array, Array]:
-        """Correlations (m, k) and places (m, k, 2) under Suns."""
+        """Correlations (m, k) and places (m, k, 2) under m Suns."""
         ground = self.ground_mcmf_m[rows]
         found = [self.search(with_sun(self.photo, ground, *t), law, rows) for t in turns_deg]
         return np.array([f[0] for f in found]), np.array([f[1] for f in found])
@@ -237,19 +248,21 @@ def _z(correlations: Array) -> Array:
 
 
 def _highest(z: Array) -> Array:
-    """The row (n,) of (m, n) whose median is the highest."""
+    """The row (n,) of (m, n) with the highest median."""
     return np.asarray(z[int(np.median(z, axis=1).argmax())])
 
 
 def _common_shift(offsets_px: Array) -> float:
-    """Length of the median of offsets (n, 2); NaN ones are left out, and 0 where there is no other."""
+    """Length of the median of offsets (n, 2) without the NaN ones; 0 if all are NaN."""
     known = offsets_px[np.isfinite(offsets_px).all(axis=-1)]
     return float(np.hypot(*np.median(known, axis=0))) if len(known) else 0.0
 
 
 def with_sun(photo: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Image:
-    """The photograph as if its Sun stood elsewhere: turned clockwise about the vertical at the middle of some ground
-    (n, 3), and raised. A Sun that is not moved stays what it was; one never goes below 1 or above 89 degrees.
+    """The image with another Sun: turned clockwise about the vertical at the middle of ground
+    points (n, 3), and raised.
+
+    A Sun that is not moved stays as it is; the new elevation is limited to 1..89 degrees.
     """
     if not (turn_deg or raise_deg) or not len(ground_mcmf_m):
         return photo

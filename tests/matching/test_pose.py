@@ -372,5 +372,5 @@ def test_what_cannot_be_solved_is_refused() -> None:
     with pytest.raises(PoseError, match="camera"):
         solve(known, behind, known.project(points), unit, UNCERTAIN)
     two = np.arange(10) < 2
-    with pytest.raises(PoseError, match="2 points do not decide"):
+    with pytest.raises(PoseError, match="2 points do not determine"):
         solve(known, points, known.project(points), unit, NO_PRIOR, two)
