@@ -1,5 +1,5 @@
-"""Where a whole photograph lies from where its sensor puts it, when that may be hundreds of pixels: the correlations of all points
-added up over one grid of offsets.
+"""Offset of a whole image from where its sensor projects it, also by hundreds of pixels: the
+correlations of all points added up over one grid of offsets.
 """
 
 from __future__ import annotations
@@ -22,26 +22,28 @@ from .search_image import SearchImage
 from .templates import POINT_SPREAD_PX, render_patches
 
 _GRID_PX = 64
-"""Reach of the grid, in its own pixels: the photograph is reduced to this, or until templates are `_SMALLEST_PX` a side."""
+"""Reach of the grid in its own pixels: the image is reduced to it, or until templates are
+`_SMALLEST_PX` a side.
+"""
 _SMALLEST_PX = 8
 _CHUNK = 64
 _CHUNK_OFFSETS = 4_000_000
-"""Points whose maps are kept at once, at most, and the offsets of all of them."""
+"""Largest number of points whose maps are kept at once, and of the offsets of all of them."""
 _MOST_POINTS = 400
 _LEAST_REAL = 0.7
 _LEAST_SHARE = 0.3
-"""Offsets at which fewer than this share of the points can be looked at are left out."""
+"""Least share of the points that can be compared at an offset for it to count."""
 _LEAST_CELLS = 100
-"""With fewer offsets than this outside of a peak nothing can be said of it."""
+"""Least number of offsets outside a peak for a result."""
 _LEVELS = 4096
 _PLATEAU = 0.05
 
 
 @dataclass(frozen=True)
 class CoarseShift:
-    """The offset on which most points agree, in pixels of the image as it came. ``log10_false_alarms``: how many offsets, in
-    powers of ten, would show as high an agreement by chance in an area as large; ``rival_log10``: the same of the
-    best offset elsewhere.
+    """The offset on which most points agree, in pixels of the full-resolution image.
+    ``log10_false_alarms``: log10 of the expected number of offsets with as high an agreement by
+    chance in an area of this size; ``rival_log10``: the same for the best offset elsewhere.
     """
 
     offset_px: tuple[float, float]
@@ -64,16 +66,18 @@ def coarse_shift(
     psf_sigma_px: float = POINT_SPREAD_PX,
     share: float = 1.0,
 ) -> CoarseShift | None:
-    """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None where too little can be
-    looked at.
+    """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None
+    if too few can be compared.
 
-    ``offset_px``: what is added to each point's place before ((2,), (n, 2), or a function of the rows). ``slack_px``: how far
-    single points may lie from the common offset, as a turned or scaled image has them.
+    ``offset_px``: added first to each point's place ((2,), (n, 2), or a function of the rows).
+    ``slack_px``: largest distance of single points from the common offset, as in a turned or scaled
+    image.
 
-    Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank / offsets). By chance a vote is
-    exponential with mean 1 whatever the map looks like, and the sum of n votes has Gamma(n)'s tail; times the number of offsets it
-    is the number of false alarms (Desolneux, Moisan and Morel 2008). Points are taken as independent, or, where their patches
-    overlap, as so many: ``share`` of their number (`consensus.independent_share`), with the same mean vote.
+    Every point votes for every offset by how rare so high a correlation is in its own map: -ln(rank
+    / offsets). By chance a vote is exponential with mean 1 whatever the map looks like, and the sum
+    of n votes has the tail of Gamma(n); times the number of offsets it is the number of false
+    alarms (Desolneux, Moisan and Morel 2008). Points count as independent, or, if their patches
+    overlap, as ``share`` of their number (`consensus.independent_share`) with the same mean vote.
     """
     rows = evenly(np.asarray(points, dtype=np.int64), _MOST_POINTS)
     if not len(rows):
@@ -108,9 +112,9 @@ def correlation_maps(
     reach: int,
     psf_sigma_px: float = POINT_SPREAD_PX,
 ) -> Float32:
-    """Correlations of points (rows (n,) of the catalogue) at every whole offset within ``reach`` of where the image's sensor, plus
-    ``offset`` (n, 2) rounded, has them, (n, 2 reach + 1, 2 reach + 1), rows before columns; NaN where there is none. Pixels of
-    the image that is searched.
+    """Correlations (n, 2 reach + 1, 2 reach + 1), rows before columns, of points (rows (n,) of the
+    catalogue) at every whole offset within ``reach`` of where the image's sensor projects them,
+    plus ``offset`` (n, 2) rounded; NaN where there is none. Pixels of the searched image.
     """
     suns = image.photo.sun_directions(catalog.position_mcmf[rows])
     sensor = image.photo.sensor
@@ -126,7 +130,7 @@ def correlation_maps(
 def _scale(
     catalog: Catalog, photo: Image, rows: Index, reach: float, grid_px: int
 ) -> tuple[int, float]:
-    """By what the photo is reduced, and the side of the templates then, in pixels."""
+    """Reduction factor of the image, and the side of the templates then, in pixels."""
     pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
     size = float(np.median(catalog.gsd[rows])) * catalog.patch_nodes / pixel
     factor = max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
@@ -134,7 +138,9 @@ def _scale(
 
 
 def _vote(score: Float32, known: Mask, slack: int) -> Array:
-    """-ln of the share of a map's offsets that correlate as highly or better, within ``slack`` of each; 0 where there is none."""
+    """-ln of the share of a map's offsets with as high a correlation, within ``slack`` of each; 0
+    where there is none.
+    """
     level = np.where(known, np.clip(score, -1.0, 1.0), -1.0)
     level = ((level + 1.0) * (0.5 * (_LEVELS - 1))).astype(np.int64)
     level = _highest_near(level, slack) if slack else level
@@ -156,7 +162,9 @@ def _highest_near(values: Index, reach: int) -> Index:
 def _peak(
     votes: Array, voters: Index, factor: int, slack: int, zone: float, share: float
 ) -> CoarseShift | None:
-    """The best offset, and the best one farther from it than ``zone``; None where too few are left outside."""
+    """The best offset, and the best one farther from it than ``zone``; None if too few remain
+    outside.
+    """
     known = (voters > 0) & (voters >= _LEAST_SHARE * voters.max())
     clear = np.where(known, (votes - voters) / np.sqrt(np.maximum(voters, 1)), -np.inf)
     row, col = (int(k) for k in np.unravel_index(int(np.argmax(clear)), clear.shape))
@@ -178,8 +186,8 @@ def _peak(
 
 
 def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:
-    """log10 of the chance that n exponential votes of mean 1 add up to more than t: e^-t times the sum of t^k / k!, k < n. Of votes
-    that depend on each other a share counts, rounded down, with the same mean.
+    """log10 of the probability that n exponential votes of mean 1 add up to more than t: e^-t times
+    the sum of t^k / k!, k < n. Of dependent votes a share counts, rounded down, with the same mean.
     """
     if total <= 0.0:
         return 0.0

@@ -1,10 +1,11 @@
-"""Where a sensor puts the nodes of patches: by the sensor itself, or, where one is slow, by a polynomial of each patch that is
-checked against it.
+"""Projection of the nodes of patches: by the sensor itself, or, for a slow sensor, by a polynomial
+per patch that is checked against it.
 
-A scanner solves for the line of every point. Over one patch its pixels are a smooth function of place: all terms up to
-the third order in east, north and up, fitted to 4 x 4 x 3 exact points, leave less than `TOLERANCE_PX` unless the
-patch is a good part of the way to the sensor across, or the sensor jumps (push-frames). Residuals at those points and at
-9 nodes show that, and such patches are projected node by node.
+A scanner solves for the image line of every point. Over one patch its pixels are a smooth function
+of position: all terms up to the third order in east, north and up, fitted to 4 x 4 x 3 exact
+points, leave less than `TOLERANCE_PX`, unless the patch's width is a good part of its distance to
+the sensor, or the projection jumps (push-frames). Residuals at those points and at 9 nodes detect
+this, and such patches are projected node by node.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 
 TOLERANCE_PX = 0.002
-"""What the polynomial may differ from the sensor where it is checked."""
+"""Largest accepted difference between polynomial and sensor where it is checked."""
 
 _ORDER = 3
 _ACROSS = np.array([-1.0, -0.5, 0.5, 1.0])
@@ -35,7 +36,9 @@ _TERMS = [
 
 
 def node_pixels(catalog: Catalog, rows: Index, nodes_mcmf: Array, sensor: Sensor) -> Array:
-    """Pixels (n, p, p, 2) of the nodes (n, p, p, 3) of the patches ``rows``; NaN for what the sensor cannot have seen."""
+    """Pixels (n, p, p, 2) of the nodes (n, p, p, 3) of the patches ``rows``; NaN for nodes that the
+    sensor cannot see.
+    """
     if _is_quick(sensor) or not len(rows):
         return sensor.project(nodes_mcmf)
     pixels, good = _interpolated(catalog, rows, nodes_mcmf, sensor)
@@ -45,14 +48,14 @@ def node_pixels(catalog: Catalog, rows: Index, nodes_mcmf: Array, sensor: Sensor
 
 
 def _is_quick(sensor: Sensor) -> bool:
-    """Whether a sensor has a closed form."""
+    """True if the sensor projects by a closed form."""
     return isinstance(sensor.full, Camera)
 
 
 def _interpolated(
     catalog: Catalog, rows: Index, nodes_mcmf: Array, sensor: Sensor
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Pixels by the polynomials, and for which patches they are good."""
+    """Pixels by the polynomials, and True for the patches for which they are accurate."""
     half = 0.5 * (catalog.patch_nodes - 1)
     z = catalog.dem[rows].astype(np.float64)
     middle = 0.5 * (z.max(axis=(1, 2)) + z.min(axis=(1, 2)))
@@ -77,14 +80,16 @@ def _interpolated(
 
 @cache
 def _design() -> tuple[Array, Array]:
-    """The terms at the fitted points (k, t), and what makes factors of pixels there (t, k)."""
+    """The terms at the fitted points (k, t), and their pseudo-inverse (t, k)."""
     east, south, up = (a.ravel() for a in np.meshgrid(_ACROSS, _ACROSS, _UP, indexing="ij"))
     terms = np.stack([east**a * south**b * up**c for a, b, c in _TERMS], axis=-1)
     return terms, np.linalg.pinv(terms)
 
 
 def _evaluated(factors: Array, step: Array, height: Array) -> Array:
-    """The polynomials (n, t, 2) at nodes whose places east and south are ``step`` (p,) and heights (n, p, p)."""
+    """The polynomials (n, t, 2) at nodes with places east and south ``step`` (p,) and heights (n,
+    p, p).
+    """
     powers = step[:, None] ** np.arange(_ORDER + 1)
     out = np.zeros((*height.shape, 2))
     for c in range(len(_UP)):

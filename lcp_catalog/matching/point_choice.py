@@ -1,4 +1,6 @@
-"""The points of a catalogue that suit a Sun and a camera, and the scale at which an image is searched for them."""
+"""Choice of a catalogue's points for a Sun and a camera, and the scale at which an image is
+searched for them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ _WIDEST_PX = 48
 
 
 def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
-    """Rows (n,), ascending, of the points that lie in the sensor's image and on the side of the Moon that faces it."""
+    """Rows (n,), ascending, of the points that lie in the sensor's image and on the side of the
+    Moon that faces it.
+    """
     pixels = sensor.project(catalog.position_mcmf)
     return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
 
@@ -39,10 +43,12 @@ def choose_points(
     sun_direction: ArrayLike | None = None,
     most: int | None = None,
 ) -> Index:
-    """Rows (n,), ascending, of the points in view that are usable under a Sun and a camera (`usable_points`).
+    """Rows (n,), ascending, of the points in view that are usable under a Sun and a camera
+    (`usable_points`).
 
-    ``sun_direction``: unit MCMF vector (3,); default: from each point to the sensor's own Sun position (SunError if it
-    has none). ``most``: upper limit of n; the points kept are evenly spread over the catalogue's order.
+    ``sun_direction``: unit MCMF vector (3,); default: from each point to the sensor's own Sun
+    position (SunError if it has none). ``most``: upper limit of n; the chosen points are evenly
+    spread over the catalogue's order.
     """
     rows = points_in_view(catalog, sensor)
     suns = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_direction)
@@ -60,10 +66,11 @@ def evenly(rows: Index, most: int) -> Index:
 def usable_points(
     catalog: Catalog, points: ArrayLike, sensor: Sensor, sun_directions: ArrayLike
 ) -> Mask:
-    """True (n,) for the points (rows (n,) of the catalogue) that are usable in the catalogue's condition nearest to a view
-    and a Sun; ``sun_directions`` (n, 3): unit MCMF vectors.
+    """True (n,) for the points (rows (n,) of the catalogue) that are usable in the catalogue's
+    condition nearest to a view and a Sun; ``sun_directions`` (n, 3): unit MCMF vectors.
 
-    The nearest view and then the nearest Sun of the catalogue's grid are those at the smallest angle.
+    Nearest, first of the views and then of the Suns of the catalogue's grid, is the one at the
+    smallest angle.
     """
     rows = np.asarray(points, dtype=np.int64)
     rotation = catalog.rotation_mcmf_to_enu[rows]
@@ -81,8 +88,8 @@ def usable_points(
 def directions_to_sun(
     sensor: Sensor, points_mcmf_m: Array, sun_direction: ArrayLike | None = None
 ) -> Array:
-    """Unit MCMF vectors (n, 3) from points (n, 3) to the Sun: ``sun_direction`` ((3,) or (n, 3)), or, where that is None,
-    towards the sensor's own Sun position. SunError if the sensor has none.
+    """Unit MCMF vectors (n, 3) from points (n, 3) to the Sun: ``sun_direction`` ((3,) or (n, 3)),
+    or, if that is None, towards the sensor's own Sun position. SunError if the sensor has none.
     """
     if sun_direction is not None:
         given = np.asarray(sun_direction, dtype=np.float64)

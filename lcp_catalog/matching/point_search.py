@@ -1,5 +1,5 @@
-"""A catalogue's points sought in a photograph: each patch is rendered as the image must show it, searched by correlation, placed
-to a fraction of a pixel with a covariance, and sought backwards (docs/matching.md).
+"""Search for a catalogue's points in an image: each patch is rendered as the image should show it,
+found by correlation, placed to a fraction of a pixel with a covariance, and searched backwards.
 """
 
 from __future__ import annotations
@@ -25,36 +25,42 @@ from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
 
 _CHUNK = 128
 _CHUNK_PX = 2_000_000
-"""Points rendered at once, at most, and the pixels of their templates: drawings, about 100 bytes a pixel, are kept only so long."""
+"""Largest number of points rendered at once, and of the pixels of their templates (about 100 bytes
+per pixel).
+"""
 _HALVED_FROM = 144
-"""Templates of fewer pixels are searched at full resolution: too little is left of them at half."""
+"""Least number of pixels of templates that are first searched at half resolution; smaller ones
+would lose too much.
+"""
 _INNER = 0.6
-"""Share of a template's sides that is sought backwards."""
+"""Share of a template's sides that is searched backwards."""
 _BACK_REACH = 0.2
-"""How far, as a share of a template's longer side; there must be `_BACK_COVER` of its pixels."""
+"""Reach of the backward search as a share of a template's longer side."""
 _BACK_COVER = 0.8
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """What a match must be. Shares are of the template's pixels; correlations are centred and normalised."""
+    """Requirements for a match. Shares are of the template's pixels; correlations are centred and
+    normalised.
+    """
 
     psf_sigma_px: float = POINT_SPREAD_PX
     min_correlation: float = 0.3
-    max_false_match: float = 0.2  # chance that the second peak is the true one
+    max_false_match: float = 0.2  # probability that the second peak is the true one
     min_lit_share: float = 0.3
-    min_contrast: float = 0.005  # standard deviation of the render over its mean
+    min_contrast: float = 0.005  # standard deviation of the render, as a share of its mean
     min_pixels: int = 36
     min_real_share: float = 0.7
-    min_area_share: float = 0.3  # of the search area that lies in the image
+    min_area_share: float = 0.3  # of the search area, inside the image
     max_emission_deg: float = 80.0
     max_back_px: float = 1.5
-    floor_px: float = 0.02  # 1 sigma that no match is better than
+    floor_px: float = 0.02  # least 1 sigma of a match
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is the same for all points of a call."""
+    """Data common to all points of a call."""
 
     catalog: Catalog
     image: SearchImage
@@ -74,12 +80,14 @@ def find_points(
     criteria: Criteria = Criteria(),
     whole_search: bool = False,
 ) -> Matches:
-    """Seek points (rows of the catalogue; default: `points_in_view`) within ``reach_px`` (one or (n,)) pixels of where the sensor,
-    plus ``offset_px`` (2,) or (n, 2), puts them.
+    """Search for points (rows of the catalogue; default: `points_in_view`) within ``reach_px`` (one
+    or (n,)) pixels of where the sensor, plus ``offset_px`` (2,) or (n, 2), projects them.
 
-    Pixels are always those of the image as it came, though the photo be a reduced one; the covariance too. ``whole_search``
-    correlates every place at full resolution: slower, and the same but for peaks that half resolution does not
-    show (docs/matching.md). ValueError where the photo has no valid pixel.
+    The search takes the image at its own scale: first reduce an image much finer than the patches
+    with `point_choice.working_image`. Results are in pixels of the full-resolution image, also for
+    a reduced one. ``whole_search`` correlates every place at full resolution: slower, and the same
+    except for peaks that half resolution does not show. ValueError for an image without a valid
+    pixel.
     """
     task = _Task(catalog, SearchImage.of(photo), model, criteria, whole_search)
     rows = (
@@ -99,7 +107,7 @@ def find_points(
 
 
 def _at_once(catalog: Catalog, photo: Image, rows: Index) -> int:
-    """How many points are rendered at once."""
+    """Number of points rendered at once."""
     pixels = pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
     sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)
     largest = float(np.max(1.5 * sides, initial=1.0)) ** 2
@@ -140,7 +148,7 @@ def _as_matches(
     back: Array,
     code: Bytes,
 ) -> Matches:
-    """In pixels of the image as it came."""
+    """Results in pixels of the full-resolution image."""
     f = task.image.factor
     covariance = precise[:, [3, 4, 4, 5]].reshape(-1, 2, 2)
     return Matches(
@@ -156,12 +164,12 @@ def _as_matches(
 
 
 def _mark(code: Bytes, where: ArrayLike, reason: str) -> None:
-    """Say why of those nothing has been said of yet: their code is 0, which will mean found."""
+    """Set the reason for those points that have none yet (code 0, which finally means found)."""
     code[np.asarray(where) & (code == 0)] = CODE[reason]
 
 
 def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Bytes:
-    """Codes of points on which the Sun has not risen, or which the camera sees edge-on; else 0."""
+    """Codes of points with the Sun below the horizon or seen edge-on; else 0."""
     up = task.catalog.rotation_mcmf_to_enu[rows, 2]
     towards = task.image.photo.sensor.towards(task.catalog.position_mcmf[rows])
     code = np.zeros(len(rows), np.uint8)
@@ -184,7 +192,7 @@ def _judge_templates(templates: Templates, criteria: Criteria, code: Bytes) -> N
 
 
 def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Bytes) -> Array:
-    """What `search.seek` says of the templates that nothing has been said of, (n, `search.NUMBERS`)."""
+    """Results (n, `search.NUMBERS`) of `search.seek` for the templates without a reason."""
     image, size = task.image, templates.mask.sum(axis=(1, 2))
     found = np.full((len(code), search.NUMBERS), np.nan)
     search.seek(
@@ -209,7 +217,9 @@ def _judge_search(
 
 
 def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> Array:
-    """What `register.refine` says of the templates that were sought, (n, `register.NUMBERS`)."""
+    """Results (n, `subpixel_fit.NUMBERS`) of `subpixel_fit.refine` for the templates that were
+    searched.
+    """
     out = np.full((len(sought), subpixel_fit.NUMBERS), np.nan)
     part = np.full((int(sought.sum()), subpixel_fit.NUMBERS), np.nan)
     subpixel_fit.refine(
@@ -238,7 +248,9 @@ def _judge_places(
 def _sought_back(
     task: _Task, templates: Templates, places: Index, precise: Array, code: Bytes
 ) -> Array:
-    """How far from where it was found each point comes back to, working pixels (n,); NaN where nothing was found."""
+    """Distance (n,), working pixels, from each point to where the backward search ends; NaN if it
+    was not found.
+    """
     back = np.full(len(code), np.nan)
     good = code == 0
     found = np.full((int(good.sum()), 3), np.nan)

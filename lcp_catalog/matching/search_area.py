@@ -1,9 +1,10 @@
-"""Which of a catalogue's points can be in an image whose sensor is only roughly known, and how far from where it puts
-them.
+"""Points that may lie in the image of a sensor with an uncertain position, and the reach of their
+search.
 
-A point's reach is so many sigmas of its place in the image, by the sensor's Jacobian: to first order in the
-uncertainty. Where that is too far to be searched point by point, the whole image's offset is sought first
-(`coarse_match.coarse_shift`); what it leaves open is the uncertainty given that offset, a Kalman step.
+A point's reach is a number of sigmas of its place in the image, by the sensor's Jacobian: to first
+order in the uncertainty. If that is too far for a search point by point, the offset of the whole
+image is found first (`coarse_offset.coarse_shift`); the reach is then that of the uncertainty given
+this offset, by a Kalman step.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from .point_choice import facing
 from .pose import jacobian
 
 _FARTHEST = 2.0
-"""Points that a sensor puts further than this many images, and as many reaches of its middle, from the middle are out
-of any doubt: that far a pinhole's linear reach means nothing.
+"""Points that the sensor projects further from the image's middle than this many image sizes plus
+reaches of the middle are left out: that far off, a pinhole's linear reach is invalid.
 """
 _NOBODY = np.zeros(0, dtype=np.int64)
 _ROUGH = 2
@@ -34,9 +35,9 @@ _ROUGH = 2
 
 @dataclass(frozen=True, eq=False)
 class SearchArea:
-    """Points (rows of the catalogue, (n,)), each sought within ``reach_px`` (n,) of where the sensor has it plus
-    ``offset_px`` (n, 2). Pixels of the image as it came. ``log10_places``: among how many areas as large these were
-    chosen, a power of ten.
+    """Points (rows of the catalogue, (n,)), each searched within ``reach_px`` (n,) of where the
+    sensor projects it plus ``offset_px`` (n, 2). Pixels of the full-resolution image.
+    ``log10_places``: log10 of the number of areas of this size among which this one was chosen.
     """
 
     points: Index
@@ -48,11 +49,11 @@ class SearchArea:
         return len(self.points)
 
     def at_least(self, least_px: float) -> SearchArea:
-        """With no reach below a least one."""
+        """The area with a least reach."""
         return replace(self, reach_px=np.maximum(self.reach_px, least_px))
 
     def only(self, rows: NDArray[np.bool_] | Index) -> SearchArea:
-        """Some of its points."""
+        """The area of some of its points."""
         return replace(
             self,
             points=self.points[rows],
@@ -64,7 +65,7 @@ class SearchArea:
 def perhaps_in_view(
     catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float
 ) -> SearchArea:
-    """The points that may be in the image, each with its reach, so many ``sigmas`` of its place."""
+    """The points that may be in the image, each with its reach, ``sigmas`` times that of its place."""
     height, width = sensor.shape
     middle = np.array([(width - 1) / 2.0, (height - 1) / 2.0])
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
@@ -93,10 +94,12 @@ def narrowed(
     sigmas: float,
     least_px: float,
 ) -> tuple[SearchArea, float, float]:
-    """The area once the offset of the whole image is known; log10 of how often chance would show one as clear; how
-    far, in pixels, single points may lie from it by turning and scaling, a 1 sigma median. The area as it was, and no
-    doubt, where nothing can be said of the whole image. ``photo`` is the one that is searched, ``sensor`` that of the
-    image as it came.
+    """The area after the offset of the whole image is found; log10 of the expected number of
+    offsets as clear by chance; and the distance, in pixels, by which turning and scaling move
+    single points from a common offset (1 sigma, the median).
+
+    If no offset can be found: the area as it is, and minus infinity. ``photo`` is the searched
+    image, ``sensor`` that of the full-resolution image.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
     slope = jacobian(sensor, catalog.position_mcmf[area.points])
@@ -124,8 +127,8 @@ def narrowed(
 
 
 def slack_px(sensor: Sensor, points_mcmf_m: Array, uncertainty: Uncertainty) -> float:
-    """How far, in pixels, ground points (n, 3) may lie from an offset that is common to all of them, as an uncertainty
-    turns and scales the image: the median of 1 sigma.
+    """Distance, in pixels, by which an uncertainty, as it turns and scales the image, moves ground
+    points (n, 3) from an offset common to all: the median of 1 sigma.
     """
     return _slack(jacobian(sensor, points_mcmf_m), np.diag(uncertainty.sigmas(sensor) ** 2))
 
@@ -135,6 +138,6 @@ def _slack(slope: Array, covariance: Array) -> float:
 
 
 def _reach(slope: Array, covariance: Array, sigmas: float) -> Array:
-    """So many sigmas of the worse of a place's two coordinates, (n,)."""
+    """``sigmas`` times the sigma of the worse of a place's two coordinates, (n,)."""
     variance = np.einsum("nia,ab,nib->ni", slope, covariance, slope).max(-1, initial=0.0)
     return np.asarray(sigmas * np.sqrt(np.maximum(variance, 0.0)))

@@ -1,4 +1,4 @@
-"""A photograph made ready to be searched: without gaps, with its weights, and at half resolution as well."""
+"""An image prepared for the search: without gaps, with weights, and at half resolution as well."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from ..landmarks.correlation import moments
 from ..landmarks.patches import halved
 
 _FILL_PX = 33
-"""Missing pixels hold the mean of the valid ones around them, this far at first."""
+"""Width of the first window whose mean of valid pixels fills missing ones."""
 
 
 LEAST_LIKENESS = 0.3
-"""Neighbouring pixels of an image of anything correlate by more than this; those of plain noise do not."""
+"""Least correlation of neighbouring pixels of an image of anything; that of plain noise is below.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchImage:
-    """``fine`` (rows, cols) is the signal less its mean, filled; ``weight`` (rows, cols) 0..1; ``factor``: pixels of the image as
-    it came along the side of one of these.
+    """``fine`` (rows, cols): the signal less its mean, gaps filled; ``weight`` (rows, cols) 0..1;
+    ``factor``: side of one of its pixels in pixels of the full-resolution image.
     """
 
     photo: Image
@@ -35,7 +36,7 @@ class SearchImage:
 
     @classmethod
     def of(cls, photo: Image) -> SearchImage:
-        """ValueError where nothing of it is valid."""
+        """Prepare an image. ValueError if it has no valid pixel."""
         valid = photo.valid
         if not valid.any():
             raise ValueError(f"{photo.name}: no pixel of it is valid")
@@ -48,7 +49,7 @@ class SearchImage:
 
     @cached_property
     def half(self) -> Float32:
-        """Means of 2 x 2 pixels; an odd last row or column left out."""
+        """Means of 2 x 2 pixels, without an odd last row or column."""
         return halved(self.fine)
 
     @cached_property
@@ -56,7 +57,9 @@ class SearchImage:
         return halved(self.weight)
 
     def is_saturated(self, middle: Index, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Whether most of what does not count around pixels (n, 2) is a signal that is too strong, rather than none."""
+        """True for the pixels (n, 2) around which most of the invalid pixels are saturated, not
+        missing.
+        """
         high, wide = (n // 2 for n in shape)
         lost = self.weight <= 0.0
         bright = lost & np.isfinite(self.photo.signal)
@@ -68,12 +71,12 @@ class SearchImage:
 
 
 def full_pixels(pixels: Array, factor: int) -> Array:
-    """Pixels of a reduced image in those of the image as it came."""
+    """Pixels of a reduced image in pixels of the full-resolution image."""
     return (pixels + 0.5) * factor - 0.5
 
 
 def nothing_in(photo: Image) -> str | None:
-    """What an image lacks for anything to be found in it; None where it lacks nothing."""
+    """The reason why nothing can be found in an image; None if there is none."""
     valid = photo.valid
     if not valid.any():
         return "the image has no valid pixel"

@@ -1,10 +1,11 @@
-"""A catalogue's patches as a navigator renders them for an image: each from its own nodes alone, under the image's Sun, seen by its
-camera, in its own pixels.
+"""Renders of a catalogue's patches as a navigator makes them for an image: each from its own nodes
+alone, under the image's Sun, seen by its camera, in its pixels.
 
-Every node is projected by the camera itself, or to 0.002 px as a scanner does it (`node_pixels`). The surface's triangles are
-drawn, the nearest in front, on ``sub`` x ``sub`` samples of each pixel, with shadows that the patch casts on itself; the pixel
-is the mean over its square and a Gaussian point spread. So the image is never resampled, and a drawing can be seen at
-any fraction of a pixel (`kernels.spread`).
+Every node is projected by the camera itself, or to 0.002 px for a scanner (`node_pixels`). The
+surface's triangles are drawn, the nearest in front, on ``sub`` x ``sub`` samples of each pixel,
+with shadows that the patch casts on itself; a pixel is the mean over its square and a Gaussian
+point spread. So the image is never resampled, and a drawing can be shifted by any fraction of a
+pixel (`kernels.matching.point_spread`).
 """
 
 from __future__ import annotations
@@ -28,23 +29,25 @@ POINT_SPREAD_PX = 0.5
 """Default 1 sigma of an image's point spread, beside the pixel's own square."""
 
 LEAST_COVER = 0.95
-"""Share of a pixel's point spread that must fall on the patch for the pixel to count."""
+"""Least share of a pixel's point spread that falls on the patch, for the pixel to count."""
 
 _SAMPLES_A_NODE = 2.0
 _SUB = (3, 8)
-"""Samples a pixel's side: two to each node's width, within these."""
+"""Samples along a pixel's side: two to each node's width, within these limits."""
 _WIDEST_PX = 2048
-"""A patch that takes more pixels a side is not drawn: it lies right before the camera, or at the edge of what its lens knows."""
+"""Largest side in pixels of a patch that is drawn; a larger one is too close to the camera, or at
+the limit of its lens model.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Templates:
-    """Renders of n patches. ``values`` are radiance factors, 0 where not ``mask``; pixel (i, j) of one lies on the image's pixel
-    (column origin[0] + j, row origin[1] + i).
+    """Renders of n patches. ``values`` are radiance factors, 0 outside ``mask``; pixel (i, j) lies
+    on the image's pixel (column origin[0] + j, row origin[1] + i).
     """
 
     point: Index  # (n,) rows in the catalogue
-    predicted_px: Array  # (n, 2) where the patch's centre is
+    predicted_px: Array  # (n, 2) of the patch's centre
     origin: Index  # (n, 2) column and row of the image
     values: Float32  # (n, rows, cols)
     mask: Mask  # (n, rows, cols) pixels that lie on the patch
@@ -57,12 +60,12 @@ class Templates:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of each."""
+        """Rows and columns of each template."""
         return self.values.shape[1], self.values.shape[2]
 
     @property
     def lit_share(self) -> Array:
-        """Share of each one's pixels that get any light, (n,); 0 for an empty one."""
+        """Share of each template's pixels that receive light, (n,); 0 for an empty one."""
         count = self.mask.sum(axis=(1, 2))
         return np.asarray((self.values > 0.0).sum(axis=(1, 2)) / np.maximum(count, 1))
 
@@ -79,11 +82,13 @@ def render_patches(
 ) -> Templates:
     """Render patches (rows ``index`` (n,) of the catalogue) into the pixels of a sensor.
 
-    ``sun_directions``: unit MCMF vectors towards the Sun, (n, 3), or (3,) for all patches; default: from the sensor's own
-    Sun position (SunError if it has none). ``model``: reflectance law, default Lommel-Seeliger.
+    ``sun_directions``: unit MCMF vectors towards the Sun, (n, 3), or (3,) for all patches; default:
+    from the sensor's own Sun position (SunError if it has none). ``model``: reflectance law,
+    default Lommel-Seeliger.
 
-    All templates are as large as the largest one. The mask is empty for a patch that the sensor does not see whole or that
-    covers more than 2048 pixels along a side. Memory: 4 sub^2 + 5 bytes per template pixel, 64 per node.
+    All templates are as large as the largest one. The mask is empty for a patch that the sensor
+    does not see whole or that covers more than 2048 pixels along a side. Memory: 4 sub^2 + 5 bytes
+    per template pixel, 64 per node.
     """
     rows = np.asarray(index, dtype=np.int64)
     nodes = nodes_mcmf(catalog, rows)
@@ -112,8 +117,8 @@ def render_patches(
 
 
 def _placed(pixels: Array, towards: Array) -> tuple[Array, Mask, Index, tuple[int, int]]:
-    """Nodes' pixels (n, p, p, 2), 0 for patches that are not seen whole; which are; the first pixel, column and row, of each; rows
-    and columns that hold the largest.
+    """Pixels (n, p, p, 2) of the nodes, 0 for patches that are not seen whole; True for those seen
+    whole; column and row of the first pixel of each; rows and columns of the largest.
     """
     low, high = pixels.min(axis=(1, 2)), pixels.max(axis=(1, 2))  # NaN where one of them is
     seen = (high - low < _WIDEST_PX).all(axis=1) & np.isfinite(towards).all(axis=(1, 2))
@@ -127,7 +132,9 @@ def _placed(pixels: Array, towards: Array) -> tuple[Array, Mask, Index, tuple[in
 
 
 def _samples(pixels: Array, nodes: int) -> int:
-    """Samples a pixel's side, from the nodes' pixels (n, p, p, 2): by the patch whose nodes lie closest."""
+    """Samples along a pixel's side, from the nodes' pixels (n, p, p, 2): by the patch with the
+    closest nodes.
+    """
     low, high = _SUB
     if not len(pixels) or nodes < 2:
         return low
