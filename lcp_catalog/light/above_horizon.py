@@ -1,4 +1,4 @@
-"""Which lights have risen over a terrain, and which stand below every horizon."""
+"""Light sources above the horizon of a terrain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .sources import Lighting, Source
 _ROUNDING_DEG = 1e-9  # of the Sun's elevation: one on the horizon is not below it
 
 
-def risen(terrain: Terrain, light: Lighting) -> Lighting:
+def light_above_horizon(terrain: Terrain, light: Lighting) -> Lighting:
     """The light, its sources without irradiance where they stand below the horizon of even the
     area's highest node, a disc with its upper limb; SunError where all do and there is no sky.
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame, mcmf_to_lonlat
+from ..geometry.frames import EnuFrame
 from ..sun.ephemeris import apparent_sun, lunar_rotation
 from ..sun.limb_darkening import LimbDarkening
 from ..sun.times import Times, instants
@@ -54,12 +54,6 @@ class Earth:
     position_mcmf_m: Array
     sun_direction_mcmf: Array
     sun_distance_m: float = math.inf
-
-    @property
-    def sub_earth(self) -> tuple[float, float]:
-        """Longitude (0..360) and latitude (deg) of the place that has the Earth overhead."""
-        lon, lat, _ = mcmf_to_lonlat(self.position_mcmf_m)
-        return float(lon), float(lat)
 
     def phase_rad(self, place_mcmf_m: ArrayLike = (0.0, 0.0, 0.0)) -> float:
         """Angle at the Earth between the Sun and a place on the Moon; 0: the Earth is full."""

@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 
 from .._version import __version__
 from ..arrays import Array
@@ -284,25 +284,12 @@ def _starts(task: _Task, which: int) -> list[Array]:
     found = []
     for (shift_b, sigma_b), beam in beams:
         for (shift_d, sigma_d), glow in glows:
-            w_b, w_d = _weights(beam, glow, data)
+            (w_b, w_d), _ = nnls(np.column_stack([beam, glow]), data)
             missed = w_b * beam + w_d * glow - data
             row = np.array([w_b, shift_b, sigma_b, w_d, shift_d, sigma_d])
             found.append((float(missed @ missed), row))
     found.sort(key=lambda pair: pair[0])
     return [row for _, row in found[:_REFINED]]
-
-
-def _weights(beam: Array, glow: Array, data: Array) -> tuple[float, float]:
-    """Least squares of data by two shapes, neither weight negative."""
-    bb, gg, bg = float(beam @ beam), float(glow @ glow), float(beam @ glow)
-    b, g = float(beam @ data), float(glow @ data)
-    determinant = bb * gg - bg * bg
-    if determinant > 1e-12 * bb * gg:
-        w_b, w_d = (b * gg - g * bg) / determinant, (g * bb - b * bg) / determinant
-        if w_b >= 0.0 and w_d >= 0.0:
-            return w_b, w_d
-    one, other = max(b, 0.0) / max(bb, 1e-300), max(g, 0.0) / max(gg, 1e-300)
-    return (one, 0.0) if b * one > g * other else (0.0, other)
 
 
 def _refined(task: _Task, which: int, start: Array) -> Array:

@@ -18,7 +18,7 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, ImageError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
-from ..light.above_horizon import risen
+from ..light.above_horizon import light_above_horizon
 from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
@@ -118,7 +118,7 @@ class HeightfieldScene:
         if request.backdrop is None:
             return result
         panorama = request.environment.in_factors if request.environment else None
-        place = self.terrain, self.camera, risen(self.terrain, self.light)
+        place = self.terrain, self.camera, light_above_horizon(self.terrain, self.light)
         whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
         return replace(result, composite=whole)
 

@@ -27,7 +27,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import View, camera_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
-from ..light.above_horizon import risen
+from ..light.above_horizon import light_above_horizon
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, Source
@@ -97,7 +97,7 @@ def render_enu(
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
     sun, disc = light.first.direction.vector, light.first.disc is not None
     plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
-    light = risen(terrain, light)
+    light = light_above_horizon(terrain, light)
     check_camera(terrain, view)
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
     lights = [
@@ -167,7 +167,7 @@ def render_camera(
     plan = plan or plan_scene(
         terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
     )
-    light = risen(terrain, light)
+    light = light_above_horizon(terrain, light)
     check_camera(terrain, view)
     origin, rays = camera.rays_enu(terrain.frame)
     points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays

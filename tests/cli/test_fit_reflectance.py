@@ -107,7 +107,7 @@ def test_provenance_and_json(csv, capsys):
 def test_a_chart(csv):
     assert run(["fit-reflectance", "paint.csv", "-o", "m.toml", "--chart", "m.svg"]) == 0
     root = ET.parse(csv / "m.svg").getroot()
-    dots = [e for e in root.iter() if e.tag.endswith("circle") and e.get("class") == "data"]
+    dots = [e for e in root.iter() if e.tag.endswith("circle") and e.get("class") == "dots"]
     lines = [e for e in root.iter() if e.tag.endswith("polyline")]
     assert len(dots) == 2 * 33 + 1  # and the legend's
     assert len(lines) == 2 * 3

@@ -15,7 +15,7 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADI
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light import solar_disc
-from lcp_catalog.light.above_horizon import risen
+from lcp_catalog.light.above_horizon import light_above_horizon
 from lcp_catalog.light.earthshine import mean_earth
 from lcp_catalog.light.environment import Environment
 from lcp_catalog.light.environment_map import Panorama
@@ -166,9 +166,13 @@ def test_what_has_risen(craters):
         Source(direction_enu(0, 5)),
         Source(direction_enu(9, 1)),
     )
-    assert [one.irradiance for one in risen(craters, Lighting(sources)).sources] == [0.0, 1.0, 1.0]
+    assert [one.irradiance for one in light_above_horizon(craters, Lighting(sources)).sources] == [
+        0.0,
+        1.0,
+        1.0,
+    ]
     night = Lighting(sources[:1], uniform(16))
-    assert risen(craters, night).first.irradiance == 0.0  # a sky lights on
+    assert light_above_horizon(craters, night).first.irradiance == 0.0  # a sky lights on
 
 
 def test_an_overcast_sky_has_a_middle_to_speak_of():

@@ -4,15 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import nnls
 
 from lcp_catalog.photometry.facet_file import FacetFile
 from lcp_catalog.photometry.facet_fit import (
     _Task,
-    _weights,
     curve_length,
     d1,
     d2,
@@ -144,18 +140,6 @@ def _scale(model, incidence_deg):
     from lcp_catalog.kernels.photometry.facet import scale
 
     return scale(model.law, np.cos(np.radians(incidence_deg)))
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(*[st.integers(0, 9)] * 2, st.integers(-9, 9)), min_size=3, max_size=9))
-def test_the_starts_weights_are_least_squares(rows):
-    """scipy's non-negative least squares is the judge."""
-    beam, glow, data = np.array(rows, dtype=float).T
-    found = _weights(beam, glow, data)
-    best, missed = nnls(np.stack([beam, glow], axis=1), data)
-    assert min(found) >= 0.0
-    ours = np.linalg.norm(found[0] * beam + found[1] * glow - data)
-    assert ours == pytest.approx(missed, abs=1e-6), best
 
 
 def test_held_as_far_as_was_measured():
