@@ -15,12 +15,12 @@ from .value_types import LATITUDE, LONGITUDE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lcp_catalog.dem.connected_regions import Region
     from lcp_catalog.dem.consistency import Disagreement
     from lcp_catalog.dem.coverage import Band, SetCoverage
     from lcp_catalog.dem.dem import Dem
-    from lcp_catalog.dem.height_survey import Survey
     from lcp_catalog.dem.mosaic import DemSet
+    from lcp_catalog.dem.pixel_statistics import HeightStatistics
+    from lcp_catalog.dem.regions import Region
 
 
 @click.group()
@@ -75,10 +75,8 @@ def info(
 
     from lcp_catalog.atomic_files import check_output
     from lcp_catalog.dem.coverage import set_coverage, set_disagreements
-    from lcp_catalog.dem.height_survey import (
-        survey,  # rasterio and numba: only when the command runs
-    )
-    from lcp_catalog.dem.mosaic import DemSet
+    from lcp_catalog.dem.mosaic import DemSet  # rasterio and numba: only when the command runs
+    from lcp_catalog.dem.pixel_statistics import height_statistics
 
     from . import dem_text
 
@@ -86,7 +84,7 @@ def info(
         check_output(map_path, overwrite)
     dems = DemSet.open(dem, product_order)  # a file that is none is said before the others are read
     covered = set_coverage(dems)
-    surveys = None if quick else [survey(one) for one in dems.dems]
+    surveys = None if quick else [height_statistics(one) for one in dems.dems]
     differing = None if quick else set_disagreements(dems, covered)
     whole = _describe_set(dem, dems, covered, surveys, differing)
     files = (
@@ -108,7 +106,9 @@ def info(
         click.echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(whole)]))
 
 
-def _write_map(dems: DemSet, surveys: Sequence[Survey] | None, path: str, overwrite: bool) -> None:
+def _write_map(
+    dems: DemSet, surveys: Sequence[HeightStatistics] | None, path: str, overwrite: bool
+) -> None:
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.dem.coverage_map import set_map
 
@@ -120,7 +120,7 @@ def _describe(
     dem: Dem,
     number: int,
     covered: SetCoverage,
-    surveys: Sequence[Survey] | None,
+    surveys: Sequence[HeightStatistics] | None,
     places: tuple[tuple[float, float], ...],
 ) -> dict[str, Any]:
     """One file: the contract's fields, then what is known of the product and of its ground."""
@@ -142,9 +142,9 @@ def _describe(
         "gsd_m": dem.gsd_m,
         "bounds": dem.grid.bounds._asdict(),
         "radius_m": dem.radius_m,
-        "min_m": found.statistics.min_m if found else None,
-        "max_m": found.statistics.max_m if found else None,
-        "nodata_share": found.statistics.nodata_share if found else None,
+        "min_m": found.min_m if found else None,
+        "max_m": found.max_m if found else None,
+        "nodata_share": found.nodata_share if found else None,
         "abs_latitude_use": None if span is None else list(span),
         "samples": [
             {"lon": lon, "lat": lat, "height_m": height_at(dem, lon, lat)} for lon, lat in places
@@ -158,7 +158,7 @@ def _describe(
     }
 
 
-def _holes(found: Survey, own_km2: float) -> dict[str, Any]:
+def _holes(found: HeightStatistics, own_km2: float) -> dict[str, Any]:
     """Missing pixels of a file of so much ground, and the largest pieces that hang together."""
     missing_km2 = found.hole_km2()
     return {
@@ -181,7 +181,7 @@ def _describe_set(
     paths: Sequence[str],
     dems: DemSet,
     covered: SetCoverage,
-    surveys: Sequence[Survey] | None,
+    surveys: Sequence[HeightStatistics] | None,
     differing: Sequence[Disagreement] | None,
 ) -> dict[str, Any]:
     """The set: one object, with the files by the names that were given."""

@@ -40,7 +40,7 @@ ORDER = [
 FENCES = {
     # package: sub-packages or modules of the library that may import it
     "rasterio": {"dem", "rendering", "images"},
-    "cv2": {"landmarks", "matching", "light", "threads"},
+    "cv2": {"plots", "landmarks", "matching", "light", "threads"},
     "h5py": {"catalog"},
     "distributed": {"build"},
     "click": set(),

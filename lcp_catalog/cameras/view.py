@@ -14,7 +14,7 @@ from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
 from ..geometry import sphere_intersection
-from ..geometry.bounds import Bounds, _shortest_arc
+from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
 from .sensor import Sensor
@@ -183,7 +183,8 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     lon, lat, _ = mcmf_to_lonlat(points)
     if pole_seen.any():
         return Bounds(-180.0, float(lat.min()), 180.0, float(lat.max()))
-    west, east = _shortest_arc(lon)
+    west, east = enclosing_arc(lon, lon)
+    west, east = (west + 360.0, east + 360.0) if west < 0.0 else (west, east)
     return Bounds(west, float(lat.min()), east, float(lat.max()))
 
 

@@ -1,36 +1,51 @@
-"""What a set of DEM files covers: by bands of latitude, by product, where files overlap and where none is.
+"""Coverage of a set of DEM files: areas by band of latitude and by product, overlaps, gaps.
 
-All of it is geometry; only `set_disagreements` reads pixels, some hundred small windows.
+The box of the set is divided by the outer edges of all files, and each cell is assigned by its middle.
+Cylindrical files end at meridians and parallels, so that their areas are exact. The edges of polar files
+cross cells: their areas, overlaps and gaps are good to `POLAR_ERROR` of the area of the file, for up to 30
+polar files (tests/dem/test_coverage.py measures it); a gap between polar files that is narrower than a cell
+can be missed or fall into pieces. No pixel is read but by `set_disagreements`, which reads some hundred
+small windows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..geometry.bounds import Bounds, around
-from .connected_regions import Region, components
+from ..arrays import Array, Index, Int16, Mask
+from ..constants import MOON_RADIUS_M
+from ..geometry.bounds import Bounds, enclosing_bounds
 from .consistency import Disagreement, disagreements
-from .coverage_arcs import RADIUS_KM, Arcs, cut
+from .grid import Grid
 from .mosaic import DemSet
+from .regions import Region, connected_regions
 
 BAND_EDGES_DEG = (-90.0, -85.0, -80.0, -75.0, -60.0, 0.0, 60.0, 75.0, 80.0, 85.0, 90.0)
-"""The method's table of products (method.md section 1), north and south."""
+"""Latitudes at which the method's choice of products changes, north and south."""
+RADIUS_KM = MOON_RADIUS_M / 1000.0
 MOON_KM2 = 4.0 * math.pi * RADIUS_KM**2
 
-_CHUNK = 50_000  # places asked at once
+POLAR_ERROR = 1e-3
+"""Error bound of areas in sets with polar files, as a share of the area of the file."""
+
+_EDGE_POINTS, _EDGE_POINTS_OF_SIDE = 4000, (12, 400)
+"""Points along the edges of all polar files, and along one side of a file (at least, at most), whose longitudes and latitudes
+are edges of cells.
+"""
+_NARROW_DEG = 1e-9  # a cell below it is a rounding error
 _PAIRS = 20  # of products that are compared
 
 
 @dataclass(frozen=True)
 class Band:
-    """Ground between two parallels: all of it, and what of it is covered, is in two or more files, is a gap of the set's box."""
+    """Surface between two parallels, km2: the whole band, its parts in a file, in two or more files, and in gaps of the
+    set's box; ``used_km2`` by product, where it is the one that is used.
+    """
 
     south_deg: float
     north_deg: float
@@ -38,12 +53,12 @@ class Band:
     covered_km2: float
     overlap_km2: float
     gap_km2: float
-    used_km2: dict[str, float]  # by product: where it is the one that is used
+    used_km2: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Ground that two files share, by their index in the set, and the box around it."""
+    """Surface that two files share, by their index in the set, and the box around it."""
 
     first: int
     second: int
@@ -53,17 +68,19 @@ class Overlap:
 
 @dataclass(frozen=True)
 class Gap(Region):
-    """Ground of the set's box in no file; ``at_edge`` when it reaches the box's edge, so that files do not enclose it."""
+    """A connected part of the set's box in no file; ``at_edge`` if it reaches the edge of the box, so that files do not
+    enclose it.
+    """
 
     at_edge: bool
 
 
 @dataclass(frozen=True)
 class SetCoverage:
-    """What the files of a set cover together. Areas are ground of the sphere of 1737.4 km.
+    """Coverage of a set. Areas are those of the sphere of 1737.4 km.
 
-    ``file_km2`` is each file's own footprint, ``used_km2`` the part of it where that file is the one that is used. Gaps are
-    ground of the box ``bounds`` in no file; gaps and overlaps are sorted, largest first. Missing pixels do not count here.
+    ``file_km2`` is the footprint of each file, ``used_km2`` the part of it where that file is the one that is used. Gaps are
+    the surface of the box ``bounds`` in no file; gaps and overlaps are sorted, largest first. Missing pixels do not count here.
     """
 
     bounds: Bounds
@@ -84,88 +101,184 @@ class SetCoverage:
         return sum(band.gap_km2 for band in self.bands)
 
 
+@dataclass(frozen=True)
+class _Cells:
+    """Cells of a box: edges of the columns (longitudes from the west edge of the box, up to 360 more) and rows (latitudes from
+    south to north), degrees.
+    """
+
+    lon_edges: Array
+    lat_edges: Array
+
+    @property
+    def lon_deg(self) -> Array:
+        """Middles of the columns."""
+        return np.asarray(0.5 * (self.lon_edges[1:] + self.lon_edges[:-1]))
+
+    @property
+    def lat_deg(self) -> Array:
+        """Middles of the rows."""
+        return np.asarray(0.5 * (self.lat_edges[1:] + self.lat_edges[:-1]))
+
+    @property
+    def area_km2(self) -> Array:
+        """Exact areas of the cells, (rows, columns)."""
+        height = np.diff(np.sin(np.radians(self.lat_edges)))
+        return np.outer(RADIUS_KM**2 * height, np.diff(np.radians(self.lon_edges)))
+
+    @property
+    def is_ring(self) -> bool:
+        """True if the last column touches the first."""
+        return bool(self.lon_edges[-1] - self.lon_edges[0] > 360.0 - 1e-9)
+
+    def box_around(self, cells: Mask) -> Bounds:
+        """The box around cells (rows, columns)."""
+        rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+        south, north = self.lat_edges[rows[0]], self.lat_edges[rows[-1] + 1]
+        west, east = self.lon_edges[columns], self.lon_edges[columns + 1]
+        return enclosing_bounds(west, east, float(south), float(north))
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """Cells of one file: True inside, of the rows from ``first`` on (rows of the file's latitudes, columns)."""
+
+    first: int
+    inside: Mask
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.first, self.first + len(self.inside))
+
+    def shared(self, other: _Footprint, rows: int) -> Mask:
+        """Cells of both, (``rows``, columns)."""
+        out = np.zeros((rows, self.inside.shape[1]), np.bool_)
+        out[self.rows] = self.inside
+        both = np.zeros_like(out)
+        both[other.rows] = other.inside & out[other.rows]
+        return both
+
+
 def rectangle_km2(west: float, south: float, east: float, north: float) -> float:
-    """Ground between two meridians and two parallels, degrees."""
+    """Area between two meridians and two parallels, degrees."""
     height = math.sin(math.radians(north)) - math.sin(math.radians(south))
     return RADIUS_KM**2 * math.radians(east - west) * height
 
 
 def set_coverage(dems: DemSet) -> SetCoverage:
-    """Cut the set's box at every edge of its files and add up; no pixel is read."""
+    """Areas, overlaps and gaps of a set. No pixel is read."""
     box = Bounds(*(float(edge) for edge in dems.bounds))
     ranked = [lat for zone in dems.zones for lat in (-zone.high, zone.high)]
-    arcs = cut([dem.grid for dem in dems.dems], box, [*BAND_EDGES_DEG, *ranked])
-    inside, used = _ask(dems, arcs)
-    shared = _shared(inside, arcs.area_km2)
+    cells = _divided([dem.grid for dem in dems.dems], box, [*BAND_EDGES_DEG, *ranked])
+    footprints = [_footprint(dem.grid, cells) for dem in dems.dems]
+    area, depth = cells.area_km2, np.zeros((cells.lat_deg.size, cells.lon_deg.size), np.int16)
+    for one in footprints:
+        depth[one.rows] += one.inside
+    used = _used(dems, cells, footprints)
     pixel_km2 = [(dem.gsd_m / 1000.0) ** 2 for dem in dems.dems]
     poles = np.asarray(dems.candidates_at([0.0, 0.0], [-90.0, 90.0]).any(axis=0))
     return SetCoverage(
         bounds=box,
-        covered_km2=float(arcs.area_km2[used >= 0].sum()),
+        covered_km2=float(area[used >= 0].sum()),
         box_km2=rectangle_km2(*box),
-        bands=tuple(_bands(dems, arcs, inside.sum(axis=0), used)),
-        file_km2=tuple(np.diag(shared).tolist()),
-        used_km2=tuple(
-            np.bincount(used[used >= 0], arcs.area_km2[used >= 0], len(dems.dems)).tolist()
-        ),
-        overlaps=tuple(_overlaps(arcs, inside, shared, pixel_km2)),
-        gaps=tuple(_gaps(arcs, used < 0, box, min(pixel_km2))),
+        bands=tuple(_bands(dems, cells, depth, used)),
+        file_km2=tuple(float(area[one.rows][one.inside].sum()) for one in footprints),
+        used_km2=tuple(_by_file(used, area, len(footprints)).tolist()),
+        overlaps=tuple(_overlaps(dems, cells, footprints, pixel_km2)),
+        gaps=tuple(_gaps(cells, used < 0, box, min(pixel_km2))),
         has_north_pole=bool(poles[1]),
         has_south_pole=bool(poles[0]),
-        is_full_ring=bool((np.bincount(arcs.row, used < 0) == 0).any())
-        and box.east - box.west > 360.0 - 1e-9,
-        crosses_antimeridian=_crosses(dems, arcs.lat_deg),
+        is_full_ring=bool((used >= 0).all(axis=1).any()) and cells.is_ring,
+        crosses_antimeridian=_crosses(dems, cells.lat_deg),
     )
 
 
 def set_disagreements(dems: DemSet, covered: SetCoverage) -> list[Disagreement]:
     """Products that differ by more than their uncertainties where their files overlap, each pair in its largest overlap."""
     found: list[Disagreement] = []
-    asked: set[frozenset[str]] = set()
+    compared: set[frozenset[str]] = set()
     for one in covered.overlaps:
         pair = dems.dems[one.first], dems.dems[one.second]
         names = frozenset(dem.product for dem in pair)
-        if names not in asked and len(asked) < _PAIRS:
-            asked.add(names)
+        if names not in compared and len(compared) < _PAIRS:
+            compared.add(names)
             found += disagreements(DemSet(pair), one.bounds)
     return found
 
 
-def _ask(dems: DemSet, arcs: Arcs) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """For every arc the files whose footprint holds it (files, arcs), and the one that is used, -1 for none."""
-    inside = np.empty((len(dems.dems), arcs.row.size), np.bool_)
-    used = np.empty(arcs.row.size, np.int64)
-    for start in range(0, arcs.row.size, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        inside[:, part] = dems.candidates_at(arcs.lon_deg[part], arcs.lat_deg[part])
-        used[part] = dems.product_at(arcs.lon_deg[part], arcs.lat_deg[part])
-    return inside, used
+def _divided(grids: Sequence[Grid], box: Bounds, latitudes_deg: Iterable[float]) -> _Cells:
+    """Cells of a box that end at ``latitudes_deg``, at the edges of cylindrical files, and at the longitudes and latitudes of
+    points along the edges of polar files: so cells are small where such an edge crosses them.
+    """
+    boxes = [grid.bounds for grid in grids]
+    lons = [edge for b in boxes for edge in (b.west, b.east)]
+    lats = [*latitudes_deg, *(edge for b in boxes for edge in (b.south, b.north))]
+    polar = [grid for grid in grids if grid.pole]
+    count = int(np.clip(_EDGE_POINTS // 4 // max(len(polar), 1), *_EDGE_POINTS_OF_SIDE))
+    for grid in polar:
+        lons += _outline(grid, count, 0.0)[0].tolist()
+        lats += _outline(grid, count, 0.5)[1].tolist()  # else all errors would have one sign
+    columns = _between((np.array(lons) - box.west) % 360.0, box.east - box.west)
+    rows = _between(np.array(lats) - box.south, box.north - box.south)
+    return _Cells(box.west + columns, box.south + rows)
 
 
-def _shared(inside: NDArray[np.bool_], area_km2: Array) -> Array:
-    """Ground of every pair of files, (files, files)."""
-    shared = np.zeros((len(inside), len(inside)))
-    for number, one in enumerate(inside):
-        where = np.flatnonzero(one)
-        for start in range(0, where.size, _CHUNK):
-            part = where[start : start + _CHUNK]
-            shared[number] += np.sum(inside[:, part] * area_km2[part], axis=1)
-    return shared
+def _between(at: Array, length: float) -> Array:
+    """Edges of cells: 0, what lies between, ``length``."""
+    edges = np.unique([0.0, *at[(at > 0.0) & (at < length)], length])
+    return edges[np.append(True, np.diff(edges) > _NARROW_DEG)]
 
 
-def _bands(
-    dems: DemSet, arcs: Arcs, depth: NDArray[np.int64], used: NDArray[np.int64]
-) -> list[Band]:
+def _outline(grid: Grid, count: int, offset: float) -> tuple[Array, Array]:
+    """Longitudes and latitudes of ``count`` points at equal distances along each outer edge, the first ``offset`` distances
+    from the corner.
+    """
+    along = (np.arange(count) + offset) / count
+    across, down = along * grid.width - 0.5, along * grid.height - 0.5
+    right, bottom = np.full(count, grid.width - 0.5), np.full(count, grid.height - 0.5)
+    first = np.full(count, -0.5)
+    return grid.lonlat(
+        np.concatenate([across, right, right - across - 0.5, first]),
+        np.concatenate([first, down, bottom, bottom - down - 0.5]),
+    )
+
+
+def _footprint(grid: Grid, cells: _Cells) -> _Footprint:
+    box, lat = grid.bounds, cells.lat_deg
+    rows = np.flatnonzero((lat >= box.south - 1e-6) & (lat <= box.north + 1e-6))
+    return _Footprint(int(rows[0]), grid.holds(cells.lon_deg[None, :], lat[rows, None]))
+
+
+def _used(dems: DemSet, cells: _Cells, footprints: Sequence[_Footprint]) -> Int16:
+    """Index of the file that is used in each cell, -1 in no file, (rows, columns)."""
+    used = np.full((cells.lat_deg.size, cells.lon_deg.size), -1, np.int16)
+    away = np.abs(cells.lat_deg)
+    for low, high, files in dems.rankings:
+        rows = (away > low) & (away < high)
+        for number in files:
+            one = footprints[number]
+            part = used[one.rows]
+            part[(part < 0) & one.inside & rows[one.rows, None]] = number
+    return used
+
+
+def _by_file(used: Int16, area_km2: Array, files: int) -> Array:
+    """Area of the cells where each file is used, (files,)."""
+    there = used >= 0
+    return np.asarray(np.bincount(used[there], area_km2[there], files), np.float64)
+
+
+def _bands(dems: DemSet, cells: _Cells, depth: Int16, used: Int16) -> list[Band]:
     """The bands that the set's box reaches into, from north to south."""
-    found = []
+    found, areas = [], cells.area_km2
     for south, north in pairwise(BAND_EDGES_DEG):
-        here = (arcs.lat_deg > south) & (arcs.lat_deg < north)
-        area, one, files = arcs.area_km2[here], used[here], depth[here]
-        if not one.size:
+        here = (cells.lat_deg > south) & (cells.lat_deg < north)
+        if not here.any():
             continue
-        by_file = np.bincount(one[one >= 0], area[one >= 0], len(dems.dems))
+        area, one, files = areas[here], used[here], depth[here]
         by_product: dict[str, float] = {}
-        for product, km2 in zip(dems.products, by_file.tolist(), strict=True):
+        by_file = _by_file(one, area, len(dems.dems)).tolist()
+        for product, km2 in zip(dems.products, by_file, strict=True):
             if km2 > 0.0:
                 by_product[product] = by_product.get(product, 0.0) + km2
         whole = rectangle_km2(0.0, south, 360.0, north)
@@ -175,63 +288,40 @@ def _bands(
 
 
 def _overlaps(
-    arcs: Arcs, inside: NDArray[np.bool_], shared: Array, pixel_km2: Sequence[float]
+    dems: DemSet, cells: _Cells, footprints: Sequence[_Footprint], pixel_km2: Sequence[float]
 ) -> list[Overlap]:
     """Pairs of files that share more than a pixel."""
-    found = []
-    for i in range(len(pixel_km2)):
-        for j in range(i + 1, len(pixel_km2)):
-            if shared[i, j] > min(pixel_km2[i], pixel_km2[j]):
-                both = np.flatnonzero(inside[i] & inside[j])
-                found.append(Overlap(i, j, float(shared[i, j]), _box_around(arcs, both)))
+    found, area = [], cells.area_km2
+    boxes = [dem.grid.bounds for dem in dems.dems]
+    for i, j in combinations(range(len(footprints)), 2):
+        if boxes[i].meets(boxes[j]):
+            both = footprints[i].shared(footprints[j], len(area))
+            if (km2 := float(area[both].sum())) > min(pixel_km2[i], pixel_km2[j]):
+                found.append(Overlap(i, j, km2, cells.box_around(both)))
     return sorted(found, key=lambda one: -one.area_km2)
 
 
-def _box_around(arcs: Arcs, some: NDArray[np.int64]) -> Bounds:
-    south, north = float(arcs.south_deg[some].min()), float(arcs.north_deg[some].max())
-    return around(arcs.west_deg[some], arcs.east_deg[some], south, north)
+def _gaps(cells: _Cells, free: Mask, box: Bounds, least_km2: float) -> Iterator[Gap]:
+    """Connected parts of the box in no file larger than a pixel, largest first."""
+    label: Index = connected_regions(free, cells.is_ring)
+    area = np.bincount(label.ravel(), cells.area_km2.ravel())
+    area[0] = 0.0  # in a file
+    for number in np.argsort(-area, kind="stable"):
+        if area[number] > least_km2:
+            yield _gap(cells, label == number, float(area[number]), box)
 
 
-def _gaps(arcs: Arcs, free: NDArray[np.bool_], box: Bounds, least_km2: float) -> list[Gap]:
-    """Pieces of the box in no file, but for slivers below a pixel."""
-    rows, west, east = arcs.row[free], arcs.west_deg[free], arcs.east_deg[free]
-    if rows.size == 0:
-        return []
-    turn = 360.0 if box.east - box.west > 360.0 - 1e-9 else 0.0
-    label = components(rows, west - box.west, east - box.west, turn, _follow(arcs, free))
-    area = np.bincount(label, arcs.area_km2[free])
-    order = [k for k in np.argsort(-area, kind="stable") if area[k] > least_km2]
-    return [_gap(arcs, np.flatnonzero(free)[label == k], float(area[k]), box) for k in order]
+def _gap(cells: _Cells, gap: Mask, area_km2: float, box: Bounds) -> Gap:
+    at_edge = (gap[0].any() and box.south > -90.0) or (gap[-1].any() and box.north < 90.0)
+    if not cells.is_ring:
+        at_edge = at_edge or gap[:, 0].any() or gap[:, -1].any()
+    return Gap(cells.box_around(gap), area_km2, bool(at_edge))
 
 
-def _gap(arcs: Arcs, some: NDArray[np.int64], area_km2: float, box: Bounds) -> Gap:
-    near, found = 1e-6, _box_around(arcs, some)
-    at_edge = found.south <= box.south + near and box.south > -90.0
-    at_edge |= found.north >= box.north - near and box.north < 90.0
-    if box.east - box.west < 360.0 - near:
-        west, east = arcs.west_deg[some].min(), arcs.east_deg[some].max()
-        at_edge |= bool(west <= box.west + near or east >= box.east - near)
-    return Gap(found, area_km2, at_edge)
-
-
-def _follow(arcs: Arcs, free: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pairs of free arcs that are one and the same gap in neighbouring rows: edges keep their order within a segment, so the
-    k-th arc of a row goes on as the k-th of the next. A narrow gap that runs aslant would fall to pieces without.
-    """
-    count = np.bincount(arcs.row)
-    like_next = np.append(count[1:] == count[:-1], False)
-    arc = np.flatnonzero(free & like_next[arcs.row])
-    above = arc + count[arcs.row[arc]]  # the arc of the next row with the same number
-    goes_on = (arcs.segment[above] == arcs.segment[arc]) & free[above]
-    number = np.cumsum(free) - 1
-    return np.stack([number[arc[goes_on]], number[above[goes_on]]], axis=1)
-
-
-def _crosses(dems: DemSet, lats: Array) -> bool:
-    """Whether some parallel is covered on both sides of longitude 180."""
-    lat = np.unique(lats)
+def _crosses(dems: DemSet, lat_deg: Array) -> bool:
+    """True if some parallel is covered on both sides of longitude 180."""
     sides = [
-        dems.candidates_at(np.full(lat.size, lon), lat).any(axis=0)
+        dems.candidates_at(np.full(lat_deg.size, lon), lat_deg).any(axis=0)
         for lon in (180.0 - 1e-6, 180.0 + 1e-6)
     ]
     return bool((sides[0] & sides[1]).any())

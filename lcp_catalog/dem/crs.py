@@ -17,13 +17,9 @@ class Crs:
     """What a CRS says, by method, radius, origin and units."""
 
     def __init__(self, wkt: str) -> None:
-        import pyproj  # noqa: PLC0415  # 0.1 s, only for rasters with a CRS
+        from ..geometry.map_projection import lunar_crs  # noqa: PLC0415  # 0.1 s for pyproj
 
-        try:
-            crs = pyproj.CRS.from_wkt(wkt)
-        except pyproj.exceptions.CRSError as error:
-            raise LabelError(f"the CRS is not understood: {error}") from error
-        self._refuse_other_bodies(crs)
+        crs, _ = lunar_crs(wkt, (MOON_RADIUS_M - 0.5, MOON_RADIUS_M + 0.5))
         self.center_lon_deg = 0.0
         self.true_lat_deg = 0.0
         self.false_m = (0.0, 0.0)
@@ -32,22 +28,8 @@ class Crs:
         if crs.is_geographic:
             self.unit_m = factor * MOON_RADIUS_M  # the factor makes radians
             return
-        if not crs.is_projected or crs.coordinate_operation is None:
-            raise LabelError(f"the CRS {crs.name!r} is neither geographic nor projected")
         self.unit_m = factor
         self._read_operation(crs.coordinate_operation)
-
-    @staticmethod
-    def _refuse_other_bodies(crs: Any) -> None:
-        ellipsoid = crs.ellipsoid
-        if ellipsoid is None:
-            raise LabelError(f"the CRS {crs.name!r} names no sphere")
-        major, minor = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
-        if abs(major - MOON_RADIUS_M) > 0.5 or abs(minor - MOON_RADIUS_M) > 0.5:
-            raise LabelError(
-                f"the CRS stands on radii {major:.10g}/{minor:.10g} m; the Moon's sphere "
-                "of 1737400 m is wanted"
-            )
 
     def _read_operation(self, operation: Any) -> None:
         method = operation.method_name.lower()

@@ -16,19 +16,6 @@ from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
 from .raster import Raster, open_dataset
 
-__all__ = ["Dem", "Statistics", "product_name"]
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Of a whole file: lowest and highest height (None when it holds none) and the share of pixels
-    without data.
-    """
-
-    min_m: float | None
-    max_m: float | None
-    nodata_share: float
-
 
 @dataclass(frozen=True)
 class Dem(Gridded):

@@ -19,7 +19,7 @@ from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
 from .dem import Dem
 from .grid import Grid
-from .pixel_survey import POSSIBLE_M, Extreme, PixelSurvey, survey_pixels
+from .pixel_statistics import POSSIBLE_M, Extreme, SampleStatistics, sample_statistics
 from .products import facts_of
 
 _AGAIN = "fetch both again"
@@ -53,7 +53,7 @@ def check_dem(path: Path | str) -> Verdict:
         return Verdict(str(path), None, (_line(error),))
     problems, notes = _sizes(dem, label), _names(dem, label)
     try:
-        survey = survey_pixels(dem.raster)
+        survey = sample_statistics(dem.raster)
     except (LcpError, OSError) as error:
         return Verdict(str(path), dem.product, (*problems, _line(error)), tuple(notes))
     problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
@@ -115,7 +115,7 @@ def _names(dem: Dem, label: Label | None) -> list[str]:
     return notes
 
 
-def _heights(dem: Dem, survey: PixelSurvey) -> list[str]:
+def _heights(dem: Dem, survey: SampleStatistics) -> list[str]:
     """Problems of the pixels alone."""
     if survey.lowest is None or survey.highest is None:
         return ["every pixel is missing; fetch the file again"]
@@ -156,7 +156,7 @@ def _apart(dem: Dem, extreme: Extreme) -> str:
     return f"{extreme.gap * dem.raster.scale_m:.0f} m away from all others"
 
 
-def _stripes(survey: PixelSurvey) -> list[str]:
+def _stripes(survey: SampleStatistics) -> list[str]:
     stripes = [
         f"{n} {what}"
         for n, what in ((survey.zero_rows, "rows"), (survey.zero_columns, "columns"))
@@ -172,7 +172,7 @@ def _stripes(survey: PixelSurvey) -> list[str]:
     return notes
 
 
-def _extremes(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
+def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
     """MINIMUM and MAXIMUM against the pixels, as samples or as metres (the archive writes samples).
 
     One step is allowed: LDEM_4's own label is one count away from its pixels; a real number is rounded to 1 m. A JP2 is
@@ -199,7 +199,7 @@ def _extremes(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
     return problems
 
 
-def _sums(dem: Dem, label: Label, survey: PixelSurvey) -> list[str]:
+def _sums(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
     """MD5 of the image (of the pixels alone where the label is in front of them), and the sum of its samples."""
     problems, declared = [], label.declared
     if declared.md5 is not None:

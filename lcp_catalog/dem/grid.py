@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import Bounds, enclosing_arc
@@ -160,6 +160,21 @@ class Grid:
             row = (self.y0_m + self.pole * rho * np.cos(away)) / self.pixel_m
         return column, row
 
+    def located(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Mask, Array, Array]:
+        """True at the places inside the outer edges of the pixels (to `EDGE_PX`), and the fractional
+        (column, row) of all places.
+        """
+        column, row = self.pixel(lon_deg, lat_deg)
+        low, right, bottom = -0.5 - EDGE_PX, self.width - 0.5, self.height - 0.5
+        with np.errstate(invalid="ignore"):
+            inside = (column >= low) & (column <= right + EDGE_PX)
+            inside = inside & (row >= low) & (row <= bottom + EDGE_PX)
+        return inside & (np.abs(lat_deg) <= 90.0), column, row
+
+    def holds(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Mask:
+        """True at the places inside the outer edges of the pixels."""
+        return self.located(lon_deg, lat_deg)[0]
+
     def lonlat(self, column: ArrayLike, row: ArrayLike) -> tuple[Array, Array]:
         """Longitude (0..360) and latitude, degrees, of fractional pixels; latitudes beyond a pole
         come out beyond +-90.
@@ -231,7 +246,7 @@ class Grid:
         if -0.5 <= pole_column <= right and -0.5 <= pole_row <= bottom:
             low, high = (float(lat.min()), 90.0) if self.pole > 0 else (-90.0, float(lat.max()))
             return Bounds(0.0, low, 360.0, high)
-        west, east = enclosing_arc(list(zip(lon, lon, strict=True)))
+        west, east = enclosing_arc(lon, lon)
         return Bounds(west, float(lat.min()), east, float(lat.max()))
 
     def same_lattice(self, other: Grid) -> tuple[int, int] | None:

@@ -84,7 +84,7 @@ class DemSet:
         boxes = [dem.grid.bounds for dem in self.dems]
         if len(boxes) == 1:
             return boxes[0]
-        west, east = enclosing_arc([(box.west, box.east) for box in boxes])
+        west, east = enclosing_arc([b.west for b in boxes], [b.east for b in boxes])
         return Bounds(west, min(b.south for b in boxes), east, max(b.north for b in boxes))
 
     # -- who answers where
@@ -123,6 +123,16 @@ class DemSet:
                 zones[-1] = zones[-1]._replace(seam_deg=self._seam_deg(zones[-1].order, order))
             zones.append(Zone(low, high, order, 0.0))
         return tuple(zones)
+
+    @cached_property
+    def rankings(self) -> tuple[tuple[float, float, tuple[int, ...]], ...]:
+        """Of each zone its lowest and highest absolute latitude, degrees, and the files in the order of
+        their ranks.
+        """
+        return tuple(
+            (zone.low, zone.high, tuple(i for layer in zone.order for i in self._members[layer]))
+            for zone in self.zones
+        )
 
     def _ranking(self, abs_lat_deg: float) -> tuple[int, ...]:
         """Layers by rank at an absolute latitude inside a zone."""
@@ -182,12 +192,10 @@ class DemSet:
         lon, lat = _flat(lon_deg, lat_deg)
         held, away = self.candidates_at(lon, lat), np.abs(lat)
         index = np.full(lon.size, -1, np.int16)
-        for number, zone in enumerate(self.zones):
-            last = number == len(self.zones) - 1
-            here = (away >= zone.low) & (away <= zone.high if last else away < zone.high)
-            for layer in zone.order:
-                for file in self._members[layer]:
-                    index[here & held[file] & (index < 0)] = file
+        for low, high, files in self.rankings:
+            here = (away >= low) & ((away < high) | (high == 90.0))
+            for file in files:
+                index[here & held[file] & (index < 0)] = file
         return index
 
     def native_gsd_m(self, lon_deg: float, lat_deg: float) -> float:
@@ -309,10 +317,4 @@ def _is_meant(dem: Dem, name: str) -> bool:
 
 
 def _boxes_overlap(one: Layer[Dem], other: Layer[Dem]) -> bool:
-    return any(_overlap(a.grid.bounds, b.grid.bounds) for a in one.dems for b in other.dems)
-
-
-def _overlap(a: Bounds, b: Bounds) -> bool:
-    apart = (b.west - a.west) % 360.0
-    along = apart <= a.east - a.west or 360.0 - apart <= b.east - b.west
-    return along and a.south <= b.north and b.south <= a.north
+    return any(a.grid.bounds.meets(b.grid.bounds) for a in one.dems for b in other.dems)

@@ -12,6 +12,7 @@ import os
 import threading
 import warnings
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ the samples are no heights.
 """
 
 _OPEN_FILES = 16
+_WINDOW_PIXELS = 4_000_000
 _local = threading.local()
 
 
@@ -56,6 +58,22 @@ class Raster:
         heights = self.heights_of(self.samples(row0, row1, col0, col1))
         self._refuse_impossible(heights)
         return heights.astype(np.float32)
+
+    def windows(self, width: int | None = None) -> Iterator[tuple[int, int, int, int]]:
+        """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster once,
+        or its first ``width`` columns, in whole blocks of the file where these are no larger.
+        """
+        width = self.width if width is None else width
+        high, wide = 1, width
+        if self.raw_dtype is None:
+            high, wide = open_dataset(self.path).block_shapes[0]
+        if high * wide > _WINDOW_PIXELS:
+            high, wide = 1, width
+        across = max(1, min(width, _WINDOW_PIXELS // high) // wide) * wide
+        down = max(1, _WINDOW_PIXELS // (min(across, width) * high)) * high
+        for row in range(0, self.height, down):
+            for column in range(0, width, across):
+                yield row, min(row + down, self.height), column, min(column + across, width)
 
     def heights_of(self, samples: NDArray[Any]) -> NDArray[np.float64]:
         """Heights of samples, metres, NaN where they mean "nothing here"; not judged."""

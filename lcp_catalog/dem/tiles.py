@@ -19,7 +19,7 @@ from ..kernels.resampling import heights
 from . import block_cache
 from .blending import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
 from .georeferenced import Gridded
-from .grid import EDGE_PX, Grid
+from .grid import Grid
 
 Places = NDArray[np.intp] | slice
 File = TypeVar("File", bound=Gridded)
@@ -98,7 +98,7 @@ class Layer(Generic[File]):
 
     def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
         """Whether each file's footprint holds each place, (files, n); no pixel is read."""
-        return np.array([_inside(dem.grid, lon, lat)[0] for dem in self.dems])
+        return np.array([dem.grid.holds(lon, lat) for dem in self.dems])
 
     def sample(self, lon: Array, lat: Array, gsd_m: float, band_m: float | None = None) -> Sample:
         """Heights at places (n,), the first file that has one; with ``band_m``, the width of the seam at the outer edge, also
@@ -166,7 +166,7 @@ class Layer(Generic[File]):
     ) -> list[Box]:
         """Heights of one file at the places ``todo``, written where it has some; the box of pixels asked for where that matters."""
         grid = self.dems[number].grid
-        inside, u, v = _inside(grid, lon[todo], lat[todo])
+        inside, u, v = grid.located(lon[todo], lat[todo])
         if not inside.any():
             return []
         u, v = np.clip(u, -0.5, grid.width - 0.5), np.clip(v, -0.5, grid.height - 0.5)
@@ -352,17 +352,6 @@ def _box(u: Array, v: Array, offset: tuple[int, int]) -> Box:
 
 def _true_cos(grid: Grid) -> float:
     return math.cos(math.radians(grid.true_lat_deg))
-
-
-def _inside(grid: Grid, lon: Array, lat: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Which places a grid holds to the outer edge of its pixels, and their fractional pixels."""
-    u, v = grid.pixel(lon, lat)
-    right, bottom = grid.width - 0.5, grid.height - 0.5
-    inside = (u <= right + EDGE_PX) & (v >= -0.5 - EDGE_PX) & (v <= bottom + EDGE_PX)
-    if grid.pole:
-        inside &= u >= -0.5 - EDGE_PX
-    inside &= np.abs(lat) <= 90.0
-    return inside, u, v
 
 
 def _span(values: Array, period: int, margin: int) -> tuple[int, int]:

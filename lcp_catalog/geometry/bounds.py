@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-
-from ..arrays import Array
+from numpy.typing import ArrayLike
 
 
 class Bounds(NamedTuple):
-    """Degrees; ``east`` is greater than ``west`` and may pass 180 or 360 when the antimeridian or
-    the prime meridian is crossed.
+    """A box in degrees; ``east`` is greater than ``west`` and may pass 180 or 360 where the box
+    crosses the antimeridian or the prime meridian.
     """
 
     west: float
@@ -23,59 +22,42 @@ class Bounds(NamedTuple):
         lon, lat = f"{self.west:.6g}..{self.east:.6g}", f"{self.south:.6g}..{self.north:.6g}"
         return f"longitude {lon}, latitude {lat}"
 
+    def meets(self, other: Bounds) -> bool:
+        """True if the two boxes share at least a point."""
+        apart = (other.west - self.west) % 360.0
+        along = apart <= self.east - self.west or 360.0 - apart <= other.east - other.west
+        return along and self.south <= other.north and other.south <= self.north
 
-def enclosing_arc(arcs: list[tuple[float, float]]) -> tuple[float, float]:
-    """The shortest arc of longitudes (west, east >= west) that holds all of the given ones,
-    degrees.
+
+def enclosing_arc(west_deg: ArrayLike, east_deg: ArrayLike) -> tuple[float, float]:
+    """Ends (west, east >= west), degrees, of the shortest arc of longitudes that contains all given
+    arcs (n,), each from its ``west_deg`` to its ``east_deg`` >= ``west_deg``. For points give them twice.
+
+    ``west`` lies in 0..360; in -180..0 where the arc crosses the prime meridian. A full turn is the
+    first given arc that is one, else 0..360.
     """
-    if any(east - west >= 360.0 - 1e-9 for west, east in arcs):
-        return next((west, west + 360.0) for west, east in arcs if east - west >= 360.0 - 1e-9)
-    starts = sorted((west % 360.0, west % 360.0 + (east - west)) for west, east in arcs)
-    merged = [list(starts[0])]
-    for west, east in starts[1:]:
-        if west <= merged[-1][1]:
-            merged[-1][1] = max(merged[-1][1], east)
-        else:
-            merged.append([west, east])
-    gaps = [
-        (
-            merged[(i + 1) % len(merged)][0]
-            + (360.0 if i + 1 == len(merged) else 0.0)
-            - merged[i][1],
-            i,
-        )
-        for i in range(len(merged))
-    ]
-    gap, last = max(gaps)
-    west = merged[(last + 1) % len(merged)][0]
-    if gap <= 1e-9:
-        return west, west + 360.0
-    west = west - 360.0 if last + 1 < len(merged) and west >= 180.0 + 1e-9 else west
-    return west, west + 360.0 - gap
-
-
-def around(west_deg: Array, east_deg: Array, south_deg: float, north_deg: float) -> Bounds:
-    """The narrowest box around arcs of longitude (east >= west); all the way around when no meridian is free."""
-    start = west_deg % 360.0
-    order = np.argsort(start)
-    start, width = start[order], (east_deg - west_deg)[order]
+    west, east = (np.asarray(ends, dtype=np.float64) for ends in (west_deg, east_deg))
+    if (whole := np.flatnonzero(east - west >= 360.0 - 1e-9)).size:
+        return float(west[whole[0]]), float(west[whole[0]]) + 360.0
+    start = west % 360.0
+    order = np.argsort(start, kind="stable")
+    start, width = start[order], (east - west)[order]
     reach = np.maximum.accumulate(start + width)
     free = np.append(start[1:], start[0] + 360.0) - np.maximum(reach, reach[-1] - 360.0)
-    widest = int(np.argmax(free))
-    south, north = (round(lat, 9) + 0.0 for lat in (south_deg, north_deg))
-    if free[widest] <= 1e-9:
-        return Bounds(0.0, south, 360.0, north)
-    west = float(start[(widest + 1) % start.size])
-    east = west + 360.0 - float(free[widest])
-    turn = 360.0 if west >= 180.0 and east > 360.0 + 1e-9 else 0.0
-    return Bounds(round(west - turn, 9) + 0.0, south, round(east - turn, 9) + 0.0, north)
+    widest = free.size - 1 - int(np.argmax(free[::-1]))
+    gap, first = float(free[widest]), float(start[(widest + 1) % start.size])
+    if gap <= 1e-9:
+        return 0.0, 360.0
+    if first >= 180.0 and first - gap > 1e-9:  # it ends beyond 360
+        first -= 360.0
+    return first, first + 360.0 - gap
 
 
-def _shortest_arc(lon_deg: Array) -> tuple[float, float]:
-    """West and east end (west < 360, west <= east) of the shortest arc with all longitudes."""
-    ordered = np.sort(lon_deg)
-    gaps = np.diff(np.append(ordered, ordered[0] + 360.0))
-    widest = int(np.argmax(gaps))
-    west = ordered[(widest + 1) % ordered.size]
-    east = ordered[widest]
-    return float(west), float(east if east >= west else east + 360.0)
+def enclosing_bounds(
+    west_deg: ArrayLike, east_deg: ArrayLike, south_deg: float, north_deg: float
+) -> Bounds:
+    """The smallest box around arcs of longitude (`enclosing_arc`) between two parallels, rounded to
+    1e-9 degrees.
+    """
+    west, east = enclosing_arc(west_deg, east_deg)
+    return Bounds(*(round(float(edge), 9) + 0.0 for edge in (west, south_deg, east, north_deg)))

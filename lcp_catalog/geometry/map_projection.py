@@ -20,6 +20,31 @@ _CYLINDERS = ("cylindrical", "plate carr", "equirectangular", "mercator")
 _NO_CYLINDERS = ("transverse", "oblique")
 
 
+def lunar_crs(
+    wkt: str, radius_range_m: tuple[float, float] = RADIUS_RANGE_M
+) -> tuple[pyproj.CRS, tuple[float, float]]:
+    """A geographic or projected CRS of the Moon, and its semi-major and semi-minor axis, metres.
+
+    Raises LabelError for a text that is no CRS, for another kind of CRS, and for axes outside
+    ``radius_range_m``.
+    """
+    try:
+        crs = pyproj.CRS.from_wkt(wkt)
+    except pyproj.exceptions.CRSError as error:
+        raise LabelError(f"the CRS is not understood: {error}") from error
+    ellipsoid = crs.ellipsoid
+    if not (crs.is_geographic or crs.is_projected) or ellipsoid is None:
+        raise LabelError(f"the CRS {crs.name!r} is neither geographic nor projected")
+    major, minor = float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
+    low, high = radius_range_m
+    if not (low <= minor <= high and low <= major <= high):
+        raise LabelError(
+            f"the CRS has radii {major:.10g}/{minor:.10g} m, not the Moon's "
+            f"(a sphere of {MOON_RADIUS_M:.10g} m)"
+        )
+    return crs, (major, minor)
+
+
 class MapProjection:
     """A CRS of the Moon. Longitudes and latitudes are planetocentric degrees, whatever the CRS's own figure: a sphere of another
     radius keeps them, an ellipsoid's geodetic latitudes are converted.
@@ -29,21 +54,7 @@ class MapProjection:
     """
 
     def __init__(self, wkt: str) -> None:
-        try:
-            self.crs = pyproj.CRS.from_wkt(wkt)
-        except pyproj.exceptions.CRSError as error:
-            raise LabelError(f"the CRS is not understood: {error}") from error
-        if not (self.crs.is_geographic or self.crs.is_projected):
-            raise LabelError(f"the CRS {self.crs.name!r} is neither geographic nor projected")
-        ellipsoid = self.crs.ellipsoid
-        assert ellipsoid is not None  # every such CRS has one
-        major, minor = float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
-        low, high = RADIUS_RANGE_M
-        if not (low <= minor <= high and low <= major <= high):
-            raise LabelError(
-                f"the CRS stands on radii {major:.10g}/{minor:.10g} m; that is not the Moon, "
-                f"whose sphere has {MOON_RADIUS_M:.10g} m"
-            )
+        self.crs, (major, minor) = lunar_crs(wkt)
         self.radius_m, self._axis_ratio = major, minor / major
 
     @cached_property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,6 @@ from .srgb import decode_srgb
 
 log = logging.getLogger(__name__)
 
-_STRIP_PIXELS = 4_000_000
 _COLOURS = ("red", "green", "blue", "cyan", "magenta", "yellow", "hue", "saturation", "palette")
 _LENGTHS = ("m", "km", "meter", "meters", "metre", "metres", "kilometer", "kilometers", "kilometre")
 
@@ -127,11 +126,14 @@ def mean_value(pixels: AlbedoPixels) -> float:
     are none, or nothing but 0. Every pixel is read once, in strips.
     """
     total = weight = 0.0
-    for rows, columns, values in _strips(pixels):
+    grid = pixels.grid
+    turn = min(grid.width, grid.period) if grid.wraps else grid.width
+    for window in pixels.raster.raster.windows(turn):
+        rows, columns, values = window[:2], window[2:], pixels.raster.linear(*window)
         there = np.isfinite(values)
         values[~there] = 0.0
-        total += _by_area(pixels.grid, rows, columns, values)
-        weight += _by_area(pixels.grid, rows, columns, there)
+        total += _by_area(grid, rows, columns, values)
+        weight += _by_area(grid, rows, columns, there)
     if weight == 0.0:
         raise AlbedoError(f"{pixels.path}: holds no value at all; every pixel is missing")
     if total == 0.0:
@@ -147,21 +149,6 @@ def _by_area(
     if grid.pole:
         return float(np.sum(grid.cell_weight(np.arange(*columns)[None, :], row) * values))
     return float(np.sum(grid.cell_weight(np.zeros((1, 1)), row)[:, 0] * values.sum(axis=1)))
-
-
-def _strips(
-    pixels: AlbedoPixels,
-) -> Iterator[tuple[tuple[int, int], tuple[int, int], Array]]:
-    """All pixels of a map once, each place of the ground once, in whole blocks of the file."""
-    grid, (high, wide) = pixels.grid, open_dataset(pixels.path).block_shapes[0]
-    width = min(grid.width, grid.period) if grid.wraps else grid.width
-    across = max(1, min(width, _STRIP_PIXELS // high) // wide) * wide
-    down = max(1, _STRIP_PIXELS // (min(across, width) * high)) * high
-    for row in range(0, grid.height, down):
-        rows = (row, min(row + down, grid.height))
-        for column in range(0, width, across):
-            columns = (column, min(column + across, width))
-            yield rows, columns, pixels.raster.linear(*rows, *columns)
 
 
 def _grid(dataset: Any, path: Path) -> Grid:

@@ -21,8 +21,7 @@ from helpers.products import DEGREE_M, EQC
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem import coverage_arcs
-from lcp_catalog.dem.coverage import MOON_KM2
+from lcp_catalog.dem.coverage import MOON_KM2, POLAR_ERROR
 from lcp_catalog.dem.dem import Dem
 
 
@@ -52,11 +51,12 @@ def test_the_judge_of_polar_rectangles() -> None:
     ],
 )  # fmt: skip
 def test_areas_are_those_of_closed_forms(dem: Dem, area_km2: float) -> None:
-    found = covered(dem)
-    assert found.covered_km2 == pytest.approx(area_km2, rel=1e-7)
-    assert found.file_km2 == pytest.approx((area_km2,), rel=1e-7)
-    assert found.used_km2 == pytest.approx((area_km2,), rel=1e-7)
-    assert sum(band.covered_km2 for band in found.bands) == pytest.approx(area_km2, rel=1e-7)
+    """A cylinder's to rounding, a polar map's within the stated bound."""
+    found, rel = covered(dem), POLAR_ERROR if dem.grid.pole else 1e-9
+    assert found.covered_km2 == pytest.approx(area_km2, rel=rel)
+    assert found.file_km2 == pytest.approx((area_km2,), rel=rel)
+    assert found.used_km2 == pytest.approx((area_km2,), rel=rel)
+    assert sum(band.covered_km2 for band in found.bands) == pytest.approx(area_km2, rel=rel)
     assert found.covered_km2 + found.gap_km2 == pytest.approx(found.box_km2, rel=1e-9)
 
 
@@ -100,12 +100,12 @@ def test_overlaps_by_pair_and_no_slivers() -> None:
     inside = covered(polar(-200, -200, 400, 400), polar(-50, 20, 30, 100), cylinder(0, 88, 360, 90))
     pairs = {(o.first, o.second): o.area_km2 for o in inside.overlaps}
     cap = 2.0 * math.pi * R_KM**2 * (1.0 - math.sin(math.radians(88.0)))
-    assert pairs[0, 1] == pytest.approx(plane_rectangle(-50, 20, -20, 120), rel=1e-7)
-    assert pairs[0, 2] == pytest.approx(cap, rel=1e-7)
+    assert pairs[0, 1] == pytest.approx(plane_rectangle(-50, 20, -20, 120), rel=POLAR_ERROR)
+    assert pairs[0, 2] == pytest.approx(cap, rel=1e-9)
     assert [o.area_km2 for o in inside.overlaps] == sorted(pairs.values(), reverse=True)
 
 
-def test_a_meridian_cuts_a_polar_map_exactly() -> None:
+def test_a_meridian_cuts_a_polar_map() -> None:
     """Longitudes 100 to 130 of a rectangle around the pole: the integral of 1 - cos(colatitude) along its edge x = d."""
     found = covered(polar(-300, -800, 600, 1600), cylinder(100, 60, 130, 90))
     d = 300.0 / (2.0 * R_KM)
@@ -113,7 +113,7 @@ def test_a_meridian_cuts_a_polar_map_exactly() -> None:
     ends = [math.atan(d * math.tan(math.radians(angle)) / root) for angle in (10.0, 40.0)]
     (overlap,) = found.overlaps
     assert overlap.area_km2 == pytest.approx(
-        2.0 * R_KM**2 * d / root * (ends[1] - ends[0]), rel=1e-9
+        2.0 * R_KM**2 * d / root * (ends[1] - ends[0]), rel=POLAR_ERROR
     )
     assert (overlap.bounds.west, overlap.bounds.east) == pytest.approx((100.0, 130.0))
 
@@ -170,9 +170,21 @@ def test_areas_are_those_of_random_points(some: list, seed: int) -> None:
     agrees_with_points(some, seed)
 
 
-def test_many_maps_turned_against_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So many crossings of edges that they are thinned out: maps each with a central meridian of its own."""
-    monkeypatch.setattr(coverage_arcs, "_CROSSINGS", 60)
+def test_polar_areas_are_within_the_stated_error() -> None:
+    """Rectangles of all shapes and places around the pole, narrow ones beside it and over it among them."""
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(40):
+        left, bottom = (int(v) for v in rng.integers(-900, 600, 2))
+        wide, high = (int(v) for v in rng.integers(30, 900, 2))
+        found = covered(polar(left, bottom, wide, high, 1, float(rng.uniform(0.0, 360.0))))
+        exact = plane_rectangle(left, bottom, left + wide, bottom + high)
+        worst = max(worst, abs(found.file_km2[0] / exact - 1.0))
+    assert 0.0 < worst <= POLAR_ERROR
+
+
+def test_many_maps_turned_against_each_other() -> None:
+    """Maps each with a central meridian of its own, so that every edge crosses many cells."""
     some = []
     for k in range(10):
         left, bottom = -500 + 97 * (k % 5), -350 + 171 * (k // 5)
@@ -181,7 +193,7 @@ def test_many_maps_turned_against_each_other(monkeypatch: pytest.MonkeyPatch) ->
     agrees_with_points(some, 7)
     found = covered(*(dem for dem, _, _ in some))
     assert found.file_km2 == pytest.approx(
-        [plane_rectangle(*(v / 1000.0 for v in edges)) for _, _, edges in some], rel=1e-5
+        [plane_rectangle(*(v / 1000.0 for v in edges)) for _, _, edges in some], rel=POLAR_ERROR
     )
 
 

@@ -10,9 +10,8 @@ from helpers.bare_files import R_KM, covered, cylinder, plane_rectangle, polar, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem import coverage_arcs
-from lcp_catalog.dem.coverage import _follow
-from lcp_catalog.geometry.bounds import around
+from lcp_catalog.dem.coverage import POLAR_ERROR
+from lcp_catalog.geometry.bounds import enclosing_bounds
 
 
 @settings(deadline=None, max_examples=40)
@@ -65,11 +64,13 @@ def test_a_narrow_gap_that_runs_aslant_is_one_piece() -> None:
         polar(-149, 100, 249, 50),
     )
     (gap,) = [gap for gap in found.gaps if not gap.at_edge]
-    assert gap.area_km2 == pytest.approx(plane_rectangle(49, -100, 51, 100), rel=1e-6)
+    assert gap.area_km2 == pytest.approx(
+        plane_rectangle(49, -100, 51, 100), abs=POLAR_ERROR * 49 * 200
+    )  # of the narrowest file
     away = math.degrees(math.atan2(49, 100))
     assert (gap.bounds.west, gap.bounds.east) == pytest.approx((away, 180.0 - away), abs=0.2)
     assert gap.bounds.north == pytest.approx(
-        90.0 - 2.0 * math.degrees(math.atan(49 / 2 / R_KM)), abs=1e-6
+        90.0 - 2.0 * math.degrees(math.atan(49 / 2 / R_KM)), abs=0.01
     )
 
 
@@ -82,26 +83,21 @@ def test_a_gap_that_holds_the_pole_is_not_at_the_edge() -> None:
 
 def test_the_box_around_arcs_knows_those_that_come_round() -> None:
     """300..500 covers 300..360 and 0..140, so that nothing is free between 101 and 140."""
-    box = around(np.array([300.0, 155.0, 100.0]), np.array([500.0, 290.0, 101.0]), -1.0, 1.0)
+    box = enclosing_bounds(
+        np.array([300.0, 155.0, 100.0]), np.array([500.0, 290.0, 101.0]), -1.0, 1.0
+    )
     assert tuple(box) == (155.0, -1.0, 500.0, 1.0)
-    assert tuple(around(np.array([350.0, 0.0]), np.array([360.0, 5.0]), -1.0, 1.0)) == (
+    assert tuple(enclosing_bounds(np.array([350.0, 0.0]), np.array([360.0, 5.0]), -1.0, 1.0)) == (
         -10.0,
         -1.0,
         5.0,
         1.0,
     )
-    assert tuple(around(np.array([10.0, 200.0]), np.array([210.0, 370.0]), -1.0, 1.0)) == (
+    assert tuple(
+        enclosing_bounds(np.array([10.0, 200.0]), np.array([210.0, 370.0]), -1.0, 1.0)
+    ) == (
         0.0,
         -1.0,
         360.0,
         1.0,
     )
-
-
-def test_rows_of_one_segment_with_other_counts_are_not_followed() -> None:
-    """Where crossings were thinned out, a row may have fewer arcs than the one below it: nothing is said to go on then."""
-    row, segment = np.array([0, 0, 0, 1]), np.zeros(4, np.int64)
-    arcs = coverage_arcs.Arcs(row, segment, *(np.zeros(4) for _ in range(6)))
-    assert _follow(arcs, np.ones(4, bool)).shape == (0, 2)
-    alike = coverage_arcs.Arcs(np.array([0, 0, 1, 1]), segment, *(np.zeros(4) for _ in range(6)))
-    assert _follow(alike, np.array([False, True, True, True])).tolist() == [[0, 2]]

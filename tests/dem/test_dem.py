@@ -23,9 +23,10 @@ from helpers.products import (
     sldem_512,
 )
 
-from lcp_catalog.dem.dem import Dem, product_name
-from lcp_catalog.dem.height_survey import survey
+from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.dem.pixel_statistics import height_statistics
+from lcp_catalog.dem.products import product_name
 from lcp_catalog.errors import DemError, LabelError
 
 # facts.md: quarter-degree cells of LDEM_4 (lat, lon, height in metres)
@@ -57,7 +58,7 @@ class TestLdem4:
         np.testing.assert_allclose(got, want, atol=0.5 + 1e-6)
 
     def test_range_is_the_labels(self, ldem_4: Path) -> None:
-        found = survey(Dem.open(ldem_4 / "LDEM_4.IMG")).statistics
+        found = height_statistics(Dem.open(ldem_4 / "LDEM_4.IMG"))
         # MINIMUM and MAXIMUM of the label are -17758 and 21008 counts; numpy.fromfile of the .IMG
         # itself has -17757
         assert (found.min_m, found.max_m) == (-17757 / 2, 21008 / 2)
@@ -178,7 +179,7 @@ class TestGeotiff:
     def test_undeclared_missing_values_are_said(self, tmp_path: Path) -> None:
         values = np.full((3, 3), -3.4028e38, np.float32)
         with pytest.raises(DemError, match="cannot be on the Moon"):
-            survey(Dem.open(geotiff(tmp_path / "m.tif", values, 0.0, 300.0, 100.0)))
+            height_statistics(Dem.open(geotiff(tmp_path / "m.tif", values, 0.0, 300.0, 100.0)))
 
     def test_geographic_degrees(self, tmp_path: Path) -> None:
         lon, lat = np.meshgrid(
@@ -211,7 +212,7 @@ class TestRefusals:
         path = geotiff(tmp_path / "t.tif", np.zeros((200, 200), np.float32), 0.0, 2e4, 100.0)
         path.write_bytes(path.read_bytes()[:60_000])
         with pytest.raises(DemError, match=r"t\.tif"):
-            survey(Dem.open(path))
+            height_statistics(Dem.open(path))
 
     def test_bare_jp2(self, ldem_4: Path, tmp_path: Path) -> None:
         shutil.copy(ldem_4 / "LDEM_4.JP2", tmp_path)

@@ -185,6 +185,6 @@ def test_what_is_refused(crs: str, affine: tuple[float, ...], says: str) -> None
     ],
 )
 def test_enclosing_arc(arcs: list[tuple[float, float]], hull: tuple[float, float]) -> None:
-    west, east = enclosing_arc(arcs)
+    west, east = enclosing_arc(*zip(*arcs, strict=True))
     assert east - west == pytest.approx(hull[1] - hull[0])
     assert (west - hull[0]) % 360.0 == pytest.approx(0.0)

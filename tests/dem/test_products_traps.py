@@ -19,7 +19,7 @@ from helpers.products import cut, geotiff, label_text
 
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.grid import Grid
-from lcp_catalog.dem.height_survey import survey
+from lcp_catalog.dem.pixel_statistics import height_statistics
 from lcp_catalog.errors import DemError, LabelError
 from lcp_catalog.pds.pds3 import parse_pds3
 
@@ -51,7 +51,7 @@ class TestTraps:
         product = archive[image]
         text = product.label.read_text(encoding="latin-1") if product.label else ""
         assert "1737400." in text or "1737.4" in text
-        found = survey(Dem.open(product.image)).statistics
+        found = height_statistics(Dem.open(product.image))
         assert found.min_m == pytest.approx(product.heights_m.min(), abs=product.step_m)
         assert found.max_m == pytest.approx(product.heights_m.max(), abs=product.step_m)
 
@@ -67,7 +67,7 @@ class TestTraps:
         samples[:100] = 0
         samples.tofile(label.with_suffix(".IMG"))
         dem = Dem.open(label)
-        assert survey(dem).statistics.nodata_share == 0.0
+        assert height_statistics(dem).nodata_share == 0.0
         assert (dem.read(0, 1, 0, 50) == 0.0).all()
         samples[0] = -32768
         samples.tofile(label.with_suffix(".IMG"))
@@ -85,9 +85,9 @@ class TestTraps:
         samples[5] = -3.4028227e38
         samples.tofile(label.with_suffix(".IMG"))
         with pytest.raises(DemError, match="cannot be on the Moon"):
-            survey(Dem.open(label))
+            height_statistics(Dem.open(label))
         substitute(label, "  BANDS ", "  CORE_NULL = 16#FF7FFFFB#\n  BANDS ")
-        assert survey(Dem.open(label)).statistics.nodata_share == 1 / samples.size
+        assert height_statistics(Dem.open(label)).nodata_share == 1 / samples.size
 
     def test_a_rounded_map_scale_moves_nothing(
         self, archive: dict[str, Product], tmp_path: Path, caplog: pytest.LogCaptureFixture

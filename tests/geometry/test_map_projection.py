@@ -58,9 +58,9 @@ def test_grads_and_kilometres() -> None:
 
 
 @pytest.mark.parametrize(("wkt", "why"), [
-    (geographic(6378137.0, 298.257), r"stands on radii 6378137/.* that is not the Moon"),
-    (geographic(1745000.0, 218.1), r"stands on radii 1745000/1736999"),
-    (geographic(3396190.0), r"stands on radii 3396190/3396190 m"),
+    (geographic(6378137.0, 298.257), r"has radii 6378137/.* not the Moon's"),
+    (geographic(1745000.0, 218.1), r"has radii 1745000/1736999"),
+    (geographic(3396190.0), r"has radii 3396190/3396190 m"),
     ("nonsense", r"the CRS is not understood"),
     ('LOCAL_CS["local",UNIT["metre",1]]', r"neither geographic nor projected"),
 ])  # fmt: skip

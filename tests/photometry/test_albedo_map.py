@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from rasterio.enums import Resampling
 
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.dem import raster
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AlbedoError
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.photometry import albedo_raster
 from lcp_catalog.photometry.albedo_map import AlbedoMap, Cover
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.terrain import Terrain, terrain_from_area
@@ -195,7 +195,7 @@ class TestReference:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pixels: int
     ) -> None:
         """Tiles of 16 x 16 of a map that neither fills them nor a turn; a column that comes back after a turn counts once."""
-        monkeypatch.setattr(albedo_raster, "_STRIP_PIXELS", pixels)
+        monkeypatch.setattr(raster, "_WINDOW_PIXELS", pixels)
         values = np.random.default_rng(1).uniform(0.0, 1.0, (37, 53))
         values[3, 4:9] = np.nan
         weight = np.cos(np.radians(20.0 - (np.arange(37) + 0.5)))[:, None] * np.isfinite(values)
