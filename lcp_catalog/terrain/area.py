@@ -23,8 +23,8 @@ class Area:
     """A rectangle of the tangent plane at a centre (``size_km``: east-west, north-south), or a box
     of longitudes and latitudes.
 
-    ``Area(lon, lat, size_km)`` or ``Area.from_bounds``. Longitudes -180..360; ``AreaError`` refuses
-    what is no place.
+    ``Area(lon, lat, size_km)`` or ``Area.from_bounds``. Longitudes -180..360 degrees. ``AreaError``
+    for a centre, a size or bounds out of range.
     """
 
     lon_deg: float
@@ -35,20 +35,20 @@ class Area:
     def __post_init__(self) -> None:
         require_place(self.lon_deg, self.lat_deg)
         if (self.size_km is None) == (self.box is None):
-            raise AreaError("an area wants a size or bounds, one of them")
+            raise AreaError("an area needs either a size or bounds")
         if self.size_km is not None:
             size = self.size_km if isinstance(self.size_km, tuple) else (self.size_km, self.size_km)
             if not all(math.isfinite(s) and 0.0 < s <= HEIGHTFIELD_SIZE_MAX_KM for s in size):
                 raise AreaError(
-                    f"a size of {size[0]:g} x {size[1]:g} km is not above 0 and at most "
+                    f"invalid size {size[0]:g} x {size[1]:g} km: not above 0 and at most "
                     f"{HEIGHTFIELD_SIZE_MAX_KM:g} km"
                 )
             object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))
 
     @classmethod
     def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:
-        """A box in degrees; where ``east`` is not greater than ``west`` it crosses the antimeridian
-        (or the prime meridian).
+        """A box in degrees; it crosses the antimeridian (or the prime meridian) if ``east`` is not
+        greater than ``west``. ``AreaError`` for an empty box or one out of range.
         """
         for lon in (west, east):
             if not -360.0 <= lon <= 720.0:
@@ -73,7 +73,7 @@ class Area:
         return EnuFrame(self.lon_deg % 360.0, self.lat_deg)
 
     def contains(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
-        """Which places (on the sphere) lie inside."""
+        """True for positions (on the sphere) inside the area."""
         lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         if self.box is not None:
             west, south, east, north = self.box
@@ -91,8 +91,8 @@ class Area:
 
     @cached_property
     def bounds(self) -> Bounds:
-        """The box of longitudes and latitudes that encloses the area; all longitudes where a pole
-        lies inside.
+        """The box of longitudes and latitudes that encloses the area; all longitudes if a pole lies
+        inside.
         """
         if self.box is not None:
             return self.box
@@ -149,14 +149,14 @@ class NodeWindow:
     def __post_init__(self) -> None:
         if self.row1 <= self.row0 or self.col1 <= self.col0:
             raise AreaError(
-                f"a window of {self.row1 - self.row0} x {self.col1 - self.col0} nodes holds none"
+                f"a window of {self.row1 - self.row0} x {self.col1 - self.col0} nodes is empty"
             )
 
     @classmethod
     def covering(cls, extent_m: tuple[float, float, float, float], gsd_m: float) -> NodeWindow:
         """The nodes that enclose least x, greatest x, least y, greatest y."""
         x0, x1, y0, y1 = (value / gsd_m for value in extent_m)
-        slack = 1e-6  # an edge on a node is that node, whatever the last bits say
+        slack = 1e-6  # rounding: an edge at a node is that node
         return cls(
             row0=math.floor(-y1 + slack),
             row1=math.ceil(-y0 - slack) + 1,
@@ -169,13 +169,14 @@ class NodeWindow:
         return self.row1 - self.row0, self.col1 - self.col0
 
     def grown(self, nodes: int) -> NodeWindow:
-        """With so many nodes more on every side."""
+        """This window with ``nodes`` more nodes on every side."""
         return NodeWindow(
             self.row0 - nodes, self.row1 + nodes, self.col0 - nodes, self.col1 + nodes
         )
 
 
 def require_place(lon_deg: float, lat_deg: float) -> None:
+    """AreaError unless the longitude lies in -360..720 and the latitude in -90..90 degrees."""
     if not (math.isfinite(lon_deg) and -360.0 <= lon_deg <= 720.0):
         raise AreaError(f"longitude {lon_deg:g} is not in -180..360 degrees")
     if not (math.isfinite(lat_deg) and -90.0 <= lat_deg <= 90.0):

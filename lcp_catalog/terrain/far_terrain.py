@@ -1,8 +1,9 @@
-"""Terrain beyond an area's own, for its light: nested heightfields around it, each of cells twice as wide.
+"""Terrain around an area that can shadow it: nested heightfields (levels), each with cells twice as
+wide as the one before.
 
-All levels are of the area's east-north-up frame, whose heights hold the sphere exactly. A level has
-no heights where a finer one (or the area's own terrain) lies, but for a seam of one of its cells.
-What is asked of it are points of the area; every answer is exact for the levels' triangles.
+All levels are in the area's east-north-up frame, whose heights include the curvature of the sphere
+exactly. A level has no heights where a finer one (or the area's own terrain) lies, except for a
+seam of one of its cells. Occlusion of points of the area is exact for the triangles of the levels.
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ from ..kernels.shadows import far_terrain
 from .heightfield import Heightfield, Window
 
 PLACES = 8
-"""Nodes between the places for which a tier below `high` finds the heights of far shadows."""
+"""Nodes between the lattice places at which tiers below `high` compute the heights of far shadows."""
 
 _BLOCK, _BLOCKS = 64, 16
-"""Nodes along a block of the nodes that ask, at least; blocks along a window, at most."""
+"""Least number of nodes along a block of a window; greatest number of blocks along a window."""
 
-_TILE = 4  # level of the max pyramid whose blocks say whether a level can matter
+_TILE = 4  # level of the max pyramid whose blocks bound the shadows of a terrain level
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Least and greatest ENU x and y of the places that ask, and their lowest height, metres; or
-    arrays of these, one of each a group of places.
+    """Least and greatest ENU x and y of the places to be shadowed, and their lowest height, metres;
+    or arrays of these, one element for each group of places.
     """
 
     x_m: tuple[Any, Any]
@@ -43,8 +44,8 @@ class Footprint:
 
 @dataclass(frozen=True, eq=False)
 class FarTerrain:
-    """Levels from the finest to the coarsest; the share of nodes around the area that lack a height,
-    and how near to it the nearest of them is, metres.
+    """Levels from the finest to the coarsest; the share of nodes around the area without a height,
+    and the distance of the nearest of them from the area, metres.
     """
 
     levels: tuple[Heightfield, ...]
@@ -58,21 +59,21 @@ class FarTerrain:
 
     @property
     def highest_m(self) -> float:
-        """Greatest ENU height; -inf where there is none."""
+        """Greatest ENU height; -inf without any."""
         return max((level.extremes_m[1] for level in self.levels), default=-math.inf)
 
     @property
     def span_m(self) -> float:
-        """The longest way across all levels."""
+        """Longest diagonal of all levels, metres."""
         return max((math.hypot(*one.shape) * one.gsd_m for one in self.levels), default=0.0)
 
     @property
     def cells_m(self) -> tuple[float, float]:
-        """Cells of the finest and of the coarsest level."""
+        """Cell sizes of the finest and of the coarsest level."""
         return self.levels[0].gsd_m, self.levels[-1].gsd_m
 
     def occluded(self, points_m: ArrayLike, direction: ArrayLike) -> Mask:
-        """Whether far terrain rises above the rays from points (n, 3) of the area, bool (n,); NaN: False."""
+        """True where far terrain rises above the ray from a point (n, 3) of the area, bool (n,); NaN: False."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
         asking = np.flatnonzero(~np.isnan(points[:, 2]))
@@ -93,7 +94,7 @@ class FarTerrain:
         window: Window,
         occluded: Mask,
     ) -> None:
-        """Also set ``occluded`` (the window's nodes) where far terrain rises above their rays."""
+        """Set ``occluded`` (the window's nodes) where far terrain rises above their rays, too."""
         if direction[0] == direction[1] == 0.0 or occluded.size == 0:
             return
         blocks = _Blocks(field, window, occluded)
@@ -107,7 +108,7 @@ class FarTerrain:
             self._shadowed_by_places(blocks, asked, direction, accuracy.far_doubt, occluded)
 
     def _asked(self, blocks: _Blocks, direction: Array) -> list[tuple[Heightfield, Mask]]:
-        """The levels that can rise above rays from some block, and from which."""
+        """The levels that can rise above rays from some block, each with the mask of these blocks."""
         level_m = math.hypot(direction[0], direction[1])
         ahead = (direction[0] / level_m, direction[1] / level_m)
         found = []
@@ -120,7 +121,7 @@ class FarTerrain:
         return found
 
     def matters(self, field: Heightfield, direction: Array, window: Window) -> bool:
-        """Whether any level can rise above the rays of a window's nodes."""
+        """True if any level can rise above the rays of a window's nodes."""
         row0, row1, col0, col1 = window
         x = (field.x0_m + col0 * field.gsd_m, field.x0_m + (col1 - 1) * field.gsd_m)
         y = (field.y0_m - (row1 - 1) * field.gsd_m, field.y0_m - row0 * field.gsd_m)
@@ -157,7 +158,7 @@ class FarTerrain:
 
     def horizons(self, points_m: Array, planes: Array, gsd_m: float) -> Array:
         """Steepest slopes (n, k) from points (n, 3), in the planes (k, 4) of a raster of ``gsd_m``
-        (`Nodes.horizons`): the least asked for where nothing stands higher.
+        (`Nodes.horizons`): the plane's lower limit where no terrain is steeper.
         """
         out = np.repeat(planes[np.newaxis, :, 2], len(points_m), axis=0)
         for level in self.levels:
@@ -172,7 +173,7 @@ class FarTerrain:
         return out
 
     def towards(self, place: Footprint, direction: ArrayLike) -> tuple[Heightfield, ...]:
-        """The levels that can rise above a ray in ``direction`` from a place; the others cannot."""
+        """The levels that can rise above a ray in ``direction`` from a place."""
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         level = math.hypot(east, north)
         if level == 0.0:
@@ -191,7 +192,7 @@ class FarTerrain:
 
 @dataclass(frozen=True, eq=False)
 class _Tops:
-    """Highest ground of a level's blocks: ENU x, y of the middles (n,), half a side's diagonal, height (n,)."""
+    """Highest points of a level's blocks: ENU x, y of the middles (n,), half a block's diagonal, height (n,)."""
 
     x_m: Array
     y_m: Array
@@ -215,18 +216,18 @@ class _Tops:
         return cls(x, y, side * level.gsd_m * math.sqrt(0.5), tops[there])
 
     def reach(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> Array:
-        """No shadow of parallel rays with a tangent reaches higher over the place; -inf without any;
-        (g,) for g groups of places.
+        """Upper bound of the height of shadows over the place, for parallel rays of a tangent; -inf
+        without any shadow; (g,) for g groups of places.
         """
         return np.asarray(self._heights(place, ahead, tangent).max(axis=1, initial=-math.inf))
 
     def that_reach(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> _Tops:
-        """Those whose shadows reach over the lowest of some places."""
+        """The blocks whose shadows reach above the lowest height of the places."""
         some = self._heights(place, ahead, tangent)[0] > place.lowest_m
         return _Tops(self.x_m[some], self.y_m[some], self.half_m, self.top_m[some])
 
     def _heights(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> Array:
-        """How high each block's shadow reaches over each group of places at most, (groups, blocks)."""
+        """Upper bound of the height of each block's shadow over each group of places, (groups, blocks)."""
         x, y = (np.stack(np.atleast_1d(*side)) for side in (place.x_m, place.y_m))
         corners = [(east, north) for east in x for north in y]
         along = np.stack([east * ahead[0] + north * ahead[1] for east, north in corners])
@@ -245,8 +246,8 @@ class _Tops:
 
 
 class _Blocks:
-    """Square blocks of a window's nodes, and the lattice of places over them: what far terrain cannot
-    reach is told block by block.
+    """Square blocks of a window's nodes, and the lattice of places over them; blocks that far terrain
+    cannot shadow are skipped.
     """
 
     def __init__(self, field: Heightfield, window: Window, occluded: Mask) -> None:
@@ -271,32 +272,32 @@ class _Blocks:
 
     @property
     def whole(self) -> Footprint:
-        """All blocks as one."""
+        """The footprint of all blocks."""
         (west, east), (south, north) = self.footprint.x_m, self.footprint.y_m
         lowest = float(self.footprint.lowest_m.min())
         return Footprint((west.min(), east.max()), (south.min(), north.max()), lowest)
 
     def spread(self, which: Mask) -> Mask:
-        """A mask of blocks as one of nodes."""
+        """The mask of nodes that corresponds to a mask of blocks."""
         rows, cols = self._counts
         wide = np.repeat(np.repeat(which, self.side, axis=0), self.side, axis=1)
         return wide[:rows, :cols]
 
     @property
     def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the places, from the window's first node on; they enclose it."""
+        """Rows and columns of the places, counted from the window's first node; they enclose the window."""
         rows, cols = (max(2, -(-(count - 1) // PLACES) + 1) for count in self._counts)
         return np.arange(rows) * PLACES, np.arange(cols) * PLACES
 
     @property
     def _counts(self) -> tuple[int, int]:
-        """Rows and columns of nodes."""
+        """Numbers of rows and columns of the window."""
         row0, row1, col0, col1 = self.window
         return row1 - row0, col1 - col0
 
     def at_places(self, which: Mask) -> Mask:
-        """Places around the nodes of some blocks: up to one place before a block, and to the last of
-        the window, which stands for nodes beyond it.
+        """Mask of the places around the nodes of some blocks: one place before each block, and up to
+        the last place of the window, which lies beyond its nodes.
         """
         spans = []
         for first, count in zip(self.places, self._counts, strict=True):

@@ -1,8 +1,9 @@
-"""A heightfield: the triangulated surface over a regular grid of nodes, and the rays that meet it.
+"""A heightfield: the triangulated surface over a regular grid of nodes, and its intersections with
+rays.
 
-Nodes are ENU metres: node (i, j) lies at x = x0_m + j gsd_m, y = y0_m - i gsd_m. Every cell is
-split from its north-west to its south-east node. Directions are unit ENU vectors from the surface
-to the Sun or the camera. NaN is nodata: a triangle with a NaN node does not exist. Kernels work in
+Positions are ENU metres: node (i, j) lies at x = x0_m + j gsd_m, y = y0_m - i gsd_m. Every cell is
+split from its north-west to its south-east node. Directions are ENU vectors from the surface to the
+Sun or the camera. NaN means nodata: a triangle with a NaN node does not exist. Kernels compute in
 float64 on float32 heights; results do not depend on the number of threads.
 """
 
@@ -21,17 +22,18 @@ from ..kernels.rays import bundles, camera_tiles, isolated_patches, max_pyramid,
 from ..kernels.shadows import scan_lines, steep_tiles
 
 Window = tuple[int, int, int, int]
-"""First row, row behind the last, first column, column behind the last."""
+"""Rows and columns, half open: first row, row behind the last, first column, column behind the last."""
 
 
 @dataclass(frozen=True, eq=False)
 class Heightfield:
     """Heights z_m (rows, cols) in metres, cell size, and ENU position of node [0, 0].
 
-    Heights are stored as float32 (an array that already is one is not copied: do not change it
-    afterwards); infinite ones become nodata. ValueError for anything but two dimensions with at
-    least one node. Kept in memory: 4 bytes a node, 1.33 for the max pyramid after the first ray, 4
-    for a transposed copy after the first Sun in the east or west of which shadows are scanned.
+    Heights are stored as float32 (a float32 array is not copied: do not change it afterwards);
+    infinite ones become nodata. ValueError unless the array has two dimensions and at least one
+    node, and the cell size is positive. Memory per node: 4 bytes, 1.33 for the max pyramid after
+    the first ray, 4 for a transposed copy after the first shadow scan with the Sun in the east or
+    west.
     """
 
     z_m: NDArray[np.float32]
@@ -60,19 +62,17 @@ class Heightfield:
 
     @cached_property
     def extremes_m(self) -> tuple[float, float, bool]:
-        """Lowest and highest height (inf, -inf where there is none), and whether any node is
-        nodata.
-        """
+        """Lowest and highest height (inf, -inf without any), and True if any node is nodata."""
         low, high, holes = max_pyramid.extremes(self.z_m)
         return float(low), float(high), bool(holes)
 
     @property
     def has_holes(self) -> bool:
-        """Whether any node is nodata."""
+        """True if any node is nodata."""
         return self.extremes_m[2]
 
     def lowest_m(self, window: Window) -> float:
-        """Lowest height of a window; inf where it has none."""
+        """Lowest height of a window; inf without any."""
         if window == self.whole:
             return self.extremes_m[0]
         row0, row1, col0, col1 = window
@@ -81,8 +81,8 @@ class Heightfield:
 
     @cached_property
     def tile_gradients_m(self) -> tuple[Array, Mask]:
-        """Steepest facet of each tile of nodes, metres a cell, and which tiles touch nodata
-        (`kernels.steep`).
+        """Steepest facet of each tile of nodes, metres per cell, and the mask of tiles that touch
+        nodata (`kernels.shadows.steep_tiles`).
         """
         gradients, holed = steep_tiles.tile_gradients(self.z_m)
         return gradients, holed
@@ -94,7 +94,7 @@ class Heightfield:
 
     @cached_property
     def transposed_m(self) -> NDArray[np.float32]:
-        """Heights with rows and columns exchanged, for passes that go along the rows."""
+        """Heights with rows and columns exchanged, for passes along the rows."""
         return scan_lines.transposed(self.z_m)
 
     @cached_property
@@ -105,37 +105,37 @@ class Heightfield:
 
     @property
     def traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
-        """What every ray kernel wants first: heights, whether any is missing, pyramid, summit."""
+        """First arguments of every ray kernel: heights, True if any is missing, pyramid, highest height."""
         return self.z_m, self.has_holes, self._pyramid, self.extremes_m[1]
 
     @property
     def is_surface(self) -> bool:
-        """Whether there are cells at all: one row or column of nodes hides nothing."""
+        """True if there are cells: a single row or column of nodes has no surface."""
         return min(self.shape) >= 2
 
     def checked_window(self, window: Window | None) -> Window:
-        """The window, or all; ValueError where it is not inside."""
+        """The window (default: all nodes); ValueError if it is not inside the raster."""
         row0, row1, col0, col1 = window or self.whole
         if not (0 <= row0 <= row1 <= self.shape[0] and 0 <= col0 <= col1 <= self.shape[1]):
             raise ValueError(f"window {window} is not inside {self.shape}")
         return row0, row1, col0, col1
 
     def ray_in_cells(self, direction: ArrayLike) -> tuple[float, float, float]:
-        """A direction in cell units with max(|du|, |dv|) = 1; (0, 0, dz) when vertical. ValueError
-        when it is none.
+        """A direction (3,) in cell units with max(|du|, |dv|) = 1; (0, 0, dz) if vertical. ValueError
+        for a direction that is zero or not finite.
         """
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         if not math.isfinite(east + north + up) or max(abs(east), abs(north), abs(up)) == 0.0:
-            raise ValueError(f"no direction: {direction!r}")
+            raise ValueError(f"invalid direction {direction!r}")
         du, dv, dz, _ = bundles.scaled(east, -north, up * self.gsd_m)
         return float(du), float(dv), float(dz)
 
     def occluded_nodes(self, direction: ArrayLike, window: Window | None = None) -> Mask:
-        """For each node of the window, bool (rows, cols): whether the surface rises above the ray
-        in ``direction`` (3,).
+        """True for nodes of the window, bool (rows, cols), where the surface rises above the ray in
+        ``direction`` (3,).
 
-        Exact. Nodata is not occluded. Straight up nothing is; straight down every node of a
-        triangle is.
+        Exact. False at nodata. For a ray straight up: all False; straight down: True wherever a
+        triangle exists.
         """
         row0, row1, col0, col1 = bounds = self.checked_window(window)
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
@@ -150,10 +150,10 @@ class Heightfield:
         return out
 
     def occluded_nodes_from(self, position_m: ArrayLike, window: Window | None = None) -> Mask:
-        """The same for the segments from the nodes to a camera at an ENU position (3,), metres.
+        """Occlusion of the nodes along the segments to a camera at an ENU position (3,), metres.
 
-        From a camera under the surface (by over 1e-6 m) nothing is seen. Terrain within 1e-6 cells
-        of the camera is not looked at: the camera may stand on a node.
+        All nodes are occluded for a camera more than 1e-6 m below the surface. Terrain within
+        1e-6 cells of the camera is ignored: the camera may be at a node.
         """
         row0, row1, col0, col1 = bounds = self.checked_window(window)
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
@@ -165,16 +165,16 @@ class Heightfield:
     def _node_units(self, position_m: ArrayLike) -> tuple[float, float, float]:
         x, y, z = (float(v) for v in np.asarray(position_m, dtype=np.float64))
         if not math.isfinite(x + y + z):
-            raise ValueError(f"no position: {position_m!r}")
+            raise ValueError(f"invalid position {position_m!r}")
         return (x - self.x0_m) / self.gsd_m, (self.y0_m - y) / self.gsd_m, z
 
     def occluded_points(self, points_m: ArrayLike, direction: ArrayLike) -> Mask:
-        """For points (n, 3), whether the surface rises above the ray in ``direction``, bool (n,).
+        """True for points (n, 3) where the surface rises above the ray in ``direction``, bool (n,).
 
-        A point within 1 mm of the surface is put on it, and within 1e-9 cells of a grid line or
-        diagonal on that, so that the rounding of a camera ray's hit casts no shadow: from there on
-        the answer is exact, its own triangle included, as for a node. Points further above are
-        traced from where they are; those below are occluded; NaN is not.
+        A point within 1 mm of the surface is moved onto it, and one within 1e-9 cells of a grid
+        line or diagonal onto that, so that the rounding of a camera ray's hit causes no shadow.
+        From there the result is exact, its own triangle included, as for a node. Points further
+        above are traced from their position; points below are occluded; NaN points are not.
         """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
@@ -190,12 +190,12 @@ class Heightfield:
         return (x_m - self.x0_m) / self.gsd_m, (self.y0_m - y_m) / self.gsd_m
 
     def first_hits(self, origin_m: ArrayLike, directions: ArrayLike) -> Array:
-        """Where camera rays first meet the surface: range in units of each direction, shape (...)
-        of ``directions`` (..., 3).
+        """Range of the first intersection of camera rays with the surface, in units of each
+        direction, shape (...) of ``directions`` (..., 3).
 
-        NaN where a ray misses, is none, or comes to be under the surface without having met it:
-        from a camera under the ground (by over 1e-6 m), over the raster's border, or through a
-        hole. What `occluded_nodes_from` calls occluded is never hit.
+        NaN for a ray that misses, is zero or not finite, or gets below the surface without an
+        intersection: from a camera more than 1e-6 m below the surface, over the raster's border, or
+        through a hole. Nodes that are occluded by `occluded_nodes_from` are never hit.
         """
         ahead = np.ascontiguousarray(directions, dtype=np.float64)
         shape = np.shape(directions)[:-1]
@@ -209,8 +209,8 @@ class Heightfield:
     def occluded_alone(
         self, rows: ArrayLike, cols: ArrayLike, half: int, direction: ArrayLike
     ) -> Mask:
-        """For n fragments of (2 half + 1)^2 nodes around (rows, cols), bool (n, size, size):
-        occluded by the fragment alone.
+        """Occlusion by a patch alone, for n patches of (2 half + 1)^2 nodes around (rows, cols), bool
+        (n, size, size).
         """
         centre_rows = np.ascontiguousarray(rows, dtype=np.int64)
         centre_cols = np.ascontiguousarray(cols, dtype=np.int64)
@@ -223,10 +223,10 @@ class Heightfield:
         return out
 
     def normals(self, window: Window | None = None) -> NDArray[np.float32]:
-        """Unit normals of the window's nodes, float32 (rows, cols, 3) east, north, up; NaN where
-        none can be had.
+        """Unit normals of the window's nodes, float32 (rows, cols, 3) east, north, up; NaN where no
+        gradient exists.
 
-        The gradient is that of central differences, one-sided beside nodata and at the border.
+        Gradients are central differences, one-sided beside nodata and at the border.
         """
         row0, row1, col0, col1 = self.checked_window(window)
         out = np.empty((row1 - row0, col1 - col0, 3), dtype=np.float32)
@@ -234,15 +234,15 @@ class Heightfield:
         return out
 
     def heights_at(self, x_m: ArrayLike, y_m: ArrayLike) -> Array:
-        """Height of the surface at ENU x, y (any shape), on its triangles; NaN off the surface."""
+        """Height of the triangulated surface at ENU x, y (any shape), metres; NaN off the surface."""
         x, y = np.broadcast_arrays(
             np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         )
         return surface.heights_at(self.z_m, *self._uv(x.ravel(), y.ravel())).reshape(x.shape)
 
     def normals_at(self, x_m: ArrayLike, y_m: ArrayLike) -> Array:
-        """Normals (..., 3) between the nodes: those of the triangle's three nodes, interpolated and
-        made unit again.
+        """Unit normals (..., 3) at ENU x, y: those of the triangle's three nodes, interpolated and
+        normalised.
         """
         x, y = np.broadcast_arrays(
             np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)

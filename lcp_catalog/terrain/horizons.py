@@ -1,7 +1,8 @@
-"""Horizons of observers on a heightfield, and how steep they can be.
+"""Horizons of observers on a heightfield.
 
 A plane is (du, dv, low, high): direction in cell units with max(|du|, |dv|) = 1, and the slopes, in
-metres per unit of it, between which the horizon is sought (`kernels.horizon`).
+metres per unit of this direction, between which the horizon is searched for
+(`kernels.rays.horizon`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .heightfield import Heightfield, Window
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes (rows, cols) of a field, each int64 (n,), and what terrain lies beyond it."""
+    """Nodes (rows, cols) of a field, each int64 (n,), and the terrain beyond the field."""
 
     field: Heightfield
     rows: NDArray[np.int64]
@@ -41,21 +42,21 @@ class Nodes:
 
     def horizons(self, planes: Array) -> Array:
         """Steepest slope in each plane (k, 4), clipped to low..high, float64 (n, k); low at nodata
-        and where nothing stands ahead.
+        and where there is no terrain ahead.
         """
         out = np.empty((len(self), len(planes)))
         horizon.node_horizons(*self.field.traced, self.rows, self.cols, planes, out)
         return _with_far(self, planes, out)
 
     def occluded(self, direction: Array) -> NDArray[np.bool_]:
-        """Whether the surface rises above the ray in ``direction`` (3,), bool (n,)."""
+        """True where the surface rises above the ray in ``direction`` (3,), bool (n,)."""
         return _occluded(self, direction)
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """ENU points (n, 3) on or above a field, metres, and what terrain lies beyond it; within 1 mm
-    of the surface they are put on it.
+    """ENU points (n, 3) on or above a field, metres, and the terrain beyond the field; points within
+    1 mm of the surface are moved onto it.
     """
 
     field: Heightfield
@@ -83,7 +84,7 @@ class Points:
 
 
 def _with_far(observers: Nodes | Points, planes: Array, own: Array) -> Array:
-    """Horizons raised to those of the far terrain."""
+    """The higher of a field's own horizons and those of the far terrain."""
     if observers.far is None or not len(observers):
         return own
     found = observers.far.horizons(observers.points_m, planes, observers.field.gsd_m)
@@ -99,8 +100,8 @@ def _occluded(observers: Nodes | Points, direction: Array) -> NDArray[np.bool_]:
 
 
 def on_rim(field: Heightfield, window: Window) -> NDArray[np.bool_]:
-    """Nodes of the window beside nodata or the raster's border, where a horizon may jump with
-    azimuth; bool (rows, cols).
+    """True for nodes of the window beside nodata or the raster's border, where a horizon may be
+    discontinuous in azimuth; bool (rows, cols).
     """
     row0, row1, col0, col1 = window
     out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)

@@ -1,16 +1,16 @@
-"""Where terrain hides nodes from a direction (the Sun, a camera at infinity), as exactly as a tier wants.
+"""Occlusion of nodes by terrain in a direction (the Sun, a camera at infinity), by accuracy tier.
 
-- draft: two lines a column and a stencil of the nearest cells (`kernels.draft`). At most 0.5 % of
-  the nodes are wrong, 95 % of those within two nodes of a shadow's edge: measured.
-- standard: a proved upper bound says which nodes are lit, and where the two lines beside a node are
-  both dark so is the node; all others are traced (`kernels.bounds`). At most 0.02 % are wrong (dark
-  instead of lit, where light comes through between two lines): measured.
-- high: proved bounds on both sides; what they leave open is traced. No node is wrong.
+- draft: two lines per column and a stencil of the nearest cells (`kernels.shadows.draft`). Measured:
+  at most 0.5 % of the nodes are wrong, 95 % of these within two nodes of a shadow's edge.
+- standard: a proved upper bound gives lit nodes; a node is dark if the two lines beside it are
+  dark; all others are traced (`kernels.shadows.proved_bounds`). Measured: at most 0.02 % are wrong
+  (dark instead of lit, where light passes between two lines).
+- high: proved bounds on both sides; nodes that they leave undecided are traced. No node is wrong.
 - reference: every node is traced.
 
-Light comes from beyond the field, too: what stands there (`far_terrain`) is asked for the nodes that
-the field itself leaves lit. In draft and standard from the heights of its shadows over every eighth
-node where these leave little doubt, else, and in high and reference, by rays.
+Terrain beyond the field (`far_terrain`) is tested for the nodes that the field itself leaves lit. In
+draft and standard the heights of its shadows at every eighth node are used where these are clear;
+otherwise, and in high and reference, rays are traced.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ def occluded(
     window: Window | None = None,
     far: FarTerrain | None = None,
 ) -> Mask:
-    """For each node of the window, bool (rows, cols), whether the surface rises above the ray in
-    ``direction`` (3,), an ENU vector; at most ``accuracy.node_error`` of them are wrong.
+    """True for nodes of the window, bool (rows, cols), where the surface rises above the ray in
+    ``direction`` (3,), an ENU vector; at most a share ``accuracy.node_error`` of them is wrong.
 
-    ``far``: terrain beyond the field that counts as well. Nodata is not occluded. ValueError for
-    what is no direction, or a window outside the raster.
+    ``far``: terrain beyond the field. Nodata is not occluded. ValueError for an invalid direction or
+    a window outside the raster.
     """
     out = _occluded(field, direction, accuracy, window)
     if far is not None:
@@ -52,7 +52,7 @@ def occluded(
 def _occluded(
     field: Heightfield, direction: ArrayLike, accuracy: Accuracy, window: Window | None
 ) -> Mask:
-    """By the field alone."""
+    """Occlusion by the field alone."""
     ray = field.ray_in_cells(direction)
     if accuracy.shadows == "rays" or ray[:2] == (0.0, 0.0):
         return field.occluded_nodes(direction, window)
@@ -74,15 +74,15 @@ def occluded_sweep(
     window: Window | None = None,
     far: FarTerrain | None = None,
 ) -> NDArray[np.uint8]:
-    """The same for several elevations of one azimuth, uint8 (elevations, rows, cols): 1 where dark.
+    """Occlusion for several elevations at one azimuth, uint8 (elevations, rows, cols): 1 where dark.
 
     ValueError unless elevations lie between -90 (excluded) and 90 degrees and the azimuth is finite.
     """
     elevations = np.atleast_1d(np.asarray(elevations_rad, dtype=np.float64))
     if not ((elevations > -math.pi / 2) & (elevations <= math.pi / 2 + 1e-12)).all():
-        raise ValueError("a sweep wants elevations above -90 and up to 90 degrees")
+        raise ValueError("elevations must lie above -90 and up to 90 degrees")
     if not math.isfinite(azimuth_rad):
-        raise ValueError(f"no azimuth: {azimuth_rad}")
+        raise ValueError(f"invalid azimuth {azimuth_rad}")
     inside = field.checked_window(window)
     directions = direction_enu_rad(azimuth_rad, elevations)
     if accuracy.shadows == "lines":

@@ -1,6 +1,7 @@
-"""Shadows of parallel light from lines drawn over the raster: drafts, and the hybrids with exact rays.
+"""Shadows of parallel light by scan lines over the raster: drafts, and hybrids with exact rays.
 
-The geometry here, the passes in `kernels.lines`, `kernels.draft` and `kernels.bounds`.
+This module has the geometry; the passes are in `kernels.shadows`: scan_lines, draft and
+proved_bounds.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ EPSILON = 2.0**-24
 """Rounding of one float32 operation, relative."""
 
 STEEPEST = 1e8
-"""Tangents are cut here: float32 has no room for the zenith's, and nothing is that steep."""
+"""Upper limit of tangents: float32 does not hold that of the zenith, and no terrain is so steep."""
 
 
-_LEAST_STRIDE = 56  # rows; a sweep counts anew for its highest Sun, which all others bear
+_LEAST_STRIDE = (
+    56  # rows; a sweep rebases heights as its highest Sun needs, which suits all lower Suns
+)
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How a hybrid is computed: lines a column, rows that the stencil answers, and whether dark
-    nodes are proved.
+    """Settings of a hybrid: lines per column, rows covered by the stencil, and True if dark nodes are
+    proved.
     """
 
     density: int
@@ -42,13 +45,13 @@ PROVED = Effort(density=4, cells=4, proved=True)
 
 
 class SunAhead:
-    """How a heightfield must be turned so that a ray (du, dv in cells, the greater one 1; dz in
-    metres) goes towards row 0, and the part of it that can shadow a window.
+    """Orientation of a heightfield in which a ray (du, dv in cells, the greater one 1; dz in metres)
+    goes towards row 0, and the part of the field that can shadow a window.
     """
 
     def __init__(self, field: Heightfield, ray: tuple[float, float, float], window: Window) -> None:
         row0, row1, col0, col1 = window
-        du, dv, self.rise = ray  # from one row to the next a ray climbs dz
+        du, dv, self.rise = ray  # metres by which a ray climbs from one row to the next
         self.field = field
         self.length = math.hypot(du, dv)  # cells along the ray from one row to the next
         self._unit = (du / self.length, dv / self.length)
@@ -69,7 +72,7 @@ class SunAhead:
     def stencil(
         self, cells: int, on_node: float = scan_lines.ON_LINE
     ) -> tuple[NDArray[np.int64], Array]:
-        """The edges nearest to a node, in the turned raster (`lines.near_stencil`)."""
+        """The edges nearest to a node, in the turned raster (`scan_lines.near_stencil`)."""
         nodes, weights = scan_lines.near_stencil(*self._unit, cells, on_node)
         if self.transposed:
             nodes = np.ascontiguousarray(nodes[:, [1, 0, 3, 2]])
@@ -78,22 +81,22 @@ class SunAhead:
         return nodes, weights
 
     def stride(self, steepest_rise: float) -> int:
-        """Rows after which heights are counted anew: by then a shadow has fallen below all ground,
-        and numbers have not grown beyond a few times the relief.
+        """Rows after which heights are rebased: a shadow has then fallen below all terrain, and
+        numbers have not grown beyond a few times the relief.
         """
         return 8 + self._rows_of_relief(abs(steepest_rise), self.field.extremes_m[0])
 
     def awake(self, slope: float, width: int) -> Mask:
-        """Which stretches of blocks of ``width`` lines may hold a shadow (`kernels.steep`)."""
+        """True for stretches of blocks of ``width`` lines that may contain a shadow (`kernels.shadows.steep_tiles`)."""
         reach = 8 + self._rows_of_relief(self.rise, self.field.extremes_m[0])
         gradients, holed = self.field.tile_gradients_m
-        cliffs = np.where(holed, math.inf, gradients)  # beside nodata there may be any
+        cliffs = np.where(holed, math.inf, gradients)  # beside nodata the slope is unknown
         turned = self.transposed, self.flipped, self.z.shape, self.shear
         found = steep_tiles.awake(cliffs, *turned, slope, reach, self.top, self.window, width)
         return np.asarray(found)
 
     def _reach(self, window: Window) -> int:
-        """Rows towards the Sun beyond which even the highest node shadows nothing of the window."""
+        """Rows towards the Sun beyond which not even the highest node shadows the window."""
         low = self.field.lowest_m(window)
         return 2 + self._rows_of_relief(self.rise, low) if math.isfinite(low) else 0
 
@@ -136,7 +139,7 @@ def draft_occluded(
 def hybrid_occluded(
     field: Heightfield, ray: tuple[float, float, float], window: Window, effort: Effort
 ) -> tuple[Mask, int]:
-    """Mask bool (rows, cols) of a ray in cells (not vertical), and how many nodes had to be traced."""
+    """Mask bool (rows, cols) of a ray in cells (not vertical), and the number of nodes that were traced."""
     row0, row1, col0, col1 = window
     out = np.empty((row1 - row0, col1 - col0), dtype=np.bool_)
     if not _casts(field, out.shape, ray[2]):
@@ -144,7 +147,7 @@ def hybrid_occluded(
     sun = SunAhead(field, ray, window)
     stencil, sure_stencil = sun.stencil(effort.cells), sun.stencil(effort.cells, on_node=0.0)
     stride = sun.stride(sun.rise)
-    # where nodata breaks the surface only the proof knows which edges are of a triangle
+    # beside nodata only the proved bounds use the edges of existing triangles alone
     proved = effort.proved or field.has_holes
     unlike = field.has_holes or (effort.proved and not np.array_equal(stencil[0], sure_stencil[0]))
     a0, a1, b0, b1 = sun.window
@@ -162,12 +165,13 @@ def hybrid_occluded(
 
 
 def slacks(field: Heightfield, rise: float, stride: int, rows: int) -> tuple[float, float]:
-    """What float32 rounding may take from a line's height (m) and from a stencil's tangent (m a cell).
+    """Bounds of the float32 rounding error of a line's height (m) and of a stencil's tangent (m per cell).
 
     A line's height is two products, two sums and the rounded level, each within EPSILON of numbers
     not above M = the highest |z| + |rise| (stride + 8); the ray's is one sum and a level: 8 EPSILON M
-    together, twice that taken. Every rebase may take EPSILON M more while a height still counts:
-    twice for a Sun above the horizon, where it is below all ground after that, always below it.
+    together, of which twice is used. Every rebase may add EPSILON M while a height still counts:
+    twice for a Sun above the horizon, since the height is below all terrain after that; at every
+    rebase for a Sun below the horizon.
     A stencil's weights are at most sqrt 2: three products, two sums, three rounded weights of
     numbers not above sqrt 2 |z|.
     """
@@ -179,12 +183,12 @@ def slacks(field: Heightfield, rise: float, stride: int, rows: int) -> tuple[flo
 
 
 def _padded(nodes: NDArray[np.int64], weights: Array) -> tuple[NDArray[np.int64], Array]:
-    """A stencil of at least four edges, the last one repeated: four are answered in one pass."""
+    """A stencil of at least four edges, the last one repeated: four are processed in one pass."""
     which = np.arange(max(4, len(nodes))).clip(max=len(nodes) - 1)
     return nodes[which], weights[which]
 
 
 def _casts(field: Heightfield, shape: tuple[int, ...], rise: float) -> bool:
-    """Whether anything could rise above rays that climb so, and there is anything to answer."""
+    """True if the field can rise above rays of this slope and the result is not empty."""
     low, high, _ = field.extremes_m
     return field.is_surface and math.prod(shape) > 0 and (high > low or rise < 0.0 <= high - low)

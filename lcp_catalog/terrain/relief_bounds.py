@@ -1,4 +1,4 @@
-"""How steep and how high a terrain is, as far as that decides what can shadow or hide what."""
+"""Bounds of a terrain's slopes and heights, which limit where it can shadow or hide a point."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .heightfield import Heightfield, Window
 from .terrain import Terrain
 
 COARSE_NODES = 8
-"""A support ring is looked for on nodes so many times coarser."""
+"""Factor by which the nodes are coarser on which the width of a ring is computed."""
 
 COARSE_SLOPE = 0.35
-"""Height that coarse nodes smooth away at most, in coarse cells: half of one at 35 deg."""
+"""Bound of the height that coarse nodes smooth away, in coarse cells: half of one at 35 deg."""
 
 BLOCK_ROWS = 512
 _ROUNDING = (
@@ -27,15 +27,15 @@ _ROUNDING = (
 
 @dataclass(frozen=True)
 class Steepness:
-    """Tangent of the steepest facet of a surface, and whether the surface is connected (no node
-    lacks a height).
+    """Tangent of the steepest facet of a surface, and True if the surface is connected (every node has
+    a height).
     """
 
     tangent: float
     connected: bool
 
     def clears(self, tangent: float) -> bool:
-        """Whether rays that climb with a tangent can nowhere be met by the surface."""
+        """True if the surface nowhere meets rays that climb with a tangent."""
         return self.connected and tangent > self.tangent * (1 + _ROUNDING)
 
 
@@ -61,8 +61,8 @@ class Box:
 @dataclass(frozen=True)
 class Relief:
     """Slopes and heights of a terrain: its steepest facet; the core's box; the highest ENU z of all
-    the terrain, metres; the tangent of a node normal's tilt from the vertical at most; cell size
-    and longest way across the terrain, metres.
+    the terrain, metres; the greatest tangent of a node normal's tilt from the vertical; cell size
+    and longest diagonal of the terrain, metres.
     """
 
     slope: Steepness
@@ -74,12 +74,12 @@ class Relief:
 
     @property
     def shading_height_m(self) -> float:
-        """How far any ground can rise above a node of the core."""
+        """Greatest height of the terrain above a node of the core, metres."""
         return max(0.0, self.highest_m - float(self.box.low_m[2]))
 
 
 def steepness(field: Heightfield) -> Steepness:
-    """The steepest facet of all a heightfield's triangles; 0 where there are none."""
+    """The steepest facet of all triangles of a heightfield; 0 without any."""
     return Steepness(field.steepest_tangent, not field.has_holes)
 
 
@@ -87,8 +87,8 @@ def relief(terrain: Terrain) -> Relief:
     """The relief of a terrain.
 
     A node's gradient is the mean of those of the two facets that hold its east and north, and its
-    west and south edges: no steeper than the steepest. One-sided differences, at the border, take
-    their two components from two facets: sqrt(2) times that at most.
+    west and south edges: not steeper than the steepest facet. One-sided differences, at the border,
+    take their two components from two facets: at most sqrt(2) times as steep.
     """
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
     rows, cols = field.shape
@@ -107,7 +107,7 @@ def relief(terrain: Terrain) -> Relief:
 
 
 def core_box(terrain: Terrain) -> Box:
-    """The box around a terrain's core, level at z = 0 where no node has a height."""
+    """The box around a terrain's core; flat at z = 0 if no node has a height."""
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
     core = field.z_m[row0:row1, col0:col1]
     known = bool(np.isfinite(core).any())
@@ -132,15 +132,13 @@ def nodes_enu(field: Heightfield, window: Window, step: int = 1) -> Array:
 
 
 def tangent_of(direction: Array) -> float:
-    """Tangent of the elevation of a direction (3,); inf straight up."""
+    """Tangent of the elevation of a direction (3,); inf for straight up."""
     level = math.hypot(direction[0], direction[1])
     return math.inf if level == 0 and direction[2] > 0 else float(direction[2]) / max(level, 1e-300)
 
 
 def lowest_view_tangent(view: View, points_m: Array) -> float:
-    """Tangent of the least elevation at which ENU points (..., 3) see the camera; inf without a
-    point.
-    """
+    """Tangent of the camera's least elevation as seen from ENU points (..., 3); inf without a point."""
     if view.direction is not None:
         return tangent_of(view.direction)
     assert view.position_m is not None
@@ -153,7 +151,7 @@ def lowest_view_tangent(view: View, points_m: Array) -> float:
 
 
 def lowest_core_tangent(view: View, terrain: Terrain) -> float:
-    """The same for all nodes of a terrain's core."""
+    """`lowest_view_tangent` of all nodes of a terrain's core."""
     if view.direction is not None:
         return tangent_of(view.direction)
     row0, row1, col0, col1 = terrain.core
@@ -166,10 +164,11 @@ def lowest_core_tangent(view: View, terrain: Terrain) -> float:
 
 
 def ring_needed_m(coarse: Terrain, tangent: float, margin_m: float) -> float:
-    """How far beyond the core terrain can rise above rays that climb with a tangent from the core,
-    seen on coarse heights.
+    """Greatest distance from the core, metres, at which terrain can rise above rays that climb from the
+    core with a tangent; from coarse heights.
 
-    ``margin_m`` is allowed for what the coarse heights smooth away, once above and once below.
+    ``margin_m``: bound of the height that the coarse nodes smooth away; it is added to the terrain
+    and subtracted from the core.
     """
     z, (r0, r1, c0, c1) = coarse.field.z_m, coarse.core
     inside = z[r0:r1, c0:c1]
@@ -187,8 +186,8 @@ def ring_needed_m(coarse: Terrain, tangent: float, margin_m: float) -> float:
 
 @dataclass(frozen=True)
 class Ring:
-    """The terrain around a core: share of its nodes without a height, and how near to the core, in
-    metres, surface is missing because of them (inf where none is).
+    """Gaps of the terrain around a core: share of its nodes without a height, and the distance of the
+    nearest missing surface from the core, metres (inf without any).
     """
 
     missing: float
@@ -196,7 +195,7 @@ class Ring:
 
 
 def ring_of(terrain: Terrain) -> Ring:
-    """What the ring around a terrain's core lacks."""
+    """Gaps of the ring around a terrain's core."""
     row0, row1, col0, col1 = terrain.core
     gaps = ~np.isfinite(terrain.field.z_m)
     around = gaps.size - (row1 - row0) * (col1 - col0)

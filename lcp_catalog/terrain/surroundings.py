@@ -1,10 +1,11 @@
-"""An area with what can shadow it: its own cells near by, nested coarser ones beyond (`far_terrain`).
+"""An area with the terrain that can shadow it: cells of the area's size near by, nested coarser ones
+beyond (`far_terrain`).
 
-Terrain within `NEAR_NODES` of the area has the area's own cells. Beyond, each level's cells are
-twice as wide as those before, and it ends twice as far out, so that a cell is never wider than
-`CELL_SHARE` of its distance from the area: what a cell smooths away is worth the same small angle of
-the horizon wherever it lies (`HORIZON_RMS_DEG`). The outermost level is the last with ground that can
-rise above the lowest ray.
+Terrain within `NEAR_NODES` of the area has the area's cell size. Beyond, the cells of each level are
+twice as wide as those of the level before, and it extends twice as far, so that a cell is never
+wider than `CELL_SHARE` of its distance from the area: the detail that a cell smooths away then
+subtends the same small angle of the horizon at any distance (`HORIZON_RMS_DEG`). The outermost level
+is the last one with terrain that can rise above the lowest ray.
 """
 
 from __future__ import annotations
@@ -26,24 +27,24 @@ from .relief_bounds import COARSE_NODES, COARSE_SLOPE, ring_needed_m
 from .terrain import Terrain, build_terrain
 
 NEAR_NODES = 128
-"""The area's own cells go so many nodes beyond it, where light wants more than that."""
+"""Greatest width, in nodes, of the ring of the area's cell size; coarser levels follow it."""
 
 CELL_SHARE = 2.0 / NEAR_NODES
-"""A far cell's width, as a share of its distance from the area, at most."""
+"""Greatest width of a far cell, as a share of its distance from the area."""
 
 HORIZON_RMS_DEG = 0.02
-"""Error of the horizon's elevation that far cells make, rms over places and azimuths of lunar relief;
-measured against horizons of the area's own cells all the way (docs/dem.md, tests/test_surroundings.py)."""
+"""Error of the horizon's elevation due to far cells, rms over places and azimuths of lunar relief;
+measured against horizons of the area's cell size at all distances."""
 
 REACH_MAX_M = 400e3
-"""No terrain further from an area is looked at: at a Sun on the horizon the highest ground of the
-Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
+"""Greatest distance from an area at which terrain is used: with the Sun on the horizon, the highest
+terrain of the Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """How far from the area its own cells go, what lies beyond (None: nothing that matters), and
-    how far terrain would be wanted in all, metres.
+    """Width of the ring of the area's cell size, the terrain beyond (None: it cannot shadow the area),
+    and the distance up to which terrain can shadow the area, metres.
     """
 
     ring_m: float
@@ -60,10 +61,11 @@ def surroundings(
     least_ring_m: float = 0.0,
     limit_m: float = REACH_MAX_M,
 ) -> Surroundings:
-    """What can shadow a window of the frame's nodes under rays that climb with a tangent at least.
+    """Terrain that can shadow a window of the frame's nodes under rays that climb with at least a
+    tangent.
 
-    The area's own cells go on for ``least_ring_m`` in any case. Nothing further than ``limit_m``
-    from the window is looked at.
+    The ring of the area's cell size is at least ``least_ring_m`` wide. No terrain further than
+    ``limit_m`` from the window is used.
     """
     near_m = max(NEAR_NODES * gsd_m, least_ring_m)
     own = Extent.of(window, gsd_m)
@@ -81,8 +83,8 @@ def surroundings(
 def ring_for_rays_m(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, tangent: float, limit_m: float
 ) -> float:
-    """How far beyond a window terrain can rise above rays that climb from it with a tangent; at most
-    ``limit_m``.
+    """Greatest distance from a window, metres, at which terrain can rise above rays that climb from it
+    with a tangent; at most ``limit_m``.
     """
     if not math.isfinite(tangent):
         return 0.0
@@ -93,19 +95,19 @@ def ring_for_rays_m(
 def build_surrounded(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, found: Surroundings
 ) -> Terrain:
-    """The terrain of a window with its ring, at least a node (for the normals at its border), and
-    what lies beyond.
+    """The terrain of a window with its ring, at least one node wide (for the normals at the window's
+    border), and the far terrain.
     """
     terrain = build_terrain(dems, frame, window, gsd_m, max(found.ring_m, gsd_m))
     return replace(terrain, far=found.far)
 
 
 def _sight_m(tangent: float, turn_rad: float) -> float:
-    """Beyond this no ground of the Moon rises above a ray from any other that climbs with a tangent,
-    where verticals are turned from the frame's by up to ``turn_rad``.
+    """Distance, metres, beyond which no terrain of the Moon rises above a ray from any other terrain
+    that climbs with a tangent; verticals are tilted from the frame's by up to ``turn_rad``.
 
-    A ray from the lowest ground, at radius a and elevation e, comes to the radius b of the highest
-    after sqrt(b^2 - a^2 cos^2 e) - a sin e, and is above all ground from there on.
+    A ray from the lowest terrain, at radius a and elevation e, reaches the radius b of the highest
+    after sqrt(b^2 - a^2 cos^2 e) - a sin e, and is above all terrain from there on.
     """
     if not math.isfinite(tangent):
         return 0.0
@@ -127,14 +129,14 @@ def _coarse(
 
 
 def _needed_m(terrain: Terrain, tangent: float) -> float:
-    """How far beyond the core terrain can rise above rays that climb with a tangent (inf: straight up)."""
+    """`relief_bounds.ring_needed_m` of a coarse terrain; 0 for a tangent of inf (straight up)."""
     if not math.isfinite(tangent):
         return 0.0
     return ring_needed_m(terrain, tangent, COARSE_SLOPE * terrain.field.gsd_m)
 
 
 def _floor_m(coarse: Terrain) -> float:
-    """No node of the core lies lower; inf where it has no height."""
+    """Lower bound of the heights of the core's nodes; inf without any height."""
     row0, row1, col0, col1 = coarse.core
     inside = coarse.field.z_m[row0:row1, col0:col1]
     known = bool(np.isfinite(inside).any())
@@ -151,7 +153,9 @@ def _levels(
     tangent: float,
     reach_m: float,
 ) -> tuple[FarTerrain, float] | None:
-    """The levels up to the last that matters, and how far out that is; None when none matters."""
+    """The levels up to the last one that can shadow the area, and the distance up to which it can; None
+    if no level can.
+    """
     hole, cell_m, outer_m = own.grown(near_m), 2.0 * gsd_m, 2.0 * near_m
     levels: list[Heightfield] = []
     gaps: list[Gaps] = []
@@ -168,7 +172,7 @@ def _levels(
         hole, cell_m, outer_m = Extent.of_field(level), 2.0 * cell_m, 2.0 * outer_m
     if not last:
         return None
-    # of all that was looked at: a level without any height may be why nothing matters there
+    # over all levels that were read: one without heights may hide terrain that shadows the area
     missing = sum(gap.missing * level.z_m.size for gap, level in zip(gaps, levels, strict=True))
     everything = sum(level.z_m.size for level in levels)
     nearest_m = min(gap.gap_m for gap in gaps)
@@ -205,7 +209,7 @@ class Extent:
 
     @property
     def turn_rad(self) -> float:
-        """By how much a vertical inside is turned from the frame's at most."""
+        """Greatest angle between a vertical inside and that of the frame."""
         farthest_m = math.hypot(max(-self.x0, self.x1), max(-self.y0, self.y1))
         return math.asin(min(1.0, farthest_m / (MOON_RADIUS_M + LOWEST_M)))
 
@@ -214,7 +218,9 @@ class Extent:
 
 
 class Gaps(NamedTuple):
-    """Share of a level's nodes that lack a height, and how near to the area one is, metres (inf: none)."""
+    """Share of a level's nodes without a height, and the distance of the nearest of them from the area,
+    metres (inf: none).
+    """
 
     missing: float
     gap_m: float
@@ -223,7 +229,7 @@ class Gaps(NamedTuple):
 def _level(
     dems: DemSet, frame: EnuFrame, box: Extent, cell_m: float, hole: Extent, own: Extent
 ) -> tuple[Heightfield, Gaps]:
-    """A level over a box, without the nodes further than a cell inside the hole."""
+    """A level over a box, without the nodes that lie more than a cell inside the hole."""
     far_dems = dems.for_cells(cell_m)
     window = NodeWindow.covering((box.x0, box.x1, box.y0, box.y1), cell_m)
     x = np.arange(window.col0, window.col1) * cell_m
@@ -260,14 +266,16 @@ def _off(field: Heightfield, own: Extent) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _span(values: NDArray[np.floating], low: float, high: float) -> tuple[int, int]:
-    """First, and behind the last, of monotone values that lie within low..high; the middle twice for none."""
+    """First index, and index behind the last, of monotone values within low..high; the middle index twice
+    if there are none.
+    """
     inside = np.flatnonzero((values >= low) & (values <= high))
     middle = values.size // 2
     return (int(inside[0]), int(inside[-1]) + 1) if inside.size else (middle, middle)
 
 
 def _farthest_m(level: Heightfield, own: Extent, floor_m: float, tangent: float) -> float:
-    """How far from the area a level has ground that can rise above rays from it; 0 where it has none."""
+    """Greatest distance from the area, metres, at which a level can rise above rays from it; 0 for none."""
     dx, dy = _off(level, own)
     climb = np.maximum(np.hypot(dx, dy) - level.gsd_m, 0.0) * tangent
     margin_m = COARSE_SLOPE * level.gsd_m

@@ -1,13 +1,11 @@
 """An area of the Moon as a heightfield in the east-north-up frame of its centre.
 
-The surface point over a node (x, y) of the tangent plane is where the vertical line of the frame
-meets the ground:
-``|origin + x e + y n + z u| = R + h(lon, lat)``. It is found by fixed-point iteration on h, whose
-error falls by the slope of
-the ground times the tangent of the angle between node and origin seen from the Moon's centre with
-every step (0.02 a step,
-100 km away on a 20 degree slope); it stops for each node on its own, so that a node's height never
-depends on the window.
+The surface point over a node (x, y) of the tangent plane is the intersection of the frame's
+vertical line with the terrain: ``|origin + x e + y n + z u| = R + h(lon, lat)``. It is found by
+fixed-point iteration on h. Each step multiplies the error by the slope of the terrain times the
+tangent of the angle between node and origin seen from the Moon's centre (0.02 at 100 km on a
+20 degree slope). The iteration stops for each node separately, so that a node's height does not
+depend on the window.
 """
 
 from __future__ import annotations
@@ -31,8 +29,8 @@ from .heightfield import Heightfield, Window
 _TOLERANCE_M = 1e-3
 _ITERATIONS = 40
 _LIMB = 0.985
-"""Nodes further out than this share of the radius (80 deg from the centre) see the ground edge-on
-and get no height.
+"""Nodes further out than this share of the radius (80 deg from the centre), where the terrain is seen
+edge-on, get no height.
 """
 _BLOCK_NODES = 2_000_000
 _NODES_MAX = 400_000_000
@@ -40,23 +38,23 @@ _NODES_MAX = 400_000_000
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """A heightfield with its frame, the window of the area inside it (rows and columns of the
-    field), where it came from, and what else can shadow it from further away.
+    """A heightfield with its frame, the area's window in it (``core``: rows and columns of the
+    field), the source of each height, and the far terrain that can shadow it.
     """
 
     field: Heightfield
     frame: EnuFrame
     core: Window
     window: NodeWindow  # of the whole field
-    product_index: Int16  # (rows, cols): which of ``products`` gave the height, -1 none
+    product_index: Int16  # (rows, cols): index into ``products``, -1 without a height
     products: tuple[str, ...]
     far: FarTerrain | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A square fragment in the frame of its own centre node, whose origin lies on the ground: that
-    node's z is 0.
+    """Square patch of terrain in the frame of its own centre node, whose origin lies on the surface:
+    z is 0 there.
     """
 
     z_m: NDArray[np.float32]
@@ -69,15 +67,14 @@ def build_terrain(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float = 0.0
 ) -> Terrain:
     """The heightfield of a window of the frame's nodes (the core) and of a ring of at least
-    ``ring_m`` around it.
+    ``ring_m`` metres around it.
 
-    Nodes without a height are NaN, and so are those from 80 degrees away from the frame's origin
-    on; a terrain without any
-    height is no error here. ``AreaError`` when it would have more nodes than memory.
+    Nodes without a height are NaN, and so are those 80 degrees or more from the frame's origin. A
+    terrain without any height is no error here. ``AreaError`` for too many nodes.
     """
     _require_gsd(gsd_m)
     if not 0.0 <= ring_m < math.inf:
-        raise AreaError(f"a ring of {ring_m:g} m is none")
+        raise AreaError(f"invalid width {ring_m:g} m of the ring")
     ring = math.ceil(ring_m / gsd_m - 1e-6)
     whole = window.grown(ring)
     rows, cols = whole.shape
@@ -89,7 +86,9 @@ def build_terrain(
 
 
 def require_room(window: NodeWindow, ring_m: float = 0.0) -> None:
-    """AreaError when a window has more nodes than memory; ``ring_m``: what of its width is not the area's own, if much."""
+    """AreaError if a window has too many nodes; ``ring_m``: width of the ring around the area, for the
+    message (0: not mentioned).
+    """
     rows, cols = window.shape
     if rows * cols > _NODES_MAX:
         around = f" with the {ring_m / 1e3:.1f} km around it that can shadow or hide it"
@@ -102,9 +101,10 @@ def require_room(window: NodeWindow, ring_m: float = 0.0) -> None:
 def terrain_from_area(
     dems: DemSet, area: Area, gsd_m: float | None = None, ring_m: float = 0.0
 ) -> Terrain:
-    """The area in the frame of its centre; the cell is the DEM's own at the centre unless given.
+    """Terrain of an area in the frame of its centre; cell size ``gsd_m`` (default: the DEM's at the
+    centre).
 
-    ``AreaError`` when the area has no height in the DEM.
+    ``AreaError`` if the DEM has no height in the area.
     """
     gsd_m = native_gsd_m(dems, area) if gsd_m is None else gsd_m
     _require_gsd(gsd_m)
@@ -123,7 +123,7 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
     """``size`` x ``size`` nodes around a surface point in its own frame, z relative to that point;
     ``size`` is odd.
 
-    ``AreaError`` when the point has no height.
+    ``AreaError`` if the point has no height.
     """
     if size < 1 or size % 2 == 0:
         raise AreaError(f"a patch of {size} nodes has no centre node; its size must be odd")
@@ -138,13 +138,13 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
     frame = EnuFrame(lon_deg, lat_deg, float(height))
     half = size // 2
     z, _ = _heights(dems, frame, NodeWindow(-half, half + 1, -half, half + 1), gsd_m)
-    z[half, half] = 0.0  # by definition; the solution says so to a micrometre
+    z[half, half] = 0.0  # by definition; the solution agrees to a micrometre
     return Patch(z, frame, int(number))
 
 
 def native_gsd_m(dems: DemSet, area: Area) -> float:
-    """The cell of the DEM that answers at the area's centre; where that is a gap, of the one that answers at most places of
-    the area. ``AreaError`` without any.
+    """Cell size of the DEM used at the area's centre; in a gap there, of the DEM used at most places of
+    the area. ``AreaError`` if there is none.
     """
     try:
         return dems.native_gsd_m(area.lon_deg, area.lat_deg)
@@ -163,7 +163,7 @@ def native_gsd_m(dems: DemSet, area: Area) -> float:
 def _heights(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float
 ) -> tuple[NDArray[np.float32], Int16]:
-    """ENU z of a window's nodes and the DEM of each, a block of rows after the other."""
+    """ENU z of a window's nodes and the index of each one's DEM, block by block of rows."""
     rows, cols = window.shape
     z, index = np.empty((rows, cols), np.float32), np.empty((rows, cols), np.int16)
     x = np.arange(window.col0, window.col1) * gsd_m
@@ -177,7 +177,7 @@ def _heights(
 
 
 def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> tuple[Array, Int16]:
-    """ENU z over nodes (n,), NaN where there is no ground, and the index of each one's DEM."""
+    """ENU z over nodes (n,), NaN without a height, and the index of each one's DEM (-1: none)."""
     up_m = MOON_RADIUS_M + frame.height_m
     away2 = x * x + y * y
     height = np.full(x.size, frame.height_m)
@@ -193,14 +193,14 @@ def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> t
         resample.enu_to_lonlat(x[active], y[active], z, frame.rotation, up_m, lon, lat)
         found, numbers = dems.heights(np.degrees(lon), np.degrees(lat), gsd_m)
         height[active], index[active] = found, numbers
-        active = active[np.abs(found - guess) >= _TOLERANCE_M]  # NaN is settled: no ground
+        active = active[np.abs(found - guess) >= _TOLERANCE_M]  # NaN has converged: no height
     height[active], index[active] = (
         np.nan,
         -1,
-    )  # never settled: a cliff seen edge-on, far from the centre
+    )  # not converged: a cliff seen edge-on, far from the centre
     return np.sqrt((MOON_RADIUS_M + height) ** 2 - away2) - up_m, index
 
 
 def _require_gsd(gsd_m: float) -> None:
     if not 0.0 < gsd_m < math.inf:
-        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
+        raise AreaError(f"invalid cell size {gsd_m:g} m; --gsd must be positive")

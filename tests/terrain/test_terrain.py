@@ -279,7 +279,7 @@ class TestArea:
             (lambda: Area.from_bounds(5.0, 0.0, 5.0, 10.0), "no width"),
             (lambda: Area.from_bounds(0.0, -91.0, 5.0, 10.0), "latitudes -91"),
             (lambda: Area.from_bounds(-180.0, 0.0, 360.0, 10.0), "more than once"),
-            (lambda: NodeWindow(0, 0, 0, 4), "holds none"),
+            (lambda: NodeWindow(0, 0, 0, 4), "is empty"),
         ],
     )
     def test_refusals(self, make: object, says: str) -> None:
