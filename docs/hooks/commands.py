@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import click
-
 from lcp_cli.main import cli
 
 MARK = "<!-- commands -->"
@@ -19,14 +18,14 @@ def _cell(text: str) -> str:
 
 
 def _section(command: click.Command, path: str) -> Iterator[str]:
-    context = click.Context(command, info_name=path)
+    context = click.Context(command, info_name=path, help_option_names=["-h", "--help"])
     yield f"## {path}\n"
     usage = " ".join([path, *command.collect_usage_pieces(context)])
     yield f"```text\n{usage}\n```\n"
     yield inspect.cleandoc(command.help or "").replace("\b\n", "").replace("\f", "") + "\n"
-    records = [option.get_help_record(context) for option in command.get_params(context)]
+    options = [p for p in command.get_params(context) if isinstance(p, click.Option)]
     yield "| option | meaning |\n| --- | --- |"
-    for record in filter(None, records):
+    for record in filter(None, [option.get_help_record(context) for option in options]):
         yield f"| `{_cell(record[0])}` | {_cell(record[1])} |"
     yield ""
 
