@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..errors import SunError
-from ..geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from .times import Times, instants
 
 DIRECTION_ERROR_DEG = 0.005
@@ -51,14 +51,6 @@ _W = np.array([
     0.0040, 0.0019, -0.0044,
 ])
 # fmt: on
-
-
-def subsolar_point(time_utc: str | dt.datetime) -> tuple[float, float]:
-    """Longitude (0..360) and latitude in degrees of the point that has the Sun overhead; a time
-    without zone is UTC.
-    """
-    lon, lat, _ = mcmf_to_lonlat(sun_direction_at(time_utc))
-    return float(lon), float(lat)
 
 
 def sun_direction_at(time_utc: str | dt.datetime) -> Array:

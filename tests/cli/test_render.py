@@ -8,6 +8,7 @@ import pyproj
 import pytest
 import rasterio
 from helpers.renders import AREA, BANDS, DEGREE_M, SUN, camera_file, read, rolling, write_dem
+from helpers.subsolar import subsolar_point
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.camera_file import read_camera
@@ -18,7 +19,6 @@ from lcp_catalog.geometry.frames import (
     central_angle_deg,
     mcmf_to_lonlat,
 )
-from lcp_catalog.sun.ephemeris import subsolar_point
 
 
 @pytest.fixture(scope="module")

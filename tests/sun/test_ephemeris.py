@@ -5,6 +5,7 @@ import datetime as dt
 import numpy as np
 import pytest
 from helpers import twins_sun
+from helpers.subsolar import subsolar_point
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,7 +22,7 @@ from lcp_catalog.sun.times import instant_range, instants
 
 def test_subsolar_point_of_the_facts():
     # shared facts: DE421 mean-Earth frame, 2024-01-01 00:00 UT; the series is good to 0.0042 deg
-    lon, lat = ephemeris.subsolar_point("2024-01-01T00:00:00")
+    lon, lat = subsolar_point("2024-01-01T00:00:00")
     assert lon - 360.0 == pytest.approx(-55.867, abs=0.0042)
     assert lat == pytest.approx(-1.554, abs=0.0042)
 
@@ -32,8 +33,8 @@ def test_subsolar_point_at_eclipses():
     """
     # NASA eclipse catalogue: total solar 2017-08-21 18:26 UT, total lunar 2018-07-27 20:22 UT.
     # The Earth's libration in longitude is at most 8 deg.
-    far, _ = ephemeris.subsolar_point("2017-08-21T18:26:00Z")
-    near, _ = ephemeris.subsolar_point("2018-07-27T20:22:00Z")
+    far, _ = subsolar_point("2017-08-21T18:26:00Z")
+    near, _ = subsolar_point("2018-07-27T20:22:00Z")
     assert abs(far - 180.0) < 8.0
     assert min(near, 360.0 - near) < 8.0
 
@@ -83,7 +84,7 @@ SVS = [
 
 def off_deg(time, lon, lat):
     """Of our subsolar point from a stated one."""
-    return float(central_angle_deg(*ephemeris.subsolar_point(time), lon, lat))
+    return float(central_angle_deg(*subsolar_point(time), lon, lat))
 
 
 @pytest.mark.parametrize("row", MEAN_EARTH, ids=lambda row: row[0])
@@ -114,7 +115,7 @@ def test_the_textbook_example_of_the_twin():
     mean_earth = twins_sun.subsolar(
         2448724.5
     )  # its printed figures are those of the principal axes
-    assert ephemeris.subsolar_point(time) == pytest.approx(mean_earth[:2], abs=0.005)
+    assert subsolar_point(time) == pytest.approx(mean_earth[:2], abs=0.005)
 
 
 @given(st.datetimes(dt.datetime(1960, 1, 1), dt.datetime(2090, 1, 1)))
@@ -157,12 +158,12 @@ def test_all_years_of_the_series_are_quiet(time):
 @pytest.mark.parametrize("time", ["1899-12-31", "2100-01-01", "0001-01-01T00:00:00+14:00"])
 def test_no_series_no_sun(time):
     with pytest.raises(SunError, match="1900-2099"):
-        ephemeris.subsolar_point(time)
+        subsolar_point(time)
 
 
 def test_a_leap_second_moves_the_sun_by_a_second():
     lons = [
-        ephemeris.subsolar_point(time)[0]
+        subsolar_point(time)[0]
         for time in ("2016-12-31T23:59:59", "2016-12-31T23:59:60", "2017-01-01")
     ]
     second_deg = 360.0 / 29.530589 / 86400.0
@@ -171,7 +172,7 @@ def test_a_leap_second_moves_the_sun_by_a_second():
 
 def test_a_lunation_and_the_latitude_bound():
     start = dt.datetime(1995, 3, 1)
-    points = [ephemeris.subsolar_point(start + dt.timedelta(days=11.3 * k)) for k in range(1500)]
+    points = [subsolar_point(start + dt.timedelta(days=11.3 * k)) for k in range(1500)]
     lats = np.array([lat for _, lat in points])
     assert np.abs(lats).max() < SUBSOLAR_LATITUDE_MAX_DEG
     assert np.abs(lats).max() > SUBSOLAR_LATITUDE_MAX_DEG - 0.05
@@ -181,18 +182,14 @@ def test_a_lunation_and_the_latitude_bound():
 
 
 def test_zones_are_respected():
-    east = ephemeris.subsolar_point("2024-01-01T03:00:00+03:00")
-    assert (
-        east
-        == ephemeris.subsolar_point("2024-01-01")
-        == ephemeris.subsolar_point(dt.datetime(2024, 1, 1))
-    )
+    east = subsolar_point("2024-01-01T03:00:00+03:00")
+    assert east == subsolar_point("2024-01-01") == subsolar_point(dt.datetime(2024, 1, 1))
 
 
 @pytest.mark.parametrize("time", ["yesterday", "2024-13-01", ""])
 def test_no_such_time(time):
     with pytest.raises(SunError, match="no such time"):
-        ephemeris.subsolar_point(time)
+        subsolar_point(time)
 
 
 def test_rotation_is_one_and_right_handed():

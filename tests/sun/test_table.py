@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers.subsolar import subsolar_point
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,7 +12,7 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADI
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light import solar_disc
 from lcp_catalog.sun import table as sun_table
-from lcp_catalog.sun.ephemeris import DIRECTION_ERROR_DEG, subsolar_point
+from lcp_catalog.sun.ephemeris import DIRECTION_ERROR_DEG
 from lcp_catalog.sun.limb_darkening import VISIBLE
 from lcp_catalog.sun.times import instant_range
 
