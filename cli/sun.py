@@ -1,4 +1,4 @@
-"""``lcp sun``: where the Sun stands over a place, at one instant or many."""
+"""``lcp sun``: azimuth, elevation and visible share of the Sun over a place."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ COLUMNS = {
     type=Number(-20e3, 1e6),
     default=0.0,
     metavar="M",
-    help="Height above the sphere of 1737.4 km, with --dem above the ground; default: 0.",
+    help="Height above the 1737.4 km sphere; with --dem: above the terrain; default: 0.",
 )
 @click.option(
     "--dem",
     multiple=True,
     metavar="DEM",
-    help="Also the horizon of this terrain, and the share of the disc above it; may be repeated.",
+    help="Add the terrain horizon and the share of the disc above it; may be repeated.",
 )
 @click.option(
     "--gsd",
     "gsd_m",
     type=POSITIVE,
     metavar="M",
-    help="With --dem: cell of the terrain near by; default: the DEM's own.",
+    help="With --dem: cell size of the nearby terrain; default: that of the DEM.",
 )
 @click.option("--time", "time_utc", type=Instant(), metavar="UTC", help="One instant.")
 @click.option(
@@ -64,9 +64,9 @@ COLUMNS = {
     nargs=3,
     type=click.Tuple([Instant(), Instant(), Step()]),
     metavar="START STOP STEP",
-    help="Instants from START to STOP; STEP like 30m, 6h, 1d or PT6H.",
+    help="Instants from START to STOP; STEP is like 30m, 6h, 1d or PT6H.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document to stdout.")
 @options.output_option("OUT.csv", required=False)
 @options.overwrite_option
 def command(
@@ -81,15 +81,15 @@ def command(
     output: str | None,
     overwrite: bool,
 ) -> None:
-    """Say where the Sun stands over a place of the Moon: azimuth, elevation, share of its disc
-    above the horizontal plane, subsolar point, distance and angular radius. See docs/sun.md.
+    """Print the position of the Sun over a place on the Moon: azimuth, elevation, share of the disc
+    above the horizontal plane, subsolar point, distance and angular radius.
     """
     if (time_utc is None) == (span is None):
-        raise click.UsageError("state --time UTC, or --range START STOP STEP")
+        raise click.UsageError("give --time UTC or --range START STOP STEP")
     if gsd_m is not None and not dem:
-        raise click.UsageError("--gsd is the cell of a --dem")
+        raise click.UsageError("--gsd requires --dem")
     if dem and height_m < 0.0:
-        raise click.UsageError("--height with --dem is above the ground")
+        raise click.UsageError("--height must not be negative with --dem")
     when = _instants(time_utc, span)
 
     from lcp_catalog.atomic_files import check_output
@@ -127,7 +127,7 @@ def _table(
 
 
 def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
-    """Those of `COLUMNS` that a table has."""
+    """Columns of `COLUMNS` that a table has."""
     there = ("time_utc", *table.figures)
     return {key: column for key, column in COLUMNS.items() if key in there}
 
@@ -139,7 +139,7 @@ def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Inst
     try:
         if span is not None:
             return instant_range(*span)
-        assert time_utc is not None  # one of the two is stated: `command` has seen to it
+        assert time_utc is not None  # `command` requires one of the two
         return instants(time_utc)
     except SunError as error:
         raise click.UsageError(f"{'--time' if span is None else '--range'}: {error}") from error
@@ -166,7 +166,7 @@ def _text(table: SunTable, notes: list[str]) -> Iterator[str]:
 
 
 def _cell(text: Any, width: int) -> str:
-    """To the right, or with a negative width to the left."""
+    """Text aligned right, or left for a negative width."""
     return f"{text:<{-width}}" if width < 0 else f"{text:>{width}}"
 
 
@@ -179,7 +179,7 @@ def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
 
 
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
-    """Line by line, so that a million instants need no second copy."""
+    """Lines of the JSON document, so that a million instants need no second copy."""
     from lcp_catalog.constants import FRAME
     from lcp_catalog.sun.ephemeris import DIRECTION_ERROR_DEG
     from lcp_catalog.sun.table import azimuth_zero_lon
@@ -201,7 +201,7 @@ def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
 
 
 def _blocks(lines: Iterable[str]) -> Iterator[str]:
-    """Many lines a string: a write for each line of a million takes its time."""
+    """Blocks of lines: one write per line would be slow for a million lines."""
     rest = iter(lines)
     while block := list(islice(rest, LINES_AT_ONCE)):
         yield "\n".join(block) + "\n"

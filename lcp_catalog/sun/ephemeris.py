@@ -1,12 +1,11 @@
-"""Where the Sun stands: the subsolar point at an instant, directions to it, and which directions a
-place can see at all.
+"""Direction and distance of the Sun at an instant, and the rotation of the Moon.
 
-The Sun's position comes from pyerfa's series alone (Earth: epv00, Moon: moon98) and the Moon's
-rotation from the IAU series (Archinal et al. 2011, table 2), which stands in for the mean-Earth
-frame. The direction is the apparent one: light time and the aberration of the Moon's motion are in
-it, as in SPICE's subslr with LT+S. Against DE421 the subsolar point is within 0.0042 deg,
-1990-2050; against NASA's tables the comparison stands in docs/sun.md. The directions hold at the
-Moon's centre: on its surface they differ by up to 0.0007 deg (R / 1 au), which `sun_table` knows.
+The Sun's position comes from the series of pyerfa (Earth: epv00, Moon: moon98). The Moon's rotation
+is the IAU series (Archinal et al. 2011, table 2), which approximates the mean-Earth frame. The
+direction is the apparent one: it includes light time and the aberration by the Moon's motion, as
+SPICE's subslr with LT+S does. The subsolar point differs from that of DE421 by at most 0.0042 deg
+in 1990-2050. The directions hold at the Moon's centre; on its surface they differ by up to 0.0007
+deg (R / 1 au), which `table.sun_table` includes.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ DIRECTION_ERROR_DEG = 0.005
 """Bound on the error of a direction to the Sun in the mean-Earth frame."""
 
 ERROR_YEARS = 1990, 2050
-"""First and last year for which `DIRECTION_ERROR_DEG` is stated."""
+"""First and last year for which `DIRECTION_ERROR_DEG` holds."""
 
 _J2000 = 2451545.0
 _LIGHT_TIME_DAY_PER_AU = erfa.AULT / erfa.DAYSEC
@@ -54,24 +53,25 @@ _W = np.array([
 
 
 def sun_direction_at(time_utc: str | dt.datetime) -> Array:
-    """Unit vector (3,) in MCMF from the Moon's centre to where the Sun is seen (light time and
-    aberration included). SunError for what is no time, or a year outside 1900-2099.
+    """Unit MCMF vector (3,) from the Moon's centre to the apparent Sun.
+
+    A time without a time zone is UTC. SunError for an invalid time or a year outside 1900-2099.
     """
     directions, _ = apparent_sun(time_utc)
     return np.asarray(directions[0])
 
 
 def sun_distance_m(time_utc: str | dt.datetime) -> float:
-    """Between the centres of the Moon and the Sun; SunError as `sun_direction_at`."""
+    """Distance between the centres of the Moon and the Sun in metres; errors as `sun_direction_at`."""
     _, distance_au = apparent_sun(time_utc)
     return float(distance_au[0]) * ASTRONOMICAL_UNIT_M
 
 
 def apparent_sun(times: Times) -> tuple[Array, Array]:
-    """Unit vectors (n, 3) in MCMF from the Moon's centre to where the Sun is seen, and its distance
-    (n,) in au.
+    """Unit MCMF vectors (n, 3) from the Moon's centre to the apparent Sun, and its distance (n,) in
+    au.
     """
-    jd1, jd2 = instants(times).terrestrial()  # stands in for TDB: they differ by under 2 ms
+    jd1, jd2 = instants(times).terrestrial()  # approximates TDB within 2 ms
     heliocentric, barycentric = erfa.epv00(jd1, jd2)
     lunar = erfa.moon98(jd1, jd2)
     velocity = (barycentric["v"] + lunar["v"]) * _LIGHT_TIME_DAY_PER_AU  # of the Moon, in c
@@ -88,7 +88,7 @@ def apparent_sun(times: Times) -> tuple[Array, Array]:
 
 def lunar_rotation(days: ArrayLike) -> Array:
     """Rotation (..., 3, 3) from the celestial frame (ICRF) to the body-fixed frame, ``days`` (...)
-    of TDB after J2000.
+    of TDB after J2000 (Archinal et al. 2011).
     """
     days = np.asarray(days, dtype=np.float64)
     angles = np.radians(_E0 + _E1 * days[..., None])
@@ -101,32 +101,34 @@ def lunar_rotation(days: ArrayLike) -> Array:
 
 
 def direction_from_subsolar(lon_deg: float, lat_deg: float) -> Array:
-    """MCMF direction (3,) to a Sun that stands overhead at a place.
+    """Unit MCMF direction (3,) to a Sun that is overhead at a place, degrees.
 
-    Raises SunError for a place that does not exist. A latitude beyond +-1.59 deg never occurs, yet
-    is allowed: experiments need it.
+    SunError for a place that does not exist. Latitudes beyond +-1.59 deg do not occur in nature but
+    are allowed.
     """
     if not (math.isfinite(lon_deg) and math.isfinite(lat_deg) and abs(lat_deg) <= 90.0):
-        raise SunError(f"no such subsolar point: longitude {lon_deg}, latitude {lat_deg}")
+        raise SunError(f"invalid subsolar point: longitude {lon_deg}, latitude {lat_deg}")
     unit = lonlat_to_mcmf(lon_deg, lat_deg)
     return unit / np.linalg.norm(unit)
 
 
 def direction_from_angles(frame: EnuFrame, azimuth_deg: float, elevation_deg: float) -> Array:
-    """MCMF direction (3,) to a Sun at an azimuth (clockwise from north) and elevation at the
-    frame's origin.
+    """Unit MCMF direction (3,) to a Sun at an azimuth (clockwise from north) and elevation,
+    degrees, at the frame's origin. SunError for angles that do not exist.
     """
     if not (math.isfinite(azimuth_deg) and -90.0 <= elevation_deg <= 90.0):
-        raise SunError(f"no such Sun: azimuth {azimuth_deg} deg, elevation {elevation_deg} deg")
+        raise SunError(f"invalid Sun: azimuth {azimuth_deg} deg, elevation {elevation_deg} deg")
     return frame.direction_to_mcmf(direction_enu(azimuth_deg, elevation_deg))
 
 
 def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> Array:
-    """MCMF direction (3,) from the frame's origin to a Sun at a position (MCMF metres)."""
+    """Unit MCMF direction (3,) from the frame's origin to a Sun position (MCMF metres). SunError
+    for a position that is not finite or nearer than 1e9 m.
+    """
     position = np.asarray(sun_position_mcmf_m, dtype=np.float64)
     if position.shape != (3,) or not np.isfinite(position).all() or np.linalg.norm(position) < 1e9:
         raise SunError(
-            f"no such Sun position: {position.tolist()} (three MCMF coordinates in metres)"
+            f"invalid Sun position: {position.tolist()} (three MCMF coordinates in metres)"
         )
     towards = position - frame.origin_mcmf_m
     return towards / np.linalg.norm(towards)

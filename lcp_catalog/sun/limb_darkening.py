@@ -16,16 +16,18 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 
 STEPS = 4096
-"""Of a strip's table of flux over height; linear between them, to 3e-6 of the disc."""
+"""Steps of the table of a strip's flux over height; linear interpolation is accurate to 3e-6 of the
+disc's flux.
+"""
 
 
 @dataclass(frozen=True)
 class LimbDarkening:
-    """I(mu) / I(1) = a + b mu + c mu^2 with a + b + c = 1; mu: cosine of the angle between the line
-    of sight and the Sun's vertical, mu^2 = 1 - (distance from the disc's middle)^2.
+    """Quadratic limb darkening: I(mu) / I(1) = a + b mu + c mu^2 with a + b + c = 1.
 
-    The default is the visible continuum at 550 nm: Cox (ed.) 2000, Allen's Astrophysical
-    Quantities, 4th edition.
+    mu is the cosine of the angle between the line of sight and the Sun's surface normal: mu^2 = 1 -
+    (distance from the disc's centre)^2. The default is the visible continuum at 550 nm: Cox (ed.)
+    2000, Allen's Astrophysical Quantities, 4th edition.
     """
 
     a: float = 0.30
@@ -34,12 +36,12 @@ class LimbDarkening:
 
     @property
     def flux(self) -> float:
-        """Of the whole disc."""
+        """Flux of the whole disc."""
         return math.pi * (self.a + 2.0 / 3.0 * self.b + 0.5 * self.c)
 
     def chord_flux(self, half: ArrayLike, start: ArrayLike, end: ArrayLike) -> Array:
-        """Flux per unit width of the stretch from ``start`` to ``end`` of chords of half length
-        ``half``, on which mu^2 = half^2 - (place)^2; closed form.
+        """Flux per unit width from ``start`` to ``end`` of chords of half length ``half``, on which
+        mu^2 = half^2 - (position)^2; closed form.
         """
         half = np.asarray(half, dtype=np.float64)
         return self._primitive(half, end) - self._primitive(half, start)
@@ -53,7 +55,7 @@ class LimbDarkening:
         return np.asarray(self.a * y + curved + self.c * (square * y - y**3 / 3.0))
 
     def share_above(self, height: ArrayLike) -> Array:
-        """Share of the flux above a straight horizon at ``height`` over the middle; closed form."""
+        """Share of the flux above a straight horizon at ``height`` over the centre; closed form."""
         y = np.clip(np.asarray(height, dtype=np.float64), -1.0, 1.0)
         half = np.sqrt(1.0 - y * y)
         rest = np.arccos(y)
@@ -80,12 +82,12 @@ VISIBLE = LimbDarkening()
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """A disc in strips between straight lines that meet in (0, 1 / lean), in the plane that touches
-    the sky in the disc's middle: vertical planes, which meet in the zenith.
+    """Strips of the disc between straight lines that meet in (0, 1 / lean), in the plane tangent to
+    the sky at the disc's centre. The lines are vertical planes, which meet in the zenith.
 
-    ``middle``: x at y = 0 of the line that stands for the strip; ``low`` and ``high``: heights
-    between which the strip lies, each (k,); ``flux`` (k, STEPS + 1): share of the disc's flux that
-    the strip has above each of equal steps from y = -1 to 1.
+    ``middle``: x at y = 0 of the line that represents the strip. ``low``, ``high``: lower and upper
+    end of the strip, each (k,). ``flux`` (k, STEPS + 1): share of the disc's flux in the strip
+    above each of equal steps from y = -1 to 1.
     """
 
     middle: Array
@@ -96,20 +98,22 @@ class Strips:
 
 @lru_cache(maxsize=32)
 def strips(law: LimbDarkening, count: int, lean: float = 0.0) -> Strips:
-    """``count`` strips of equal width at y = 0; |lean| below 0.5, 0: parallel."""
+    """``count`` strips of equal width at y = 0. ``lean``: below 0.5 in size; 0 gives parallel
+    strips.
+    """
     edges = np.linspace(-1.0, 1.0, count + 1)
     left, right = edges[:-1, None], edges[1:, None]
     inner = np.where(left * right < 0.0, 0.0, np.minimum(abs(left), abs(right)))[:, 0]
     high = np.sqrt(1.0 - (inner * (1.0 - abs(lean))) ** 2)
     middle = _centroids(law, left, right)
-    edges[[0, -1]] = -4.0, 4.0  # leaning lines may pass beside the limb: nothing is left out
+    edges[[0, -1]] = -4.0, 4.0  # leaning lines may miss the limb: include all of the disc
     node, weight = np.polynomial.legendre.leggauss(2)
     y = (-1.0 + (np.arange(STEPS)[:, None] + 0.5 + 0.5 * node) * (2.0 / STEPS)).ravel()
     narrower = 1.0 - lean * y
     half = np.sqrt(1.0 - y * y)
     flux = np.zeros((count, STEPS + 1))
     beside = law._primitive(half, edges[0] * narrower)
-    for k, edge in enumerate(edges[1:]):  # a strip at a time: what it takes stays in the cache
+    for k, edge in enumerate(edges[1:]):  # one strip at a time fits the cache
         before, beside = beside, law._primitive(half, edge * narrower)
         layers = (beside - before).reshape(STEPS, node.size)
         step = (layers * weight).sum(axis=-1) / (STEPS * law.flux)
@@ -120,7 +124,9 @@ def strips(law: LimbDarkening, count: int, lean: float = 0.0) -> Strips:
 def _centroids(law: LimbDarkening, left: Array, right: Array) -> Array:
     node, weight = np.polynomial.legendre.leggauss(32)
     first, last = np.arcsin(left), np.arcsin(right)
-    turn = 0.5 * (first + last) + 0.5 * (last - first) * node  # x = sin(turn): no root at the limb
+    turn = (
+        0.5 * (first + last) + 0.5 * (last - first) * node
+    )  # x = sin(turn) avoids the square root at the limb
     half = np.cos(turn)
     flux = law.chord_flux(half, -half, half) * half * weight
     return np.asarray((flux * np.sin(turn)).sum(axis=1) / flux.sum(axis=1))

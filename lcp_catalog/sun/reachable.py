@@ -15,11 +15,11 @@ from ..errors import SunError
 def reachable_suns(
     lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
 ) -> NDArray[np.bool_]:
-    """Which cells of a grid of Sun directions the Sun can ever visit, bool (n_el, n_az).
+    """Mask (n_el, n_az): True for cells of a grid of Sun directions in which the Sun can occur.
 
     A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
-    The Sun comes there when some direction in the box has a declination within +-(1.59 deg + solar
-    radius).
+    It is reachable if some direction in the box has a declination within +-(1.59 deg + solar
+    radius). SunError for a latitude or elevations that are invalid.
     """
     lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
     limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
@@ -31,11 +31,11 @@ def declination_range(
 ) -> tuple[Array, Array]:
     """Least and greatest sine of the declination over each cell's box, (n_el, n_az) each; exact.
 
-    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az), and for a given
-    cos(az) it is a single cosine in el, so that the extremes are found in closed form.
+    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az). For a given
+    cos(az) it is a single cosine in el, so that the extremes have a closed form.
     """
     if not abs(lat_deg) <= 90.0:
-        raise SunError(f"no such latitude: {lat_deg}")
+        raise SunError(f"invalid latitude: {lat_deg}")
     lat = math.radians(lat_deg)
     sin_lat, cos_lat = math.sin(lat), max(0.0, math.cos(lat))
     cos_min, cos_max = _cosine_range(*azimuth_boxes(azimuths_deg))
@@ -46,11 +46,11 @@ def declination_range(
 
 
 def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees, from <= to: half way to the neighbours on the circle, in the order
-    given.
+    """Edges of the boxes (n,), degrees, first <= last, in the order given: halfway to the
+    neighbours on the circle.
 
-    A gap over half a circle ends a partial range: there the box is as wide as on its other side. A
-    single azimuth has no width.
+    A gap of more than half a circle ends a partial range: the box is then as wide outwards as
+    inwards. A single azimuth has no width.
     """
     azimuth = np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)) % 360.0
     order = np.argsort(azimuth, kind="stable")
@@ -65,8 +65,8 @@ def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
 
 
 def elevation_boxes(elevations_deg: ArrayLike) -> tuple[Array, Array]:
-    """From and to (n,), degrees: half way to the neighbours, as wide outwards as inwards at the
-    ends, within 0..90.
+    """Edges of the boxes (n,), degrees, within 0..90: halfway to the neighbours; boxes at the ends
+    are as wide outwards as inwards.
 
     The elevations must increase. A single elevation has no width.
     """

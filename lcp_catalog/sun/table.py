@@ -1,4 +1,4 @@
-"""The Sun as a place sees it at many instants: azimuth, elevation, how much of its disc is up."""
+"""The Sun over a place at many instants: azimuth, elevation and visible share of the disc."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .limb_darkening import VISIBLE, LimbDarkening
 from .times import Instants, Times, instants
 
 DECIMALS = 6
-"""Of the figures that `SunTable.records` gives; far below their error."""
+"""Decimals of the values of `SunTable.records`; their error is far larger."""
 
 _CHUNK = 1 << 15
 
@@ -25,11 +25,12 @@ _CHUNK = 1 << 15
 class SunTable:
     """The Sun over a place at ``n`` instants, each array (n,).
 
-    Azimuth is clockwise from north, 0..360; elevation is that of the disc's middle above the
-    place's horizontal plane; ``disc_share`` the share of the disc's light above that plane (no
-    terrain); the subsolar point, longitude 0..360, is that of the Moon's centre; distance and
-    angular radius are those at the place. With terrain (`local_horizon`): the elevation of its
-    horizon under the disc's middle, and the share of the disc's light above it.
+    Azimuth is clockwise from north, 0..360. Elevation is that of the disc's centre above the
+    horizontal plane of the place. ``disc_share`` is the share of the disc's light above that plane,
+    without terrain. The subsolar point, longitude 0..360, is that of the Moon's centre; distance
+    and angular radius are those at the place. With terrain (`light.sun_visibility`):
+    ``horizon_deg``, the elevation of the terrain horizon at the azimuth of the disc's centre, and
+    ``terrain_share``, the share of the disc's light above the terrain horizon.
     """
 
     place: EnuFrame
@@ -46,14 +47,14 @@ class SunTable:
 
     @property
     def figures(self) -> tuple[str, ...]:
-        """Names of the columns that there are."""
+        """Names of the columns that the table has."""
         return tuple(name for name in FIGURES if getattr(self, name) is not None)
 
     def __len__(self) -> int:
         return len(self.instants)
 
     def records(self) -> Iterator[dict[str, str | float]]:
-        """One a time, rounded to `DECIMALS`, the distance to two more."""
+        """One record per instant, rounded to `DECIMALS`; the distance to two more."""
         figures = {name: np.round(getattr(self, name), DECIMALS) + 0.0 for name in self.figures}
         for name in ("azimuth_deg", "subsolar_lon"):
             figures[name] %= 360.0  # 359.9999999 is rounded to 360
@@ -77,9 +78,9 @@ FIGURES = (
 
 
 def sun_table(place: EnuFrame, times: Times) -> SunTable:
-    """The Sun as seen from a place, its parallax (up to 0.0007 deg) included.
+    """The Sun over a place, including parallax (up to 0.0007 deg).
 
-    Raises SunError for what is no time, or a year outside 1900-2099.
+    SunError for an invalid time or a year outside 1900-2099.
     """
     when = instants(times)
     chunks = [_columns(place, when[k : k + _CHUNK]) for k in range(0, max(len(when), 1), _CHUNK)]
@@ -92,20 +93,21 @@ def share_above_plane(
     radius_rad: NDArray[np.float64],
     law: LimbDarkening = VISIBLE,
 ) -> Array:
-    """Share of the disc's light above a plane through the observer, above which its middle stands.
+    """Share of the disc's light above a plane through the observer, by the elevation of the disc's
+    centre above that plane.
 
-    Projected from the observer's eye onto the plane that touches the sky in the disc's middle, the
-    disc is a circle of radius tan(r) and the horizon a straight line at -tan(e).
+    In the gnomonic projection from the observer onto the plane tangent to the sky at the disc's
+    centre, the disc is a circle of radius tan(r) and the horizon a straight line at -tan(e).
     """
-    near = np.clip(elevation_rad, -0.1, 0.1)  # beyond, all or nothing is up anyway
+    near = np.clip(elevation_rad, -0.1, 0.1)  # beyond, the share is 0 or 1
     return np.clip(law.share_above(-np.tan(near) / np.tan(radius_rad)), 0.0, 1.0)
 
 
 def azimuth_zero_lon(place: EnuFrame) -> float | None:
-    """At a pole, the meridian (0..360 deg) towards which azimuth 0 points; elsewhere None.
+    """Meridian (0..360 deg) towards which azimuth 0 points at a pole; None elsewhere.
 
-    North there is the limit along the stated meridian (`sphere.enu_rotation`): at the north pole
-    straight on over it, at the south pole back along it.
+    North there is the limit along the given meridian (`geometry.frames.enu_rotation`): at the north
+    pole the meridian on the far side, at the south pole the given one.
     """
     if abs(place.lat_deg) < 90.0:
         return None
@@ -113,17 +115,17 @@ def azimuth_zero_lon(place: EnuFrame) -> float | None:
 
 
 def remarks(table: SunTable) -> list[str]:
-    """What a reader of the figures must know: frame, error, conventions; one line each."""
+    """Notes for readers of the values: frame, error and conventions; one line each."""
     lines = [
-        f"frame {FRAME}: the IAU series of the Moon's rotation stands in for it; directions are "
-        f"good to {DIRECTION_ERROR_DEG:g} deg, {ERROR_YEARS[0]}-{ERROR_YEARS[1]}",
-        "the Sun as it is seen: light time, aberration and parallax are included; UTC",
-        "azimuth clockwise from north; elevation of the disc's middle and share of its light "
+        f"frame {FRAME}, approximated by the IAU series of the Moon's rotation; directions are "
+        f"accurate to {DIRECTION_ERROR_DEG:g} deg, {ERROR_YEARS[0]}-{ERROR_YEARS[1]}",
+        "apparent Sun: light time, aberration and parallax are included; times are UTC",
+        "azimuth clockwise from north; elevation of the disc's centre; share: of the disc's light "
         "above the horizontal plane, without terrain",
     ]
     if table.terrain_share is not None:
         lines.append(
-            "horizon: elevation of the terrain under the disc's middle; lit: share of its light "
+            "horizon: elevation of the terrain below the disc's centre; lit: share of its light "
             "above the terrain"
         )
     zero = azimuth_zero_lon(table.place)
@@ -132,14 +134,14 @@ def remarks(table: SunTable) -> list[str]:
     first, last = table.instants.years()
     if first < ERROR_YEARS[0] or last > ERROR_YEARS[1]:
         lines.append(
-            f"some instants lie outside {ERROR_YEARS[0]}-{ERROR_YEARS[1]}: no error is stated "
+            f"some instants lie outside {ERROR_YEARS[0]}-{ERROR_YEARS[1]}: the error is not known "
             "for them"
         )
     return lines
 
 
 def _columns(place: EnuFrame, when: Instants) -> Array:
-    """The figures of `SunTable` in its order, (7, n)."""
+    """Values of `SunTable` in the order of its fields, (7, n)."""
     direction, distance_au = apparent_sun(when)
     from_place = direction * (distance_au * ASTRONOMICAL_UNIT_M)[:, None] - place.origin_mcmf_m
     azimuth, elevation = azimuth_elevation(place.direction_from_mcmf(from_place))

@@ -1,4 +1,4 @@
-"""Instants in UTC: read from text, counted out over a range, written back, and in terrestrial time."""
+"""Instants in UTC: parsed from text, ranges, output as text, and in terrestrial time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ..arrays import Array
 from ..errors import SunError
 
 FIRST_YEAR, LAST_YEAR = 1900, 2099
-"""Years in which the Earth's series (ERFA's epv00) holds."""
+"""First and last year in which the Earth's series (epv00 of ERFA) is valid."""
 
 MOST_INSTANTS = 1_000_000
-"""Of one range."""
+"""Largest number of instants of one range."""
 
 _LEAP = re.compile(r"([T ]\d\d:?\d\d:?)60")
 _STEP = re.compile(r"(\d+(?:\.\d+)?) *(s|m|min|h|d)")
@@ -33,8 +33,8 @@ _SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """UTC by the calendar, datetime64[us] (n,), and how many seconds later is meant (n,): 1 in a
-    leap second, to which the calendar gives no name, else 0.
+    """Instants in UTC: calendar time, datetime64[us] (n,), and seconds to add (n,): 1 in a leap
+    second, which the calendar cannot express, else 0.
     """
 
     civil: NDArray[np.datetime64]
@@ -49,9 +49,9 @@ class Instants:
     def terrestrial(self) -> tuple[Array, Array]:
         """Two-part Julian dates of terrestrial time (TT), each (n,).
 
-        Before 1960 there was no UTC: universal time is meant, and TT - UT is taken as 32.184 s; it
-        was -3 s in 1900 and 33 s in 1960, which turns the Sun by at most 0.005 deg. Leap seconds to
-        come are unknown: 0.00014 deg each.
+        There was no UTC before 1960: the times are taken as universal time, with TT - UT = 32.184
+        s. The true difference was -3 s in 1900 and 33 s in 1960; the error turns the Sun by at most
+        0.005 deg. Future leap seconds are unknown: 0.00014 deg each.
         """
         months, days = self.civil.astype("M8[M]"), self.civil.astype("M8[D]")
         year, month = np.divmod(months.astype(np.int64), 12)
@@ -68,12 +68,12 @@ class Instants:
         return jd1, jd2
 
     def years(self) -> tuple[int, int]:
-        """The first and the last."""
+        """The first and the last year."""
         first, last = np.array([self.civil.min(), self.civil.max()]).astype("M8[Y]")
         return int(str(first)), int(str(last))
 
     def labels(self) -> list[str]:
-        """Each as ISO 8601 with ``Z``; microseconds where there are any."""
+        """ISO 8601 text with ``Z`` of each instant, with microseconds where they are not 0."""
         texts = np.datetime_as_string(self.civil, unit="us").tolist()
         seconds = [
             ":60" if leap else text[16:19] for text, leap in zip(texts, self.leap, strict=True)
@@ -85,10 +85,11 @@ class Instants:
 
 
 def of_ephemeris_time(seconds: float) -> str:
-    """UTC, to a millisecond, of an ephemeris time of SPICE: seconds of barycentric dynamical time since J2000.
+    """UTC, to a millisecond, of a SPICE ephemeris time: seconds of barycentric dynamical time since
+    J2000.
 
-    Terrestrial time is taken for barycentric (2 ms at most). Before 1972 UTC ran at other rates, which SPICE leaves out:
-    0.4 s in 1971.
+    Terrestrial time approximates barycentric time within 2 ms. Before 1972 UTC had other rates,
+    which SPICE leaves out: 0.4 s in 1971.
     """
     with _dubious_years():
         utc = erfa.taiutc(*erfa.tttai(2451545.0, seconds / 86400.0))
@@ -102,14 +103,14 @@ def of_ephemeris_time(seconds: float) -> str:
 Times: TypeAlias = (
     Instants | str | dt.datetime | Sequence[str | dt.datetime] | NDArray[np.datetime64]
 )
-"""What is taken for instants; a time without zone is UTC. datetime64 has no leap seconds."""
+"""Types accepted as instants. A time without a time zone is UTC; datetime64 has no leap seconds."""
 
 
 def instants(times: Times) -> Instants:
     """One or many instants.
 
-    Raises SunError for what is no time, lies outside the years of the series, or calls a second 60
-    that no leap second had.
+    SunError for an invalid time, a year outside 1900-2099, or a second 60 that is not a leap
+    second.
     """
     if isinstance(times, Instants):
         return times
@@ -123,21 +124,21 @@ def instants(times: Times) -> Instants:
 
 
 def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: float) -> Instants:
-    """From ``start`` in steps of ``step_s`` seconds to ``stop``, which is included when a step
-    meets it.
+    """Instants from ``start`` to ``stop`` (included if a step falls on it) in steps of ``step_s``
+    seconds.
 
-    Steps are those of the calendar: a day from midnight ends at midnight, with or without a leap
-    second. SunError for a stop before the start, a step below a microsecond, and more than
-    `MOST_INSTANTS`.
+    Steps count calendar time: a day from midnight ends at midnight, with or without a leap second.
+    SunError for a stop before the start, a step below a microsecond, and more than `MOST_INSTANTS`
+    instants.
     """
     (first, leap1), (last, leap2) = _civil(start), _civil(stop)
     if leap1 or leap2:
-        raise SunError("a range can neither start nor stop in a leap second")
+        raise SunError("a range cannot start or stop in a leap second")
     if last < first:
         raise SunError(f"the range stops at {stop}, before it starts at {start}")
     step_us = round(step_s * 1e6)
     if step_us < 1:
-        raise SunError(f"no such step: {step_s} s")
+        raise SunError(f"invalid step: {step_s} s")
     count = (last - first) // dt.timedelta(microseconds=step_us) + 1
     if count > MOST_INSTANTS:
         raise SunError(
@@ -148,7 +149,7 @@ def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: flo
 
 
 def step_seconds(text: str) -> float:
-    """Seconds of a step like 30m, 6h, 1d, 3600s or PT6H; SunError for any other."""
+    """Seconds of a step like 30m, 6h, 1d, 3600s or PT6H; SunError for any other text."""
     plain = _STEP.fullmatch(text.strip())
     if plain:
         seconds = float(plain[1]) * _SECONDS[plain[2]]
@@ -158,12 +159,12 @@ def step_seconds(text: str) -> float:
         units = (86400.0, 3600.0, 60.0, 1.0)
         seconds = sum(float(p) * unit for p, unit in zip(parts, units, strict=False) if p)
     if not 1e-6 <= seconds <= 1e10:
-        raise SunError(f"no such step: {text!r} (like 30m, 6h, 1d or PT6H)")
+        raise SunError(f"invalid step: {text!r} (like 30m, 6h, 1d or PT6H)")
     return seconds
 
 
 def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
-    """UTC without its zone, and 1 where the second that follows is meant: a leap second."""
+    """UTC without time zone, and 1 for a leap second, else 0."""
     leap = 0
     stated = time
     if isinstance(time, str):
@@ -172,19 +173,19 @@ def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
             time = dt.datetime.fromisoformat(text)
         except ValueError as error:
             raise SunError(
-                f"no such time: {stated!r} (like 2024-01-01T00:00:00): {error}"
+                f"invalid time: {stated!r} (like 2024-01-01T00:00:00): {error}"
             ) from error
     _require_year(time.year, 1)  # a zone may overflow the calendar
     if time.tzinfo is not None:
         time = time.astimezone(dt.UTC).replace(tzinfo=None)
     _require_year(time.year)
     if leap and not _ends_with_a_leap_second(time):
-        raise SunError(f"no such time: {stated!r}: no leap second was there")
+        raise SunError(f"invalid time: {stated!r}: there was no leap second")
     return time, leap
 
 
 def _ends_with_a_leap_second(time: dt.datetime) -> bool:
-    """Whether the minute is a day's last, and that day has 86401 seconds."""
+    """True for the last minute of a day that has 86401 seconds."""
     if (time.hour, time.minute) != (23, 59):
         return False
     after = time.date() + dt.timedelta(days=1)
@@ -196,14 +197,14 @@ def _ends_with_a_leap_second(time: dt.datetime) -> bool:
 def _require_year(year: int, more: int = 0) -> None:
     if not FIRST_YEAR - more <= year <= LAST_YEAR + more:
         raise SunError(
-            f"the year {year} is outside {FIRST_YEAR}-{LAST_YEAR}, where the Sun's series holds"
+            f"the year {year} is outside {FIRST_YEAR}-{LAST_YEAR}, where the series of the Sun is valid"
         )
 
 
 def _checked(civil: NDArray[np.datetime64]) -> Instants:
     """Instants without leap seconds; SunError for NaT and years outside the series."""
     if np.isnat(civil).any():
-        raise SunError("no such time: NaT")
+        raise SunError("invalid time: NaT")
     found = Instants(civil, np.zeros(len(civil), dtype=np.int64))
     for year in found.years() if len(found) else ():
         _require_year(year)
@@ -212,8 +213,8 @@ def _checked(civil: NDArray[np.datetime64]) -> Instants:
 
 @contextmanager
 def _dubious_years() -> Iterator[None]:
-    """ERFA warns of years before UTC, and of years whose leap seconds nobody knows: both are
-    meant.
+    """Silence ERFA's warnings for years before UTC and years with unknown leap seconds; both are
+    intended here.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)

@@ -83,8 +83,8 @@ def test_the_command_says_both_shares(range_dem, capsys) -> None:
 @pytest.mark.parametrize(
     ("flags", "code", "says"),
     [
-        (["--gsd", "10"], 2, "--gsd is the cell of a --dem"),
-        (["--dem", "DEM", "--height", "-5"], 2, "--height with --dem is above the ground"),
+        (["--gsd", "10"], 2, "--gsd requires --dem"),
+        (["--dem", "DEM", "--height", "-5"], 2, "--height must not be negative with --dem"),
         (["--dem", "missing.tif"], 1, "there is no such file"),
         (["--dem", "DEM", "--lon", "90"], 1, "has no height in the DEM, which covers"),
     ],

@@ -170,4 +170,4 @@ def test_years_without_a_stated_error_are_said():
     for time, said in (("1989-12-31", True), ("1990-01-01", False), ("2051-01-01", True)):
         lines = sun_table.remarks(sun_table.sun_table(EnuFrame(0, 0), time))
         assert any("outside 1990-2050" in line for line in lines) == said
-        assert lines[0].startswith("frame MOON_ME: the IAU series")
+        assert lines[0].startswith("frame MOON_ME, approximated by the IAU series")
