@@ -12,7 +12,7 @@ looks like a wrong Sun, or hides one. So the check is repeated with other laws (
 that most points prefer, each law under its own best Sun, decides. A DEM that is smoother than the
 terrain makes all points prefer a Sun that is slightly off, mostly a lower one. So the stated Sun is
 refused only if the preferred one gains more than any true frame did (`LEAST_GAIN`). Below that, the
-shift of the matches under a Sun that is not rejected is a position error common to all of them.
+shift of the matches under a Sun that is as good is a position error common to all of them.
 """
 
 from __future__ import annotations
@@ -98,12 +98,11 @@ class SunCheck:
     @property
     def doubt_px(self) -> float:
         """1 sigma of a shift common to all matches, because another Sun may be the right one: the
-        largest shift under a Sun that the points do not reject, that is, of which no majority by
-        two sigmas correlates worse; 0 if they reject all others.
+        largest shift under a Sun that at least half of the points correlate better with; 0 if there
+        is none.
         """
-        least = 1.0 - _majority(self.independent)
         shifts = zip(self.shifts_px, self.shares, strict=True)
-        return max(self.least_doubt_px, *(shift for shift, share in shifts if share >= least), 0.0)
+        return max(self.least_doubt_px, *(shift for shift, share in shifts if share >= 0.5), 0.0)
 
     @property
     def complaint(self) -> str:

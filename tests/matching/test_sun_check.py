@@ -30,8 +30,8 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     assert light(0.95, gain=0.02).fits
     assert not light(0.95, gain=0.02, gain_z=0.26).fits
     assert light(0.71).doubt_px == light(0.71, gain=0.02).doubt_px == 0.4
-    assert light(0.31).doubt_px == 0.4  # neither preferred nor rejected
-    assert light(0.29).doubt_px == 0.0
+    assert light(0.69).doubt_px == light(0.5).doubt_px == 0.4  # as good as the stated one
+    assert light(0.49).doubt_px == 0.0
     assert light(0.69).complaint == light(0.95, gain=0.02).complaint == ""
     assert light(0.95).complaint == (
         "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
