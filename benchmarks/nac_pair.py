@@ -23,6 +23,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import cv2
 import numpy as np
 import rasterio
+from dequantise import bending, smooth_terraces
 from helpers.pit_pair import (
     GSD_M,
     PAIR,
@@ -42,7 +43,6 @@ from helpers.pit_pair import (
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import open_catalog
-from lcp_catalog.dem.terraces import bending, smooth_terraces
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import FAINT, Options, locate

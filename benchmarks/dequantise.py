@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array
+from lcp_catalog.arrays import Array
 
 _BENDING_NORM = 64.0
 """No second difference's square sum grows a surface by more: 16 along rows, 16 along columns, 2 x 16 across."""
