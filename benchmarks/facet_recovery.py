@@ -1,4 +1,4 @@
-"""What `lcp fit-reflectance` recovers of a known surface from noisy measurements: the table of docs/facet-model.md.
+"""What `lcp fit-reflectance` recovers of a known surface from noisy measurements: the table of docs/measurements/photometry.md.
 
     python benchmarks/facet_recovery.py [SEEDS]
 

@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/photographs.py [-o build/photographs] [--frames 54]
 
 needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
-docs/photographs.md), `frames.csv` (one line a frame) and pictures to look at. Every render comes from the library's own
+docs/measurements/photographs.md), `frames.csv` (one line a frame) and pictures. Every render comes from the library's own
 `prepare` and `expose`, every factor from `AlbedoMap`. Nothing is fitted to a photograph but the one shift of the series.
 """
 

@@ -1,5 +1,5 @@
 """Cost of the finite Sun: a share of the disc for every node against a point Sun's shadow, tier by
-tier; figures of one machine are in docs/solar-disc.md.
+tier; figures of one machine are in docs/measurements/accuracy.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cost of a panorama against one point Sun, and of its parts; figures of one machine are in docs/lighting.md."""
+"""Cost of a panorama against one point Sun, and of its parts; figures of one machine are in docs/measurements/accuracy.md."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """What shading costs: share of a render, and of a sweep's images, that each law of reflection takes; figures of one machine are in
-docs/performance.md.
+docs/measurements/speed.md.
 
 Each share is a ratio of CPU times of the same process, taken in turn, medians; nothing absolute is judged. Shading is what the law
 itself takes: `shading.add_light` in a render, `shading.shade_nodes` in a sweep.

@@ -1,7 +1,7 @@
 """Pose from real photographs: Apollo 15 Metric frames against GLD100 at 474 m, from 5 km and 0.5 deg off.
 
 The bars are the issue's: 1 km, the pose's own 3 sigma, 1.5 DEM pixels for every accepted match; a frame with another's place is
-refused. docs/pose.md has the figures, `benchmarks/locate_photos.py` makes them. The catalogues are built by the command, from the
+refused. `benchmarks/locate_photos.py` makes the figures of docs/measurements/pose.md. The command builds the catalogues, from the
 DEM alone. Skipped without the shared data.
 """
 

@@ -154,7 +154,7 @@ def test_figures_4_to_6():
 
 
 def test_the_shadowing_constants_are_the_best():
-    """Counted on a Gaussian profile that the constants have not seen; the recipe of docs/facet-model.md, smaller."""
+    """Counted on a Gaussian profile that the constants have not seen; the recipe of docs/explanation/facet-model.md, smaller."""
     from scipy.optimize import least_squares
 
     shadow = Shadowing()

@@ -1,6 +1,6 @@
 """The laws of reflection and an albedo map against photographs: the Apollo 16 series, Sun 6 to 58 deg high, and AS15-M-1134.
 
-The bars stand a little below what docs/photographs.md has; `benchmarks/photographs.py` makes its tables. The photographs and
+The limits are slightly below the figures of docs/measurements/photographs.md, made by `benchmarks/photographs.py`. The photographs and
 the map are not ours to ship: without the shared data these tests are skipped.
 """
 

@@ -180,7 +180,7 @@ def test_part_of_the_disc_is_a_sun():
 @pytest.mark.parametrize("incidence", [0.0, 30.0, 80.0, 89.7, 89.9, 90.0, 90.2, 91.0])
 @pytest.mark.parametrize(("name", "scale"), [("lambert", 0.12), ("lommel-seeliger", 0.0525)])
 def test_a_grazed_facet_is_dark_within_the_bound(incidence, name, scale):
-    """The radiance factor of the disc's middle against the mean over the disc: docs/scene-plan.md."""
+    """The radiance factor of the disc's middle against the mean over the disc: docs/explanation/scene-plan.md."""
     sun = direction_enu(0.0, 90.0 - incidence)
     rings = [rim(sun, r, 64) for r in np.sqrt((np.arange(16) + 0.5) / 16)]
     up = np.array([[0.0, 0.0, 1.0]])

@@ -1,6 +1,6 @@
 """The closed loop in small: frames of real ground, by the product and by Embree, offered as from a place 2 km off per axis.
 
-`benchmarks/closed_loop.py` is the whole of it; its tables are in docs/validation.md. Run with ``-rP`` to see every frame's figures.
+`benchmarks/closed_loop.py` is the complete run, for docs/measurements/closed-loop.md. ``-rP`` shows every frame's figures.
 """
 
 from __future__ import annotations

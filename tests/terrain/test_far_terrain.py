@@ -171,7 +171,7 @@ def highland() -> tuple[Heightfield, FarTerrain]:
 
 @pytest.mark.parametrize("elevation_deg", [3.0, 6.0, 10.0, 15.0])
 def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None:
-    """docs/accuracy.md: draft 0.5 %, standard 0.02 %; near and far shadows together."""
+    """docs/explanation/accuracy.md: draft 0.5 %, standard 0.02 %; near and far shadows together."""
     field, far = highland
     window = (20, 221, 20, 221)
     wrong = {"draft": [], "standard": [], "high": []}
@@ -218,7 +218,7 @@ def test_a_far_ridge_cuts_the_disc(tier) -> None:
         same = sunlit_share(whole, sun, TIERS[tier], (36, 45, 36, 45), disc)
         np.testing.assert_allclose(found, same, atol=1e-6)
         want = sampled_share(whole, sun, disc.radius_rad, 20, (36, 45, 36, 45))
-        if tier != "standard":  # three strips are coarser than this wall (docs/solar-disc.md)
+        if tier != "standard":  # three strips are coarser than this wall (docs/measurements/accuracy.md)
             np.testing.assert_allclose(found, want, atol=0.012)
         shares.append(want)
     assert 0.05 < np.mean(shares) < 0.95

@@ -1,4 +1,4 @@
-"""The shadows of ``lcp render`` against Embree on the DEM's own nodes in MCMF (docs/design/embree-check.md).
+"""The shadows of ``lcp render`` against Embree on the DEM's own nodes in MCMF (docs/measurements/embree-check.md).
 
 Run with ``-rP`` to see every comparison's figures.
 """

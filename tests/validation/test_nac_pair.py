@@ -1,6 +1,6 @@
 """A NAC orthoimage against renders of a DTM that came in steps: registered within 2 m, by windows and by a
 catalogue's points. The pair is not ours to ship: without the shared data these tests are skipped.
-docs/validation.md has the figures, `benchmarks/nac_pair.py` makes them.
+docs/measurements/windows.md has the figures, `benchmarks/nac_pair.py` makes them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from lcp_catalog.validation.window_correlation import compare
 
 WITHIN_M = 2.0
 BY_WINDOWS_M = np.array([0.41, -1.51])
-"""East and north by windows of 64 m (docs/validation.md), to 0.34 and 0.78 m."""
+"""East and north by windows of 64 m (docs/measurements/windows.md), to 0.34 and 0.78 m."""
 PATCH_M = 64.0
 MOVED_M = (6.0, -5.0)
 

@@ -1,6 +1,6 @@
 """The bars on real photographs: the share of all 16 x 16 windows of image and render that correlate above 0.9.
 
-Settings were chosen on AS15-M-0414 and AS15-M-0295; 0299, 0300 and 1134 were kept aside (docs/validation.md).
+Settings were chosen on AS15-M-0414 and AS15-M-0295; 0299, 0300 and 1134 were kept aside (docs/measurements/windows.md).
 """
 
 from __future__ import annotations
