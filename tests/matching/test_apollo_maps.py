@@ -1,5 +1,5 @@
 """Map-projected photographs whose points are too faint under a high Sun, located by all points together. The frames are not
-ours to ship: without the shared data the test is skipped. `benchmarks/locate_maps.py` makes the figures of docs/measurements/pose.md.
+ours to ship: skipped without the shared data. `benchmarks/locate_maps.py` makes the figures of docs/measurements/pose.md.
 """
 
 from __future__ import annotations

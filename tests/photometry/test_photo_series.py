@@ -1,7 +1,7 @@
 """The laws of reflection and an albedo map against photographs: the Apollo 16 series, Sun 6 to 58 deg high, and AS15-M-1134.
 
-The limits are slightly below the figures of docs/measurements/photographs.md, made by `benchmarks/photographs.py`. The photographs and
-the map are not ours to ship: without the shared data these tests are skipped.
+The limits are slightly below the figures of docs/measurements/photographs.md, from `benchmarks/photographs.py`. The photographs
+and the map may not be distributed: without the shared data these tests are skipped.
 """
 
 from __future__ import annotations
