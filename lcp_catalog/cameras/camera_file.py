@@ -1,4 +1,6 @@
-"""Which file says which sensor: CAMERA.json, USGS ISD JSON, or .tsai of the Ames Stereo Pipeline, told apart by content."""
+"""Sensors from camera files: CAMERA.json, USGS ISD JSON, or .tsai of the Ames Stereo Pipeline,
+recognised by content.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,10 @@ from .tsai import camera_from_tsai, is_tsai
 
 
 def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
-    """The sensor that a camera file describes; CameraError names the file and the field that is wrong.
+    """The sensor that a camera file describes; CameraError names the file and the invalid field.
 
-    ``shape``: rows and columns of the image, where they are known; needed for a .tsai, which does not
-    say them. A file that says others is refused.
+    ``shape``: rows and columns of the image, if known; required for a .tsai file, which does not
+    give them. CameraError for a file of an image of another shape.
     """
     path = Path(path)
     text = _text(path)
@@ -34,7 +36,9 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
 
 
 def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:
-    """The framing camera that a camera file describes; CameraError for scanners as well, and all that `read_sensor` refuses."""
+    """The framing camera that a camera file describes; CameraError for scanners and for all files
+    that `read_sensor` refuses.
+    """
     sensor = read_sensor(path, shape)
     if not isinstance(sensor, Camera):
         raise CameraError(

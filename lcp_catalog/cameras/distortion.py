@@ -1,9 +1,10 @@
-"""What a lens does to an image: where ideal coordinates of the focal plane land, and back.
+"""Lens distortion: from ideal to distorted coordinates of the focal plane, and back.
 
-Every lens has its own unit of the focal plane: the focal length (`OpenCV`), or millimetres as sensor models state them.
-``distort`` goes from ideal to landed, ``undistort`` back; arrays of one shape in and out. One of the two is the formula that
-the lens is defined by, the other its inverse, solved to the last bits. What has no inverse comes back as NaN or as
-something that the formula does not take back: callers ask ``within`` and compare (`focal_plane`).
+Every lens has its own unit of the focal plane: the focal length (`OpenCV`), or millimetres as in
+sensor models. ``distort`` goes from ideal to distorted coordinates, ``undistort`` back; input and
+output are arrays of one shape. One of the two is the formula that defines the lens, the other its
+inverse, solved to the last bits. Points without an inverse return NaN, or a value that the formula
+does not take back: callers check ``within`` and compare (`focal_plane`).
 """
 
 from __future__ import annotations
@@ -26,36 +27,36 @@ Slopes = tuple[Array, Array, Array, Array]
 """du/dx, du/dy, dv/dx, dv/dy."""
 
 _MOST_STEPS = 50
-_CONVERGED = 1e-9  # Newton doubles the digits: after a step so small the next is below the last bit
+_CONVERGED = 1e-9  # Newton doubles the digits: the next step is below the last bit
 _COMPLEX_STEP = 1e-30
 
 
 class Lens(Protocol):
-    """A lens: frozen, and the same again from what it says of itself (`lens_from_json`)."""
+    """A lens: frozen; `lens_from_json` reads what ``to_json`` writes."""
 
     def distort(self, x: Array, y: Array) -> Pair:
-        """Where ideal coordinates land."""
+        """Distorted coordinates of ideal coordinates."""
 
     def undistort(self, u: Array, v: Array) -> Pair:
-        """The ideal coordinates of what lands at (u, v)."""
+        """Ideal coordinates of distorted coordinates (u, v)."""
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Whether ideal coordinates lie where the lens does not yet fold back on itself."""
+        """True for ideal coordinates inside the fold of the lens."""
 
     def to_json(self) -> dict[str, Any]:
-        """Its ``model`` and its numbers."""
+        """Name of the ``model`` and its parameters."""
 
 
 @dataclass(frozen=True)
 class _Unfolded:
-    """What lenses share: how they are written, and that they do not fold unless they say where."""
+    """Base of the lenses: their JSON form, and no fold by default."""
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Everywhere that is a number."""
+        """True for finite coordinates."""
         return np.isfinite(x) & np.isfinite(y)
 
     def to_json(self) -> dict[str, Any]:
-        """Its ``model`` and its numbers."""
+        """Name of the ``model`` and its parameters."""
         return {"model": _NAME[type(self)]} | {
             field.name: _plain(getattr(self, field.name)) for field in fields(self)
         }
@@ -63,11 +64,11 @@ class _Unfolded:
 
 @dataclass(frozen=True)
 class _FromLanded(_Unfolded, ABC):
-    """A lens whose formula goes from landed to ideal, and that has no other way there than to solve it."""
+    """A lens whose formula goes from distorted to ideal coordinates; the other way is solved."""
 
     @abstractmethod
     def undistort(self, u: Array, v: Array) -> Pair:
-        """The formula."""
+        """The defining formula."""
 
     def distort(self, x: Array, y: Array) -> Pair:
         return _inverse_map(self.undistort, x, y)
@@ -81,7 +82,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class NoLens(_Unfolded):
-    """A pinhole."""
+    """A pinhole: no distortion."""
 
     def distort(self, x: Array, y: Array) -> Pair:
         return x, y
@@ -92,10 +93,11 @@ class NoLens(_Unfolded):
 
 @dataclass(frozen=True)
 class OpenCV(_Unfolded):
-    """OpenCV's radial and tangential lens; also the TSAI of the Ames Stereo Pipeline (since 3.3.0, as its manual says), and
-    RADTAN of usgscsm, there in millimetres.
+    """Radial and tangential distortion of OpenCV. Also the TSAI lens of the Ames Stereo Pipeline
+    (since 3.3.0, by its manual), and RADTAN of usgscsm, there in millimetres.
 
-    u = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); v alike with p1 and p2 exchanged.
+    u = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); v likewise with p1 and p2
+    exchanged.
     """
 
     k1: float = 0.0
@@ -130,14 +132,16 @@ class OpenCV(_Unfolded):
         )
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to where the radial polynomial r + k1 r^3 + k2 r^5 + k3 r^7 turns back."""
+        """True up to the maximum of the radial polynomial r + k1 r^3 + k2 r^5 + k3 r^7."""
         turn2 = _first_root(1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3)
         return np.asarray(x * x + y * y <= turn2)
 
 
 @dataclass(frozen=True)
 class UsgsRadial(_Unfolded):
-    """'radial' of an ISD, millimetres: defined from landed to ideal, x = u (1 - k0 - k1 r^2 - k2 r^4), r of (u, v)."""
+    """'radial' of an ISD, millimetres; defined from distorted to ideal: x = u (1 - k0 - k1 r^2 - k2
+    r^4), r of (u, v).
+    """
 
     k0: float = 0.0
     k1: float = 0.0
@@ -149,7 +153,9 @@ class UsgsRadial(_Unfolded):
         return u * kept, v * kept
 
     def distort(self, x: Array, y: Array) -> Pair:
-        """Newton's method on the radius: the polynomial is monotone and of one curvature up to its turn."""
+        """Newton's method on the radius: the polynomial is monotone with curvature of one sign up
+        to its maximum.
+        """
         ideal = np.hypot(x, y)
         landed = ideal
         with np.errstate(all="ignore"):
@@ -165,12 +171,14 @@ class UsgsRadial(_Unfolded):
         return x * scale, y * scale
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to the ideal radius that the turn of the polynomial stands for."""
+        """True up to the ideal radius of the maximum of the polynomial."""
         return np.asarray(x * x + y * y <= _ideal_turn2(1 - self.k0, -self.k1, -self.k2))
 
 
 def _ideal_turn2(*k: float) -> float:
-    """Squared ideal radius r (k0 + k1 r^2 + k2 r^4 ...) at which it stops to grow with the landed r; infinite if it never does."""
+    """Squared ideal radius r (k0 + k1 r^2 + k2 r^4 ...) at its first maximum over the distorted
+    radius r; infinite without a maximum.
+    """
     turn2 = _first_root(*((2 * i + 1) * number for i, number in enumerate(k)))
     if math.isinf(turn2):
         return turn2
@@ -179,7 +187,7 @@ def _ideal_turn2(*k: float) -> float:
 
 @dataclass(frozen=True)
 class LroNac(_Unfolded):
-    """'lrolrocnac' of an ISD, millimetres: along the detector only, y = v / (1 + k v^2)."""
+    """'lrolrocnac' of an ISD, millimetres; along the detector only: y = v / (1 + k v^2)."""
 
     k: float
 
@@ -187,18 +195,22 @@ class LroNac(_Unfolded):
         return u, v / (1 + self.k * v * v)
 
     def distort(self, x: Array, y: Array) -> Pair:
-        """The root of k y v^2 - v + y that goes to y for small k."""
+        """The root of k y v^2 - v + y that approaches y for small k."""
         with np.errstate(invalid="ignore"):
             return x, 2 * y / (1 + np.sqrt(1 - 4 * self.k * y * y))
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to |y| = 1 / (2 sqrt k): 117.5 mm for the LRO NAC, of whose detector the last pixel stands at 17.7 mm."""
+        """True up to |y| = 1 / (2 sqrt k): 117.5 mm for the LRO NAC, whose last pixel is at 17.7
+        mm.
+        """
         return np.asarray(4 * self.k * y * y <= 1.0)
 
 
 @dataclass(frozen=True)
 class KaguyaLism(_FromLanded):
-    """'kaguyalism' of an ISD, millimetres: x = u + boresight_x + a0 + a1 r + a2 r^2 + a3 r^3, r of (u, v); y alike with b."""
+    """'kaguyalism' of an ISD, millimetres: x = u + boresight_x + a0 + a1 r + a2 r^2 + a3 r^3, r of
+    (u, v); y likewise with b.
+    """
 
     a: tuple[float, float, float, float]
     b: tuple[float, float, float, float]
@@ -216,7 +228,7 @@ class KaguyaLism(_FromLanded):
 
 @dataclass(frozen=True)
 class _RadialAndAside(_FromLanded):
-    """What Photometrix and BrownConrady share: an offset, a radial part and one across it."""
+    """Base of Photometrix and BrownConrady: an offset, a radial and a tangential part."""
 
     xp: float
     yp: float
@@ -227,17 +239,18 @@ class _RadialAndAside(_FromLanded):
     p2: float
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Up to where its radial part turns back."""
+        """True up to the maximum of the radial part."""
         return np.asarray(x * x + y * y <= _ideal_turn2(1.0, self.k1, self.k2, self.k3))
 
 
 @dataclass(frozen=True)
 class Photometrix(_RadialAndAside):
-    """ASP's Photometrix (Australis), in the unit of the file's focal length: defined from landed to ideal.
+    """Photometrix (Australis) of ASP, in the unit of the file's focal length; defined from
+    distorted to ideal.
 
-    With x = u - xp, y = v - yp and r^2 = x^2 + y^2:
-    ideal = u + x (k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 x^2) + 2 p2 x y; v alike with p1 and p2 exchanged. ASP's
-    program starts from u, as here, where its manual writes x; the program is the reference, the manual says.
+    With x = u - xp, y = v - yp and r^2 = x^2 + y^2: ideal = u + x (k1 r^2 + k2 r^4 + k3 r^6) + p1
+    (r^2 + 2 x^2) + 2 p2 x y; v likewise with p1 and p2 exchanged. The program of ASP starts from u,
+    as here; its manual has x. The manual states that the program is the reference.
     """
 
     def undistort(self, u: Array, v: Array) -> Pair:
@@ -252,10 +265,10 @@ class Photometrix(_RadialAndAside):
 
 @dataclass(frozen=True)
 class BrownConrady(_RadialAndAside):
-    """ASP's BrownConrady, in the unit of the file's focal length: defined from landed to ideal.
+    """BrownConrady of ASP, in the unit of the file's focal length; defined from distorted to ideal.
 
-    With x, y, r as in `Photometrix`: ideal = x (1 + k1 r^2 + k2 r^4 + k3 r^6) - (p1 r^2 + p2 r^4) sin(phi), phi in radians;
-    y alike, but plus the cosine. The offset is not added again.
+    With x, y, r as in `Photometrix`: ideal = x (1 + k1 r^2 + k2 r^4 + k3 r^6) - (p1 r^2 + p2 r^4)
+    sin(phi), phi in radians; y likewise, with plus the cosine. The offset is not added again.
     """
 
     phi: float
@@ -273,8 +286,11 @@ Square = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class OnPlane(_Unfolded):
-    """A lens of other units or axes: ``into`` takes the focal plane of a camera (units of its focal length) to that of the
-    lens, ``out`` back to the detector. A detector that is skewed, mirrored or has oblong pixels is said by the two as well.
+    """A lens in other units or axes.
+
+    ``into`` takes the focal plane of a camera (units of its focal length) to that of the lens,
+    ``out`` takes the lens back to the detector. Both also express a detector that is skewed,
+    mirrored or has oblong pixels.
     """
 
     into: Square
@@ -317,7 +333,7 @@ _NAME = {kind: name for name, kind in _KINDS.items()}
 
 
 def lens_from_json(document: Any) -> Lens:
-    """The lens that said this of itself; ValueError for what is none."""
+    """The lens of a document that ``to_json`` wrote; ValueError for any other document."""
     model = document.get("model") if isinstance(document, Mapping) else None
     if not isinstance(model, str) or model not in _KINDS:
         raise ValueError(f"has no model of {', '.join(_KINDS)}")
@@ -331,14 +347,14 @@ def lens_from_json(document: Any) -> Lens:
 
 
 def _parsed(kind: type, name: str, value: Any) -> Any:
-    """One number, or as many as the field holds, all finite."""
+    """Finite value of a field: one number or as many as the field holds."""
     if name == "lens":
         return lens_from_json(value)
     shape = {"into": (2, 2), "out": (2, 2), "a": (4,), "b": (4,)}.get(name, ())
     try:
         numbers = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not made of numbers") from error
+        raise ValueError(f"{name} does not consist of numbers") from error
     if numbers.shape != shape or not (np.abs(numbers) <= LARGEST).all():
         raise ValueError(f"{name} must hold finite numbers of shape {shape}")
     if kind is OnPlane and abs(np.linalg.det(numbers)) < 1e-12:
@@ -351,14 +367,14 @@ def _tuple(value: Any) -> Any:
 
 
 def _first_root(*rising: float) -> float:
-    """The least positive root of a polynomial, lowest power first; infinity without one."""
+    """Least positive root of a polynomial, lowest power first; infinity without one."""
     turns = np.roots(rising[::-1])
     real = turns[(np.abs(turns.imag) < 1e-12) & (turns.real > 0)].real if turns.size else turns
     return float(real.min()) if real.size else math.inf
 
 
 def _settled(step: Array, value: Array) -> bool:
-    """Whether no step, of those that are numbers, still matters."""
+    """True if all finite steps are negligible."""
     largest = np.fmax.reduce(np.abs(step), axis=None, initial=0.0)
     scale = np.fmax.reduce(np.abs(value), axis=None, initial=1.0)
     return bool(largest <= _CONVERGED * scale)
@@ -367,12 +383,14 @@ def _settled(step: Array, value: Array) -> bool:
 def _inverse_map(
     forward: Map, u: Array, v: Array, slopes: Callable[[Array, Array], Slopes] | None = None
 ) -> Pair:
-    """What ``forward`` takes to (u, v): Newton's method, from (u, v) itself. Without ``slopes`` the derivatives come from
-    complex steps, which are exact for formulas like these.
+    """The (x, y) that ``forward`` takes to (u, v), by Newton's method from (u, v).
+
+    Without ``slopes`` the derivatives come from complex steps, which are exact for analytic
+    formulas.
     """
     x, y = np.array(u, dtype=np.float64), np.array(v, dtype=np.float64)
     slopes = slopes or _complex_slopes(forward)
-    with np.errstate(all="ignore"):  # what diverges ends as NaN; the caller looks
+    with np.errstate(all="ignore"):  # divergence ends as NaN, which the caller checks
         for _ in range(_MOST_STEPS):
             at_u, at_v = forward(x, y)
             uu, uv, vu, vv = slopes(x, y)
@@ -385,7 +403,7 @@ def _inverse_map(
 
 
 def _complex_slopes(forward: Map) -> Callable[[Array, Array], Slopes]:
-    """du/dx, du/dy, dv/dx, dv/dy (Squire & Trapp 1998)."""
+    """Derivatives du/dx, du/dy, dv/dx, dv/dy by complex steps (Squire & Trapp 1998)."""
 
     def slopes(x: Array, y: Array) -> Slopes:
         step = 1j * _COMPLEX_STEP

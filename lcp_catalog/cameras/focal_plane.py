@@ -1,7 +1,7 @@
-"""From directions in a camera's axes to pixels, through its lens, and back.
+"""Directions in camera axes to pixels through a lens, and back.
 
-Camera axes are OpenCV's: X right along rows, Y down along columns, Z ahead. A lens works in coordinates of the focal plane
-divided by the focal length: X / Z and Y / Z.
+Camera axes are those of OpenCV: X right along rows, Y down along columns, Z ahead. A lens works in
+coordinates of the focal plane divided by the focal length: X / Z and Y / Z.
 """
 
 from __future__ import annotations
@@ -14,22 +14,24 @@ from ..arrays import Array
 from .distortion import Lens, NoLens, OnPlane, Square
 
 UNDONE_PX = 1e-6
-"""How well a lens must be undone: a pixel's direction comes back to it within this."""
+"""Largest error of a lens's inverse: a pixel's direction projects to the pixel within this
+distance.
+"""
 
 _SAME = 1e-14
 
 
 @dataclass(frozen=True)
 class FocalPlane:
-    """Where in the image directions land. ``lens`` in units of the focal length."""
+    """Projection of directions to the image. ``lens`` is in units of the focal length."""
 
     focal_length_px: float
     principal_point_px: tuple[float, float]
     lens: Lens
 
     def pixels(self, directions: Array) -> Array:
-        """Pixels (..., 2), column then row, of directions (..., 3) of any length; NaN for what is not ahead, or lies where
-        the lens has folded back.
+        """Pixels (..., 2), column and row, of directions (..., 3) of any length; NaN for directions
+        that are not ahead, or beyond the fold of the lens.
         """
         x, y, depth = np.moveaxis(directions, -1, 0)
         seen = depth > 0
@@ -42,7 +44,7 @@ class FocalPlane:
         return np.where(seen[..., None], pixels, np.nan)
 
     def directions(self, pixels: Array) -> Array:
-        """Unit directions (..., 3) in which pixels (..., 2) look; NaN where the lens cannot be undone."""
+        """Unit directions (..., 3) of pixels (..., 2); NaN where the lens has no inverse."""
         column, row = np.moveaxis(pixels, -1, 0)
         cx, cy = self.principal_point_px
         u, v = (column - cx) / self.focal_length_px, (row - cy) / self.focal_length_px
@@ -66,12 +68,13 @@ def plane_of(
     *,
     flipped: bool = False,
 ) -> tuple[FocalPlane, Array]:
-    """The focal plane of a camera whose lens works in other units, and whose axes x, y, z lie otherwise.
+    """The focal plane of a camera whose lens has other units and whose axes x, y, z are different,
+    and the rotation (3, 3) about z from those axes to camera axes.
 
-    An ideal point of that lens's plane is ``focal_length`` times (x / z, y / z), or (x / z, -y / z) if ``flipped``; what
-    lands at (u, v) falls on the pixel ``origin_px`` + ``pixels_per_unit`` (u, v), rows of the matrix: column, row. With it
-    comes the rotation (3, 3) about z from those axes to camera axes: X along the columns as nearly as can be. Where the
-    image is a mirror image Y points up in it instead of down.
+    An ideal point of that lens's plane is ``focal_length`` times (x / z, y / z), or (x / z, -y / z)
+    if ``flipped``. A distorted point (u, v) falls on the pixel ``origin_px`` + ``pixels_per_unit``
+    (u, v); rows of the matrix: column, row. The rotation brings X as close as possible to the
+    direction of columns; in a mirrored image Y points up instead of down.
     """
     matrix = np.asarray(pixels_per_unit, dtype=np.float64)
     flip = np.diag([1.0, -1.0 if flipped else 1.0])

@@ -1,8 +1,8 @@
-"""Framing cameras: read, checked, points to pixels and pixels to rays.
+"""Framing cameras: reading and checks, points to pixels and pixels to rays.
 
-Camera axes are OpenCV's: X along rows (right), Y along columns (down), Z along the optical axis
-towards the scene. Pixel centres are at whole numbers, so an image of width w reaches from -0.5 to w
-- 0.5. The lens is OpenCV's [k1, k2, p1, p2, k3], or any other of `lens` (docs/sensors.md).
+Camera axes are those of OpenCV: X along rows (right), Y along columns (down), Z along the optical
+axis towards the scene. Pixel centres are at whole numbers: an image of width w covers -0.5 to w -
+0.5. The lens is [k1, k2, p1, p2, k3] of OpenCV, or any other lens of `distortion`.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from .json_fields import LARGEST
 from .sensor import POSE, FullSensor
 
 FARTHEST_M = 1e11
-"""No camera is further away: from there a float64 still tells where a ray meets the ground to 0.1 mm."""
+"""Largest distance of a camera; at that distance float64 still resolves 0.1 mm on the surface."""
 
 SUN_NEAREST_M = 1e9
-"""A Sun nearer than that was meant in kilometres or as a direction."""
+"""Least distance of a Sun position; a smaller one is in kilometres or a direction."""
 
 _ROTATION_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Camera(FullSensor):
-    """A framing camera at a place; raises CameraError for one that cannot be.
+    """A framing camera; CameraError for invalid fields.
 
-    ``rotation_mcmf_to_camera`` turns MCMF axes into camera axes; a rotation that is off by rounding
-    (up to 1e-5) is made orthonormal. ``lens`` is one that ``distortion`` cannot say, in units of the
-    focal length; one of the two at most.
+    ``rotation_mcmf_to_camera`` takes MCMF axes to camera axes; a rotation with rounding errors (up
+    to 1e-5) is made orthonormal. ``distortion``: [k1, k2, p1, p2, k3] of OpenCV. ``lens``: any
+    other lens, in units of the focal length; at most one of the two is given.
     """
 
     kind: ClassVar[str] = "framing camera"
@@ -75,13 +75,13 @@ class Camera(FullSensor):
         self._put("image_size_px", (int(size[0]), int(size[1])))
         self._put("distortion", self._numbers("distortion", (5,)))
         if self.lens is not None and self.distortion.any():
-            self._refuse("distortion", "and a lens besides: state one of them")
+            self._refuse("distortion", "and a lens are given: give one of them")
         if self.sun_position_mcmf_m is not None:
             sun = self._numbers("sun_position_mcmf_m", (3,))
             if np.linalg.norm(sun) < SUN_NEAREST_M:
                 self._refuse(
                     "sun_position_mcmf_m",
-                    "is too near to be the Sun's, 150 million km away (are these metres?)",
+                    "is too near for the Sun, which is 150 million km away (are these metres?)",
                 )
             self._put("sun_position_mcmf_m", sun)
         if self.time_utc is not None and not isinstance(self.time_utc, str):
@@ -97,7 +97,7 @@ class Camera(FullSensor):
         try:
             values = np.array(getattr(self, key), dtype=np.float64)
         except (TypeError, ValueError):
-            self._refuse(key, "is not made of numbers")
+            self._refuse(key, "does not consist of numbers")
         if values.shape != shape or not (np.abs(values) <= LARGEST).all():
             wanted = "x".join(map(str, shape)) if shape else "one"
             self._refuse(key, f"must hold {wanted} finite number{'s' if shape else ''}")
@@ -127,11 +127,11 @@ class Camera(FullSensor):
 
     @property
     def has_sun(self) -> bool:
-        """Whether the camera states a Sun of its own, by position or by time."""
+        """True if the camera has a Sun of its own, by position or by time."""
         return self.sun_position_mcmf_m is not None or self.time_utc is not None
 
     def to_json(self) -> dict[str, Any]:
-        """What CAMERA.json holds."""
+        """Content of CAMERA.json."""
         document: dict[str, Any] = {
             "position_mcmf_m": self.position_mcmf_m.tolist(),
             "rotation_mcmf_to_camera": self.rotation_mcmf_to_camera.tolist(),
@@ -151,14 +151,16 @@ class Camera(FullSensor):
 
     @cached_property
     def focal_plane(self) -> FocalPlane:
-        """Directions in camera axes to pixels, and back."""
+        """Projection from directions in camera axes to pixels, and back."""
         bent = OpenCV(*self.distortion.tolist()) if self.distortion.any() else NoLens()
         return FocalPlane(
             self.focal_length_px, self.principal_point_px, bent if self.lens is None else self.lens
         )
 
     def moved(self, correction: ArrayLike) -> Camera:
-        """The camera shifted by three metres MCMF and turned about its own axes by a vector of three radians."""
+        """The camera shifted by three metres MCMF and rotated about its own axes by a vector of
+        three radians.
+        """
         six = np.asarray(correction, dtype=np.float64)
         return replace(
             self,
@@ -167,10 +169,10 @@ class Camera(FullSensor):
         )
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        """Pixels (..., 2), column then row, of MCMF points (..., 3); NaN for what is not in front
-        of the camera.
+        """Pixels (..., 2), column and row, of MCMF points (..., 3); NaN for points that are not in
+        front of the camera.
 
-        Far outside the image a distortion polynomial can fold back: such points get NaN as well
+        Far outside the image a distortion polynomial can fold back: such points are NaN as well
         (see `in_image`).
         """
         points = np.asarray(points_mcmf_m, dtype=np.float64)
@@ -184,24 +186,24 @@ class Camera(FullSensor):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def rays(self, pixels: ArrayLike) -> Array:
-        """Unit MCMF directions (..., 3) in which pixels (..., 2) look.
+        """Unit MCMF directions (..., 3) of the rays of pixels (..., 2).
 
-        Raises CameraError where the distortion cannot be undone within the image.
+        CameraError where the distortion has no inverse within the image.
         """
         given = np.asarray(pixels, dtype=np.float64)
         looking = self.focal_plane.directions(given)
         if (np.isnan(looking).any(axis=-1) & np.isfinite(given).all(axis=-1)).any():
-            self._refuse("distortion", "cannot be undone within the image")
+            self._refuse("distortion", "has no inverse within the image")
         return looking @ self.rotation_mcmf_to_camera
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look."""
+        """Origins and unit directions of the rays of pixels (..., 2), both (..., 3), MCMF."""
         directions = self.rays(pixels)
         return np.broadcast_to(self.position_mcmf_m, directions.shape), directions
 
     def rays_enu(self, frame: EnuFrame) -> tuple[Array, Array]:
-        """The camera's position (3,) and every pixel's unit direction (rows, columns, 3) in an ENU
-        frame.
+        """Position of the camera (3,) and unit direction of every pixel (rows, columns, 3) in an
+        ENU frame.
         """
         rows, columns = self.shape
         row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
@@ -210,7 +212,7 @@ class Camera(FullSensor):
 
 
 def camera_from_json(document: Any, name: str = "camera") -> Camera:
-    """The camera in a CAMERA.json's content; fields that are not known are left alone."""
+    """The camera of the content of a CAMERA.json; unknown fields are ignored."""
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
     needed = (
@@ -235,7 +237,7 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
 
 
 def camera_on(plane: FocalPlane, **rest: Any) -> Camera:
-    """The camera with a focal plane; the other fields of `Camera` as they are."""
+    """The camera with a focal plane; ``rest``: the other fields of `Camera`."""
     lens = plane.lens
     if isinstance(lens, NoLens | OpenCV):
         numbers = lens if isinstance(lens, OpenCV) else OpenCV()

@@ -1,5 +1,5 @@
-"""USGS image support data (ISD), the JSON that ALE writes for the CSM sensor models: framing cameras, line scanners and
-push-frame cameras of the Moon. What is read and by which conventions: docs/sensors.md.
+"""USGS image support data (ISD): the JSON that ALE writes for the CSM sensor models of framing
+cameras, line scanners and push-frame cameras of the Moon.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ AnySensor = Camera | LineScanner | PushFrame
 
 
 def is_isd(fields: JsonFields) -> bool:
-    """Whether a document is an ISD."""
+    """True if a document is an ISD."""
     return "name_model" in fields.document or "instrument_pointing" in fields.document
 
 
 def sensor_from_isd(fields: JsonFields) -> AnySensor:
-    """The sensor that an ISD describes; CameraError names the file and the field that is wrong."""
+    """The sensor that an ISD describes; CameraError names the file and the invalid field."""
     kinds: dict[str, Callable[[JsonFields, Tables], AnySensor]] = {
         "USGS_ASTRO_FRAME_SENSOR_MODEL": _frame,
         "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL": _line_scanner,
@@ -33,7 +33,7 @@ def sensor_from_isd(fields: JsonFields) -> AnySensor:
     }
     model = fields.text("name_model")
     if model not in kinds:
-        fields.refuse("name_model", f"is {model}; read are {', '.join(kinds)}")
+        fields.refuse("name_model", f"is {model}; supported are {', '.join(kinds)}")
     tables = Tables(fields)
     tables.check_body()
     return kinds[model](fields, tables)
@@ -69,23 +69,25 @@ def _line_scanner(fields: JsonFields, tables: Tables) -> LineScanner:
         plane=plane,
         trajectory=tables.trajectory.turned_by(axes),
         times_s=times,
-        line_px=-CORNER_PX,  # usgscsm looks along the upper edge of the detector's line
+        line_px=-CORNER_PX,  # usgscsm takes the line of sight of the upper edge of the detector's line
         **_common(fields, tables),
     )
 
 
 def _line_times(fields: JsonFields, count: int) -> Array:
-    """The middle of every line's exposure, and of `BEYOND` lines before and after. Each row of ``line_scan_rate`` holds the
-    line (its centre at .5) from which it counts, the time at which that line's exposure began, and how long a line takes.
+    """Times of the middle of the exposure of every line, and of `BEYOND` lines before and after.
+
+    Each row of ``line_scan_rate`` holds a line (its centre at .5), the time at which its exposure
+    begins, and the duration of a line from there on.
     """
     lines, starts, lasting = fields.numbers("line_scan_rate", (None, 3)).T
     if not ((np.diff(lines) > 0.0).all() and (lasting > 0.0).all()):
-        fields.refuse("line_scan_rate", "must have rising lines, and times above 0 for a line")
+        fields.refuse("line_scan_rate", "must have increasing lines and positive line times")
     line = np.arange(-BEYOND, count + BEYOND) + CORNER_PX
     part = np.clip(np.searchsorted(lines, line, side="right") - 1, 0, None)
     times = starts[part] + lasting[part] * (line - lines[part] + 0.5)
     if not (np.diff(times) > 0.0).all():
-        fields.refuse("line_scan_rate", "has a later line at an earlier time")
+        fields.refuse("line_scan_rate", "has a later line with an earlier time")
     return np.asarray(times)
 
 

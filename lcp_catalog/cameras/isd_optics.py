@@ -1,8 +1,4 @@
-"""The optics of an ISD: lens, focal plane, and which part of the detector the image is.
-
-An ISD counts a detector's lines and samples from the upper left corner of its first pixel, whose centre so lies at 0.5;
-pixels here have their centres at whole numbers.
-"""
+"""Lens and detector of an ISD."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from .focal_plane import FocalPlane, plane_of
 from .json_fields import JsonFields
 
 CORNER_PX = 0.5
-"""From an ISD's lines and samples to pixels."""
+"""Offset from an ISD's lines and samples, which count from the corner, to pixels."""
 
 _SKEWEST = 1e3
 _BACK = np.diag([-1.0, 1.0, -1.0])
@@ -23,11 +19,11 @@ _BACK = np.diag([-1.0, 1.0, -1.0])
 def plane_of_isd(
     fields: JsonFields, *, looks_back: bool, upside_down: int | None = None
 ) -> tuple[FocalPlane, Array]:
-    """Directions to pixels of the image, of a framelet (whose first row is row 0), or of a line (whose upper edge is row -0.5);
-    and the rotation (3, 3) from the ISD's sensor frame to the axes of those directions.
+    """Focal plane from directions to pixels of the image, of a framelet (with first row 0), or of a
+    line (with upper edge -0.5), and rotation (3, 3) from the ISD's sensor frame to its axes.
 
-    ``looks_back``: the scene lies towards -z of the sensor frame. ``upside_down``: rows of a framelet that the image holds
-    with its last line first. CameraError for a field that is wrong.
+    ``looks_back``: True if the scene is towards -z of the sensor frame. ``upside_down``: number of
+    rows of a framelet whose last line is first in the image. CameraError for an invalid field.
     """
     matrix, origin = np.empty((2, 2)), np.empty(2)
     for i, axis in enumerate(("sample", "line")):
@@ -37,13 +33,13 @@ def plane_of_isd(
         start = fields.number(f"starting_detector_{axis}")
         origin[i] = offset + (centre - start) / summing - CORNER_PX
     if not np.linalg.cond(matrix) < _SKEWEST:
-        fields.refuse("focal2pixel_lines", "and focal2pixel_samples run the same way")
+        fields.refuse("focal2pixel_lines", "and focal2pixel_samples are parallel")
     if upside_down is not None:
         matrix[1], origin[1] = -matrix[1], upside_down - 1.0 - origin[1]
     focal_mm = fields.positive("focal_length_model.focal_length")
     column, row = origin.tolist()
     plane, turn = plane_of(_lens(fields), focal_mm, matrix, (column, row), flipped=looks_back)
-    # turned half round about y the scene lies ahead; y / z has then changed its sign, x / z has not
+    # half a turn about y brings the scene ahead; this changes the sign of y / z but not of x / z
     return plane, turn @ _BACK if looks_back else turn
 
 
@@ -53,7 +49,7 @@ def _lens(fields: JsonFields) -> Lens:
     kinds = {"radial": _radial, "radtan": _radtan, "lrolrocnac": _lro_nac, "kaguyalism": _kaguya}
     if not isinstance(stated, dict) or len(stated) != 1 or not set(stated) <= set(kinds):
         said = ", ".join(stated) if isinstance(stated, dict) else stated
-        fields.refuse("optical_distortion", f"is {said}; read is one of {', '.join(kinds)}")
+        fields.refuse("optical_distortion", f"is {said}; supported are {', '.join(kinds)}")
     return kinds[next(iter(stated))](fields)
 
 

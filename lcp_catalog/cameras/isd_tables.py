@@ -1,7 +1,8 @@
-"""The tables of an ISD: where the spacecraft was, how it and the Moon were turned, where the Sun stood, and when.
+"""Tables of an ISD: positions and attitudes of the spacecraft, rotation of the Moon, position of
+the Sun, times.
 
-Times are seconds from ``center_ephemeris_time``: an ephemeris time itself, 1e8 s and more, has too few digits left to time a
-line by.
+Times are seconds from ``center_ephemeris_time``. An ephemeris time itself, 1e8 s and more, has too
+few digits left for the time of a line.
 """
 
 from __future__ import annotations
@@ -30,22 +31,26 @@ _CENTURY_S = 99.9 * 365.25 * 86400.0
 _UNITS_M = {"m": 1.0, "km": 1000.0}
 _VELOCITY_SHARE, _VELOCITY_M = 0.1, 1.0
 _SPARE = 0.02
-"""Of the time that an image takes: so far, and one step more, a table may fall short of it."""
+"""Share of the image's duration, plus one step of the table, by which a table may be too short."""
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of one ISD; every method raises CameraError that names the file and the field."""
+    """The tables of one ISD. Every method raises CameraError, which names the file and the field."""
 
     fields: JsonFields
 
     def check_body(self) -> None:
-        """Refuse an ISD of another body; log a body-fixed frame that is not that of lunar maps."""
+        """CameraError for an ISD of another body; log a body-fixed frame other than that of lunar
+        maps.
+        """
         unit = self._unit("radii.unit")
         for axis in ("semimajor", "semiminor"):
             radius_m = self.fields.positive(f"radii.{axis}") * unit
             if abs(radius_m / MOON_RADIUS_M - 1.0) > _RADIUS_TOLERANCE:
-                self.fields.refuse(f"radii.{axis}", f"is {radius_m / 1e3:g} km: not the Moon's")
+                self.fields.refuse(
+                    f"radii.{axis}", f"is {radius_m / 1e3:g} km, not that of the Moon"
+                )
         if self._body_frame not in _MEAN_EARTH:
             _log.warning(
                 "%s: its body-fixed frame (NAIF %s) is not the mean-Earth frame of lunar maps: "
@@ -56,7 +61,7 @@ class Tables:
 
     @property
     def instant(self) -> str:
-        """The middle of the image, UTC."""
+        """UTC of the middle of the image."""
         seconds = self.fields.number("center_ephemeris_time")
         if abs(seconds) > _CENTURY_S:
             self.fields.refuse("center_ephemeris_time", f"is {seconds:g} s: not within 1900-2099")
@@ -64,7 +69,7 @@ class Tables:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """In the axes of the ISD's own sensor frame."""
+        """Trajectory in the axes of the ISD's sensor frame."""
         body, pointing = self._turning("body_rotation"), self._turning("instrument_pointing")
         if self._frame("body_rotation") != self._frame("instrument_pointing"):
             self.fields.refuse("instrument_pointing.reference_frame", "is not body_rotation's")
@@ -78,15 +83,19 @@ class Tables:
 
     @property
     def looks_back(self) -> bool:
-        """Whether the Moon lies towards -z of the sensor frame. CSM's models take a pixel's line of sight both ways, and of the
-        two points of ground the nearer; of the Apollo metric cameras that is the one at -z.
+        """True if the Moon lies towards -z of the sensor frame.
+
+        CSM models follow the line of sight of a pixel both ways and take the nearer of the two
+        points of the surface; for the Apollo metric cameras that is the one at -z.
         """
         now = np.zeros(1)
         ahead = self.trajectory.to_mcmf(now, np.array([[0.0, 0.0, 1.0]]))[0]
         return bool(ahead @ self.trajectory.positions(now)[0] > 0.0)
 
     def sun(self) -> Array | None:
-        """MCMF metres (3,) in the middle of the image; None where the ISD has no Sun."""
+        """MCMF position of the Sun (3,), metres, at the middle of the image; None if the ISD has no
+        Sun.
+        """
         if self.fields.find("sun_position") is None:
             return None
         now = np.zeros(1)
@@ -96,7 +105,7 @@ class Tables:
         return turned(self.trajectory.body.at(now)[0], there)
 
     def cover(self, first_s: float, last_s: float) -> None:
-        """Refuse tables that do not reach over an image's time."""
+        """CameraError for tables that do not cover the duration of an image."""
         spare = _SPARE * (last_s - first_s)
         for table in ("instrument_position", "instrument_pointing", "body_rotation"):
             times = self._times(table)
@@ -109,16 +118,16 @@ class Tables:
                 )
 
     def _unit(self, path: str) -> float:
-        """Metres of a unit; kilometres where none is stated, as ALE writes."""
+        """Metres per unit; kilometres if no unit is given, as ALE writes."""
         stated = "km" if self.fields.find(path) is None else self.fields.text(path)
         if stated not in _UNITS_M:
-            self.fields.refuse(path, f"is {stated!r}; known are {', '.join(_UNITS_M)}")
+            self.fields.refuse(path, f"is {stated!r}; supported are {', '.join(_UNITS_M)}")
         return _UNITS_M[stated]
 
     def _times(self, table: str) -> Array:
         times = self.fields.numbers(f"{table}.ephemeris_times", (None,))
         if not (np.diff(times) > 0.0).all():
-            self.fields.refuse(f"{table}.ephemeris_times", "must rise")
+            self.fields.refuse(f"{table}.ephemeris_times", "must increase")
         return times - self.fields.number("center_ephemeris_time")
 
     def _track(self, table: str) -> Track:
@@ -156,13 +165,13 @@ class Tables:
 
     @property
     def _body_frame(self) -> int | None:
-        """NAIF's number of the frame that ``body_rotation`` ends in, if it is stated."""
+        """NAIF number of the frame to which ``body_rotation`` leads; None if it is not given."""
         kinds = ("constant", "time_dependent")
         codes = [self.fields.codes(f"body_rotation.{kind}_frames") for kind in kinds]
         return next((code for some in codes for code in some), None)
 
     def _is_fixed(self, table: str) -> bool:
-        """Whether a table's positions are body-fixed already."""
+        """True if a table's positions are body-fixed already."""
         frame = self._frame(table)
         if frame not in (_INERTIAL, self._body_frame):
             self.fields.refuse(
@@ -172,7 +181,9 @@ class Tables:
 
 
 def _fit(times: Array, positions: Array, velocities: Array) -> bool:
-    """Whether velocities are those at which positions change, to a part: not in other units, and not of something else."""
+    """True if velocities agree with the change of the positions within a tolerance; False for other
+    units or other quantities.
+    """
     steps = np.diff(times)[:, None]
     run = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     mean = 0.5 * np.linalg.norm((velocities[1:] + velocities[:-1]) * steps, axis=1)

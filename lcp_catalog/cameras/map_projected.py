@@ -1,7 +1,8 @@
-"""An image that was projected on a map, as a sensor: its pixels are places, whatever their height.
+"""A map-projected image as a sensor: its pixels are places, at any height.
 
-It stands for an orthoimage: relief is taken to have been removed, so `project` uses the place of a
-point and not its height. From where it was seen is not in it: straight from above, unless that is stated.
+The image is taken as an orthoimage without relief displacement, so that `project` uses longitude
+and latitude of a point but not its height. The map does not give the viewing direction: it is
+vertical unless given.
 """
 
 from __future__ import annotations
@@ -21,24 +22,24 @@ from ..geometry.map_projection import MapProjection, map_projection
 from .sensor import ON_MAP, FullSensor
 
 ORIGIN_HEIGHT_M = 100e3
-"""From how high above the sphere `looks` starts: above all ground of the Moon."""
+"""Height above the sphere of the origin of rays; above all terrain of the Moon."""
 
 
 @dataclass(frozen=True, eq=False)
 class MapImage(FullSensor):
     """A map-projected image.
 
-    ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the upper left corner of
-    the image, to the map (x = a col + b row + c, y = d col + e row + f), as GDAL has it: pixel
-    centres, whole numbers here, lie at + 0.5.
+    ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the upper left corner
+    of the image, to the map (x = a col + b row + c, y = d col + e row + f), as in GDAL: pixel
+    centres, which are whole numbers here, are at + 0.5.
 
-    ``shift_m``, east and north at the image's centre: its ground lies there from where the map puts
-    it. On the sphere that is a rotation which takes the centre so far in that direction, so that it
-    means the same beside a pole.
+    ``shift_m``: shift of the surface, east and north at the image's centre, from its mapped
+    position. On the sphere this is a rotation that moves the centre by that distance in that
+    direction, so that it is well defined near a pole.
 
-    It was seen ``off_nadir_deg`` from each place's vertical, towards ``view_azimuth_deg`` (clockwise
-    from north), or from a position (``seen_from_mcmf_m``). Raises ImageError for a CRS that is not
-    the Moon's, and for a transform that maps nothing.
+    The viewing direction is ``off_nadir_deg`` from the vertical of each place, towards
+    ``view_azimuth_deg`` (clockwise from north), or towards a position (``seen_from_mcmf_m``).
+    ImageError for a CRS that is not of the Moon, and for a singular transform.
     """
 
     kind: ClassVar[str] = "map-projected image"
@@ -59,10 +60,10 @@ class MapImage(FullSensor):
         if len(self.transform) != 6 or not np.isfinite(self.transform).all():
             raise ImageError(f"{self.name}: its transform must hold 6 finite numbers")
         if abs(np.linalg.det(self._linear)) == 0.0:
-            raise ImageError(f"{self.name}: its transform puts all pixels on one line")
+            raise ImageError(f"{self.name}: its transform maps all pixels to one line")
         if not 0.0 <= self.off_nadir_deg < 90.0:
             raise ImageError(
-                f"{self.name}: was seen {self.off_nadir_deg:g} deg from the vertical; 0 to 90 is possible"
+                f"{self.name}: is viewed {self.off_nadir_deg:g} deg from the vertical; allowed are 0 to 90"
             )
         _ = self.projection
 
@@ -73,14 +74,14 @@ class MapImage(FullSensor):
 
     @property
     def projection(self) -> MapProjection:
-        """The map; ImageError for one that is not of the Moon."""
+        """The map projection; ImageError for one that is not of the Moon."""
         try:
             return map_projection(self.crs_wkt)
         except LabelError as error:
             raise ImageError(f"{self.name}: {error}") from error
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        """Pixels (..., 2) of MCMF points (..., 3); NaN for what the map cannot show."""
+        """Pixels (..., 2) of MCMF points (..., 3); NaN for points outside the map projection."""
         points = np.asarray(points_mcmf_m, dtype=np.float64)
         lon, lat, _ = mcmf_to_lonlat(points @ self._turned if self._is_shifted else points)
         x, y = self.projection.forward(lon, lat)
@@ -88,7 +89,9 @@ class MapImage(FullSensor):
         return self._nearest_copy(along @ self._inverse_linear.T - 0.5)
 
     def ground(self, pixels: ArrayLike) -> Array:
-        """Unit MCMF vectors (..., 3) from the Moon's centre through what pixels (..., 2) show; NaN off the map."""
+        """Unit MCMF vectors (..., 3) from the Moon's centre through the places of pixels (..., 2);
+        NaN off the map.
+        """
         corner = np.asarray(pixels, dtype=np.float64) + 0.5
         x, y = np.moveaxis(corner @ self._linear.T, -1, 0)
         lon, lat = self.projection.inverse(x + self.transform[2], y + self.transform[5])
@@ -96,14 +99,15 @@ class MapImage(FullSensor):
         return up @ self._turned.T if self._is_shifted else up
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        """From `ORIGIN_HEIGHT_M` above the sphere straight down (both (..., 3)): what a pixel of an orthoimage
-        shows lies below its place, wherever it was seen from.
+        """Origins `ORIGIN_HEIGHT_M` above the sphere and directions straight down, both (..., 3):
+        the surface shown by a pixel of an orthoimage lies below its place, whatever the viewing
+        direction.
         """
         up = self.ground(pixels)
         return up * (MOON_RADIUS_M + ORIGIN_HEIGHT_M), -up
 
     def towards(self, points_mcmf_m: ArrayLike) -> Array:
-        """Unit directions (..., 3) from ground points (..., 3) to where they were seen from."""
+        """Unit directions (..., 3) from points (..., 3) of the surface to the sensor."""
         points = np.asarray(points_mcmf_m, dtype=np.float64)
         if self.seen_from_mcmf_m is not None:
             return _unit(self.seen_from_mcmf_m - points)
@@ -114,7 +118,9 @@ class MapImage(FullSensor):
         return _from_enu(direction_enu(self.view_azimuth_deg, 90.0 - self.off_nadir_deg), lon, lat)
 
     def moved(self, correction: ArrayLike) -> MapImage:
-        """The image with its ground moved (east, north) metres further from where the map puts it."""
+        """The image with its surface shifted (east, north) by further metres from the mapped
+        position.
+        """
         east, north = np.asarray(correction, dtype=np.float64)
         return replace(
             self, shift_m=(self.shift_m[0] + float(east), self.shift_m[1] + float(north))
@@ -122,12 +128,14 @@ class MapImage(FullSensor):
 
     @cached_property
     def center_deg(self) -> tuple[float, float]:
-        """Longitude (0..360) and latitude of the image's middle by its map, degrees; ImageError where that is off the map."""
+        """Longitude (0..360) and latitude of the image's centre on its map, degrees; ImageError if
+        it is off the map.
+        """
         rows, cols = self.shape
         x, y = self._linear @ [cols / 2.0, rows / 2.0] + [self.transform[2], self.transform[5]]
         lon, lat = self.projection.inverse(x, y)
         if not np.isfinite(lat):
-            raise ImageError(f"{self.name}: the middle of the image lies off its map")
+            raise ImageError(f"{self.name}: the centre of the image is off its map")
         return float(lon) % 360.0, float(lat)
 
     @property
@@ -136,7 +144,9 @@ class MapImage(FullSensor):
 
     @cached_property
     def _turned(self) -> Array:
-        """Rotation (3, 3) from where the map puts ground to where it lies (Rodrigues' formula)."""
+        """Rotation (3, 3) from the mapped to the shifted position of the surface (Rodrigues'
+        formula).
+        """
         east, north = self.shift_m
         angle = float(np.hypot(east, north)) / MOON_RADIUS_M
         if angle == 0.0:
@@ -159,7 +169,7 @@ class MapImage(FullSensor):
         return np.asarray(np.linalg.inv(self._linear))
 
     def _nearest_copy(self, pixels: Array) -> Array:
-        """Of the copies of a place that a cylinder has, the one nearest to the image's middle."""
+        """The copy nearest to the image's centre, of the copies of a place in a cylindrical map."""
         period = self.projection.period
         if not np.isfinite(period):
             return pixels
@@ -175,7 +185,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _from_enu(enu: Array, lon_deg: Array, lat_deg: Array) -> Array:
-    """An ENU direction (3,) at places (...), in MCMF axes (..., 3)."""
+    """MCMF directions (..., 3) of an ENU direction (3,) at places (...)."""
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     zero = np.zeros_like(lon)
     east = np.stack([-np.sin(lon), np.cos(lon), zero], axis=-1)

@@ -1,7 +1,7 @@
-"""Cameras that do not see their image at once: line scanners, and push-frame cameras, which put narrow frames together.
+"""Line scanners and push-frame cameras, which assemble the image from lines or narrow frames.
 
-A pixel is seen at its own time, from where the camera then was and as it then was turned; no frame stands in for it. Rows
-and columns have their centres at whole numbers, as everywhere. Times are seconds from one instant of the image.
+A pixel is seen at its own time, with the position and attitude of the camera at that time. Pixel
+centres are at whole numbers. Times are seconds from one instant of the image.
 """
 
 from __future__ import annotations
@@ -19,20 +19,24 @@ from .sensor import POSE, FullSensor
 from .trajectory import Trajectory
 
 CONVERGED = 1e-8
-"""The line that sees a point is found to this share of a line; positions' own rounding is 1e-9 of a line of 0.25 m."""
+"""Tolerance of the line that sees a point, in lines; rounding of positions is 1e-9 of a line of
+0.25 m.
+"""
 
 BEYOND = 64
-"""Lines (or frames) before the first and after the last in which a scanner still seeks a point: it then lies out of the image."""
+"""Lines (or framelets) before the first and after the last within which a point is sought; such a
+point is outside the image.
+"""
 
 _AT_ONCE = 1 << 17
 _KNOTS = 17
 _STEPS = 25
-_TURNED_ROUND_RAD = 3.0  # what jumps by more changes its sign behind the camera
+_TURNED_ROUND_RAD = 3.0  # a larger jump is a change of sign behind the camera
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scanner(FullSensor):
-    """What both kinds share. ``trajectory`` turns MCMF to the axes of ``plane``: right, down, ahead."""
+    """Base of both kinds. ``trajectory`` takes MCMF to the axes of ``plane``: right, down, ahead."""
 
     corrections: ClassVar[tuple[str, ...]] = POSE
 
@@ -49,23 +53,27 @@ class Scanner(FullSensor):
         return self.image_shape
 
     def moved(self, correction: ArrayLike) -> Self:
-        """The scanner with all its lines shifted by three metres MCMF and turned about the camera's own axes by a vector of
-        three radians.
+        """The scanner with all lines shifted by three metres MCMF and rotated about the camera's
+        own axes by a vector of three radians.
         """
         six = np.asarray(correction, dtype=np.float64)
         return replace(self, trajectory=self.trajectory.moved(six))
 
     def project(self, points_mcmf_m: ArrayLike) -> Array:
-        """Pixels (..., 2) of MCMF points (..., 3); NaN for what is not seen, nor would be in `BEYOND` more lines."""
+        """Pixels (..., 2) of MCMF points (..., 3); NaN for points that are not seen within `BEYOND`
+        more lines.
+        """
         return _in_parts(lambda points: self._found(points)[0], points_mcmf_m)
 
     def towards(self, points_mcmf_m: ArrayLike) -> Array:
-        """Unit directions (..., 3) from points (..., 3) to where the camera was when it saw them; NaN for what is not seen."""
+        """Unit directions (..., 3) from points (..., 3) to the camera at the time it sees them; NaN
+        for points that are not seen.
+        """
         return _in_parts(self._towards, points_mcmf_m)
 
     def looks(self, pixels: ArrayLike) -> tuple[Array, Array]:
-        """From where, and in which unit direction (both (..., 3), MCMF), pixels (..., 2) look; NaN more than `BEYOND` lines out
-        of the image.
+        """Origins and unit directions of the rays of pixels (..., 2), both (..., 3), MCMF; NaN more
+        than `BEYOND` lines outside the image.
         """
         given = np.asarray(pixels, dtype=np.float64)
         flat = given.reshape(-1, 2)
@@ -87,14 +95,16 @@ class Scanner(FullSensor):
         raise NotImplementedError
 
     def _on_plane(self, times_s: Array, points: Array) -> Array:
-        """Pixels of ``plane`` (n, 2) on which points (n, 3) fall at times (n,)."""
+        """Pixels of ``plane`` (n, 2) of points (n, 3) at times (n,)."""
         return self.plane.pixels(self.trajectory.seen(times_s, points))
 
     def _crossing(
         self, time_of: Callable[[Array], Array], span: tuple[float, float], line_px: float, p: Array
     ) -> Array:
-        """When points (n, 3) cross a line of ``plane``: the argument (n,) of ``time_of`` within ``span``, the first if there
-        are several, NaN for none. Bracketed by the angle along the track at a few times, then by secants.
+        """Argument (n,) of ``time_of`` within ``span`` at which points (n, 3) cross a line of
+        ``plane``: the first of several, NaN for none.
+
+        Bracketed by the angle along the track at a few times, then solved by secants.
         """
         start = self._bracketed(time_of, span, line_px, p)
         found = np.full(len(p), np.nan)
@@ -109,7 +119,7 @@ class Scanner(FullSensor):
             done = np.abs(step) <= CONVERGED
             found[active[done]] = (here + step)[done]
             step = np.clip(step, span[0] - here, span[1] - here)
-            going = ~done & np.isfinite(step) & (step != 0.0)  # 0: held back by the span's end
+            going = ~done & np.isfinite(step) & (step != 0.0)  # 0: at the end of the span
             if not going.any():
                 break
             last, off_last, active = here[going], off[going], active[going]
@@ -119,7 +129,9 @@ class Scanner(FullSensor):
     def _bracketed(
         self, time_of: Callable[[Array], Array], span: tuple[float, float], line_px: float, p: Array
     ) -> Array:
-        """Where points are about to cross a line, (n,), to a small part of the span; NaN for those that do not."""
+        """Approximate arguments (n,) at which points cross a line, to a small part of the span; NaN
+        for points that do not.
+        """
         knots = np.linspace(*span, _KNOTS)
         times = time_of(knots)
         middle = self.plane.directions(np.array([self.shape[1] / 2 - 0.5, line_px]))
@@ -139,10 +151,11 @@ class Scanner(FullSensor):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LineScanner(Scanner):
-    """One line of a detector, read at one time after another.
+    """A detector line that is read at successive times.
 
-    ``times_s`` (rows + 2 `BEYOND`,): the middle of every line's exposure, with as many lines before the first and after the
-    last; between them time runs evenly. ``line_px``: where on ``plane`` the line lies, in its rows.
+    ``times_s`` (rows + 2 `BEYOND`,): middle of every line's exposure, including `BEYOND` lines
+    before the first and after the last, with linear interpolation between them. ``line_px``: row of
+    the line on ``plane``.
     """
 
     kind: ClassVar[str] = "line scanner"
@@ -169,13 +182,14 @@ class LineScanner(Scanner):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PushFrame(Scanner):
-    """Framelets of ``lines`` rows, one under the other, each taken at once.
+    """Framelets of ``lines`` rows, one below the other, each exposed at once.
 
-    ``first_s``, ``step_s``: when the image's first framelet was taken (the middle of its exposure), and how much later each
-    next one was; negative where the image holds them in reverse. Rows of ``plane`` are rows within a framelet.
+    ``first_s``: middle of the exposure of the image's first framelet; ``step_s``: time from one
+    framelet to the next, negative if the image holds them in reverse. Rows of ``plane`` are rows
+    within a framelet.
 
-    Framelets overlap on the ground. A point that several see is given in the one that has it nearest its middle; a point in
-    a gap between framelets, in none.
+    Framelets overlap on the surface. A point that several framelets see is given in the one whose
+    middle is nearest; a point in a gap between framelets is in none.
     """
 
     kind: ClassVar[str] = "push-frame camera"
@@ -186,12 +200,13 @@ class PushFrame(Scanner):
 
     @property
     def framelets(self) -> int:
-        """How many the image has."""
+        """Number of framelets of the image."""
         return self.shape[0] // self.lines
 
     def project_near(self, points_mcmf_m: ArrayLike, pixels: ArrayLike) -> Array:
-        """Pixels (n, 2) of MCMF points (n, 3) in the framelets that hold some pixels (n, 2), also over a framelet's edges; within a
-        row of an edge in the one of both that has the point nearer. NaN behind the camera.
+        """Pixels (n, 2) of MCMF points (n, 3) in the framelets of given pixels (n, 2), also beyond
+        a framelet's edges. Within a row of an edge: in the framelet that has the point nearer. NaN
+        behind the camera.
         """
         points, near = (np.asarray(a, dtype=np.float64) for a in (points_mcmf_m, pixels))
         best = np.full(near.shape, np.nan)
@@ -236,7 +251,7 @@ class PushFrame(Scanner):
 
 
 def _in_parts(answer: Callable[[Array], Array], points_mcmf_m: ArrayLike) -> Array:
-    """``answer`` for points (..., 3), so many at a time that memory stays small."""
+    """``answer`` for points (..., 3), in parts that keep memory small."""
     points = np.asarray(points_mcmf_m, dtype=np.float64)
     flat = points.reshape(-1, 3)
     parts = [answer(flat[i : i + _AT_ONCE]) for i in range(0, max(len(flat), 1), _AT_ONCE)]

@@ -1,9 +1,10 @@
-"""Where a spacecraft was and how it was turned, at any time, from tables of positions and rotations.
+"""Position and attitude of a spacecraft at any time, from tables of positions and rotations.
 
-Between the times of a table a position runs on the cubic that has the table's positions and velocities (Hermite), without
-velocities on the polynomial through the eight nearest times (Lagrange); a rotation turns at a constant rate from one time
-to the next (slerp). That is how the tables of ISIS are thinned out, so it is what they were made for; where they hold a row
-for every line, all ways agree. Beyond a table its last speed and its last rate go on.
+Between the times of a table a position follows the cubic through the positions and velocities
+(Hermite), or, without velocities, the polynomial through the eight nearest times (Lagrange). A
+rotation has a constant rate between two times (slerp). ISIS reduces its tables for the same
+interpolations; if a table has a row for every line, all methods agree. Beyond a table the last
+velocity and the last rate continue.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ _NEAREST = 8
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Positions (n, 3) in metres at rising times (n,) in seconds, with velocities (n, 3) in m/s or without."""
+    """Positions (n, 3) in metres at increasing times (n,) in seconds, with velocities (n, 3) in m/s
+    or None.
+    """
 
     times_s: Array
     positions_m: Array
@@ -56,7 +59,7 @@ class Track:
         s = (times_s - self.times_s[i])[:, None] / step
         p, q = self.positions_m[i], self.positions_m[i + 1]
         v, w = step * self.velocities_m_s[i], step * self.velocities_m_s[i + 1]
-        run = q - p  # p itself is large: what is added to it is kept small
+        run = q - p  # p is large: add only small terms to it
         return np.asarray(p + s * (v + s * (3 * run - 2 * v - w + s * (v + w - 2 * run))))
 
     def _lagrange(self, times_s: Array) -> Array:
@@ -85,18 +88,18 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """Rotations at rising times (n,) in seconds: quaternions (n, 4), w first."""
+    """Rotations at increasing times (n,) in seconds: quaternions (n, 4), w first."""
 
     times_s: Array
     quaternions: Array
 
     @classmethod
     def of_table(cls, times_s: Array, quaternions: Array, after: Array) -> Turning:
-        """From a table of quaternions of any sign, and one fixed rotation (3, 3) that comes after all of them."""
+        """From a table of quaternions of any sign, followed by a fixed rotation (3, 3)."""
         return cls(times_s, product(quaternion_of(after), same_sides(quaternions)))
 
     def then(self, rotation: Array) -> Turning:
-        """With one fixed rotation (4,) more after all of them."""
+        """The same rotations followed by a fixed rotation (4,)."""
         return Turning(self.times_s, product(rotation, self.quaternions))
 
     @cached_property
@@ -113,14 +116,19 @@ class Turning:
 
 
 def _before(nodes: Array, times_s: Array) -> NDArray[np.intp]:
-    """The interval of ``nodes`` that each time lies in, the first and the last also for what lies beyond."""
+    """Index of the interval of ``nodes`` that contains each time; the first and the last interval
+    also for times beyond.
+    """
     return np.clip(np.searchsorted(nodes, times_s, side="right") - 1, 0, len(nodes) - 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A camera over the turning Moon. ``track`` is in inertial axes, or body-fixed (``fixed``); ``body`` turns inertial axes
-    to MCMF, ``pointing`` inertial axes to the camera's. ``shift_m`` (3,) is added to all positions in MCMF.
+    """Trajectory of a camera over the rotating Moon.
+
+    ``track`` is in inertial axes, or body-fixed (``fixed``). ``body`` rotates inertial axes to
+    MCMF, ``pointing`` inertial axes to those of the camera. ``shift_m`` (3,) is added to all
+    positions in MCMF.
     """
 
     track: Track
@@ -130,17 +138,19 @@ class Trajectory:
     shift_m: Array | None = None
 
     def moved(self, correction: Array) -> Trajectory:
-        """Shifted by three metres MCMF and turned about the camera's own axes by a vector of three radians, at all times."""
+        """The trajectory shifted by three metres MCMF and rotated about the camera's axes by a
+        vector of three radians, at all times.
+        """
         shift = correction[:3] if self.shift_m is None else self.shift_m + correction[:3]
         turn = quaternion_of(by_vector(correction[3:]))
         return replace(self, shift_m=shift, pointing=self.pointing.then(turn))
 
     def turned_by(self, rotation: Array) -> Trajectory:
-        """To other axes of the camera: a rotation (3, 3) comes after its attitude."""
+        """The trajectory for other camera axes: a rotation (3, 3) follows the attitude."""
         return replace(self, pointing=self.pointing.then(quaternion_of(rotation)))
 
     def positions(self, times_s: Array) -> Array:
-        """MCMF metres (m, 3)."""
+        """MCMF positions (m, 3), metres."""
         return self._positions(times_s, self.body.at(times_s))
 
     def _positions(self, times_s: Array, body: Array) -> Array:
@@ -155,6 +165,6 @@ class Trajectory:
         return turned(to_camera, points - self._positions(times_s, body))
 
     def to_mcmf(self, times_s: Array, directions: Array) -> Array:
-        """Directions (m, 3) of camera axes in MCMF, each at its time (m,)."""
+        """MCMF directions (m, 3) of directions in camera axes, each at its time (m,)."""
         to_mcmf = product(self.body.at(times_s), inverse(self.pointing.at(times_s)))
         return turned(to_mcmf, directions)

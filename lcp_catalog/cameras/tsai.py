@@ -1,8 +1,9 @@
 """Pinhole cameras of the Ames Stereo Pipeline (ASP): .tsai text files.
 
-Read are the versions 3 and 4, and the older one without a header, which knows the TSAI lens alone. After the manual of ASP,
-chapter "Frame camera models": P = R Q + C takes camera axes to world axes (body-fixed, metres); what a lens makes of
-f (x / z, y / z), plus the principal point, over the pitch, is the pixel. Pixel centres are at whole numbers there too.
+Supported are versions 3 and 4, and the older version without a header, which has the TSAI lens
+only. By the manual of ASP, chapter "Frame camera models": P = R Q + C takes camera axes to world
+axes (body-fixed, metres). A pixel is the distorted f (x / z, y / z), plus the principal point,
+divided by the pitch. Pixel centres are at whole numbers, as here.
 """
 
 from __future__ import annotations
@@ -23,27 +24,29 @@ from .json_fields import LARGEST
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
 _UNREAD = ("ADJUSTABLETSAI", "FISHEYE", "FOV", "RPC")
 _TOLERANCE = 1e-4
-"""R and the directions may be off a rotation by this: they are often written with six digits."""
+"""Largest deviation of R and of the directions from a rotation; they are often written with six
+digits.
+"""
 
 
 def is_tsai(text: str) -> bool:
-    """Whether a text is such a file."""
+    """True if a text is a .tsai file."""
     names = [match[1] for match in map(_VALUE.match, text.splitlines()) if match]
     return text.lstrip().startswith("VERSION_") or names[:2] == ["fu", "fv"]
 
 
 def camera_from_tsai(text: str, name: str, shape: tuple[int, int] | None = None) -> Camera:
-    """The camera in a .tsai file's text; CameraError names the file and the value that is wrong.
+    """The camera in a .tsai file's text; CameraError names the file and the invalid value.
 
-    ``shape``: rows and columns of its image. The format does not hold them; a line ``image_size = WIDTH HEIGHT`` is read
-    where the caller does not know.
+    ``shape``: rows and columns of the image. The format does not contain them; a line ``image_size
+    = WIDTH HEIGHT`` is read if ``shape`` is None.
     """
     return _Tsai.parsed(text, name).camera(shape)
 
 
 @dataclass(frozen=True)
 class _Tsai:
-    """The file's values by their names, and its lines that are none."""
+    """Values of the file by name, and its lines without a value."""
 
     name: str
     values: dict[str, str]
@@ -64,7 +67,7 @@ class _Tsai:
         raise CameraError(f"{self.name}: {key} {why}")
 
     def numbers(self, key: str, count: int, default: list[float] | None = None) -> Array:
-        """So many finite numbers."""
+        """``count`` finite numbers."""
         if key not in self.values:
             if default is None:
                 raise CameraError(f"{self.name}: lacks {key}")
@@ -72,7 +75,7 @@ class _Tsai:
         try:
             numbers = np.array(self.values[key].split(), dtype=np.float64)
         except ValueError:
-            self.refuse(key, f"is {self.values[key]!r}: not made of numbers")
+            self.refuse(key, f"is {self.values[key]!r}, which are not numbers")
         if len(numbers) != count or not (np.abs(numbers) <= LARGEST).all():
             self.refuse(key, f"must hold {count} finite number{'s' * (count > 1)}")
         return numbers
@@ -108,15 +111,15 @@ class _Tsai:
             return shape[1], shape[0]
         if "image_size" not in self.values:
             raise CameraError(
-                f"{self.name}: a .tsai does not say how large its image is: add a line "
+                f"{self.name}: a .tsai file does not give the image size: add a line "
                 "image_size = WIDTH HEIGHT"
             )
         width, height = self.numbers("image_size", 2)
         return float(width), float(height)
 
     def _axes(self) -> tuple[Array, bool]:
-        """The rotation (3, 3) from MCMF to camera axes, and whether the camera's y is its negative: for directions that
-        make a left-handed set.
+        """Rotation (3, 3) from MCMF to camera axes, and True if the camera's y is reversed: for
+        directions that form a left-handed set.
         """
         u, v, w = (
             self.numbers(f"{axis}_direction", 3, np.eye(3)[i].tolist())
@@ -133,7 +136,7 @@ class _Tsai:
         return np.diag([1.0, -1.0 if mirrored else 1.0, 1.0]) @ axes, mirrored
 
     def _lens(self, focal: Array) -> tuple[Lens, float]:
-        """The lens, and its focal length in its own units."""
+        """The lens and its focal length in its own units."""
         kinds = [word for word in self.words if not word.startswith(("VERSION_", "PINHOLE"))]
         kind = kinds[0] if kinds else "TSAI" if "k1" in self.values else "NULL"
         if kind == "NULL":
@@ -142,9 +145,10 @@ class _Tsai:
             k1, k2, p1, p2 = (self.number(key) for key in ("k1", "k2", "p1", "p2"))
             return OpenCV(k1, k2, p1, p2, self.number("k3", 0.0)), 1.0
         if kind not in ("PHOTOMETRIX", "BROWNCONRADY"):
-            known = "not read" if kind in _UNREAD else "unknown"
+            known = "not supported" if kind in _UNREAD else "unknown"
             self.refuse(
-                kind, f"is a lens that is {known}; read are NULL, TSAI, BrownConrady, Photometrix"
+                kind,
+                f"is a lens that is {known}; supported are NULL, TSAI, BrownConrady, Photometrix",
             )
         if abs(focal[0] - focal[1]) > 1e-9 * focal[0]:
             self.refuse("fv", f"must be fu for the lens {kind}")
@@ -155,7 +159,7 @@ class _Tsai:
 
 
 def _nearest(matrix: Array) -> Array | None:
-    """The orthonormal matrix nearest to one that is nearly so; None for one that is not."""
+    """The orthonormal matrix nearest to an almost orthonormal one; None for any other."""
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > _TOLERANCE:
         return None
     left, _, right = np.linalg.svd(matrix)

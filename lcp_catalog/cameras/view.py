@@ -1,4 +1,4 @@
-"""From where an area is seen, and what of the Moon a camera sees."""
+"""View direction or position of an area, and the footprint of a sensor."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """From where an area is seen: a direction (camera at infinity) or a position, in the area's ENU
-    frame.
+    """View of an area in its ENU frame: a direction (camera at infinity) or a position.
 
-    ``camera`` limits what is visible to its image. Exactly one of direction and position is set.
-    ``towards`` beside a direction: where each point (..., 3) is seen from, of a sensor that moves while it
-    looks; brightness goes by that, what hides what by the one direction.
+    Exactly one of ``direction`` and ``position_m`` is set. ``camera`` limits the visible terrain to
+    its image. ``towards``, beside a direction: function of points (..., 3) that returns the
+    direction to a sensor that moves during the exposure; it sets the brightness, and the one
+    direction sets what is hidden. CameraError for a view that is not finite.
     """
 
     direction: Array | None = None
@@ -42,11 +42,11 @@ class View:
             raise CameraError("a view is either a direction or a position")
         where = np.asarray(self.position_m if self.direction is None else self.direction)
         if not np.isfinite(where).all():
-            raise CameraError(f"no such view: {where.tolist()} is not finite")
+            raise CameraError(f"invalid view: {where.tolist()} is not finite")
 
     def directions(self, points_m: Array) -> Array:
-        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up where the camera
-        itself stands.
+        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up at the position of
+        the camera itself.
         """
         if self.towards is not None:
             return self.towards(points_m)
@@ -59,7 +59,7 @@ class View:
         return np.where(here, _UP, towards / np.where(here, 1.0, distance))
 
     def describe(self) -> dict[str, Any]:
-        """What a result says about the view: the camera file's content, or the ENU direction or
+        """JSON description of the view: the camera file's content, or the ENU direction or
         position.
         """
         if self.camera is not None:
@@ -76,8 +76,11 @@ def camera_view(camera: Camera, frame: EnuFrame) -> View:
 
 
 def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
-    """The view of any sensor on an area. A scanner sees every line from another place: each point has its own
-    direction, and what hides what goes by the one at the frame's origin.
+    """The view of any sensor on an area.
+
+    A scanner sees every line from another position: each point has its own direction; hidden
+    terrain is decided by the direction at the frame's origin. CameraError if the sensor does not
+    see that.
     """
     if isinstance(sensor, Camera):
         return camera_view(sensor, frame)
@@ -87,37 +90,37 @@ def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
 
     direction = towards(np.zeros(3))
     if not np.isfinite(direction).all():
-        raise CameraError(f"{sensor.name}: does not see the middle of the area")
+        raise CameraError(f"{sensor.name}: does not see the centre of the area")
     return View(direction=direction, towards=towards)
 
 
 def nadir_view() -> View:
-    """Straight down from infinity."""
+    """View straight down from infinity."""
     return View(direction=_UP.copy())
 
 
 def oblique_view(
     off_nadir_deg: float, view_azimuth_deg: float, altitude_m: float | None = None
 ) -> View:
-    """A view of the frame's origin from an azimuth, ``off_nadir_deg`` measured there between the
-    vertical and the camera.
+    """View of the frame's origin from an azimuth, ``off_nadir_deg`` from the vertical at the
+    origin.
 
     Without an altitude (above the reference sphere) the camera is at infinity. CameraError for
-    angles outside 0..90 (excluded) and for an altitude that is not positive or beyond
-    `camera.FARTHEST_M`.
+    angles outside 0..90 (excluded), and for an altitude that is not positive or beyond
+    `frame_camera.FARTHEST_M`.
     """
     if not 0.0 <= off_nadir_deg < 90.0 or not math.isfinite(view_azimuth_deg):
-        raise CameraError(f"no such view: {off_nadir_deg} deg off nadir must lie within 0..90")
+        raise CameraError(f"invalid view: {off_nadir_deg} deg off nadir is not within 0..90")
     direction = direction_enu(view_azimuth_deg, 90.0 - off_nadir_deg)
     if off_nadir_deg == 0.0:
-        direction = _UP.copy()  # not rounded: nothing hides what is seen from above
+        direction = _UP.copy()  # exact: from above, no terrain is hidden
     if altitude_m is None:
         return View(direction=direction)
     if not (math.isfinite(altitude_m) and altitude_m > 0):
-        raise CameraError(f"no such view: the altitude {altitude_m} m must be positive")
+        raise CameraError(f"invalid view: the altitude {altitude_m} m is not positive")
     if altitude_m > FARTHEST_M:
         raise CameraError(
-            f"no such view: the altitude is above {FARTHEST_M / 1e3:g} km; "
+            f"invalid view: the altitude is above {FARTHEST_M / 1e3:g} km; "
             "leave it out for a camera at infinity"
         )
     return View(position_m=slant_range_m(off_nadir_deg, altitude_m) * direction)
@@ -125,7 +128,7 @@ def oblique_view(
 
 def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:
     """Distance from a point of the sphere to a camera at an altitude, seen ``off_nadir_deg`` from
-    the vertical there.
+    the vertical at the point.
     """
     rise = MOON_RADIUS_M * math.cos(math.radians(off_nadir_deg))
     climb = altitude_m * (2 * MOON_RADIUS_M + altitude_m)
@@ -135,9 +138,10 @@ def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:
 def looking_camera(
     frame: EnuFrame, position_m: ArrayLike, gsd_m: float, size_m: tuple[float, float]
 ) -> Camera:
-    """A camera at an ENU position that looks at the frame's origin, north up in the image (away
-    from the camera's foot where it looks along north), with ``gsd_m`` a pixel there and an image
-    of ``size_m`` (width, height) across the line of sight.
+    """A camera at an ENU position that looks at the frame's origin, with north up in the image.
+
+    If it looks along north, up is away from the camera's nadir. ``gsd_m``: size of a pixel at the
+    origin; ``size_m``: width and height of the image across the line of sight.
     """
     position = np.asarray(position_m, dtype=np.float64)
     distance = float(np.linalg.norm(position))
@@ -159,18 +163,16 @@ def looking_camera(
 
 
 def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
-    """Bounds of what a sensor sees of the reference sphere; CameraError when it sees none of it,
-    or stands within.
+    """Bounds of what a sensor sees of the reference sphere; CameraError if it sees none of it or is
+    below it.
 
-    The image's border (4 x ``samples`` rays), its inside (about a quarter as fine), the limb (of
-    what is seen from one place) and the poles are looked at; between samples the bounds are short
-    by the sagitta of the border at most.
+    The image's border (4 x ``samples`` rays), its inside (about a quarter as dense), the limb (for
+    a sensor with one position) and the poles are sampled; between samples the bounds fall short by
+    at most the sagitta of the border.
     """
     positions, directions = sensor.looks(_border_and_inside(sensor.shape, samples))
     if (np.linalg.norm(positions, axis=-1) <= MOON_RADIUS_M).any():
-        raise CameraError(
-            f"{sensor.name}: the camera is below the reference sphere: state the area"
-        )
+        raise CameraError(f"{sensor.name}: the camera is below the reference sphere: give the area")
     seen = [_on_sphere(positions, directions)]
     if (positions == positions[0]).all():
         seen.append(_limb(sensor, positions[0], 8 * samples))
@@ -202,8 +204,8 @@ def _border_and_inside(shape: tuple[int, int], samples: int) -> Array:
 
 
 def _on_sphere(positions: Array, directions: Array) -> Array:
-    """Where rays (n, 3) first meet the reference sphere, MCMF (m, 3); without rays that miss, and without those of pixels that
-    see nothing.
+    """First intersections of rays (n, 3) with the reference sphere, MCMF (m, 3), without rays that
+    miss it and pixels that see nothing.
     """
     looking = np.isfinite(directions).all(axis=-1)
     distance, points = sphere_intersection.hits(positions[looking], directions[looking])
@@ -211,7 +213,7 @@ def _on_sphere(positions: Array, directions: Array) -> Array:
 
 
 def _limb(sensor: Sensor, position: Array, samples: int) -> Array:
-    """Points of the sphere's limb as seen from a position that fall into the image, MCMF (n, 3)."""
+    """Points of the sphere's limb, seen from a position, that fall into the image, MCMF (n, 3)."""
     distance = np.linalg.norm(position)
     axis = position / distance
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

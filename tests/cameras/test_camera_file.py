@@ -173,4 +173,4 @@ def test_a_broken_isd_is_one_line(dem, camera_json, tmp_path, capsys):
     assert run(["render", dem, "-o", str(tmp_path / "o.tif"), "--camera", str(path)]) == 1
     error = capsys.readouterr().err.strip()
     assert error.count("\n") == 0
-    assert "isd.json: radii.semimajor is 3396.19 km: not the Moon's" in error
+    assert "isd.json: radii.semimajor is 3396.19 km, not that of the Moon" in error

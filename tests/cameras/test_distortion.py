@@ -171,7 +171,7 @@ def test_one_point_without_an_answer_does_not_spoil_the_others():
         ({"model": []}, "model"),
         ({"model": "lro-nac", "k": 1e300}, "k must hold"),
         ({"model": "lro-nac"}, "lacks k"),
-        ({"model": "lro-nac", "k": "x"}, "k is not made of numbers"),
+        ({"model": "lro-nac", "k": "x"}, "k does not consist of numbers"),
         ({"model": "lro-nac", "k": [1.0]}, "k must hold"),
         ({"model": "lro-nac", "k": float("nan")}, "k must hold"),
         (SKEWED.to_json() | {"into": [[1, 2], [2, 4]]}, "into has no inverse"),

@@ -182,7 +182,7 @@ def test_what_the_map_cannot_show_is_nan() -> None:
     a, _, _, d, e, _ = image.transform
     beyond = MapImage(image.crs_wkt, (a, 0, 1.5 * R, d, e, 0), image.shape, "beyond")
     assert np.isnan(beyond.looks([0.0, 0.0])[0]).all()
-    with pytest.raises(ImageError, match=r"beyond: the middle of the image lies off its map"):
+    with pytest.raises(ImageError, match=r"beyond: the centre of the image is off its map"):
         _ = beyond.center_deg
 
 
@@ -200,7 +200,7 @@ def test_another_radius_keeps_longitude_and_latitude() -> None:
 
 
 @pytest.mark.parametrize(("change", "why"), [
-    ({"transform": (1, 0, 0, 0, 0, 0)}, "puts all pixels on one line"),
+    ({"transform": (1, 0, 0, 0, 0, 0)}, "maps all pixels to one line"),
     ({"transform": (1, 0, np.nan, 0, -1, 0)}, "must hold 6 finite numbers"),
     ({"off_nadir_deg": 90.0}, "90 deg from the vertical"),
     ({"off_nadir_deg": -1.0}, "-1 deg from the vertical"),

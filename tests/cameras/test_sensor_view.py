@@ -61,5 +61,5 @@ def test_a_sensor_that_does_not_see_the_middle_is_refused(camera) -> None:
         def towards(self, points_mcmf_m):
             return np.full(np.shape(points_mcmf_m), np.nan)
 
-    with pytest.raises(CameraError, match="does not see the middle"):
+    with pytest.raises(CameraError, match="does not see the centre"):
         sensor_view(Blind(camera, 1), FRAME)

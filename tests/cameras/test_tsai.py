@@ -184,7 +184,7 @@ def test_what_is_a_tsai():
     ("content", "says"),
     [
         (text(fu=None), "lacks fu"),
-        (text(fu="long"), "fu is 'long': not made of numbers"),
+        (text(fu="long"), "fu is 'long', which are not numbers"),
         (text(fv=-1.0), "fv must be positive, is -1"),
         (text(pitch=0.0), "pitch must be positive"),
         (text(cu="1 2"), "cu must hold 1 finite number$"),
@@ -195,7 +195,7 @@ def test_what_is_a_tsai():
         (text(R="1 0 0 0 1 0 0 0 -1"), "R is not a rotation"),
         (text(R=None), "lacks R"),
         (text(u_direction="1 1 0"), "u_direction, v_direction and w_direction are not orthonormal"),
-        (text("FISHEYE"), "FISHEYE is a lens that is not read; read are NULL, TSAI"),
+        (text("FISHEYE"), "FISHEYE is a lens that is not supported; supported are NULL, TSAI"),
         (text("Lensbaby"), "LENSBABY is a lens that is unknown"),
         (text(tsai("TSAI", k1=0.1)), "lacks k2"),
         (text("Photometrix", fv=29.0), "fv must be fu for the lens PHOTOMETRIX"),

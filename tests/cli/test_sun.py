@@ -58,7 +58,9 @@ def test_one_figure_three_ways(tmp_path, capsys):
     assert list(records[0]) == ["time_utc", *FIGURES]
     lines = target.read_text(encoding="utf-8").splitlines()
     comments = [line for line in lines if line.startswith("# ")]
-    assert any(line.startswith("# frame MOON_ME, approximated by the IAU series") for line in comments)
+    assert any(
+        line.startswith("# frame MOON_ME, approximated by the IAU series") for line in comments
+    )
     rows = list(csv.DictReader(io.StringIO("\n".join(lines[len(comments) :]))))
     assert [
         {k: v if k == "time_utc" else float(v) for k, v in row.items()} for row in rows

@@ -77,7 +77,7 @@ TEXT = FacetFile(FULL).to_toml()
         (TEXT.replace("sigma_d", "sigma_e"), "[nodes] must hold the lists incidence_deg, w_b"),
         (TEXT.replace("    60.0,\n", ""), "must be of one length"),
         (TEXT.replace("    60.0,\n", '    "60",\n'), "nodes.incidence_deg must be a number"),
-        (TEXT.replace("    60.0,\n", "    5.0,\n"), "must rise"),
+        (TEXT.replace("    60.0,\n", "    5.0,\n"), "must increase"),
         (TEXT + "[fit]\n" * 0 + "\n[[fit]]\n", "[fit] must be a table"),
     ],
 )

@@ -189,7 +189,7 @@ def test_names():
     ("change", "said"),
     [
         ({"nodes": ()}, "at least one"),
-        ({"nodes": (GLOSSY, GLOSSY)}, "must rise"),
+        ({"nodes": (GLOSSY, GLOSSY)}, "must increase"),
         (
             {"nodes": (GLOSSY._replace(sigma_b=0.0),)},
             r"sigma_b must lie in 0.01..100, not 0 at incidence 50 deg",
