@@ -102,7 +102,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.rendering.compositing import Backdrop
     from lcp_catalog.rendering.request import Request, ViewChoice
-    from lcp_catalog.rendering.sphere_extent import Cap
+    from lcp_catalog.rendering.sphere_extent import SphereArea
     from lcp_catalog.terrain.area import Area
 
     camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
@@ -111,12 +111,14 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
             "no Sun: give --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
             + (f" ({flags['camera_path']} has none)" if camera else "")
         )
-    area: Area | Cap | None = None
+    area: Area | SphereArea | None = None
     if flags["center"]:
         size_km = flags["size_km"]
         sphere = flags["surface"] == "sphere"
         area = (
-            Cap(*flags["center"], (size_km, size_km)) if sphere else Area(*flags["center"], size_km)
+            SphereArea(*flags["center"], (size_km, size_km))
+            if sphere
+            else Area(*flags["center"], size_km)
         )
     elif flags["bounds"]:
         area = Area.from_bounds(*flags["bounds"])

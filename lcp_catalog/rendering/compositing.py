@@ -1,9 +1,9 @@
-"""A render set into a picture: what stands behind the terrain, and the terrain's shadow on it.
+"""A render in front of a background, with the terrain's shadow on it.
 
-In the camera's plane, where the terrain is missed, the background shows: a second frame taken from the same
-place, or the panorama itself. On a transparent plane, horizontal at a height of the area's ENU frame, the
-terrain's shadow darkens it (Voloboy et al. 2006, section 2.2): by the irradiance of a diffuse surface there
-with what the terrain hides, over that without. The plane hides nothing, casts nothing and sees no other light.
+Pixels of the camera that miss the terrain show the background: an image taken from the same position, or
+the environment map. The terrain's shadow on a horizontal plane at a height of the area's ENU frame darkens
+the background (Voloboy et al. 2006, section 2.2), by the ratio of the irradiance of the plane with and
+without the terrain. The plane itself is transparent and casts no shadow.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ from ..terrain.terrain import Terrain
 from .renderer import Rendering
 
 WHITE_PERCENTILE = 99.5
-"""Of the render's lit radiance: what white of a background encoded for a display stands for, as in a preview."""
+"""Percentile of the lit radiance that is the white of an 8 or 16 bit background, as in a preview."""
 
-_SHAPE = 0.01  # how much a background's shape may differ from the camera's, as a share
+_SHAPE = 0.01  # greatest relative difference between the aspect ratios of background and camera
 _CHUNK = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """What is behind the terrain. ``catcher_m``: ENU z of the plane that catches shadows, None: there is none;
-    ``picture`` None: the panorama; ``white``: radiance factor of the picture's 1, None: `white_of`.
+    """The background of a render. ``catcher_m``: ENU z of the plane that receives shadows, None for no
+    plane; ``picture``: None for the environment map; ``white``: radiance factor of the picture's value
+    1, None for `white_of`; ``files``: files that were read.
     """
 
     catcher_m: float | None = None
@@ -51,14 +52,14 @@ class Backdrop:
     def open(
         cls, catcher_m: float | None, path: Path | str | None, white: float | None
     ) -> Backdrop:
-        """ImageError for a picture that cannot be read."""
+        """Read the picture, if there is one. ImageError if it cannot be read."""
         if path is None:
             return cls(catcher_m)
         return cls(catcher_m, read_picture(path), white, (Path(path),))
 
     def white_of(self, radiance: NDArray[np.floating]) -> float:
-        """The stated white; else 1 of linear values, which are radiance factors, and of a display's codes
-        what a preview of the render shows white.
+        """The radiance factor of the picture's value 1: as given; else 1 for linear pictures and the white of
+        the render's preview for 8 and 16 bit pictures.
         """
         if self.white is not None:
             return self.white
@@ -77,10 +78,10 @@ def composite(
     panorama: Panorama | None,
     accuracy: Accuracy,
 ) -> Array:
-    """The render where the terrain is seen, the shaded background elsewhere; (rows, cols) of the camera.
+    """The render where terrain is visible, the shaded background elsewhere; (rows, cols) of the camera.
 
-    ``panorama``: what the background is without a picture, in radiance factors over pi. ImageError
-    for a background of another shape, CameraError for a plane that the camera is under.
+    ``panorama``: the background without a picture, in radiance factors over pi. ImageError for a
+    background with another aspect ratio, CameraError for a camera below the plane.
     """
     seen = np.asarray(photo.visible, dtype=np.bool_)
     origin, rays = camera.rays_enu(terrain.frame)
@@ -96,8 +97,8 @@ def composite(
         return out
     if origin[2] <= backdrop.catcher_m:
         raise CameraError(
-            f"{camera.name}: it stands at {origin[2]:.6g} m of the area's frame, not above the shadow catcher at "
-            f"{backdrop.catcher_m:g} m"
+            f"{camera.name}: the camera's height in the area's frame, {origin[2]:.6g} m, is not above the shadow "
+            f"catcher at {backdrop.catcher_m:g} m"
         )
     missed = ~seen & (rays[..., 2] < 0.0)
     reach = (backdrop.catcher_m - origin[2]) / rays[missed][:, 2]
@@ -107,8 +108,8 @@ def composite(
 
 
 def shadow_factor(terrain: Terrain, points_m: Array, light: Lighting, accuracy: Accuracy) -> Array:
-    """Irradiance of horizontal surfaces at ENU points (n, 3) with what the terrain hides over that
-    without, 0..1; 1 where nothing lights them.
+    """Ratio of the irradiance of horizontal surfaces at ENU points (n, 3) with and without the terrain,
+    0..1; 1 where no light reaches them.
     """
     lights = [
         (direction, irradiance * direction[2])
@@ -129,7 +130,7 @@ def shadow_factor(terrain: Terrain, points_m: Array, light: Lighting, accuracy: 
 
 
 def _lights(light: Lighting, accuracy: Accuracy) -> Iterator[tuple[Array, float]]:
-    """Directions and irradiances that stand for all light; a disc by directions of equal flux."""
+    """Directions and irradiances that sample all light; a disc by directions of equal flux."""
     for source in light.sources:
         if source.disc is None:
             yield source.direction.vector, source.irradiance
@@ -148,6 +149,6 @@ def _require_shape(picture: Picture, camera: Camera) -> None:
     (rows, cols), (height, width) = picture.luminance.shape, camera.shape
     if abs(math.log(cols * height / (rows * width))) > _SHAPE and (rows, cols) != (height, width):
         raise ImageError(
-            f"{picture.name}: {cols} x {rows} pixels are no picture of the camera's {width} x {height}: "
-            "the sides' ratio differs"
+            f"{picture.name}: the aspect ratio of {cols} x {rows} pixels differs from the camera's "
+            f"{width} x {height}"
         )

@@ -35,19 +35,21 @@ class Decision:
         """One decision for several areas: modelled if it is modelled in any of them, with the largest
         error bound (None if one has none) and the reason of the area that has it.
         """
-        found = list(by_area.values())
-        if all(decision == found[0] for decision in found):
-            return found[0]
-        modelled = {name: one for name, one in by_area.items() if one.modelled}
-        left_out = {name: one for name, one in by_area.items() if not one.modelled}
-        texts = [
-            f"{state} in {len(part)} of {len(by_area)} areas, {_worst_reason(part)}"
-            for state, part in (("modelled", modelled), ("not modelled", left_out))
-            if part
-        ]
+        found, count = list(by_area.values()), len(by_area)
         bounds = [one.error_bound for one in found]
         bound = None if None in bounds else max(b for b in bounds if b is not None)
-        return cls(found[0].effect, bool(modelled), "; ".join(texts), bound, found[0].unit)
+        modelled = {name: one for name, one in by_area.items() if one.modelled}
+        left_out = {name: one for name, one in by_area.items() if not one.modelled}
+        if len({(one.modelled, one.reason) for one in found}) == 1:
+            reason = found[0].reason
+        elif not modelled or not left_out:
+            reason = f"all {count} areas, {_worst_reason(by_area)}"
+        else:
+            reason = (
+                f"modelled in {len(modelled)} of {count} areas, {_worst_reason(modelled)}; "
+                f"not modelled in {len(left_out)} of {count} areas, {_worst_reason(left_out)}"
+            )
+        return cls(found[0].effect, bool(modelled), reason, bound, found[0].unit)
 
 
 def _worst_reason(by_area: Mapping[str, Decision]) -> str:

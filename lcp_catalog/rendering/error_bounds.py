@@ -1,4 +1,4 @@
-"""What an effect costs that a render leaves out: pure figures, each proved where it stands."""
+"""Bounds on the error of leaving an effect out of a render; each function states its proof."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from ..terrain.relief_bounds import Box, Relief, tangent_of
 
 NORMAL_ROUNDING_RAD = 2.0**-24
-"""By how much a normal kept in float32 is turned: each component is off by at most 2^-24 of itself,
-the vector by no more than that of its length.
+"""Greatest turn of a normal that is stored in float32, radians: the relative error of each component
+is at most 2^-24, and so is that of the vector.
 """
 
 STORED = 2.0**-21
-"""Two bands of equal value differ by less when both are rounded to float32: radiances by 2^-23 of
-themselves, angles of up to 180 deg by 2.7e-7 rad.
+"""Bound on the difference of two equal bands after rounding to float32: 2^-23 of a radiance, 2.7e-7 rad
+of an angle of up to 180 deg.
 """
 
 BOUNDED_LAWS = frozenset({LAMBERT, LOMMEL_SEELIGER})
-"""Laws for which `parallel_error` is proved."""
+"""Reflectance models for which `parallel_error` is proved."""
 
 PENUMBRA_PX = 0.1
-"""A penumbra narrower than this on level ground is left out where a tier admits errors at nodes."""
+"""Penumbras narrower than this on level terrain are left out in tiers that permit errors at nodes."""
 
 
 def limb_tangent(sun: Array, radius_rad: float = SOLAR_RADIUS_RAD) -> float:
@@ -37,10 +37,10 @@ def limb_tangent(sun: Array, radius_rad: float = SOLAR_RADIUS_RAD) -> float:
 
 
 def penumbra_px(relief: Relief, sun: Array, pixel_m: float) -> float:
-    """Width of the widest penumbra that the terrain can throw on level ground, in pixels.
+    """Width of the widest penumbra that the terrain can cast on level terrain, in pixels.
 
-    No ground stands higher above a node of the core than ``shading_height_m``, nor higher than
-    what throws a shadow all the way across the terrain.
+    The height of the terrain above a node of the core is at most ``shading_height_m``, and only the
+    height whose shadow crosses the whole terrain matters.
     """
     elevation = math.atan(tangent_of(sun))
     steep = math.tan(elevation)  # finite straight up
@@ -51,8 +51,8 @@ def penumbra_px(relief: Relief, sun: Array, pixel_m: float) -> float:
 
 
 def pixel_m(relief: Relief, view: View, in_camera_plane: bool) -> float:
-    """Ground that the finest pixel of a render shows, metres: a cell, or what a pixel of the camera
-    spans at the nearest corner of the core's box (foreshortening makes it more).
+    """Size of the finest pixel of a render on the surface, metres: a cell, or the width of a camera's
+    pixel at the nearest corner of the core's box (foreshortening increases it).
     """
     if not in_camera_plane or view.camera is None or view.position_m is None:
         return relief.gsd_m
@@ -66,11 +66,11 @@ def parallel_direction(box: Box, view: View) -> Array:
 
 
 def ray_angle_rad(box: Box, view: View) -> float:
-    """By how much the directions from anywhere in a core's box to a camera at a finite position
-    differ at most from `parallel_direction`; pi where the camera is too near to say.
+    """Greatest angle between `parallel_direction` and the direction from any point of a core's box to a
+    camera at a finite position; pi if the camera is too near for a bound.
 
-    Directions within an angle below 90 deg of an axis are a convex cone with its tip in the camera:
-    a box lies in it when its corners do.
+    Directions within an angle below 90 deg of an axis form a convex cone with its apex at the camera;
+    it contains a box if it contains the corners.
     """
     assert view.position_m is not None
     if np.linalg.norm(view.position_m - box.middle_m) == 0.0:
@@ -88,17 +88,17 @@ def parallel_error(
     relief: Relief, angle_rad: float, least_tangent: float, model: Reflectance = DEFAULT_MODEL
 ) -> float:
     """Greatest relative change of the radiance factor when directions to the camera are turned by
-    an angle; also bounds the change of emission and phase, radians. inf where nothing bounds it.
+    an angle; it also bounds the change of emission and phase, radians. inf if there is no bound.
 
     Lommel-Seeliger: mu0 / (mu0 + mu') over mu0 / (mu0 + mu) is 1 + (mu - mu') / (mu0 + mu'), with
     |mu - mu'| <= 2 sin(a / 2), mu0 >= 0 and mu' >= sin(e - s), e the least elevation of the camera
     from any node (``least_tangent``), s the greatest tilt of a node's normal. Lambert does not
-    depend on mu; of other laws, whose brightness changes with the phase, nothing is proved. With
-    sin(e - s) > 0 every node leans towards the camera, either way.
+    depend on mu; for other models, which depend on the phase, there is no proof. If
+    sin(e - s) > 0, every node faces the camera in both cases.
 
-    The box's middle sees the camera at e or higher, too: the points that do fill a convex cone,
-    with all under it. Half way between the highest node and the one opposite, it is at least as
-    high as the middle.
+    The middle of the box also sees the camera at an elevation of e or more: the points that do form a
+    convex cone, together with all points below it. The point half way between the highest node and the
+    opposite one is at least as high as the middle of the box.
     """
     if model.code not in BOUNDED_LAWS or not relief.slope.clears(least_tangent):
         return math.inf
@@ -112,11 +112,11 @@ def parallel_error(
 def horizon_beyond_rad(
     distance_m: float, lowest_m: float, origin_m: float, frame_height_m: float = 0.0
 ) -> float:
-    """Greatest elevation, in the frame of an area, of ground at least ``distance_m`` from all its
-    nodes in the frame's plane, and ``origin_m`` from the frame's origin; 0 where that is below.
+    """Greatest elevation, in the frame of an area, of terrain at least ``distance_m`` from all its
+    nodes in the frame's plane, and ``origin_m`` from the frame's origin; at least 0.
 
-    No ground of a radius b stands over the plane z = sqrt(b^2 - origin^2) - (R + h), and no node
-    stands under z = ``lowest_m``: the tangent is at most their difference over the distance.
+    Terrain of radius b is not above the plane z = sqrt(b^2 - origin^2) - (R + h), and no node is below
+    z = ``lowest_m``: the tangent is at most their difference over the distance.
     """
     if distance_m <= 0.0:
         return math.pi / 2

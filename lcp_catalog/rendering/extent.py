@@ -1,4 +1,4 @@
-"""Which ground a render needs: the area it shows, and how far around it terrain can hide it from a view."""
+"""The area of a render, and the distance to which terrain around it can hide it from a view."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from ..terrain.relief_bounds import (
 )
 from ..terrain.terrain import Terrain, build_terrain
 from .request import Request
-from .sphere_extent import Cap
+from .sphere_extent import Extent, SphereArea
 
 RING_MAX_M = 200e3
-"""No terrain further from the area than this is looked for that could hide it from the view."""
+"""Greatest distance from the area of terrain that is tested for hiding it from the view."""
 
 _EXTENT_MAX_M = 2000e3
 _WIDER = "render the plain sphere: --surface sphere"
 
 
 def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
-    """The area, and whether it is to grow so that it holds what the camera sees of high and low
-    ground.
+    """The area of a request, and True if it must grow to hold all terrain, high and low, that the
+    camera sees. AreaError if the camera sees nothing of the DEM.
     """
-    if isinstance(request.area, Cap):
+    if isinstance(request.area, SphereArea):
         raise AreaError(
-            f"{request.area.size_km[0]:g} x {request.area.size_km[1]:g} km: only the plain sphere is drawn so wide"
+            f"{request.area.size_km[0]:g} x {request.area.size_km[1]:g} km is too wide for a DEM; {_WIDER}"
         )
     if request.area is not None:
         return request.area, False
@@ -53,7 +53,7 @@ def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
 
 
 def _box_area(box: Bounds, request: Request) -> Area:
-    """The area of a box; around a pole that lies inside, a square centred there."""
+    """The area of a box; for a box around a pole, a square centred on the pole."""
     if box.east - box.west < 360.0 - 1e-9:
         return Area.from_bounds(*box)
     for pole, equatorward in ((90.0, box.south), (-90.0, -box.north)):
@@ -67,7 +67,7 @@ def _box_area(box: Bounds, request: Request) -> Area:
 
 
 def _clipped(box: Bounds, limit: Bounds) -> Bounds | None:
-    """What two boxes have in common; None for nothing."""
+    """The intersection of two boxes; None if it is empty."""
     south, north = max(box.south, limit.south), min(box.north, limit.north)
     if south >= north:
         return None
@@ -83,7 +83,8 @@ def _clipped(box: Bounds, limit: Bounds) -> Bounds | None:
     return max(shared)[1] if shared else None
 
 
-def require_extent(extent_m: tuple[float, float, float, float]) -> None:
+def require_extent(extent_m: Extent) -> None:
+    """Raise AreaError for an extent that is too wide for one plane."""
     width, height = extent_m[1] - extent_m[0], extent_m[3] - extent_m[2]
     if max(width, height) > _EXTENT_MAX_M * (1 + 1e-9):
         raise AreaError(
@@ -92,18 +93,21 @@ def require_extent(extent_m: tuple[float, float, float, float]) -> None:
         )
 
 
-def camera_over(
-    frame: EnuFrame, view: View, gsd_m: float, extent_m: tuple[float, float, float, float]
-) -> Camera:
+def camera_over(frame: EnuFrame, view: View, gsd_m: float, extent_m: Extent) -> Camera:
     if view.position_m is None:
         raise CameraError("a camera at infinity has no plane: state its altitude, or a camera")
     size_m = (extent_m[1] - extent_m[0], extent_m[3] - extent_m[2])
     return looking_camera(frame, view.position_m, gsd_m, size_m)
 
 
-def grown(
-    extent_m: tuple[float, float, float, float], by_m: float
-) -> tuple[float, float, float, float]:
+def cells_extent(window: NodeWindow, gsd_m: float) -> Extent:
+    """The outline of the cells around a window's nodes."""
+    edges = window.col0, window.col1, 1 - window.row1, 1 - window.row0
+    west, east, south, north = (gsd_m * (edge - 0.5) for edge in edges)
+    return west, east, south, north
+
+
+def grown(extent_m: Extent, by_m: float) -> Extent:
     x0, x1, y0, y1 = extent_m
     return x0 - by_m, x1 + by_m, y0 - by_m, y1 + by_m
 
@@ -111,11 +115,11 @@ def grown(
 def coarse_terrain(
     dems: DemSet,
     frame: EnuFrame,
-    extent_m: tuple[float, float, float, float],
+    extent_m: Extent,
     gsd_m: float,
     view: View,
 ) -> Terrain:
-    """The area and all around it that could hide it, on coarse nodes."""
+    """The area and the terrain around it that could hide it, on coarse nodes."""
     coarse_m = COARSE_NODES * gsd_m
     corners = np.array([[x, y, 0.0] for x in extent_m[:2] for y in extent_m[2:]])
     tangent = lowest_view_tangent(view, corners)
@@ -125,11 +129,9 @@ def coarse_terrain(
     return build_terrain(dems, frame, window, coarse_m, reach_m)
 
 
-def _dem_beyond_m(
-    box: Bounds, frame: EnuFrame, extent_m: tuple[float, float, float, float]
-) -> float:
-    """How far beyond an area a DEM goes at most, along an axis of the frame: a mock-up of a few metres
-    is not looked for over kilometres. inf where it goes on behind the Moon.
+def _dem_beyond_m(box: Bounds, frame: EnuFrame, extent_m: Extent) -> float:
+    """Greatest distance, along an axis of the frame, that a DEM extends beyond an area; inf if it
+    extends to the far side of the Moon. It keeps the search around a small DEM short.
     """
     lon, lat = np.linspace(box.west, box.east, 65), np.linspace(box.south, box.north, 65)
     x0, x1, y0, y1 = extent_m
@@ -145,8 +147,8 @@ def _dem_beyond_m(
 
 
 def height_reach_m(coarse: Terrain, view: View) -> float:
-    """How far from its place on the sphere a ray of the camera can meet ground that is not at
-    height 0.
+    """Greatest horizontal distance between the points where a ray of the camera meets the terrain and
+    where it meets the reference sphere.
     """
     points = nodes_enu(coarse.field, coarse.core)
     height = np.linalg.norm(coarse.frame.to_mcmf(points), axis=-1) - MOON_RADIUS_M
@@ -159,7 +161,7 @@ def height_reach_m(coarse: Terrain, view: View) -> float:
 
 
 def view_ring_m(coarse: Terrain, view: View) -> float:
-    """How far beyond the area terrain can hide it."""
+    """Distance beyond the area to which terrain can hide it from the view."""
     tangent = lowest_view_tangent(view, nodes_enu(coarse.field, coarse.core))
     if not math.isfinite(tangent):
         return 0.0

@@ -1,12 +1,10 @@
-"""A map of the Moon seen through pixels whose footprints differ: nearly a point under a low camera, a
-continent at the limb of a distant Moon.
+"""Means of a map of the Moon over the footprints of pixels, which may differ in size and shape.
 
-A footprint is an ellipse on the ground: ``across`` the line of sight, and ``along`` it, where
-foreshortening stretches it. It is covered by 1, 2, 4 ... round probes in a row, and each probe is a
-mean over the map's ground as wide as it: one of a ladder of widths a factor of 2 apart, mixed
-between the two nearest (Williams 1983, pyramidal parametrics; McCormack et al. 1999, footprint
-assembly). So no detail aliases, and none is blurred by more than a footprint's longer side over
-`PROBES_MOST`.
+A footprint is an ellipse on the surface: ``across`` is its axis across the line of sight, ``along``
+the other one, which foreshortening stretches. It is covered by a row of 1, 2, 4 ... round probes. The
+value of a probe is interpolated between means of the map over the two nearest of a series of widths,
+a factor of 2 apart (Williams 1983, pyramidal parametrics; McCormack et al. 1999, footprint assembly).
+This avoids aliasing; the blur is at most the longer axis over `PROBES_MOST`.
 """
 
 from __future__ import annotations
@@ -19,25 +17,25 @@ from ..arrays import Array
 from ..geometry.frames import mcmf_to_lonlat
 
 PROBES_MOST = 16
-_RUNGS = (-6, 24)  # of the ladder: widths of 2^-6 to 2^24 pixels of the map
+_RUNGS = (-6, 24)  # widths of 2^-6 to 2^24 pixels of the map
 
 
 class Map(Protocol):
-    """What gives values of the ground: `albedo.AlbedoMap`."""
+    """A map of values on the surface, such as `photometry.albedo_map.AlbedoMap`."""
 
     @property
     def gsd_m(self) -> float:
-        """Width of its pixels."""
+        """Pixel width of the map."""
 
     def at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Array:
-        """Means over cells of a width around places; NaN where there is nothing."""
+        """Means over cells of width ``gsd_m`` around places; NaN where the map has no value."""
 
 
 def seen_through(
     ground: Map, points_m: Array, across_m: Array, along_m: Array, towards: Array
 ) -> Array:
-    """Means (n,) of a map over footprints: MCMF points (n, 3), sides (n,) in metres, and unit vectors
-    (n, 3) along which the longer side ``along_m`` lies. NaN where the map has nothing.
+    """Means (n,) of a map over footprints: MCMF points (n, 3), axes (n,) in metres, and unit vectors
+    (n, 3) in the direction of the longer axis ``along_m``. NaN where the map has no value.
     """
     out = np.empty(len(points_m))
     stretch = np.maximum(along_m, across_m) / across_m
@@ -57,7 +55,7 @@ def seen_through(
 
 
 def _rungs(ground: Map, points_m: Array, width_m: Array) -> Array:
-    """Means over round probes: the two nearest widths of the ladder, by the logarithm."""
+    """Means over round probes, interpolated by the logarithm between the two nearest widths."""
     lon, lat, _ = mcmf_to_lonlat(points_m)
     rung = np.clip(np.log2(width_m / ground.gsd_m), *_RUNGS)
     low = np.floor(rung).astype(int)

@@ -1,4 +1,4 @@
-"""Pixels that the limb of the sphere crosses: which, and how much of each shows the sphere."""
+"""Pixels on the limb of the sphere, and the share of each that shows the sphere."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..geometry.sphere_intersection import limb_angle, nadir_angles
 from ..kernels import sphere_rays as kernel
 
 COVERAGE_ERROR = 2e-4
-"""Share of a pixel by which a limb pixel's coverage may be wrong: measured against a brute force."""
+"""Error of a limb pixel's coverage, as a share of the pixel; measured against brute force."""
 
 
 _CELLS_LEAST = 4
@@ -29,11 +29,11 @@ _CORNERS_AT_ONCE = 1 << 20
 def coverage(
     camera: Camera, columns: ArrayLike, rows: ArrayLike, radius_m: float = MOON_RADIUS_M
 ) -> tuple[Array, Array]:
-    """Share (n,) of pixels' area that shows the sphere, and the middles (n, 2), column and row in
-    the image, of that part; NaN where it is nothing.
+    """Share (n,) of the pixels' area that shows the sphere, and the middle (n, 2) of that part, column
+    and row in the image; NaN if the share is 0.
 
-    Each pixel is cut into cells across which the limb is nearly straight: as many as its curvature
-    in the image asks for. ValueError from inside.
+    Each pixel is divided into cells in which the limb is nearly straight; their number depends on the
+    curvature of the limb in the image. ValueError for a camera inside the sphere.
     """
     pixels = np.stack(np.broadcast_arrays(columns, rows), axis=-1).astype(np.float64).reshape(-1, 2)
     position, limb = camera.position_mcmf_m, limb_angle(camera.position_mcmf_m, radius_m)
@@ -51,8 +51,9 @@ def coverage(
 
 
 def _cells(curvature_px: float) -> int:
-    """Cells a side, for a limb whose radius of curvature in the image is so many pixels. A chord
-    across a cell of 1 / k pixels cuts off 1 / (12 r k^3) pixels^2, and k chords cross a pixel.
+    """Cells per side of a pixel, for a limb with a radius of curvature r in pixels of the image. The
+    area between the limb and a chord across a cell of 1 / k pixels is 1 / (12 r k^3) pixels^2, and k
+    chords cross a pixel.
     """
     wanted = math.sqrt(1.0 / (6.0 * max(curvature_px, 1e-3) * COVERAGE_ERROR))
     return min(max(math.ceil(wanted), _CELLS_LEAST), _CELLS_MOST)
@@ -78,8 +79,8 @@ def _corner_grid(columns: Array, rows: Array) -> tuple[Array, Array]:
 
 
 def limb_pixels(camera: Camera, directions: Array, pixel_rad: float) -> NDArray[np.bool_]:
-    """Which pixels, by their middles' directions (..., 3), the limb may cross; ``pixel_rad``:
-    `pixel_angle`.
+    """True for pixels that the limb may cross, by the directions (..., 3) of their centres;
+    ``pixel_rad``: `pixel_angle`.
     """
     off = nadir_angles(camera.position_mcmf_m, directions) - limb_angle(camera.position_mcmf_m)
     return np.asarray(np.abs(off) <= pixel_rad)

@@ -1,4 +1,4 @@
-"""A render as the bytes of a file: its bands, what its tags say, and the document of ``--explain``."""
+"""A render as the bytes of a file: bands and tags; and the document of ``--explain``."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def encode(scene: Scene, result: Rendering) -> bytes:
 
 
 def tags(scene: Scene) -> dict[str, str]:
-    """What a result says about its making; no paths, no clock."""
+    """The tags of a result; they have no paths and no clock time."""
     frame = scene.frame
     gsd = {} if scene.gsd_m is None else {"gsd_m": repr(float(scene.gsd_m))}
     found = {

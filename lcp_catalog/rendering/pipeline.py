@@ -1,4 +1,4 @@
-"""One render, from what was asked for to its bands: the terrain it needs, what is decided, and the picture."""
+"""One render, from the request to the bands: the terrain, the scene plan and the image."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
-from ..errors import AreaError, ImageError
+from ..errors import ImageError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import light_above_horizon
@@ -33,6 +33,7 @@ from .extent import (
     RING_MAX_M,
     area_of,
     camera_over,
+    cells_extent,
     coarse_terrain,
     grown,
     height_reach_m,
@@ -49,7 +50,7 @@ from .sphere_renderer import render_sphere_camera, render_sphere_enu
 
 @dataclass(frozen=True, eq=False)
 class HeightfieldScene:
-    """A scene of terrain: its heightfield, what lights it, and the scene plan."""
+    """A scene of terrain: its heightfield, its light and the scene plan (protocol `Scene`)."""
 
     request: Request
     terrain: Terrain
@@ -66,7 +67,7 @@ class HeightfieldScene:
 
     @property
     def frame(self) -> EnuFrame:
-        """The area's."""
+        """The area's frame."""
         return self.terrain.frame
 
     @property
@@ -104,8 +105,7 @@ class HeightfieldScene:
         if not self.request.in_camera_plane:
             light = self.light, self.view
             return render_sphere_enu(self.frame, self.window, self.gsd_m, *light, **how)
-        (x, y), half, (rows, cols) = self.corner_m, 0.5 * self.gsd_m, self.window.shape
-        extent = (x - half, x + (cols - 0.5) * self.gsd_m, y - (rows - 0.5) * self.gsd_m, y + half)
+        extent = cells_extent(self.window, self.gsd_m)
         return render_sphere_camera(self.frame, self.camera, self.light, extent_m=extent, **how)
 
     def _expose_terrain(self) -> Rendering:
@@ -170,14 +170,12 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
 def _ground(
     request: Request, dems: DemSet, area: Area, grows: bool, light: Lighting
 ) -> tuple[Terrain, View, Decision]:
-    """The terrain of an area with all around it that can shadow or hide it, the view of it, and what
-    the plan says of the terrain around; ``grows``: so that it holds all that a camera sees.
+    """The terrain of an area with the terrain around it that can shadow or hide it, the view, and the
+    decision about the terrain around. ``grows``: enlarge the area to hold all that the camera sees.
     """
     frame, extent = area.frame, area.extent_m
     view = request.view.view(frame)
     gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
-    if not 0.0 < gsd_m < math.inf:
-        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
     require_extent(extent)
     require_room(NodeWindow.covering(extent, gsd_m))
     if request.in_camera_plane and view.camera is None:
@@ -194,12 +192,12 @@ def _ground(
     around = surroundings(*place, lowest, min(view_m, RING_MAX_M))
     terrain = build_surrounded(*place, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
-        terrain_from_area(dems, area, gsd_m)  # says what is wrong with the area
+        terrain_from_area(dems, area, gsd_m)  # raises the error
     return terrain, view, ring_decision(terrain, around.ring_m, max(around.needed_m, view_m))
 
 
 def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ...]:
-    """Every file that a render looks at, once, but the camera's."""
+    """Every file that a render reads, once, except the camera's."""
     files = [path for dem in dems.dems for path in dem.files]
     files += [model.file] if model.file else []
     for asked in (request.albedo, request.environment, request.backdrop):
@@ -208,11 +206,11 @@ def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ..
 
 
 def _prepare_sphere(request: Request) -> SphereScene:
-    """The sphere that was asked for; a DEM, if there is one, says which area and how fine."""
+    """The scene on the plain sphere; a DEM, if there is one, gives the area and the cell size."""
     if request.environment is not None or request.backdrop is not None:
         raise ImageError(
-            "a panorama, a background and a shadow catcher belong to terrain: the plain sphere has none; "
-            "give a DEM, and --surface heightfield"
+            "an environment map, a background and a shadow catcher need terrain: give a DEM and "
+            "--surface heightfield"
         )
     gsd_m: float | None = None
     files: tuple[Path, ...] = ()
@@ -228,12 +226,12 @@ def _prepare_sphere(request: Request) -> SphereScene:
 
 
 def _sun_alone(light: Lighting) -> bool:
-    """Whether one source lights the scene: what the plan's bounds speak of."""
+    """True for a single source; only then do the bounds of the plain sphere hold."""
     return light.sky is None and not light.others
 
 
 def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
-    """Decisions about what lights the scene besides its first source."""
+    """Decisions about light besides the first source."""
     if light.others:
         plane = request.in_camera_plane
         rays = decisions.EVERY_PIXEL if plane else decisions.Rays.of(request.accuracy)
@@ -246,7 +244,7 @@ def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
 
 
 def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | None:
-    """What a map of brightness does over the area; AlbedoError when it covers nothing of it."""
+    """The decision about an albedo map; AlbedoError if it covers nothing of the area."""
     if albedo is None:
         return None
     where = f"around {terrain.frame.lon_deg:.6g}, {terrain.frame.lat_deg:.6g}"

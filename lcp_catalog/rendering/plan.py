@@ -1,7 +1,7 @@
-"""Which effects a render models, at what error, and why (docs/scene-plan.md).
+"""The scene plan: for each effect, if it is modelled, why, and with what error.
 
-Effects are left out where the result is provably the same, or within the tolerance that was asked
-for; each decision carries the bound on what it admits.
+An effect is left out where the result is provably the same, or within the requested tolerance. Each
+decision has a bound on its error.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from .error_bounds import (
     pixel_m,
     ray_angle_rad,
 )
-from .sphere_error_bounds import SphereCost, sphere_cost
+from .sphere_error_bounds import sphere_cost
 
-_SLOPE_NODES = 256  # of a side, whose slopes say how rough a terrain is
+_SLOPE_NODES = 256  # per side, for the slope statistics of a terrain
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ScenePlan:
 
     @classmethod
     def of(cls, decisions: Sequence[Decision]) -> ScenePlan:
-        """The plan of a list in the order of `decisions`."""
+        """The plan of a list of decisions in the order of `decisions`."""
         named = dict(zip(_NAMED, decisions, strict=False))
         return cls(**named, others=tuple(decisions[len(_NAMED) :]))
 
@@ -115,85 +115,54 @@ def plan_scene(
     sphere_may_do: bool = False,
     lowest: bool = False,
 ) -> ScenePlan:
-    """Decide for a terrain, an ENU direction to the Sun (its middle, where ``disc``) and a view.
+    """The plan for a terrain, a direction to the Sun (ENU unit vector (3,), to its centre) and a view.
 
-    ``lowest``: the Sun and the view are the lowest of several. All that is decided depends on their
-    elevations only and changes monotonically with them, so the plan holds for the higher ones.
+    in_camera_plane: True for an image in the camera's plane, False for nodes. ring: decision about the
+    terrain beyond the area (`ring_decision`). disc: True for a Sun of radius ``disc_radius_rad``.
+    choice: how ``model`` was chosen, if it was compared with others. albedo: decision about an albedo
+    map; None without a map. everything: model all effects (the disc only with ``disc``).
+    sphere_may_do: True if the plain sphere may replace the heightfield.
 
-    ``albedo``: the decision about a map of brightness, none: there is no map.
-    ``choice``: how the law of reflection was found, where that is known. ``everything``: leave
-    out nothing that can be modelled; a disc only where it is asked for. ``sphere_may_do``: whether
-    the plain sphere may stand for the heightfield (`sphere_render`).
+    lowest: True if the Sun and the view are the lowest of several. Every decision depends only on
+    their elevations, monotonically, so the plan holds for the higher ones too.
     """
     found, least_view = relief(terrain), lowest_core_tangent(view, terrain)
     slope = None if everything else found.slope
-    # what stands on other cells far away is no part of the connected surface that a slope speaks of
     light_slope, disc_slope = slope, slope
-    if terrain.far is not None:
+    if terrain.far is not None:  # far terrain is not part of the connected surface
         light_slope = None
         disc_slope = None if everything else replace(found.slope, connected=False)
     limb = limb_tangent(sun, disc_radius_rad)
     finest_m = pixel_m(found, view, in_camera_plane)
-    disc_decision = _disc(found, disc_slope, sun, limb, finest_m, disc, accuracy)
-    away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
-    half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
+    width_px = math.inf if disc and everything else penumbra_px(found, sun, finest_m)
+    solar_disc = effects.solar_disc(disc, disc_slope, limb, width_px, accuracy)
     if everything:
         accuracy = replace(accuracy, tolerance=0.0)
     which = "the lowest" if lowest else "the"
-    what = f"{which} Sun's elevation"
-    if disc_decision.modelled:
-        what = f"the elevation of {which} Sun's lower limb"
-    light = limb if disc_decision.modelled else tangent_of(sun)
+    what, light = f"{which} Sun's elevation", tangent_of(sun)
+    if solar_disc.modelled:
+        what, light = f"the elevation of {which} Sun's lower limb", limb
     rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
-    hidden = effects.hiding("cast shadows", what, light, light_slope, rays)
-    plain = None
-    if sphere_may_do and not hidden.modelled and found.slope.clears(least_view):
-        pixel = pixel_m(found, view, in_camera_plane)
-        how = (least_view, pixel, accuracy, in_camera_plane)
-        plain = _sphere(terrain, sun, view, model, *how)
+    shadows = effects.hiding("cast shadows", what, light, light_slope, rays)
+    nothing_hidden = not shadows.modelled and found.slope.clears(least_view)
+    sphere = None
+    if sphere_may_do and nothing_hidden and not accuracy.exact and accuracy.tolerance > 0.0:
+        how = (least_view, finest_m, accuracy.tolerance, in_camera_plane)
+        sphere = sphere_cost(terrain, sun, view, model, *how)
+    away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
+    half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
+    law = effects.reflectance(choice) if choice else effects.reflectance_as_asked(model.name)
     return ScenePlan(
-        cast_shadows=hidden,
+        cast_shadows=shadows,
         occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy, lowest),
         perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
-        solar_disc=disc_decision,
-        relief=effects.surface(found, least_view, away_m, plain, accuracy),
+        solar_disc=solar_disc,
+        relief=effects.surface(found, least_view, away_m, sphere, accuracy),
         float_width=effects.float_width(),
-        reflectance=effects.reflectance(choice)
-        if choice
-        else effects.reflectance_as_asked(model.name),
+        reflectance=law,
         albedo=albedo or effects.albedo(),
         others=(*((ring,) if ring is not None else ()), *effects.always(half_m)),
     )
-
-
-def _sphere(
-    terrain: Terrain,
-    sun: Array,
-    view: View,
-    model: Reflectance,
-    least_view_tangent: float,
-    finest_m: float,
-    accuracy: Accuracy,
-    in_camera_plane: bool,
-) -> SphereCost | None:
-    """What the plain sphere costs, for a tier that could admit it."""
-    if accuracy.exact or accuracy.tolerance <= 0.0:
-        return None
-    how = (least_view_tangent, finest_m, accuracy.tolerance, in_camera_plane)
-    return sphere_cost(terrain, sun, view, model, *how)
-
-
-def _disc(
-    found: Relief,
-    slope: Steepness | None,
-    sun: Array,
-    limb: float,
-    finest_m: float,
-    asked: bool,
-    accuracy: Accuracy,
-) -> Decision:
-    width = math.inf if asked and slope is None else penumbra_px(found, sun, finest_m)
-    return effects.solar_disc(asked, slope, limb, width, accuracy)
 
 
 def _occlusion(
@@ -239,15 +208,15 @@ def _perspective(
 
 
 def parallel_view(terrain: Terrain, view: View) -> View:
-    """The view of parallel rays from the middle of the core that may stand for one from near."""
+    """The parallel view in the direction from the middle of the core to a camera."""
     return View(direction=parallel_direction(core_box(terrain), view), camera=view.camera)
 
 
 def choose_model(
     terrain: Terrain, sun: Array, view: View, accuracy: Accuracy, asked: Reflectance | None = None
 ) -> Choice:
-    """The law of reflection for one image of a terrain: the one asked for, or the one that its
-    slopes, its Sun and its view want. All phases of the image are in it.
+    """The reflectance model for one image of a terrain: the requested one, or the choice for the slopes
+    of the terrain and all phase angles of the image.
     """
     row0, row1, col0, col1 = terrain.core
     field = terrain.field
@@ -267,8 +236,9 @@ def choose_model(
 def ring_decision(
     terrain: Terrain, ring_m: float, needed_m: float, limit_m: float = REACH_MAX_M
 ) -> Decision:
-    """What the terrain around an area holds, and what it does not; ``ring_m``: the width of what
-    has the area's own cells; ``limit_m``: no terrain further away was read.
+    """Decision about the terrain around an area. ``ring_m``: width of the ring with the area's own
+    cells; ``needed_m``: distance to which terrain matters; ``limit_m``: no terrain farther away was
+    read.
     """
     ring, box, far = ring_of(terrain), core_box(terrain), terrain.far
     known_m = min(ring_m if needed_m > ring_m and far is None else math.inf, ring.gap_m)

@@ -1,7 +1,6 @@
-"""Rendered rasters as GeoTIFF and as pictures, encoded in memory: the same input gives the same
-bytes.
+"""Rendered rasters as GeoTIFF and PNG, encoded in memory; the same input gives the same bytes.
 
-Bytes are written by `files`, so that a full disk is noticed: GDAL swallows some errors when it
+`atomic_files` writes the bytes, so that a full disk raises an error: GDAL ignores some errors when it
 closes a file.
 """
 
@@ -29,9 +28,9 @@ def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
     """The CRS whose x and y are the frame's east and north, in metres, for points of the reference
     sphere.
 
-    A point at height h stands at the map position of the sphere's point below or above it along the
-    frame's vertical, not along its own: at d metres from the centre its longitude and latitude
-    differ by about h d / R metres.
+    A point at height h has the map position of the sphere's point on the same vertical of the frame,
+    not on its own vertical. At d metres from the centre, its longitude and latitude therefore differ
+    by about h d / R metres.
     """
     lon = frame.lon_deg - 360.0 if frame.lon_deg > 180.0 else frame.lon_deg
     return rasterio.CRS.from_wkt(
@@ -60,7 +59,7 @@ def geotiff(
     transform: Affine | None = None,
     units: Sequence[str] | None = None,
 ) -> bytes:
-    """A tiled, deflated GeoTIFF with named bands of one shape; NaN is its nodata."""
+    """A tiled GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN."""
     rows, columns = np.shape(next(iter(bands.values())))
     profile = {
         "driver": "GTiff",
@@ -92,8 +91,8 @@ def geotiff(
 
 
 def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
-    """Grey values of a radiance for a person: black is no light, the 99.5th percentile of what is
-    lit is white, gamma 1.2.
+    """Grey values of a radiance for display: 0 is black, the 99.5th percentile of the lit nodes is
+    white, gamma 1.2.
     """
     values = np.nan_to_num(np.asarray(radiance, dtype=np.float64), nan=0.0)
     lit = values[values > 0]

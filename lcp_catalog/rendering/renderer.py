@@ -1,16 +1,16 @@
-"""An area as it looks under one Sun from one view: at its own nodes, or in the camera's plane.
+"""Images of an area under one light and one view: at its own nodes, or in the camera's plane.
 
-Directions are unit ENU vectors of the terrain's frame, from the surface to the Sun (its middle).
-What is modelled, and how exactly, the scene plan says (`scene`). Nodata is never rendered: its
-radiance is NaN, it is neither lit nor seen, casts no shadow and hides nothing.
+Directions are unit ENU vectors of the terrain's frame, from the surface to the source (its centre).
+The scene plan says what is modelled (`plan`). A node without a height has a radiance of NaN, is
+neither lit nor visible, casts no shadow and hides nothing.
 
-The light is a `Lighting`, or the direction to a lone Sun. Each source adds its irradiance times the
-radiance factor under it, a sky the sum over its samples; sunlit, incidence and phase are those of the
-first source.
+The light is a `Lighting`, or the direction to a single Sun. The radiance is the sum over the sources,
+irradiance times radiance factor, and over the samples of a sky. The bands sunlit, incidence and phase
+are those of the first source.
 
-The radiance under a disc is that under a Sun in its middle, times the share of the disc above the
-terrain's horizon. A facet that the middle does not reach is dark, though it may see part of the
-disc: the cosine of incidence is wrong by less than sin(0.267 deg) = 0.0047 (docs/scene-plan.md).
+The radiance under a disc is that under a point Sun at its centre, times the share of the disc above
+the terrain's horizon. A facet that faces away from the disc's centre is dark even if it faces a part
+of the disc: the error of the cosine of incidence is below sin(0.267 deg) = 0.0047.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _BLOCK_ROWS = 256
 
 
 class Albedo(Protocol):
-    """How bright ground is, relative to what the law of reflection says of it."""
+    """Brightness of the surface, relative to the reflectance model."""
 
     def at_nodes(self, terrain: Terrain) -> Band:
         """Factors at the core window's nodes, (rows, cols)."""
@@ -56,12 +56,13 @@ class Albedo(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """Bands of one render, each (rows, cols): radiance factor (NaN where not seen, 0 where seen and
-    not lit), sunlit share of the Sun (0 or 1 of a point), visible as a mask (of a sphere's limb the
-    share of a pixel), angles in degrees (NaN
-    without a surface), and where it is: ``height_m`` (ENU z) at the area's nodes,
-    ``position_mcmf_m`` (rows, cols, 3) in the camera's plane. ``composite``: the radiance, and what
-    stands behind the terrain where that is missed (`compositing`).
+    """Bands of one render, each (rows, cols).
+
+    radiance: radiance factor; 0 where visible but not lit, NaN where not visible. sunlit: visible share
+    of the Sun's disc (0 or 1 for a point Sun). visible: mask; on the limb of the sphere the share of the
+    pixel. incidence_deg, emission_deg, phase_deg: degrees, NaN without a surface. height_m: ENU z, for
+    nodes. position_mcmf_m: (rows, cols, 3), for a camera's plane. composite: radiance with the
+    background, where there is one (`compositing`).
     """
 
     radiance: Band
@@ -87,11 +88,11 @@ def render_enu(
     plan: ScenePlan | None = None,
     albedo: Albedo | None = None,
 ) -> Rendering:
-    """The core window's nodes, float32.
+    """Render the nodes of the terrain's core, float32.
 
-    ``light``: a `Lighting`, or the direction (3,) to a lone Sun, which ``disc`` makes a disc. With
-    a view of a camera a node is visible only inside its image. ``shadows=False`` leaves out cast
-    shadows, not attached ones. CameraError when the camera is under the ground, SunError when the
+    ``light``: a `Lighting`, or the direction (3,) to a single Sun; ``disc``: True for its disc. With
+    the view of a camera a node is visible only inside the image. ``shadows=False`` leaves out cast
+    shadows, not attached shadow. CameraError if the camera is below the terrain, SunError if the
     Sun is below every horizon.
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
@@ -112,7 +113,7 @@ def render_enu(
     one_way = parallel.direction is not None and parallel.towards is None
     quick = not accuracy.float64 and one_way and not view.camera
     angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
-    for row in range(row0, row1, _BLOCK_ROWS):  # so that memory holds few float64 vectors at a time
+    for row in range(row0, row1, _BLOCK_ROWS):  # limits the memory for float64 vectors
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
         rows = slice(window[0] - row0, window[1] - row0)
         stored = field.normals(window)
@@ -155,11 +156,10 @@ def render_camera(
     plan: ScenePlan | None = None,
     albedo: Albedo | None = None,
 ) -> Rendering:
-    """The camera's plane, one first hit a pixel, float64; ``light`` as in `render_enu`.
+    """Render the camera's plane by the first hit of every pixel's ray, float64; ``light`` as in `render_enu`.
 
-    Normals are interpolated between the nodes'. What lies outside the core window hides, but is not
-    drawn. A hit is visible even where its interpolated normal leans away (it counts as seen
-    edge-on).
+    Normals are interpolated between nodes. Terrain outside the core can hide the core, but is not
+    rendered. A hit is visible even if its interpolated normal faces away (its emission is then 90 deg).
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
     sun, disc = light.first.direction.vector, light.first.disc is not None
@@ -192,7 +192,7 @@ def render_camera(
 
 
 def check_camera(terrain: Terrain, view: View) -> None:
-    """CameraError when the camera is under the terrain's surface."""
+    """Raise CameraError for a camera below the terrain's surface."""
     if view.position_m is None:
         return
     x, y, z = view.position_m
@@ -201,14 +201,14 @@ def check_camera(terrain: Terrain, view: View) -> None:
         name = view.camera.name if view.camera else "the view"
         _, _, height = mcmf_to_lonlat(terrain.frame.to_mcmf(view.position_m))
         raise CameraError(
-            f"{name}: the camera is {ground - z:.0f} m under the ground "
+            f"{name}: the camera is {ground - z:.0f} m below the surface "
             f"({float(height):.0f} m above the reference sphere)"
         )
 
 
 def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Source, bool]]:
-    """Each source, and whether terrain may keep it from a node. Of the first the plan says so, and
-    whether it is a disc; of the others nothing was decided, so that all is modelled.
+    """The sources, each with True if cast shadows are computed for it. The plan decides about shadow and
+    disc of the first source; for the others both are always modelled.
     """
     modelled = plan.solar_disc.modelled or plan.cast_shadows.modelled
     first = light.first if plan.solar_disc.modelled else replace(light.first, disc=None)
@@ -216,8 +216,8 @@ def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Sour
 
 
 def _share_at_nodes(terrain: Terrain, source: Source, shadows: bool, accuracy: Accuracy) -> Band:
-    """Share of a source above the terrain's horizon at the core's nodes, float32; without
-    ``shadows`` all of it. None of a source without irradiance.
+    """Share of a source above the terrain's horizon at the core's nodes, float32; 1 without ``shadows``,
+    0 for a source without irradiance.
     """
     row0, row1, col0, col1 = terrain.core
     if source.irradiance == 0.0 or not shadows:
@@ -239,7 +239,7 @@ def _share_at_points(
     shadows: bool,
     accuracy: Accuracy,
 ) -> Array:
-    """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 where they
+    """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 for points that
     face away.
     """
     share = np.where(np.sum(normals * source.direction.vector, axis=-1) > 0, 1.0, 0.0)
@@ -257,7 +257,7 @@ def _share_at_points(
 
 
 def _parallel(terrain: Terrain, view: View) -> View:
-    """The view of parallel rays, which one at infinity is already."""
+    """The parallel view; a view from infinity is already parallel."""
     return view if view.direction is not None else parallel_view(terrain, view)
 
 
@@ -300,8 +300,8 @@ def _bands_parallel(
     seen: Mask,
     model: Reflectance,
 ) -> tuple[Band, Band, Band, Band]:
-    """`_bands` of some rows in single precision, under all sources with their shares (rows, cols),
-    the first's and seen of the whole window being brought up to date.
+    """`_bands` of some rows in single precision, under all sources with their shares (rows, cols). The
+    share of the first source and ``seen`` are updated in place.
     """
     assert view.direction is not None
     weights: list[tuple[Array, Band | Mask]] = [
@@ -325,7 +325,7 @@ def _under_sky(
     accuracy: Accuracy,
     shadows: bool,
 ) -> Band | np.float32:
-    """What a sky adds to the radiance of the core's nodes."""
+    """Radiance of the core's nodes under a sky."""
     if light.sky is None:
         return np.float32(0.0)
     return sky_at_nodes(terrain, light.sky, view, model, accuracy, shadows)
@@ -334,6 +334,6 @@ def _under_sky(
 def _radiance(
     normals: Array, source: Source, to_camera: Array, share: Band, model: Reflectance
 ) -> Array:
-    """What another source adds to the radiance of points that are seen."""
+    """Radiance of visible points under another source."""
     factor = radiance_under(normals, source.direction.vector, to_camera, share > 0.0, model)
     return source.irradiance * share * factor

@@ -1,7 +1,8 @@
-"""What a render is asked for: area, Sun, view, law, light, accuracy."""
+"""The request of a render: area, Sun, view, reflectance model, light, accuracy."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
 from ..choices import SURFACES
+from ..errors import AreaError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.earthshine import earth_at, mean_earth
@@ -21,13 +23,13 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
 from .compositing import Backdrop
-from .sphere_extent import Cap
+from .sphere_extent import SphereArea
 
 
 @dataclass(frozen=True)
 class ViewChoice:
-    """From where: a camera, or angles at the area's centre (without an altitude from infinity);
-    nothing: straight down. ``sensor``: one that is no camera (`view.sensor_view`).
+    """The view of a request: a framing camera, another sensor, or angles at the area's centre in degrees
+    (without an altitude from infinity). By default straight down.
     """
 
     camera: Camera | None = None
@@ -37,6 +39,7 @@ class ViewChoice:
     sensor: Sensor | None = None
 
     def view(self, frame: EnuFrame) -> View:
+        """The view in the axes of an area's frame."""
         if self.sensor is not None:
             return sensor_view(self.sensor, frame)
         if self.camera is not None:
@@ -47,12 +50,20 @@ class ViewChoice:
 
 @dataclass(frozen=True)
 class Request:
-    """What one render is to show. ``area`` None: what the camera sees, else the whole DEM;
-    ``gsd_m`` None: the DEM's own; ``model`` None: as the scene wants; ``disc``, whether the Sun is one, None: as the accuracy says.
+    """The request of one image; `rendering.pipeline.render` renders it.
+
+    dem_paths: DEM files; none are needed for ``surface="sphere"``. area: None for what the camera sees,
+    else the whole DEM. gsd_m: cell size; None for that of the DEM. sun: the Sun; by default the
+    camera's own. in_camera_plane: True for the pixels of the camera, False for the nodes of the area.
+    model: reflectance model; None to choose it by the scene's phase angles. disc: True for the Sun's
+    disc, False for a point; None for the tier's default. product_order: order of precedence where DEMs
+    overlap. surface: "auto", "heightfield" or "sphere". environment: an environment map in place of the
+    Sun. earthshine: True to add the Earth's light. backdrop: a background behind the terrain.
+    AreaError for a cell size that is not positive.
     """
 
     dem_paths: Sequence[Path | str]
-    area: Area | Cap | None = None
+    area: Area | SphereArea | None = None
     gsd_m: float | None = None
     sun: SunChoice = SunChoice()  # noqa: RUF009
     view: ViewChoice = ViewChoice()
@@ -67,9 +78,13 @@ class Request:
     earthshine: bool = False
     backdrop: Backdrop | None = None
 
+    def __post_init__(self) -> None:
+        if self.gsd_m is not None and not 0.0 < self.gsd_m < math.inf:
+            raise AreaError(f"invalid cell size {self.gsd_m:g} m: --gsd must be positive")
+
     def lighting(self, frame: EnuFrame) -> Lighting:
-        """What lights the scene, in a frame's axes: the panorama alone; or the Sun, and the Earth
-        where it is asked for.
+        """The light sources in a frame's axes: the environment map alone, or the Sun and, with
+        ``earthshine``, the Earth.
         """
         if self.environment is not None:
             return self.environment.lighting
@@ -85,5 +100,5 @@ class Request:
 
     @property
     def sun_is_disc(self) -> bool:
-        """Whether the Sun is a disc, or a point."""
+        """True if the Sun is a disc, False if it is a point."""
         return self.accuracy.disc if self.disc is None else self.disc

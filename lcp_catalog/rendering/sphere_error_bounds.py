@@ -1,4 +1,4 @@
-"""What the plain sphere would cost in place of a terrain's heightfield (docs/sphere.md)."""
+"""Error of the plain sphere in place of a terrain's heightfield."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .error_bounds import NORMAL_ROUNDING_RAD, STORED
 _RADIUS_UP = np.array([0.0, 0.0, MOON_RADIUS_M])
 
 SHIFT_PX = 0.1
-"""Ground that relief shifts by less is in its place, where a tier admits errors at nodes."""
+"""Greatest permitted shift of the surface by relief, in tiers that permit errors at nodes."""
 
 _BLOCK_ROWS = 256
 _SAMPLES = 48
-"""Nodes a side at which the law of reflection is tried."""
+"""Nodes per side at which the reflectance model is evaluated."""
 _TURNS = 8
 _MARGIN = 1.25
-"""On the greatest change that was found among the samples."""
+"""Factor on the greatest change among the samples."""
 
 
 @dataclass(frozen=True)
 class SphereCost:
-    """Greatest of what changes at an area's nodes: places, in pixels; normals, radians; the radiance
-    factor, relative.
+    """Greatest changes at an area's nodes: position, in pixels; normal, in radians; radiance factor,
+    relative.
     """
 
     shift_px: float
@@ -40,7 +40,7 @@ class SphereCost:
     radiance: float
 
     def within(self, accuracy: Accuracy) -> bool:
-        """Whether a tier admits it; one whose nodes are all right admits none."""
+        """True if a tier permits the changes; a tier without errors at nodes permits none."""
         if accuracy.exact or accuracy.tolerance <= 0.0:
             return False
         return self.shift_px <= SHIFT_PX and max(self.tilt_rad, self.radiance) <= accuracy.tolerance
@@ -56,15 +56,16 @@ def sphere_cost(
     tolerance: float,
     between_nodes: bool = False,
 ) -> SphereCost | None:
-    """None where the relief is plainly too rough for the tolerance, or lacks heights: nothing is
-    looked at then.
+    """The changes; None, without a computation, if the relief is clearly too rough for the tolerance
+    or has no height at some nodes.
 
-    Ground at a height h over the sphere lies h / tan(e) from where the ray of a camera that it sees
-    at an elevation e meets the sphere, and in the plane of a frame, d from its origin, h d / R from
-    the sphere's point over the same node. A node's normal is compared with the sphere's; a law of
-    reflection is tried at nodes all over the area, the sphere's normal turned by the greatest tilt
-    in eight directions. ``between_nodes``: a camera's pixels meet facets, whose normals are
-    interpolated, and beyond the field's last nodes are those nodes', half a cell off.
+    A point at a height h above the sphere, from which a camera has the elevation e, is h / tan(e) from
+    the point where the camera's ray meets the sphere. In the plane of a frame, at a distance d from
+    its origin, it is h d / R from the sphere's point over the same node. Every node's normal is
+    compared with the sphere's. The reflectance model is evaluated at nodes all over the area, with the
+    sphere's normal turned by the greatest tilt in eight directions. ``between_nodes``: True for the
+    pixels of a camera, whose normals are interpolated between nodes, and taken from the last nodes up
+    to half a cell beyond them.
     """
     field = terrain.field
     away_m = float(
@@ -86,14 +87,14 @@ def _step(shape: tuple[int, int]) -> int:
 
 
 def _sphere(points: Array) -> tuple[Array, Array]:
-    """Heights (...) of ENU points (..., 3) over the sphere, and its unit normals under them."""
+    """Heights (...) of ENU points (..., 3) above the sphere, and the sphere's unit normals there."""
     vertical = points + _RADIUS_UP
     away = np.linalg.norm(vertical, axis=-1)
     return away - MOON_RADIUS_M, vertical / away[..., None]
 
 
 def _departure(terrain: Terrain) -> tuple[float, float]:
-    """Greatest height over or under the sphere, metres (a facet's sagitta is added), and greatest
+    """Greatest height above or below the sphere, metres (with a facet's sagitta), and greatest
     angle between a node's normal and the sphere's.
     """
     field, (row0, row1, col0, col1) = terrain.field, terrain.core
@@ -110,8 +111,8 @@ def _departure(terrain: Terrain) -> tuple[float, float]:
 
 
 def _off_nodes(terrain: Terrain) -> float:
-    """By how much interpolated normals of a sphere differ from its own within half a cell of the
-    core's nodes, radians.
+    """Greatest difference between interpolated normals of a sphere and its own within half a cell of
+    the core's nodes, radians.
     """
     (rows, cols), (row0, row1, col0, col1) = terrain.field.shape, terrain.core
     cell = terrain.field.gsd_m / MOON_RADIUS_M
@@ -122,7 +123,7 @@ def _off_nodes(terrain: Terrain) -> float:
 
 def _change(terrain: Terrain, sun: Array, view: View, model: Reflectance, tilt: float) -> float:
     """Greatest relative change of the radiance factor at a sample of nodes when normals turn by an
-    angle; inf where one is not lit.
+    angle; inf if a node is not lit.
     """
     points = nodes_enu(terrain.field, terrain.core, _step(terrain.product_index.shape)).reshape(
         -1, 3

@@ -1,4 +1,4 @@
-"""What is drawn of the plain sphere: a rectangle of the plane that touches it."""
+"""The part of the plain sphere that is rendered: a rectangle of the tangent plane."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Extent = tuple[float, float, float, float]
 """Least x, greatest x, least y, greatest y in the plane of a frame, metres."""
 
 SIZE_MAX_KM = 4 * MOON_RADIUS_M / 1e3
-"""No square of a plane is wider: twice the Moon's own width."""
+"""Greatest side of an area: twice the diameter of the Moon."""
 
 
 @dataclass(frozen=True)
-class Cap:
-    """A rectangle of the tangent plane at a place, as wide as the Moon or wider: what `Area` is for
-    terrain. ``size_km``: east-west, north-south.
+class SphereArea:
+    """A rectangle of the tangent plane at a place, up to wider than the Moon; the counterpart of `Area`.
+    ``size_km``: east-west, north-south.
     """
 
     lon_deg: float

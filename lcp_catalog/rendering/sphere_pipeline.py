@@ -1,4 +1,4 @@
-"""A render on the plain sphere, from what was asked for to its bands: no DEM is read for it."""
+"""A render of the plain sphere, from the request to the bands; no heights are read."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from ..accuracy import TIERS
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View, camera_view, looking_camera
+from ..cameras.view import View, camera_view
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
-from ..errors import AreaError, CameraError
+from ..errors import AreaError
 from ..geometry import sphere_intersection
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, enu_rotation
@@ -26,6 +26,7 @@ from ..terrain.area import NodeWindow
 from ..terrain.terrain import require_room
 from . import decisions
 from .decisions import Decision
+from .extent import camera_over, cells_extent
 from .plan import ScenePlan
 from .renderer import Rendering
 from .request import Request
@@ -34,13 +35,14 @@ from .sphere_extent import Extent
 from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
 
 _SAMPLES = 64
-"""Pixels or nodes a side at which a scene is looked at before it is rendered."""
+"""Pixels or nodes per side at which a scene is sampled for its plan."""
 
 
 @dataclass(frozen=True, eq=False)
 class SphereScene:
-    """What a render on the sphere needs, and what was decided about it. ``gsd_m``: of the nodes;
-    None in a camera's plane that no cell size made. ``extent_m``: what is drawn; None: all.
+    """A scene on the plain sphere: its light and the scene plan (protocol `Scene`). ``gsd_m``: cell
+    size of the nodes; None in the plane of a given camera. ``extent_m``: the part of the sphere that
+    is rendered; None: all that the camera sees.
     """
 
     request: Request
@@ -88,8 +90,8 @@ class SphereScene:
 
 
 def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
-    """Everything but the bands; ``gsd_m`` is the cell size where one is known (a DEM's own). Raises the
-    library's errors for what cannot be rendered.
+    """The scene of a request; ``gsd_m``: cell size of a DEM, if there is one. Raises the library's errors
+    for a request that cannot be rendered.
     """
     frame, extent = _place(request)
     view = request.view.view(frame)
@@ -103,8 +105,8 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
         gsd_m, extent = _cell(gsd_m), _drawn(extent)
         require_room(NodeWindow.covering(extent, gsd_m))
         if request.in_camera_plane:
-            view = camera_view(_looking(frame, view, gsd_m, extent), frame)
-            extent = _whole_cells(extent, gsd_m)
+            view = camera_view(camera_over(frame, view, gsd_m, extent), frame)
+            extent = cells_extent(NodeWindow.covering(extent, gsd_m), gsd_m)
     light = request.lighting(frame)
     points, towards, pixel_m = _sample(request, frame, view, gsd_m, extent)
     choice = _choose(request, frame, light, points, towards)
@@ -119,8 +121,8 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
 
 
 def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
-    """The frame and what is drawn; without an area all that the camera sees, in the frame of the
-    place at its image's middle, or under it where that is sky.
+    """The frame, and the extent that is rendered. Without an area: all that the camera sees, in the
+    frame of the point at the image's centre, or below the camera if that is sky.
     """
     if request.area is not None:
         return request.area.frame, request.area.extent_m
@@ -141,8 +143,6 @@ def _cell(gsd_m: float | None) -> float:
         raise AreaError(
             "no cell size: state --gsd (there is no DEM or albedo map to take one from)"
         )
-    if not 0.0 < gsd_m < math.inf:
-        raise AreaError(f"a cell of {gsd_m:g} m is none; --gsd must be positive")
     return gsd_m
 
 
@@ -155,25 +155,10 @@ def _drawn(extent: Extent | None) -> Extent:
     return extent
 
 
-def _whole_cells(extent: Extent, gsd_m: float) -> Extent:
-    """As far as the cells around its nodes reach: what `render` draws of a heightfield's core."""
-    window = NodeWindow.covering(extent, gsd_m)
-    edges = window.col0, window.col1, 1 - window.row1, 1 - window.row0
-    west, east, south, north = (gsd_m * (edge - 0.5) for edge in edges)
-    return west, east, south, north
-
-
-def _looking(frame: EnuFrame, view: View, gsd_m: float, extent: Extent) -> Camera:
-    if view.position_m is None:
-        raise CameraError("a camera at infinity has no plane: state its altitude, or a camera")
-    size_m = extent[1] - extent[0], extent[3] - extent[2]
-    return looking_camera(frame, view.position_m, gsd_m, size_m)
-
-
 def _sample(
     request: Request, frame: EnuFrame, view: View, gsd_m: float | None, extent: Extent | None
 ) -> tuple[Array, Array, Array]:
-    """Points (n, 3) all over what is drawn, MCMF, unit directions (n, 3) to the camera and the
+    """Sample points (n, 3) of the rendered part, MCMF, unit directions (n, 3) to the camera, and the
     width (n,) of a pixel there, across the line of sight.
     """
     camera = view.camera
@@ -202,7 +187,7 @@ def _sample(
 
 
 def _under(camera: Camera) -> tuple[Array, Array, Array]:
-    """The point under a camera, as `sphere_intersection.hits` gives it: for an image whose samples are sky."""
+    """The point below a camera, as from `sphere_intersection.hits`: for an image whose samples are sky."""
     down = -camera.position_mcmf_m[None] / np.linalg.norm(camera.position_mcmf_m)
     return (*sphere_intersection.hits(camera.position_mcmf_m, down), down)
 
@@ -210,7 +195,7 @@ def _under(camera: Camera) -> tuple[Array, Array, Array]:
 def _choose(
     request: Request, frame: EnuFrame, light: Lighting, points: Array, towards: Array
 ) -> Choice:
-    """The law of reflection: over all lit and seen points, in each one's own level frame."""
+    """The reflectance model for all lit and visible points, each in its own level frame."""
     sun = frame.direction_to_mcmf(light.first.direction)
     lit = points[:: max(1, len(points) // _SAMPLES)], towards[:: max(1, len(points) // _SAMPLES)]
     up = np.sum(lit[0] * sun, axis=-1) > 0.0
@@ -230,8 +215,8 @@ def _albedo_decision(albedo: AlbedoMap, frame: EnuFrame, points: Array, pixel_m:
 
 
 def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
-    """By how many pixels the highest ground of the Moon stands from its place on the sphere, at most:
-    its height as seen across the line of sight.
+    """Greatest shift, in pixels, of the Moon's highest terrain from its place on the sphere: its height
+    as seen across the line of sight.
     """
     sine = np.linalg.norm(np.cross(points, towards), axis=-1) / MOON_RADIUS_M
     return float((HIGHEST_M * sine / pixel_m).max())

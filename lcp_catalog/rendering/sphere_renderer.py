@@ -1,16 +1,15 @@
-"""The sphere tier: the Moon as a plain sphere of 1 737 400 m, at nodes of a plane or in a camera's
-plane (docs/sphere.md).
+"""Images of the Moon as a plain sphere of 1 737 400 m, at nodes of a plane or in a camera's plane.
 
-What `render` does for a heightfield, without rays through terrain: a point is seen where it faces
-the camera, and a source's share is what stands above the point's level horizon. There relief is the
-sphere's own curvature: no cast shadow, no occlusion but by the horizon.
+The counterpart of `renderer` for heightfields, without rays through terrain: a point is visible if it
+faces the camera, and lit by the share of a source above its level horizon. There are no cast shadows,
+and only the sphere's horizon hides anything.
 
-Under a disc a point near the terminator sees part of it. Its light is that of the part: the mean
-cosine of incidence over it, times its share of the flux; both closed forms. So the terminator is as
-soft as the Sun is wide. Incidence and phase are the middle's.
+Under a disc, a point near the terminator sees a part of it. Its light is that part's: the mean cosine
+of incidence over the part, times its share of the flux, both in closed form. Incidence and phase are
+those of the disc's centre.
 
-A pixel that the limb crosses has the ground's share of its area in ``visible``; its radiance is that
-of the whole pixel (the sky is black), everything else that of the middle of the part it sees.
+For a pixel on the limb, ``visible`` is the share of its area that shows the sphere. Its radiance is the
+mean over the whole pixel (the sky is black); the other bands are those at the middle of the visible part.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ from .renderer import Rendering
 from .sphere_extent import Extent
 
 _BLOCK_PIXELS = 1 << 18
-_FACING = 1e-9  # least cosine of emission that a footprint is stretched by
+_FACING = 1e-9  # least cosine of emission for the stretch of a footprint
 
 
 @dataclass(frozen=True, eq=False)
 class _Bands:
-    """Of points (n,): radiance of the ground, share of the first source, angles in degrees."""
+    """Bands of points (n,): radiance of the surface, share of the first source, angles in degrees."""
 
     radiance: Array
     sunlit: Array
@@ -61,10 +60,10 @@ def render_sphere_enu(
     model: Reflectance = DEFAULT_MODEL,
     albedo: Map | None = None,
 ) -> Rendering:
-    """The nodes of a window of the frame's plane, float32; NaN where the plane's vertical misses the
-    sphere. ``light`` and ``view`` are in the frame's axes.
+    """Render the nodes of a window of the frame's plane, float32; NaN where the vertical of the plane
+    misses the sphere. ``light`` and ``view`` are in the frame's axes.
 
-    CameraError for a camera under the sphere, SunError where nothing that is seen is lit.
+    CameraError for a camera below the sphere, SunError if nothing visible is lit.
     """
     check_camera(frame, view)
     rows, cols = window.shape
@@ -110,10 +109,8 @@ def render_sphere_camera(
     albedo: Map | None = None,
     extent_m: Extent | None = None,
 ) -> Rendering:
-    """The camera's plane, float64. ``light`` is in the frame's axes; of an ``extent_m`` (west, east,
-    south, north in its plane) nothing outside is drawn.
-
-    Raises as `render_sphere_enu`.
+    """Render the camera's plane, float64. ``light`` is in the frame's axes; ``extent_m`` (west, east,
+    south, north in its plane): nothing outside is rendered. Raises the errors of `render_sphere_enu`.
     """
     height = float(sphere_intersection.heights(camera.position_mcmf_m))
     require_above(camera.name, height)
@@ -142,8 +139,8 @@ def render_sphere_camera(
 
 
 def sphere_nodes(x_m: Array, y_m: Array) -> Array:
-    """ENU points (..., 3) of the sphere over a frame's plane; NaN heights beyond its limb. The
-    drop is 2 R - ... without cancellation: -(x^2 + y^2) / (R + sqrt(R^2 - x^2 - y^2)).
+    """ENU points (..., 3) of the sphere over a frame's plane; NaN heights beyond the limb. The height,
+    without cancellation, is -(x^2 + y^2) / (R + sqrt(R^2 - x^2 - y^2)).
     """
     away2 = x_m * x_m + y_m * y_m
     under_root = MOON_RADIUS_M**2 - away2
@@ -153,10 +150,10 @@ def sphere_nodes(x_m: Array, y_m: Array) -> Array:
 
 
 def share_and_cosine(sine: Array, source: Source) -> tuple[Array, Array]:
-    """Share of a source above level horizons over which its middle stands with a sine (n,), and
-    the mean cosine of incidence of that part; 0 and the sine where it is nothing.
+    """Share of a source above level horizons, and the mean cosine of incidence of that part. ``sine`` (n,):
+    sine of the elevation of the source's centre. Where the share is 0 the cosine is the sine.
 
-    In the plane that touches the sky in the disc's middle, in radii, the horizon is the straight line
+    In the plane tangent to the sky at the disc's centre, in radii of the disc, the horizon is the line
     y = -tan(e) / tan(r). Share: `LimbDarkening.share_above`. Mean height of the part: the integral of
     y times the flux of a chord, 2 a h + pi/2 b h^2 + 4/3 c h^3 with h^2 = 1 - y^2, over the part's
     flux; y dy = -h dh makes it a polynomial in h.
@@ -181,7 +178,7 @@ def share_and_cosine(sine: Array, source: Source) -> tuple[Array, Array]:
 
 
 def check_camera(frame: EnuFrame, view: View) -> None:
-    """CameraError for a camera under the sphere."""
+    """Raise CameraError for a camera below the sphere."""
     if view.position_m is None:
         return
     name = view.camera.name if view.camera else "the view"
@@ -189,24 +186,25 @@ def check_camera(frame: EnuFrame, view: View) -> None:
 
 
 def require_above(name: str, height_m: float) -> None:
+    """Raise CameraError for a camera at a height of 0 or less."""
     if height_m <= 0.0:
         raise CameraError(
-            f"{name}: the camera is {-height_m:.6g} m under the reference sphere, from where the plain sphere "
-            "shows no ground: render a DEM with --surface heightfield"
+            f"{name}: the camera is {-height_m:.6g} m below the reference sphere and sees nothing of it: "
+            "render a DEM with --surface heightfield"
         )
 
 
 def _require_light(result: Rendering, light: Lighting) -> None:
     if (result.visible > 0).any() and not (result.radiance > 0).any():
         raise SunError(
-            f"the {light.first.name} is below the horizon of all that is seen: nothing is lit; "
+            f"the {light.first.name} is below the horizon at all visible points: nothing is lit; "
             f"state another {light.first.name}"
         )
 
 
 def _look(camera: Camera, rows: slice, pixel_rad: float) -> tuple[Array, Array, Array]:
-    """Of a block of rows: share of each pixel on the ground, what it sees (MCMF), and in which
-    direction; at the limb the middle of the part it sees.
+    """For a block of rows: the share of each pixel that shows the sphere, the visible point (MCMF) and its
+    direction; on the limb those of the middle of the visible part.
     """
     column, row = np.meshgrid(np.arange(camera.shape[1]), np.arange(rows.start, rows.stop))
     rays = camera.rays(np.stack([column, row], axis=-1))
@@ -236,7 +234,7 @@ def _within(frame: EnuFrame, points: Array, extent_m: Extent) -> Mask:
 def _shade(
     frame: EnuFrame, normals: Array, towards: Array, light: Lighting, model: Reflectance, seen: Mask
 ) -> _Bands:
-    """Points of unit MCMF normals (n, 3) seen from directions (n, 3)."""
+    """Bands of points with unit MCMF normals (n, 3), in the directions (n, 3) of the camera."""
     radiance, first = np.zeros(len(normals)), None
     for source in light.sources:
         sun = frame.direction_to_mcmf(source.direction)
@@ -254,8 +252,8 @@ def _shade(
 
 
 def _level(direction: Array, normals: Array) -> Array:
-    """Unit vectors (n, 3) along the ground towards a direction (3,) or (n, 3); any where that is
-    the vertical.
+    """Horizontal unit vectors (n, 3) towards a direction (3,) or (n, 3); arbitrary where that is the
+    vertical.
     """
     along = np.broadcast_to(direction, normals.shape)
     flat = along - np.sum(along * normals, axis=-1, keepdims=True) * normals
@@ -264,8 +262,8 @@ def _level(direction: Array, normals: Array) -> Array:
 
 
 def _pixel_factors(albedo: Map, camera: Camera, points: Array, towards: Array) -> Array:
-    """Factors of what pixels see: a pixel is 1 / f wide across the line of sight, and along it
-    stretched over the ground; up to the limb, from which s metres across reach sqrt(2 R s) in.
+    """Albedo factors of pixels. The footprint of a pixel is 1 / f wide across the line of sight and
+    stretched along it by foreshortening, at the limb at most to sqrt(2 R s), s its width.
     """
     normals = points / MOON_RADIUS_M
     away = np.linalg.norm(camera.position_mcmf_m - points, axis=-1)

@@ -159,7 +159,7 @@ def test_a_merged_decision_has_the_largest_error_bound() -> None:
     }
     merged = Decision.merged(by_area)
     assert (merged.modelled, merged.error_bound, merged.unit) == (False, 0.3, "m")
-    assert merged.reason == "not modelled in 3 of 3 areas, the largest error bound in b: of b"
+    assert merged.reason == "all 3 areas, the largest error bound in b: of b"
     by_area["d"] = Decision("e", True, "of d", None, "m")
     merged = Decision.merged(by_area)
     assert (merged.modelled, merged.error_bound) == (True, None)

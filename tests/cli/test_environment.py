@@ -157,10 +157,10 @@ def test_depfile_names_what_was_read(dem, skies, tmp_path):
 @pytest.mark.parametrize(
     ("how", "says"),
     [
-        ([*SUN, "--environment", "clear.hdr"], "all the light there is"),
-        (["--time", "2024-01-01", "--environment", "clear.hdr"], "all the light there is"),
-        (["--sun", "disc", "--environment", "clear.hdr"], "all the light there is"),
-        (["--earthshine", "--environment", "clear.hdr"], "holds all light"),
+        ([*SUN, "--environment", "clear.hdr"], "--environment replaces the Sun"),
+        (["--time", "2024-01-01", "--environment", "clear.hdr"], "--environment replaces the Sun"),
+        (["--sun", "disc", "--environment", "clear.hdr"], "--environment replaces the Sun"),
+        (["--earthshine", "--environment", "clear.hdr"], "--environment excludes --earthshine"),
         ([*SUN, "--sun-sky-ratio", "4"], "needs --environment"),
         ([*SUN, "--environment-azimuth", "4"], "needs --environment"),
         ([*SUN, "--environment-sources", "6", "5", "2"], "needs --environment"),
@@ -189,7 +189,7 @@ def test_usage_errors(dem, skies, tmp_path, capsys, how, says):
         (["--environment", "clear.hdr", "--environment-sources", "1", "5", "2"], "T R M"),
         (["--environment", "clear.hdr", "--surface", "sphere"], "give a DEM"),
         ([*SUN, *CAMERA, "--background", "none.png"], "No such file"),
-        ([*SUN, *CAMERA, "--background", "clear.hdr"], "the sides' ratio differs"),
+        ([*SUN, *CAMERA, "--background", "clear.hdr"], "the aspect ratio of"),
         ([*SUN, *CAMERA, "--background", "grey.png", "--shadow-catcher", "1e6"], "shadow catcher"),
     ],
 )

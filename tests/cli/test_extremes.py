@@ -117,7 +117,7 @@ def test_a_small_fine_area_under_a_low_sun(moon, out):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--altitude", "0.001"], "998 m under the ground (1 m above the reference sphere)"),
+        (["--altitude", "0.001"], "998 m below the surface (1 m above the reference sphere)"),
         (["--altitude", "1e9"], "leave it out for a camera at infinity"),
         (["--altitude", "1e300"], "leave it out for a camera at infinity"),
         (["--altitude", "1e9", "--frame", "camera"], "leave it out for a camera at infinity"),

@@ -68,7 +68,10 @@ def test_what_cannot_be_done_is_said_in_a_line(dem, out, capsys, arguments, code
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"position_mcmf_m": EnuFrame(30.5, 10.5).to_mcmf([0, 0, -5000]).tolist()}, "ground"),
+        (
+            {"position_mcmf_m": EnuFrame(30.5, 10.5).to_mcmf([0, 0, -5000]).tolist()},
+            "below the surface",
+        ),
         ({"rotation_mcmf_to_camera": EnuFrame(30.5, 10.5).rotation.tolist()}, "see"),
         ({"focal_length_px": -1}, "focal_length_px must be positive"),
     ],

@@ -278,7 +278,7 @@ def test_a_dem_gives_the_sphere_its_area(rough, out):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["render", *SUN, "--center", "0", "0", "--size", "9"], 2, "no DEM: name one or more, or --surface sphere"),
+        (["render", *SUN, "--center", "0", "0", "--size", "9"], 2, "no DEM: give one or more, or --surface sphere"),
         (["render", "--surface", "heightfield", *SUN], 2, "no DEM"),
         ([*SPHERE, *SUN], 1, "no area: state --center and --size, or --bounds, or a --camera"),
         ([*SPHERE, *SUN, "--center", "0", "0", "--size", "9"], 1, "no cell size: state --gsd"),
@@ -305,7 +305,7 @@ def test_cameras_that_see_no_ground(out, capsys):
     low = write_camera(out.with_name("LOW.json"), R - 3000.0)
     for camera, words in (
         (out.with_name("AWAY.json"), "sees nothing"),
-        (low, "3000 m under the reference sphere"),
+        (low, "3000 m below the reference sphere"),
     ):
         assert (
             run([*SPHERE, "-o", str(out), "--camera", str(camera), "--frame", "camera", *SUN]) == 1

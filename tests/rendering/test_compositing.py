@@ -198,7 +198,7 @@ def test_another_size_is_resampled(camera, tmp_path):
 def test_refusals(camera):
     light = Lighting.of_sun(direction_enu(100, 30))
     tall = Picture(np.ones((90, 40)), False, "tall.png")
-    with pytest.raises(ImageError, match=r"tall.png: 40 x 90 pixels"):
+    with pytest.raises(ImageError, match=r"tall.png: the aspect ratio of 40 x 90 pixels"):
         seen_by(camera, light, Backdrop(None, tall))
     with pytest.raises(CameraError, match="shadow catcher"):
         seen_by(camera, light, Backdrop(5000.0, grey(camera)))

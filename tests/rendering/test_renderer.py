@@ -299,9 +299,9 @@ def test_only_nodes_inside_the_image_are_visible():
 def test_a_camera_under_the_ground():
     terrain = make(hills() + 500.0)
     camera = camera_over(terrain, [0, 0, 300.0])
-    with pytest.raises(CameraError, match="under the ground"):
+    with pytest.raises(CameraError, match="below the surface"):
         render_camera(terrain, camera, direction_enu(0, 45))
-    with pytest.raises(CameraError, match=r"the view: .* under the ground"):
+    with pytest.raises(CameraError, match=r"the view: .* below the surface"):
         render_enu(terrain, direction_enu(0, 45), View(position_m=np.array([0, 0, 300.0])))
 
 

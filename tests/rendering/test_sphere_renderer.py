@@ -251,16 +251,16 @@ def test_refusals():
     frame = EnuFrame(0.0, 0.0)
     under = Camera([R - 5000.0, 0, 0], np.eye(3), 100.0, (1.5, 1.5), (4, 4), name="LOW.json")
     with pytest.raises(
-        CameraError, match=r"LOW.json: the camera is 5000 m under the reference sphere"
+        CameraError, match=r"LOW.json: the camera is 5000 m below the reference sphere"
     ):
         render_sphere_camera(frame, under, lit_from(0, 40))
-    with pytest.raises(CameraError, match="the view: the camera is 1 m under"):
+    with pytest.raises(CameraError, match="the view: the camera is 1 m below"):
         render_sphere_enu(
             frame, WHOLE, 1e3, lit_from(0, 40), View(position_m=np.array([0, 0, -1.0]))
         )
-    with pytest.raises(SunError, match="below the horizon of all that is seen"):
+    with pytest.raises(SunError, match="below the horizon at all visible points"):
         render_sphere_enu(frame, window_of(9e3, 1e3), 1e3, lit_from(0, -5), nadir_view())
-    with pytest.raises(SunError, match="below the horizon of all that is seen"):
+    with pytest.raises(SunError, match="below the horizon at all visible points"):
         render_sphere_camera(frame, far_camera(frame, pixels=8), lit_from(0, -90))
 
 
