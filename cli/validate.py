@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lcp_catalog.choices import ENCODINGS
+from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .value_types import LAW, POSITIVE, Finite, Number
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from lcp_catalog.validation.run import ImageFiles, Validation
 
 EXIT_NO = 4
-
-DEFAULT_LAW = "lunar-lambert"
-"""Default reflectance model. It has a phase function, which wide images need."""
 
 
 @click.command("validate")
@@ -54,7 +51,7 @@ DEFAULT_LAW = "lunar-lambert"
 @click.option(
     "--reflectance",
     type=LAW,
-    default=DEFAULT_LAW,
+    default=VALIDATION_LAW,
     show_default=True,
     help="Reflectance model (law) of the renders.",
 )

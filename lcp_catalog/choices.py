@@ -11,6 +11,9 @@ REFLECTANCE_MODELS = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert",
 DEFAULT_LAW = "lommel-seeliger"
 """Reflectance model of functions that are called without one; the cheapest."""
 
+VALIDATION_LAW = "lunar-lambert"
+"""Default reflectance model of a validation. It has a phase function, which wide images need."""
+
 REFERENCE_LAW = "hapke"
 """Most complete reflectance model: the one that cheaper models are compared with."""
 

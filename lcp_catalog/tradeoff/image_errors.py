@@ -1,4 +1,4 @@
-"""One area's images in every tier side by side: what each took, where it differs from ``reference``, and a piece to look at."""
+"""Images of one area in every tier: their time, their errors against ``reference``, and a section to show."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ..threads import limit_threads
 REFERENCE = "reference"
 
 EDGE_NODES = 2
-"""A wrong node this near to a shadow's edge in the reference counts as at the edge."""
+"""Largest distance in nodes from an edge of a shadow in the reference at which a wrong node counts as at the edge."""
 
 PICTURE_NODES = 160
-"""Longer side of the piece of an area that is shown."""
+"""Longest side of the section of an area that is shown, nodes."""
 
 
 @dataclass
 class ImageChanges:
-    """Sums over images of one tier against the reference; they add up over areas."""
+    """Sums over the images of one tier compared with the reference; additive over areas."""
 
     seconds: float = 0.0
     judged: int = 0  # (node, Sun) pairs
@@ -36,9 +36,9 @@ class ImageChanges:
     near_edge: int = 0
     looked: int = 0  # (node, view) pairs
     misseen: int = 0
-    shared: int = 0  # nodes of all images, seen in both
+    shared: int = 0  # nodes of all images that are visible in both
     squares: float = 0.0
-    radiance: float = 0.0  # the reference's, summed over the same nodes
+    radiance: float = 0.0  # of the reference, summed over the same nodes
 
     def add(self, other: ImageChanges) -> None:
         for f in dataclasses.fields(self):
@@ -58,7 +58,7 @@ class ImageChanges:
 
     @property
     def radiance_rmse(self) -> float:
-        """Root of the mean squared difference, as a share of the reference's mean radiance factor."""
+        """Root mean square difference as a share of the mean radiance factor of the reference."""
         if not self.shared or not self.radiance:
             return 0.0
         return math.sqrt(self.squares / self.shared) / (self.radiance / self.shared)
@@ -66,9 +66,10 @@ class ImageChanges:
 
 @dataclass(frozen=True)
 class Picture:
-    """A piece of an area under one low Sun: what the reference calls lit, and where each tier differs from it.
+    """Section of an area under one low Sun: lit nodes of the reference, and the differences of each tier.
 
-    lit: int8 (rows, cols), 1 lit, 0 dark, -1 no ground; wrong[tier]: int8, +1 lit where the reference is dark, -1 the other way.
+    lit: int8 (rows, cols), 1 lit, 0 dark, -1 without terrain; wrong[tier]: int8, +1 lit where the reference is dark, -1 dark where
+    it is lit.
     """
 
     area: str
@@ -80,34 +81,32 @@ class Picture:
 
 
 def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], Picture | None]:
-    """One area's images in every tier side by side: seconds on one thread, what differs from ``reference``, and a piece to look at.
+    """Compare the images of one area in every tier: time on one thread, differences from ``reference``, and a section to show.
 
-    jobs: the same area by tier. Judged are all nodes of the area's window with its halo; sunlit is the image from straight above.
+    jobs: the same area by tier. All nodes of the area's window with its margin are compared; shadows in the view from the zenith.
     """
     with limit_threads(1):
         sweeps = _sweeps(jobs)
         changes = {tier: ImageChanges() for tier in sweeps}
-        for sweep in (
-            sweeps.values()
-        ):  # kernels are loaded and the terrain's pyramids made before anything is timed
+        for sweep in sweeps.values():  # loads kernels and makes pyramids before the timing
             next(dataclasses.replace(sweep).images(), None)
-        showing = _Showing(next(iter(jobs.values())).task.name)
+        shown = _Shown(next(iter(jobs.values())).task.name)
         above = int(np.argmin(next(iter(sweeps.values())).conditions.off_nadir_deg))
         for images in _side_by_side(sweeps, changes):
             if images[REFERENCE].view == above:
                 _judge_light(images, changes)
-                showing.look(images, sweeps[REFERENCE].conditions)
+                shown.look(images, sweeps[REFERENCE].conditions)
             if images[REFERENCE].view < len(jobs[REFERENCE].config.view):
                 _judge_radiance(images, changes)
     for tier, sweep in sweeps.items():
         for hidden, exact in zip(sweep.unseen, sweeps[REFERENCE].unseen, strict=True):
             changes[tier].looked += exact.size
             changes[tier].misseen += int((hidden != exact).sum())
-    return changes, showing.picture()
+    return changes, shown.picture()
 
 
 def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
-    """The area's sweep in every tier over one terrain, with a view from straight above added where the build has none."""
+    """The area's sweep in every tier over one terrain, with a view from the zenith added if the build has none."""
     job = jobs[REFERENCE]
     exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
     conditions = exact.conditions
@@ -128,7 +127,7 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
 def _side_by_side(
     sweeps: dict[str, Sweep], changes: dict[str, ImageChanges]
 ) -> Iterator[dict[str, RenderedImage]]:
-    """Each image in every tier; what it took is added to the tier's seconds."""
+    """Each image in every tier; its time is added to the tier's seconds."""
     streams = {tier: sweep.images() for tier, sweep in sweeps.items()}
     while True:
         images = {}
@@ -143,7 +142,7 @@ def _side_by_side(
 
 
 def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChanges]) -> None:
-    """Count the nodes that are lit in one and dark in the other; images from straight above, where only nodata is unseen."""
+    """Count the nodes that are lit in one image and dark in the other; views from the zenith, where only nodata is invisible."""
     exact = images[REFERENCE].radiance
     ground, lit = np.isfinite(exact), exact > 0.0
     for tier, image in images.items():
@@ -154,7 +153,7 @@ def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChang
 
 
 def _at_edge(lit: Mask, ground: Mask, nodes: Mask) -> Mask:
-    """For each of the marked nodes, bool (n,), whether within `EDGE_NODES` rows and columns there is one in the other state."""
+    """True (n,) for marked nodes with a node in the other state within `EDGE_NODES` rows and columns."""
     rows, cols = np.nonzero(nodes)
     found = np.zeros(len(rows), dtype=np.bool_)
     steps = range(-EDGE_NODES, EDGE_NODES + 1)
@@ -176,8 +175,8 @@ def _judge_radiance(images: dict[str, RenderedImage], changes: dict[str, ImageCh
         changes[tier].radiance += float(theirs.sum())
 
 
-class _Showing:
-    """Keeps the images of the lowest Sun at which some tier is wrong, and of those the ones with the most wrong nodes."""
+class _Shown:
+    """Images of the lowest Sun with an error in any tier, and of those the ones with the most wrong nodes."""
 
     def __init__(self, area: str) -> None:
         self._area = area
@@ -200,13 +199,13 @@ class _Showing:
         exact = images[REFERENCE]
         wrong = {t: _difference(i, exact) for t, i in images.items() if t != REFERENCE}
         lit = np.where(np.isfinite(exact.radiance), exact.radiance > 0.0, -1).astype(np.int8)
-        piece = _busiest(np.abs(np.stack(list(wrong.values()))).sum(axis=0, dtype=np.int64))
+        section = _busiest(np.abs(np.stack(list(wrong.values()))).sum(axis=0, dtype=np.int64))
         return Picture(
             self._area,
             azimuth,
             elevation,
-            lit[piece],
-            {t: w[piece] for t, w in wrong.items()},
+            lit[section],
+            {t: w[section] for t, w in wrong.items()},
             -self._rank[2],
         )
 
@@ -217,7 +216,7 @@ def _difference(image: RenderedImage, exact: RenderedImage) -> NDArray[np.int8]:
 
 
 def _busiest(counts: NDArray[np.int64]) -> tuple[slice, slice]:
-    """The piece, at most `PICTURE_NODES` a side, with the highest sum."""
+    """The section of at most `PICTURE_NODES` a side with the largest sum."""
     sums = np.pad(counts.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     height, width = (min(PICTURE_NODES, side) for side in counts.shape)
     inside = sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width]

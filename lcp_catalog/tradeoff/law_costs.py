@@ -1,8 +1,7 @@
-"""One area's images under every law of reflection, side by side: what each law takes, and how well its windows correlate with
-Hapke's.
+"""Comparison of reflectance models on the images of one area: time, and correlation of windows with those of `REFERENCE_LAW`.
 
-A navigator correlates windows of a render with those of an image, with gain and offset left free. So a law costs what its windows
-lack of a correlation of 1 with those of the most complete law, on this terrain, shadows included.
+Navigation correlates windows of a render and an image with free gain and offset. The cost of a simpler model is therefore the
+loss of correlation of its windows with those of the most complete model, on this terrain with its shadows.
 """
 
 from __future__ import annotations
@@ -26,18 +25,18 @@ from ..threads import limit_threads
 from ..validation.window_correlation import compare
 
 PHASES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 180.0)
-"""Edges of the bins of phase that are told apart."""
+"""Edges of the bins of phase angle."""
 
 WINDOW = 32
-"""Nodes of a window's side."""
+"""Side of a window, nodes."""
 
 CONTRAST = 1e-4
-"""Standard deviation, as a share of the mean, below which a window shows nothing to correlate."""
+"""Least standard deviation of a window, as a share of its mean."""
 
 
 @dataclass
 class ModelChanges:
-    """Windows' correlations with the judge's, by law and bin of phase, and seconds by law; they add up over areas."""
+    """Correlations with the reference model by model and phase bin, and seconds by model; additive over areas."""
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS_BY_COST, 0.0))
     correlations: dict[tuple[str, int], list[Array]] = field(default_factory=dict)
@@ -52,7 +51,7 @@ class ModelChanges:
             self.images[phase] = self.images.get(phase, 0) + count
 
     def rows(self) -> list[dict[str, Any]]:
-        """One dictionary a law and bin of phase that occurs: medians and low percentiles over the windows."""
+        """One dictionary per model and phase bin that occurs, with statistics over the windows."""
         found = []
         for law in LAWS_BY_COST[:-1]:
             for phase in sorted(self.images):
@@ -74,19 +73,19 @@ class ModelChanges:
         return found
 
     def times(self) -> dict[str, float]:
-        """Seconds of all images under each law as a share of the judge's."""
+        """Time of all images with each model as a share of that with the reference model."""
         return {law: s / max(self.seconds[REFERENCE_LAW], 1e-12) for law, s in self.seconds.items()}
 
 
 def compare_models(job: AreaJob) -> ModelChanges:
-    """An area's images under each of `LAWS_BY_COST`, on one thread, the laws in turn image by image."""
+    """Compare the images of an area with each of `LAWS_BY_COST`, on one thread, the models in turn for each image."""
     found = ModelChanges()
     with limit_threads(1):
         sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
         sweeps = {
             law: dataclasses.replace(sweep, model=reflectance_model(law)) for law in LAWS_BY_COST
         }
-        for ready in sweeps.values():  # what is made once is made before anything is timed
+        for ready in sweeps.values():  # one-time work before the timing
             next(dataclasses.replace(ready).images(), None)
         streams = {law: ready.images() for law, ready in sweeps.items()}
         while True:
@@ -98,10 +97,10 @@ def compare_models(job: AreaJob) -> ModelChanges:
                 if image is None:
                     return found
                 images[law] = image
-            _judge(sweep, images, found)
+            _correlate(sweep, images, found)
 
 
-def _judge(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
+def _correlate(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
     exact = images[REFERENCE_LAW]
     sun = sweep.conditions.sun_direction(exact.elevation, exact.azimuth, sweep.turn_rad)
     camera = sweep.conditions.view_direction(exact.view, sweep.turn_rad)

@@ -1,7 +1,7 @@
-"""What each accuracy tier costs and what it changes, measured on somebody's own build: every tier against ``reference``.
+"""Measurement of time and errors of each accuracy tier against ``reference`` on a user's own build.
 
-Each tier computes the same areas in a process of its own, one thread each, the tiers taking turns area by area, so that a machine
-that drifts drifts for all of them. The images are compared apart, azimuth by azimuth, on terrain that is made once.
+Each tier computes the same areas in a process of its own with one thread. The tiers take turns area by area, so that changes in
+the machine's speed affect all of them. The images are compared separately, on terrain that is made once.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from .timing import Runs, Workers, timed_area
 Progress = Callable[[int, int], None]
 
 AREAS, ROUNDS = 4, 2
-"""How many areas are computed, and how often each, where nobody says."""
+"""Default number of areas, and of rounds for each."""
 
 
 @dataclass(frozen=True)
 class Trade:
-    """The measured trade: one row a tier (see docs/trade.md for the columns), what was compared, and a picture."""
+    """Result of a measurement: one row per tier, the compared areas and conditions, an image, and the reflectance models."""
 
     rows: list[dict[str, Any]]
     compared: dict[str, Any]
@@ -42,7 +42,7 @@ class Trade:
     models: ModelChanges
 
     def document(self) -> dict[str, Any]:
-        """What ``trade.json`` holds."""
+        """The content of ``trade.json``."""
         laws = {"rows": self.models.rows(), "seconds_relative": self.models.times()}
         return {"rows": self.rows, "models": laws, "compared": self.compared}
 
@@ -54,10 +54,10 @@ def measure_trade(
     isolated: bool = True,
     progress: Progress = lambda done, total: None,
 ) -> Trade:
-    """Compute some areas of a build in every tier and compare.
+    """Compute some areas of a build in every tier and compare them.
 
-    ``isolated``: each tier in a process of its own, without which ``memory_mb`` would mean nothing and is None. Raises ConfigError
-    for counts below 1, the library's errors of an area, and AreaFailedError when a process dies.
+    ``isolated``: each tier in a process of its own; otherwise ``memory_mb`` is None. Raises ConfigError for counts below 1, the
+    library's errors of an area, and AreaFailedError if a process dies.
     """
     if areas < 1 or rounds < 1:
         raise ConfigError("--areas and --rounds must be at least 1")
@@ -68,7 +68,7 @@ def measure_trade(
         images, picture = _images(workers, jobs, steps)
         models = _models(workers, jobs, steps)
         runs = {tier: Runs() for tier in TIERS}
-        for tier, run in runs.items():  # kernels load, files come into the system's cache
+        for tier, run in runs.items():  # loads kernels, fills the file cache
             run.base_mb = workers.call(tier, timed_area, jobs[0][tier]).before_mb
             steps.one()
         for turn in range(rounds):
@@ -85,7 +85,7 @@ def measure_trade(
 
 
 class _Steps:
-    """Counts what is done for the progress."""
+    """Counter of the finished steps for the progress callback."""
 
     def __init__(self, progress: Progress, total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0
@@ -97,7 +97,7 @@ class _Steps:
 
 
 def _taking_turns(turn: int) -> list[str]:
-    """The tiers, each round beginning with another one."""
+    """The tiers, starting with another one in each round."""
     names = list(TIERS)
     return names[turn % len(names) :] + names[: turn % len(names)]
 
@@ -108,9 +108,9 @@ def _in_tier(job: AreaJob, tier: str) -> AreaJob:
 
 
 def spread(build: Build, count: int) -> list[int]:
-    """Which areas stand for the build: the one nearest to the region's centre, then each time the one farthest from those chosen.
+    """Indices of sample areas: the one nearest to the region's centre, then repeatedly the one farthest from those chosen.
 
-    Areas of which the region holds less than half of the largest one's nodes come only when all others are taken.
+    Areas with less than half of the nodes of the largest one are chosen last.
     """
     nodes = np.array([math.prod(job.task.window.shape) for job in build.jobs])
     place = lonlat_to_mcmf(*np.array([(j.task.lon_deg, j.task.lat_deg) for j in build.jobs]).T)
@@ -132,12 +132,12 @@ def spread(build: Build, count: int) -> list[int]:
 def _images(
     workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps
 ) -> tuple[dict[str, ImageChanges], Picture | None]:
-    """All images of the areas compared; the picture is the one with the most wrong nodes."""
+    """Comparison of all images of the areas; the picture is the one with the most wrong nodes."""
     totals = {tier: ImageChanges() for tier in TIERS}
     shown: Picture | None = None
     for number, tiers in enumerate(jobs):
         if not number:
-            # compiles what was never compiled on this machine, here and not where memory is counted
+            # compiles kernels here, not in the processes whose memory is measured
             workers.call("images", run_area, tiers["draft"])
         changes, picture = workers.call("images", compare_images, tiers)
         for tier, change in changes.items():
@@ -149,7 +149,7 @@ def _images(
 
 
 def _models(workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps) -> ModelChanges:
-    """The areas' images under each law of reflection, in the default tier."""
+    """Comparison of the reflectance models on the areas' images, in the default tier."""
     total = ModelChanges()
     for tiers in jobs:
         total.add(workers.call("images", compare_models, tiers[DEFAULT_TIER]))
@@ -163,7 +163,7 @@ def _models(workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps) -> 
 def _rows(
     build: Build, images: dict[str, ImageChanges], runs: dict[str, Runs], isolated: bool
 ) -> list[dict[str, Any]]:
-    """One dictionary a tier, from the fastest by name to ``reference``."""
+    """One dictionary per tier, from ``draft`` to ``reference``."""
     found = {tier: run.candidates for tier, run in runs.items()}
     exact, exact_images = runs[REFERENCE], images[REFERENCE]
     rows = []
@@ -198,7 +198,7 @@ def _rows(
 
 
 def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
-    """What was compared, in plain values."""
+    """The compared areas and conditions in plain values."""
     config = build.config
     dems = DemSet.open(build.dem_paths, config.dem.product_order)
     conditions = [Conditions.at(job.task.lat_deg, config) for job in chosen]

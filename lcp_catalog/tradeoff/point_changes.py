@@ -1,4 +1,4 @@
-"""What another tier does to the choice of points: lost, gained, moved, and how their conditions and their sigma change."""
+"""Changes of the chosen points between tiers: lost, gained and moved points, conditions, and sigma."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..landmarks.selection import nearest, stable_id
 
 @dataclass(frozen=True)
 class Change:
-    """How much a figure of the points in both changed: median and 95th percentile of the absolute difference."""
+    """Change of a figure of the common points: median and 95th percentile of the absolute difference; None without points."""
 
     median: float | None
     p95: float | None
@@ -32,7 +32,7 @@ class Change:
 
 @dataclass(frozen=True)
 class PointChanges:
-    """What the choice of points makes of two sets of candidates; shares are None where there is nothing to share."""
+    """Differences between the points chosen from two sets of candidates; a share of nothing is None."""
 
     points: int
     points_lost: int
@@ -46,11 +46,11 @@ class PointChanges:
 def compare_points(
     reference: Candidates, tier: Candidates, config: BuildConfig, gsd_m: float
 ) -> PointChanges:
-    """What a navigator feels: the points that `assemble.choose` takes of either set, matched by the id of their place.
+    """Compare the points that `assembly.choose` takes from either set, matched by their identifiers.
 
-    Lost: in the reference's catalogue and not in the tier's; gained: the other way; moved: lost ones with a gained one within
-    half a spacing. Conditions are those that were evaluated for candidates in both sets; sigma is the catalogue's
-    ``localization_sigma``, major axis, of points in both.
+    Lost: only in the reference's catalogue; gained: only in the tier's; moved: lost points with a gained one within half the
+    spacing. Conditions: those evaluated for candidates in both sets. Sigma: the catalogue's ``localization_sigma``, major axis,
+    of common points.
     """
     ids = {"ours": _ids(tier), "exact": _ids(reference)}
     ours, exact = (_chosen(c, config, gsd_m) for c in (tier, reference))
@@ -76,7 +76,7 @@ def compare_points(
 
 
 def _chosen(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
-    """The points; none where there are no candidates, which `choose` cannot do."""
+    """The chosen points; an empty array without candidates, which `choose` does not accept."""
     return choose(candidates, config, gsd_m) if len(candidates) else np.zeros(0, dtype=np.int64)
 
 
@@ -85,7 +85,7 @@ def _ids(candidates: Candidates) -> NDArray[np.int64]:
 
 
 def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
-    """The greatest major axis over usable conditions, as the catalogue states it; the rows are points and have one."""
+    """Largest major axis over usable conditions, as in the catalogue; every row has a usable condition."""
     evaluation = candidates.evaluation
     works = usable(evaluation.condition[rows])
     sigma_m = np.where(works, evaluation.sigma_major_m[rows], -np.inf)
@@ -95,7 +95,7 @@ def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
 def _changed(
     reference: Candidates, there: NDArray[np.int64], tier: Candidates, here: NDArray[np.int64]
 ) -> float | None:
-    """Of the conditions evaluated in both the share that is usable in one only."""
+    """Share of the conditions evaluated in both that are usable in one only; None without any."""
     exact, ours = reference.evaluation.condition[there], tier.evaluation.condition[here]
     judged = evaluated(exact) & evaluated(ours)
     if not judged.any():

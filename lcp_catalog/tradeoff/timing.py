@@ -1,4 +1,4 @@
-"""Areas of a trade computed in processes of their own: what they take, what they hold, and what they give."""
+"""Areas computed in processes of their own, with their time and memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..threads import limit_threads
 
 @dataclass(frozen=True)
 class TimedArea:
-    """An area's candidates, what they took, and the most memory that the process held before and after, MB."""
+    """Candidates of an area, their wall and CPU time, and the peak memory of the process before and after, MB."""
 
     seconds: float
     cpu_seconds: float
@@ -32,9 +32,7 @@ class TimedArea:
 
 
 def timed_area(job: AreaJob) -> TimedArea:
-    """`job.run_area` on one thread: seconds of wall time, and of the process's own time, which other work on the machine does not
-    lengthen so much.
-    """
+    """Run `area_job.run_area` on one thread and measure wall time and CPU time; other load on the machine affects CPU time less."""
     before_mb = peak_mb()
     with limit_threads(1):
         wall, own = time.perf_counter(), time.process_time()
@@ -44,7 +42,7 @@ def timed_area(job: AreaJob) -> TimedArea:
 
 
 class Workers:
-    """A spawned process for each name that is called, or this process for all."""
+    """A spawned process for each name, or this process for all."""
 
     def __init__(self, isolated: bool) -> None:
         self._isolated, self._stack = isolated, ExitStack()
@@ -57,7 +55,7 @@ class Workers:
         self._stack.close()
 
     def call(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """The result of a function, computed in the named process, or whatever it raised."""
+        """Call a function in the named process. Raises its errors, and AreaFailedError if the process dies."""
         if not self._isolated:
             return function(*arguments)
         if name not in self._pools:
@@ -71,27 +69,27 @@ class Workers:
             return self._pools[name].submit(function, *arguments).result()
         except BrokenProcessPool as error:
             raise AreaFailedError(
-                f"the process of {name} died (killed, or out of memory); try a coarser --gsd or a smaller area"
+                f"the process of {name} died (killed or out of memory); use a coarser --gsd or a smaller area"
             ) from error
 
 
 def _ignore_interrupts() -> None:
-    """Ctrl-C is the parent's affair."""
+    """Leave Ctrl-C to the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @dataclass
 class Runs:
-    """What one tier's process gave back."""
+    """Results of the process of one tier."""
 
-    areas: dict[str, list[TimedArea]] = field(default_factory=dict)  # by name, one a round
+    areas: dict[str, list[TimedArea]] = field(default_factory=dict)  # by name, one per round
     base_mb: float = 0.0
 
     def add(self, area: str, outcome: TimedArea) -> None:
         self.areas.setdefault(area, []).append(outcome)
 
     def total(self, clock: str) -> float:
-        """Seconds of all areas by a clock (a field of `TimedArea`), each the median of its rounds."""
+        """Seconds of all areas by a clock (a field of `TimedArea`), each the median over its rounds."""
         return sum(
             statistics.median(getattr(r, clock) for r in runs) for runs in self.areas.values()
         )

@@ -1,16 +1,16 @@
-"""The finest wave that a DEM really has, from its heights alone.
+"""Effective resolution of a DEM, estimated from the spectrum of its heights.
 
-Stereo models and filtered products are posted finer than they resolve. Bare ground has a spectrum of heights that falls
-with wavenumber by one power law over many octaves (the Moon's about k^-4 in two dimensions: Rosenburg et
-al. 2011, J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these scales); where a DEM falls off that law of its
-own long waves, it has lost what was there. Fitted is
+The posting of stereo models and filtered products is often finer than their resolution. The height spectrum of natural
+terrain follows one power law over many octaves (on the Moon about k^-4 in two dimensions: Rosenburg et al. 2011,
+J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these scales). A spectrum that falls below the power law of its
+long waves has lost detail. The fitted model is
 
     P(k) = A k^-b M(k)^2 + N,      M(k)^2 = 1 / (1 + 3 (k/c)^4)   or   exp(-ln 4 (k/c)^2)
 
-with N the level at which the spectrum becomes flat (rounding and noise). The first M is that of heights found with a penalty on
-curvature, as dense matching finds them; the second is a Gaussian point spread; the better of the two is taken. M is 1/2
-at k = c. The resolution is half that wave: the width of the cells that just carry it. Where noise outweighs the
-heights at longer waves already, it is half of the wave at which it does. Never below the posting.
+N is the flat level of rounding and noise. The first M describes heights estimated with a penalty on curvature, as in dense
+matching; the second is a Gaussian point spread; the better fit is used. M is 1/2 at k = c. The resolution is half of that
+wavelength: the largest cell that represents it. If noise exceeds the signal at longer waves already, the resolution is half
+of the wavelength at which both are equal. It is never below the posting.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ from ..terrain.terrain import Terrain
 from .point_spread import SIGMA_PER_FWHM
 
 TILES = (512, 256, 128, 64, 32)
-"""Sides of the tiles that spectra are averaged over: the first that leaves out no more than half of the heights."""
+"""Side lengths of the tiles whose spectra are averaged, nodes; the first that covers at least half of the heights is used."""
 
 LAW_LONGEST_M = 30e3
-"""The Moon's own spectrum bends here: longer waves fall less steeply (LDEM_4: k^-2 between 30 and 100 km)."""
+"""Longest wave of the power law; the spectrum of the Moon is less steep beyond (LDEM_4: k^-2 between 30 and 100 km)."""
 
 EXPONENT, EXPONENT_SIGMA = 4.0, 0.3
-"""What is known of b before: without it a small area cannot tell a steep law from a smooth DEM."""
+"""Prior of b. Without it a small area cannot distinguish a steep power law from a smooth DEM."""
 
 BETWEEN_AREAS = 0.25
-"""Standard deviation, in the logarithm, between answers for areas of 100 to 700 km of one product (GLD100, ten of them:
-docs/validation.md): no ground follows a power law exactly.
+"""Standard deviation of the logarithm of the estimate between areas of 100 to 700 km of one product (ten areas of GLD100),
+because no terrain follows a power law exactly.
 """
 
 _BINS_PER_OCTAVE = 6
-_LONGEST = 3.0  # waves in a tile: longer ones are bent by its taper and its plane
-_SHORTEST = 0.95  # of Nyquist's wavenumber
-_OCTAVES_LEAST = 2.5  # Nyquist's wavenumber, in the longest wave's
+_LONGEST = 3.0  # waves per tile: the taper and the removed plane distort longer waves
+_SHORTEST = 0.95  # of the Nyquist wavenumber
+_OCTAVES_LEAST = 2.5  # least ratio of the shortest to the longest wave's wavenumber
 _CUTS = 300
 _NOISES = 10
-_MISFIT = 0.1  # what no law with so few numbers follows, in the logarithm of power
-_TOLD = 0.8  # of Nyquist's wavenumber: beyond, what is folded back looks like noise
-_FITTED = 2.5  # times the cut: beyond, a DEM's own filters show that are none of the model's
+_MISFIT = 0.1  # model error in the logarithm of power
+_TOLD = 0.8  # of the Nyquist wavenumber: beyond it aliasing resembles noise
+_FITTED = 2.5  # times the cut: beyond it a DEM's own filters, which the model lacks, appear
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """What a DEM resolves.
+    """Effective resolution of a DEM.
 
-    ``resolution_m``: half its shortest wave, at least ``posting_m``; ``low_m`` to ``high_m``: one sigma, of the fit and of what
-    areas of one product differ by (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that
-    halves the same wave; 0 for a DEM that has its posting. ``exponent``: b; ``noise_m``: standard deviation of what is
-    flat in the spectrum; ``how``: in words, for reports.
+    ``resolution_m``: half of the shortest wavelength, at least ``posting_m``. ``low_m`` to ``high_m``: the 1-sigma interval of
+    the fit and of the variation between areas (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the
+    Gaussian that halves the same wave; 0 if the resolution is the posting. ``exponent``: b. ``noise_m``: standard deviation
+    of the flat part of the spectrum. ``how``: a description for reports.
     """
 
     resolution_m: float
@@ -74,7 +74,7 @@ class Resolution:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power (m^4) of heights by wavenumber (cycles a metre), both (n,), and how many waves each mean was taken of."""
+    """Power (m^4) of heights over wavenumber (cycles per metre), and the number of waves in each mean; all (n,)."""
 
     wavenumber: Array
     power: Array
@@ -82,18 +82,20 @@ class Spectrum:
 
 
 def of_terrain(terrain: Terrain) -> Resolution:
-    """Of a terrain's core, which should have the DEM's own posting: coarser cells hide what the DEM has, finer ones are
-    found out.
+    """Effective resolution of the DEM of a terrain, from its core.
+
+    The terrain should have the DEM's posting: coarser cells hide detail; finer cells do not change the result.
     """
     row0, row1, col0, col1 = terrain.core
     return true_resolution(terrain.field.z_m[row0:row1, col0:col1], terrain.field.gsd_m)
 
 
 def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) -> Resolution:
-    """Of heights (rows, cols) on a grid whose nodes lie ``gsd_m`` apart, or (down, across) metres: rows of a cylindrical map.
+    """Effective resolution of heights (rows, cols) on a grid with node spacing ``gsd_m``, or (down, across) in metres for the
+    rows of a cylindrical map.
 
-    Heights of fewer than 32 x 32 nodes, with gaps everywhere, level, or of which hardly an octave is shorter than
-    `LAW_LONGEST_M`, cannot tell: the posting is given, and ``how`` says so.
+    The result is the posting, which ``how`` states, for heights that are too few (below 32 x 32 nodes), full of gaps, constant,
+    or with hardly an octave of waves below `LAW_LONGEST_M`. ValueError for other shapes or steps.
     """
     z = np.asarray(heights_m, dtype=np.float64)
     steps = (float(gsd_m), float(gsd_m)) if np.ndim(gsd_m) == 0 else tuple(map(float, gsd_m))  # type: ignore[arg-type]
@@ -102,7 +104,7 @@ def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) ->
     posting = max(steps)
     spectrum = spectrum_of(z, (steps[0], steps[1]))
     if spectrum is None:
-        return _untold(posting, "too few heights without gaps to tell: its posting")
+        return _untold(posting, "posting; too few heights without gaps to estimate the resolution")
     return _fitted(spectrum, posting, steps[0] * steps[1])
 
 
@@ -114,8 +116,10 @@ def _untold(posting_m: float, how: str) -> Resolution:
 
 
 def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
-    """The mean spectrum over tiles, half a tile apart, each less its plane and tapered by Hann's window squared (whose leakage
-    falls with k^-10: less steeply than any DEM would be hidden by); None where too few tiles are whole or all are level.
+    """Mean spectrum over tiles at half a tile's spacing; None if too few tiles are without gaps or all are constant.
+
+    Each tile has its plane removed and is tapered by the squared Hann window, whose leakage falls with k^-10, more steeply
+    than the spectrum of any DEM.
     """
     side, tiles = next(((side, tiles) for side in TILES if (tiles := _tiles(z, side))), (0, []))
     if not tiles:
@@ -125,7 +129,9 @@ def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
         return None
     down, across = (np.fft.fftfreq(side, step) for step in steps_m)
     k = np.hypot(down[:, None], across[None])
-    half = (across[None] > 0) | ((across[None] == 0) & (down[:, None] > 0))  # each wave once
+    half = (across[None] > 0) | (
+        (across[None] == 0) & (down[:, None] > 0)
+    )  # each conjugate pair once
     longest = max(_LONGEST / (side * max(steps_m)), 1.0 / LAW_LONGEST_M)
     shortest = _SHORTEST * 0.5 / max(steps_m)
     if shortest < _OCTAVES_LEAST * longest:
@@ -136,7 +142,7 @@ def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
 
 
 def _tiles(z: Array, side: int) -> list[Array]:
-    """Tiles without gaps; none where they would leave out more than half of the heights."""
+    """Tiles without gaps; an empty list if they cover less than half of the heights."""
     there = np.isfinite(z)
     covered = np.zeros(z.shape, np.bool_)
     tiles = []
@@ -160,8 +166,10 @@ def _power(tile: Array) -> Array:
 
 
 def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
-    """Geometric means over bins of wavenumber: what interpolation or stripes put on a few waves hardly moves them. That of one
-    noisy spectrum would lie below its mean by exp(-gamma), of n by about exp(-1 / 2n): undone.
+    """Geometric means over bins of wavenumber, which are robust against artefacts of a few waves (interpolation, stripes).
+
+    The geometric mean of a noisy spectrum is below its mean: by exp(-gamma) for one spectrum, by about exp(-1 / 2n) for the
+    mean of n. The bias is removed.
     """
     which = np.digitize(k, edges) - 1
     below = 0.5 / tiles + 1.0 / (12.0 * tiles**2)  # ln n - digamma(n)
@@ -189,7 +197,7 @@ SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True)
 class _Fit:
-    """One shape with its numbers, and its misfit (chi^2) as a function of the cut."""
+    """Fitted parameters of one shape, and its misfit (chi^2) as a function of the cut."""
 
     shape: str
     cut: float
@@ -201,7 +209,7 @@ class _Fit:
     profile: Array
 
     def signal(self, k: Array) -> Array:
-        """Power without the flat part."""
+        """Power without noise."""
         return np.asarray(
             self.amplitude * k**-self.exponent * np.exp(SHAPES[self.shape](k, self.cut))
         )
@@ -239,19 +247,17 @@ def _words(fit: _Fit, resolution_m: float, posting_m: float, noisy: float) -> st
     if resolution_m <= posting_m:
         return f"{law} down to the posting"
     if noisy < fit.cut:
-        return f"{law}, and noise outweighs them below waves of {2.0 * resolution_m:.0f} m"
-    return (
-        f"{law}; waves of {2.0 * resolution_m:.0f} m have half their height left, like {fit.shape}"
-    )
+        return f"{law}; noise exceeds them at wavelengths below {2.0 * resolution_m:.0f} m"
+    return f"{law}; waves of {2.0 * resolution_m:.0f} m are halved, as by {fit.shape}"
 
 
 def _fwhm_m(cut: float) -> float:
-    """Full width at half maximum of the Gaussian whose transfer is 1/2 at a wavenumber: exp(-2 (pi s k)^2) = 1/2."""
+    """Full width at half maximum of the Gaussian with transfer 1/2 at a wavenumber: exp(-2 (pi s k)^2) = 1/2."""
     return math.sqrt(0.5 * math.log(2.0)) / (math.pi * cut) / SIGMA_PER_FWHM
 
 
 def _best(spectrum: Spectrum) -> _Fit:
-    """The better shape, with the flat level that fits best."""
+    """Best fit over all shapes and noise levels."""
     least = float(spectrum.power.min())
     noises = [0.0, *(least * np.linspace(0.05, 0.95, _NOISES)).tolist()]
     fits = [_fit(spectrum, shape, noise) for shape in SHAPES for noise in noises]
@@ -262,8 +268,8 @@ def _best(spectrum: Spectrum) -> _Fit:
 
 
 def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
-    """Amplitude and exponent by weighted least squares on logarithms, for every cut at once; what is known of the exponent
-    counts as one more measurement.
+    """Amplitude and exponent by weighted least squares on logarithms, for all cuts at once. The prior of the exponent counts as
+    one more measurement.
     """
     k, power = spectrum.wavenumber, spectrum.power
     clear = power - noise
@@ -288,14 +294,14 @@ def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
 
 
 def _interval(fit: _Fit, count: int) -> tuple[float, float]:
-    """Cuts within one sigma: the misfit is scaled so that the best fit's is what its freedom allows, if it is worse."""
+    """1-sigma interval of the cut. If the best fit's chi^2 exceeds its degrees of freedom, chi^2 is scaled to them."""
     scale = max(1.0, fit.chi2 / max(1, count - 4))
     within = fit.cuts[fit.profile <= fit.profile.min() + scale]
     return float(within.min()), float(within.max())
 
 
 def _outweighed(fit: _Fit, nyquist: float) -> float:
-    """The wavenumber from which on the flat part is more than the rest; infinite where that is beyond Nyquist."""
+    """Least wavenumber at which the noise exceeds the signal; infinite if it is near or beyond Nyquist."""
     k = np.geomspace(fit.cuts[0], _TOLD * nyquist, 2000)
     over = np.flatnonzero(fit.signal(k) < fit.noise)
     return float(k[over[0]]) if over.size else math.inf

@@ -1,8 +1,8 @@
-"""A whole image against renders of the ground it shows: of a DEM, or of a catalogue's patches alone.
+"""Comparison of a whole image with renders of its terrain: of a DEM, or of a catalogue's patches alone.
 
-The image is brought to the ground's nodes, the ground is rendered under the image's Sun as its sensor saw it, both are brought
-to the same cells and the same point spread, and windows are correlated (`windows`). Nothing is fitted but the sensor's place,
-before, and each window's own gain and offset.
+The image is resampled to the terrain's nodes; the terrain is rendered under the Sun and view of the image; both are brought to
+the same cells and point spread; windows are correlated (`window_correlation`). Nothing is fitted except the sensor's position,
+in advance, and the gain and offset of each window.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from .point_spread import Pair, paired
 from .window_correlation import WindowComparison, compare, of_patches
 
 SEARCH_CELLS = 2
-"""How far each window's own best place is looked for, for the quiver."""
+"""Search radius of the offset of each window, cells."""
 
 
 @dataclass(frozen=True)
 class WindowChoice:
-    """Windows of ``size`` cells, each ``step`` from the next; cells of ``gsd_m``, None: of the ground's true resolution."""
+    """Side and spacing of the windows in cells, and the cell size ``gsd_m`` (None: the effective resolution of the terrain)."""
 
     size: int = 16
     step: int = 16
@@ -54,20 +54,18 @@ class WindowChoice:
 
 @dataclass(frozen=True, eq=False)
 class GroundComparison:
-    """The windows, where each lies, how the cells were chosen and against what; ``image`` and ``render`` on those cells, (rows,
-    cols) or of each patch (n, rows, cols), and the files that were read.
+    """The compared windows with their places; descriptions of the cell size (``resolution``) and of the rendered terrain
+    (``against``); image and render on the cells, (rows, cols) or for each patch (n, rows, cols); and the files that were read.
     """
 
     windows: WindowComparison
-    longitude_deg: Array  # (n,) of each window's middle
+    longitude_deg: Array  # (n,) of the windows' centres
     latitude_deg: Array
     resolution: str
     against: str
     image: Array
     render: Array
-    point: Index | None = (
-        None  # (n,) which point of the catalogue a window belongs to, where patches are compared
-    )
+    point: Index | None = None  # (n,) row of each window's point in the catalogue, for patches
     sources: tuple[Path, ...] = ()
 
 
@@ -82,9 +80,9 @@ def against_dem(
     choice: WindowChoice = WindowChoice(),
     albedo: AlbedoMap | None = None,
 ) -> GroundComparison:
-    """All of an image that a DEM holds. AreaError where it holds none; other errors as `exposure.prepare`.
+    """Compare the part of an image that a DEM covers. AreaError if there is none; other errors as `pipeline.prepare`.
 
-    The DEM's own posting tells what it resolves. Cells finer than the posting are rendered at their own size.
+    The effective resolution is estimated at the DEM's posting. Cells finer than the posting are rendered at their own size.
     """
     request = dem_request(photo, dem_paths, model, accuracy, albedo)
     scene = prepare_terrain(request)
@@ -104,7 +102,7 @@ def against_dem(
     )  # fmt: skip
     lon, lat = _places(nodes, pair, found)
     names = ", ".join(Path(path).name for path in dem_paths)
-    told = resolution.how if choice.gsd_m is None else f"cells as asked; {resolution.how}"
+    told = resolution.how if choice.gsd_m is None else f"cell size as given; {resolution.how}"
     return GroundComparison(
         found,
         lon,
@@ -118,8 +116,8 @@ def against_dem(
 
 
 def rendered_cell_m(posting_m: float, target_m: float) -> float:
-    """The cells to render on for windows on cells of ``target_m``: half of those, not finer than the DEM; cells finer than the
-    DEM as they are. Finer renders cost the square of the ratio more, and made photographs no more alike (docs/validation.md).
+    """Cell size of the render for windows on cells of ``target_m``: half of it, but not finer than the DEM; ``target_m`` itself
+    if that is finer than the DEM. Still finer renders take longer by the square of the ratio and agree no better with images.
     """
     return min(max(posting_m, 0.5 * target_m), target_m)
 
@@ -131,7 +129,7 @@ def dem_request(
     accuracy: Accuracy,
     albedo: AlbedoMap | None = None,
 ) -> Request:
-    """What a render of the ground that an image shows is asked for, at the DEM's own cells and under the image's Sun."""
+    """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of the image."""
     sensor = photo.sensor.full
     if isinstance(sensor, Camera):
         sensor = replace(sensor, sun_position_mcmf_m=photo.sun_position_mcmf_m)
@@ -153,13 +151,13 @@ def dem_request(
 
 
 def subsolar(photo: Image) -> tuple[float, float]:
-    """Where the Sun is overhead, longitude and latitude: the place whose vertical is the direction to it."""
+    """Subsolar longitude and latitude, degrees: the place whose vertical is the direction to the Sun."""
     lon, lat, _ = mcmf_to_lonlat(photo.sun_directions(np.zeros(3)))
     return float(lon), float(lat)
 
 
 def _places(nodes: Array, pair: Pair, found: WindowComparison) -> tuple[Array, Array]:
-    """Longitude and latitude of the windows' middles, each from its nearest node; NaN over ground without a height."""
+    """Longitude and latitude of the windows' centres, from the nearest node; NaN without a height."""
     middle = 0.5 * (found.size - 1)
     row, col = (
         np.clip(np.rint(pair.grid.start_px + pair.grid.ratio * (first + middle)), 0, count - 1)
@@ -180,22 +178,22 @@ def against_patches(
     accuracy: Accuracy,
     choice: WindowChoice = WindowChoice(),
 ) -> GroundComparison:
-    """The patches of some of a catalogue's points (rows, (n,)), each rendered from its own nodes, on their own cells (or on
-    coarser ones, as asked). AreaError where none lies whole in the image, or for cells finer than theirs.
+    """Compare the patches of some points, catalogue rows (n,), each rendered from its own nodes, on their own or on coarser cells.
 
-    Where patches have different cells those of the most common size are taken.
+    Of patches with different cell sizes those of the most common size are compared. AreaError if no patch lies entirely in the
+    image, or for cells finer than those of the patches.
     """
     gsd_m, rows = _of_one_size(catalog, points)
     target_m = gsd_m if choice.gsd_m is None else choice.gsd_m
     if target_m < gsd_m * (1.0 - 1e-6):
         raise AreaError(
-            f"cells of {target_m:g} m are finer than the patches' {gsd_m:g} m; give --dem, or a coarser --gsd"
+            f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give --dem or a coarser --gsd"
         )
     pairs = [_pair(photo, catalog, int(row), model, accuracy, target_m) for row in rows]
     whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
     if not whole:
         raise AreaError(
-            f"{photo.name}: no patch of the catalogue lies whole in the image, lit by its Sun and with valid pixels"
+            f"{photo.name}: no patch of the catalogue is entirely in the image, sunlit and without invalid pixels"
         )
     images, renders, weights = (
         np.stack([getattr(pairs[k], name) for k in whole]) for name in ("image", "render", "weight")
@@ -203,9 +201,9 @@ def against_patches(
     found = of_patches(images, renders, weights, gsd_m=target_m, size=choice.size, step=choice.step)
     assert found.patch is not None
     point = rows[whole][found.patch]
-    told = "the patches' own cells" if choice.gsd_m is None else "cells as asked"
+    told = "cell size of the patches" if choice.gsd_m is None else "cell size as given"
     if found.size < choice.size:
-        told += f"; a patch holds only {found.size} of them a side"
+        told += f"; windows of {found.size} cells, because a patch is no larger"
     return GroundComparison(
         found,
         catalog.longitude[point],
@@ -219,9 +217,9 @@ def against_patches(
 
 
 def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
-    """The most common cell of some points' patches, and which of them have it."""
+    """Most common cell size of some points' patches, and the points that have it."""
     if not len(points):
-        raise AreaError("none of the catalogue's points is in view")
+        raise AreaError("no point of the catalogue is in view")
     sizes, count = np.unique(np.round(catalog.gsd[points], 6), return_counts=True)
     common = float(sizes[int(np.argmax(count))])
     return common, points[np.isclose(catalog.gsd[points], common, rtol=1e-6)]
@@ -235,7 +233,7 @@ def _pair(
     accuracy: Accuracy,
     target_m: float,
 ) -> Pair | None:
-    """One patch, and the image on its nodes; None where the sensor cannot have seen its middle."""
+    """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor or not lit."""
     terrain = patch_terrain(catalog, row)
     sensor = photo.sensor.full
     towards = sensor.towards(terrain.frame.origin_mcmf_m)
@@ -257,10 +255,10 @@ def _pair(
     ortho = orthorectify(photo, nodes_mcmf(catalog, [row])[0], shot.visible)
     how: dict[str, Any] = {"gsd_m": terrain.field.gsd_m, "target_m": target_m}
     pair = paired(ortho.signal, radiance, ortho.weight, **how)
-    whole = np.ones(radiance.shape)  # a patch's own edge is no gap in it
+    whole = np.ones(radiance.shape)  # the patch's edge does not count as missing
     return replace(pair, weight=pair.weight / paired(whole, whole, whole, **how).weight)
 
 
 def _beyond_image(view: View) -> View:
-    """The view without its image's border: which nodes lie in the image `ortho` knows."""
+    """The view without the image's borders; `orthorectify` decides which nodes are in the image."""
     return replace(view, camera=None)

@@ -1,9 +1,9 @@
-"""An image on the ground's grid: what it shows of each cell of a terrain.
+"""Orthoimage: an image resampled to the nodes of a terrain.
 
-Every cell's footprint in the image is a parallelogram, from where its neighbours project. Where the image is finer than
-the ground the signal is the mean over that parallelogram (`kernels.footprint`), so that nothing aliases and
-nothing is lost; where it is coarser it is interpolated by cubic convolution. Missing and saturated pixels
-weigh nothing; ground that the camera does not see is left out.
+The footprint of a cell in the image is a parallelogram, given by the projections of its neighbours. If the image is finer than
+the terrain, the signal is the mean over that parallelogram (`kernels.resampling.area_means`), without aliasing; if it is
+coarser, it is interpolated by cubic convolution. Missing and saturated pixels have no weight; nodes hidden from the camera are
+left out.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 
 _FINE_PX = 4.0
-"""Where the narrowest footprints are wider than twice this, the image is reduced until they are not: a footprint's
-border then lies wrong by an eighth of its width at most.
+"""If the narrowest footprints are wider than twice this, pixels, the image is reduced first. The edges of a footprint are then
+wrong by at most an eighth of its width.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Ortho:
-    """An image at ground nodes (rows, cols): ``signal``, NaN where ``weight`` is 0; ``weight`` 0..1; ``pixels`` (rows, cols,
-    2) where each node lies in the image, NaN where it cannot; ``footprint_px``, the typical footprint's longer
-    side: above 1 the image is finer than the ground.
+    """An image at terrain nodes (rows, cols): ``signal``, NaN where ``weight`` is 0; ``weight`` 0..1; ``pixels`` (rows, cols, 2),
+    the projections of the nodes, NaN where there is none; ``footprint_px``, the longer side of the typical footprint, above 1
+    if the image is finer than the terrain.
     """
 
     signal: Array
@@ -40,20 +40,22 @@ class Ortho:
 
 
 def terrain_nodes(terrain: Terrain) -> Array:
-    """MCMF positions (rows, cols, 3) of a terrain's core, metres; NaN without a height."""
+    """MCMF positions (rows, cols, 3) of the nodes of a terrain's core, metres; NaN without a height."""
     return terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
 
 
 def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
-    """The image at the nodes (rows, cols, 3) of a grid of the ground, each the mean over its cell.
+    """Mean of the image over the cell of each node of a terrain grid, MCMF metres (rows, cols, 3).
 
-    ``visible`` (rows, cols): which nodes the camera sees (a render says that); none: all that project into
-    the image. At the border of the grid, or of its heights, a footprint is that of one-sided differences.
-    ValueError for anything but a grid of at least 2 x 2 nodes.
+    ``visible`` (rows, cols): True for nodes visible to the camera, as from a render; default: all nodes that project into the
+    image. At the edges of the grid and of its heights, footprints are from one-sided differences. ValueError for a grid of
+    fewer than 2 x 2 nodes.
     """
     nodes = np.asarray(nodes_mcmf_m, dtype=np.float64)
     if nodes.ndim != 3 or nodes.shape[2] != 3 or min(nodes.shape[:2]) < 2:
-        raise ValueError(f"nodes are (rows, cols, 3), two or more a side, not {nodes.shape}")
+        raise ValueError(
+            f"nodes must be (rows, cols, 3) with two or more a side, not {nodes.shape}"
+        )
     pixels = photo.sensor.project(nodes)
     seen = photo.sensor.in_image(pixels)
     if visible is not None:
@@ -68,8 +70,8 @@ def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | Non
 
 
 def _steps(pixels: Array, axis: int) -> Array:
-    """By how much the pixel moves from a node to the next along an axis: central differences, one-sided ones beside
-    what has none, NaN where neither neighbour has.
+    """Pixel steps from node to node along an axis: central differences, one-sided beside missing nodes, NaN between two missing
+    nodes.
     """
     along = np.moveaxis(pixels, axis, 0)
     nothing = np.full((1, *along.shape[1:]), np.nan)
@@ -82,14 +84,14 @@ def _steps(pixels: Array, axis: int) -> Array:
 
 
 def _footprints_px(down: Array, right: Array, seen: Mask) -> tuple[float, float]:
-    """The longer side of footprints: of the narrowest twentieth, and of the middle one; 0 where nothing is seen."""
+    """5th percentile and median of the longer sides of the footprints, pixels; 0 without visible nodes."""
     longer = np.maximum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))[seen]
     narrow, wide = np.percentile(longer, [5, 50]) if longer.size else (0.0, 0.0)
     return float(narrow), float(wide)
 
 
 def _means(photo: Image, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:
-    """Means over the footprints that are seen, and their weights, (rows, cols)."""
+    """Means over the visible footprints, and their weights, (rows, cols)."""
     weight = np.where(photo.valid, photo.weight, 0.0).astype(np.float32)
     light = np.where(weight > 0.0, photo.signal, 0.0).astype(np.float32)
     signal, mass = np.empty(int(seen.sum())), np.empty(int(seen.sum()))

@@ -1,8 +1,8 @@
-"""Values on a grid of the ground, brought to a coarser grid and to a stated point spread.
+"""Resampling of gridded values to coarser cells with a stated point spread.
 
-An image and a render can be held against each other only where both are equally sharp. The point spread is a
-Gaussian of a full width at half maximum on the ground; missing cells weigh nothing. The Gaussian is
-evaluated where the new grid's nodes lie, so that no ratio of cell sizes is special.
+An image and a render can be compared only if they are equally sharp. The point spread is a Gaussian with a stated full width at
+half maximum on the terrain; missing cells have no weight. The Gaussian is evaluated at the nodes of the new grid, so that any
+ratio of cell sizes is possible.
 """
 
 from __future__ import annotations
@@ -17,18 +17,16 @@ from ..arrays import Array
 
 SIGMA_PER_FWHM = 1.0 / math.sqrt(8.0 * math.log(2.0))
 CELL_FWHM = 2.0
-"""Width of the point spread that cells get, in cells: the shortest wave that they hold."""
+"""Full width at half maximum of the point spread, in cells: the shortest wave that the cells represent."""
 
 _REACH_SIGMAS = 5.0
-"""Beyond it lies 6e-7 of a Gaussian in one dimension."""
+"""Truncation of the Gaussian; 6e-7 of it is beyond, in one dimension."""
 _BLOCK = 256
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of a coarser grid among those of a finer one: node (i, j) lies at row ``start_px + i ratio``, column
-    ``start_px + j ratio``.
-    """
+    """Coarser grid in coordinates of a finer one: node (i, j) is at row ``start_px + i ratio``, column ``start_px + j ratio``."""
 
     shape: tuple[int, int]
     ratio: float
@@ -36,21 +34,21 @@ class Grid:
 
     @classmethod
     def over(cls, shape: tuple[int, int], ratio: float) -> Grid:
-        """Whole coarse cells from the fine grid's north-western corner on; ValueError for a finer grid, or none."""
+        """Whole coarse cells from the north-western corner of the fine grid. ValueError for a ratio below 1 or too large a one."""
         if not ratio >= 1.0 - 1e-9:
-            raise ValueError(f"cells {ratio:g} times as wide are finer, not coarser")
+            raise ValueError(f"ratio of cell sizes {ratio:g}: the new cells are not coarser")
         rows, cols = (int((n + 1e-9) / ratio) for n in shape)
         if min(rows, cols) < 1:
             raise ValueError(
-                f"{shape[0]} x {shape[1]} cells do not hold one {ratio:g} times as wide"
+                f"{shape[0]} x {shape[1]} cells are too few for a cell {ratio:g} times as wide"
             )
         return cls((rows, cols), float(ratio), 0.5 * (ratio - 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """An image and a render (rows, cols) on the same cells and with the same point spread; ``weight`` 0..1 is 0 where one
-    of them is missing. ``grid``: which of the finer nodes.
+    """Image and render (rows, cols) on the same cells with the same point spread. ``weight`` 0..1 is 0 where one is missing.
+    ``grid``: the cells in coordinates of the finer grid.
     """
 
     image: Array
@@ -70,11 +68,11 @@ def paired(
     dem_fwhm_m: float = 0.0,
     cell_fwhm: float = CELL_FWHM,
 ) -> Pair:
-    """Image and render (rows, cols) on cells of ``gsd_m``, brought to cells of ``target_m`` (as wide or wider).
+    """Image and render (rows, cols) on cells of ``gsd_m``, resampled to equal or larger cells of ``target_m``.
 
-    Both get a Gaussian of ``cell_fwhm`` target cells. A render lacks what its DEM has smoothed away, so the image gets the
-    DEM's own point spread as well: ``dem_fwhm_m`` (`dem_resolution.Resolution.point_spread_m`). For slopes that are
-    small enough for brightness to follow them linearly the two are then equally sharp.
+    Both are smoothed with a Gaussian of ``cell_fwhm`` target cells. A render lacks the detail that its DEM lacks, so the image
+    is also smoothed with the DEM's point spread ``dem_fwhm_m`` (`dem_resolution.Resolution.point_spread_m`). Both are then
+    equally sharp if slopes are so small that brightness is linear in them.
     """
     a, b = np.asarray(image, dtype=np.float64), np.asarray(render, dtype=np.float64)
     w = np.where(np.isfinite(a) & np.isfinite(b), np.asarray(weight, dtype=np.float64), 0.0)
@@ -89,15 +87,15 @@ def paired(
 def spread(
     values: ArrayLike, weight: ArrayLike, fwhm_px: float, grid: Grid | None = None
 ) -> tuple[Array, Array]:
-    """Gaussian means (rows, cols) of values by their weights, and the weights' own means; NaN and 0 where nothing is near.
+    """Weighted Gaussian means (rows, cols) of values, and the means of the weights; NaN and 0 without values nearby.
 
-    ``fwhm_px``: in cells of the values; 0 takes each nearest node as it is. ``grid``: where to take the means, none:
-    at the nodes themselves. A Gaussian narrower than 1.5 cells is undersampled: its sum is made 1, its width
-    is not kept (at 1.5 cells it is 1 % too small, at 1 cell a fifth).
+    ``fwhm_px``: in cells of the values; 0 takes the nearest node. ``grid``: nodes of the means; default: those of the values. A
+    Gaussian narrower than 1.5 cells is undersampled: it is normalised, but its width is too small (by 1 % at 1.5 cells, by a
+    fifth at 1 cell).
     """
     v, w = np.asarray(values, dtype=np.float64), np.asarray(weight, dtype=np.float64)
     if v.ndim != 2 or v.shape != w.shape:
-        raise ValueError(f"values and weights have the shapes {v.shape} and {w.shape}")
+        raise ValueError(f"shapes of values and weights differ: {v.shape} and {w.shape}")
     grid = grid or Grid(v.shape, 1.0, 0.0)
     w = np.where(np.isfinite(v), w, 0.0)
     light = np.where(w > 0.0, v, 0.0) * w
@@ -112,7 +110,7 @@ def _both_axes(values: Array, grid: Grid, fwhm_px: float) -> Array:
 
 
 def _one_axis(values: Array, count: int, grid: Grid, fwhm_px: float) -> Array:
-    """Means along the first axis at ``count`` nodes, a block of them after the other; beyond the border is nothing."""
+    """Means along the first axis at ``count`` nodes, in blocks; cells beyond the edge have no weight."""
     sigma = fwhm_px * SIGMA_PER_FWHM
     reach = max(1.0, _REACH_SIGMAS * sigma)
     out = np.empty((count, values.shape[1]))
@@ -126,7 +124,7 @@ def _one_axis(values: Array, count: int, grid: Grid, fwhm_px: float) -> Array:
 
 
 def _kernel(at: Array, low: int, high: int, sigma: float) -> Array:
-    """Weights (n, high - low) of the nodes low..high at n places; each row sums to 1 over all nodes, there or not."""
+    """Weights (n, high - low) of the nodes low..high at n places; each row sums to 1 over an unlimited grid."""
     if sigma <= 0.0:
         return np.asarray(
             np.arange(low, high)[None] == np.floor(at + 0.5)[:, None], dtype=np.float64

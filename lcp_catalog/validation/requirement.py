@@ -1,11 +1,11 @@
-"""What a user demands of a validation: ``share_above_0_9>=0.85 and points_found>=20``, held against ``report.json``.
+"""Requirements on a validation, like ``share_above_0_9>=0.85 and points_found>=20``, checked against ``report.json``.
 
     requirement = term { ("and" | ",") term }
     term        = name (">=" | ">" | "<=" | "<" | "==" | "!=") value
 
-A name is a path in an image's entry of ``report.json`` (``windows.share_above_0_9``) or its end; of several paths with
-one end the shortest is meant (``share_above_0_9`` is that of all windows, not of the textured half). Every image must hold every
-term. What was not measured holds nothing.
+A name is a path in an image's entry of ``report.json`` (``windows.share_above_0_9``) or the end of one. Of several paths with
+the same end the shortest applies (``share_above_0_9`` is that of all windows, not of the textured half). Every image must
+satisfy every term. A figure that was not measured satisfies none.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ NUMBERS = (
     "saturated_share",
     "missing_share",
 )  # fmt: skip
-"""Paths of what may be demanded, from an image's entry on."""
+"""Paths of the numeric figures in an image's entry."""
 
 _ERROR = "pose.position_error"
 
 VERDICT = "verdict"
-"""The one path whose value is text."""
+"""Path whose value is text."""
 
 OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
     ">=": operator.ge,
@@ -63,7 +63,7 @@ _BETWEEN = re.compile(r",|\band\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Term:
-    """``path`` of `NUMBERS` or `VERDICT`, compared with a value; ``text`` is what the user wrote."""
+    """Comparison of ``path``, one of `NUMBERS` or `VERDICT`, with a value; ``text`` as the user wrote it."""
 
     path: str
     symbol: str
@@ -71,34 +71,34 @@ class Term:
     text: str
 
     def failure(self, image: Mapping[str, Any]) -> str | None:
-        """Why an image's entry does not hold the term, one line; None: it holds."""
+        """One line that states how an image's entry fails the term; None if it satisfies it."""
         found = _at(image, self.path)
         if found is None:
-            return f"{image['image']}: {self.path} was not measured{_why(image, self.path)}; wanted {self.text}"
+            return f"{image['image']}: {self.path} was not measured{_why(image, self.path)}; required: {self.text}"
         if OPERATORS[self.symbol](found, self.value):
             return None
         shown = found if isinstance(found, str) else f"{found:.10g}"
-        return f"{image['image']}: {self.path} is {shown}; wanted {self.text}"
+        return f"{image['image']}: {self.path} is {shown}; required: {self.text}"
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """Terms that all images must hold."""
+    """Terms that all images must satisfy."""
 
     terms: tuple[Term, ...]
 
     @classmethod
     def parse(cls, text: str) -> Requirement:
-        """From a user's words. Raises ConfigError for what is no term and for names unknown or of several figures."""
+        """Parse the text of a requirement. ConfigError for an invalid term and for an unknown or ambiguous name."""
         return cls(tuple(_term(part) for part in _BETWEEN.split(text)))
 
     @property
     def needs_known_pose(self) -> bool:
-        """Whether a term is about the error of a position, which is only measured where the true one is known."""
+        """True if a term needs the position error, which is measured only if the true position is known."""
         return any(term.path.startswith(_ERROR) for term in self.terms)
 
     def failures(self, document: Mapping[str, Any]) -> list[str]:
-        """What of ``report.json`` does not hold, one line each, by image; empty: all does. No image holds nothing."""
+        """One line per failed term and image of ``report.json``; empty if all are satisfied. Without an image, one line."""
         if not document["images"]:
             return ["no image was validated"]
         told = (term.failure(image) for image in document["images"] for term in self.terms)
@@ -109,8 +109,8 @@ def _term(text: str) -> Term:
     match = _TERM.fullmatch(text)
     if match is None:
         raise ConfigError(
-            f"--require: {text.strip()!r} is no condition; write a name, one of {' '.join(OPERATORS)}, and a number, "
-            "as in share_above_0_9>=0.85"
+            f"--require: {text.strip()!r} is not a condition; write a name, one of {' '.join(OPERATORS)}, and a number, "
+            "like share_above_0_9>=0.85"
         )
     name, symbol, value = match.groups()
     path = _path(name)
@@ -121,7 +121,7 @@ def _term(text: str) -> Term:
 
 
 def _path(name: str) -> str:
-    """The path that a name stands for."""
+    """The path that a name refers to."""
     wanted = name.removeprefix("images.")
     known = (VERDICT, *NUMBERS)
     fits = [path for path in known if path == wanted or path.endswith(f".{wanted}")]
@@ -130,8 +130,8 @@ def _path(name: str) -> str:
     if len(nearest) == 1:
         return nearest[0]
     if nearest:
-        raise ConfigError(f"--require: {name} may be any of {', '.join(nearest)}: say which")
-    raise ConfigError(f"--require: there is no {name}; there are {', '.join(known)}")
+        raise ConfigError(f"--require: {name} is ambiguous: {', '.join(nearest)}")
+    raise ConfigError(f"--require: unknown name {name}; known names: {', '.join(known)}")
 
 
 def _number(value: str, said: str) -> float:
@@ -140,22 +140,22 @@ def _number(value: str, said: str) -> float:
     except ValueError:
         number = math.nan
     if math.isnan(number):
-        raise ConfigError(f"--require: {value!r} in {said} is no number; shares are 0..1")
+        raise ConfigError(f"--require: {value!r} in {said} is not a number; shares are 0..1")
     return number
 
 
 def _word(symbol: str, value: str) -> str:
-    """One of the verdicts."""
+    """One of `VERDICTS`."""
     word = value.strip("'\"")
     if word not in VERDICTS or symbol not in ("==", "!="):
         raise ConfigError(
-            f"--require: a verdict is == or != one of {', '.join(VERDICTS)}, not {symbol}{value}"
+            f"--require: verdict must be == or != one of {', '.join(VERDICTS)}, not {symbol}{value}"
         )
     return word
 
 
 def _at(image: Mapping[str, Any], path: str) -> Any:
-    """The value at a path, None where something on the way is missing."""
+    """Value at a path; None if a part of the path is missing."""
     found: Any = image
     for name in path.split("."):
         if found is None:
@@ -165,11 +165,11 @@ def _at(image: Mapping[str, Any], path: str) -> Any:
 
 
 def _why(image: Mapping[str, Any], path: str) -> str:
-    """Why there is no such figure, as far as the report says."""
+    """Reason of a missing figure, as far as the report states it."""
     if path.startswith("windows."):
         return f" ({image['windows']['reason']})" if image["windows"]["reason"] else ""
     if path.startswith("pose.") and image["pose"] is None:
         return f" ({image['verdict']}{': ' if image['reason'] else ''}{image['reason']})"
     if path.startswith(_ERROR):
-        return " (the true place is not known)"
+        return " (the true position is unknown)"
     return " (no point was found)" if not image["points_found"] else ""

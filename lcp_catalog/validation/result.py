@@ -1,6 +1,6 @@
-"""What validation found, as numbers: one verdict an image, and the content of ``report.json``.
+"""Results of a validation: figures of each image, and the content of ``report.json``.
 
-Only figures stand here, no searching and no comparing. What was not measured is NaN or None here and null in JSON.
+A figure that was not measured is NaN or None here and null in JSON.
 """
 
 from __future__ import annotations
@@ -27,70 +27,68 @@ from ..plots.numbers import number
 from .window_correlation import WindowComparison
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
-"""What may be said of an image."""
+"""Possible results of an image."""
 
 DIGITS = 10
-"""Significant digits of a figure in JSON and CSV: the last bits of a double differ between kinds of processors."""
+"""Significant digits of a figure in JSON and CSV; the last bits of a double differ between processors."""
 
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """What is known of an image before anything is sought in it. ``name`` has no folder; angles are those at its middle;
-    NaN: not known.
-    """
+    """Properties of an image before the search. ``name`` has no folder; angles refer to the image centre; NaN: unknown."""
 
     name: str
     width_px: int = 0
     height_px: int = 0
-    sensor: str = ""  # in words: "framing camera", "line scanner" ...
-    pixel_m: float = math.nan  # ground sample distance at the middle
+    sensor: str = ""  # like "framing camera" or "line scanner"
+    pixel_m: float = math.nan  # ground sample distance at the centre
     sun_azimuth_deg: float = math.nan
     sun_elevation_deg: float = math.nan
     off_nadir_deg: float = math.nan
-    sun_from: str = ""  # where the Sun's place comes from
+    sun_from: str = ""  # source of the Sun's position
     saturated_share: float = math.nan
     missing_share: float = math.nan
 
     def __post_init__(self) -> None:
         if Path(self.name).name != self.name:
-            raise ValueError(f"{self.name}: a name without its folder")
+            raise ValueError(f"{self.name}: the name must not contain a folder")
 
 
 @dataclass(frozen=True, eq=False)
 class PointFigures:
-    """Rows of `Matches`, told apart and placed. Pixels are (column, row) of the image as it came."""
+    """Identifiers and places of the rows of `Matches`. Pixels are (column, row) of the original image."""
 
     point_id: NDArray[np.int64]  # (n,)
     longitude_deg: Array  # (n,) east, 0..360
     latitude_deg: Array  # (n,)
-    pixel_m: Array  # (n,) ground size of the image's pixel there
-    corrected_px: Array  # (n, 2) where the corrected sensor puts it, NaN without a pose
+    pixel_m: Array  # (n,) ground sample distance there
+    corrected_px: Array  # (n, 2) prediction of the corrected sensor, NaN without a pose
 
     @classmethod
     def none(cls) -> PointFigures:
-        """Of no points."""
+        """Figures of zero points."""
         empty = np.empty(0)
         return cls(np.empty(0, np.int64), empty, empty, empty, np.empty((0, 2)))
 
 
 @dataclass(frozen=True, eq=False)
 class WindowFigures:
-    """The n windows of an image, and what was compared."""
+    """The n windows of an image, and descriptions of the comparison."""
 
     compared: WindowComparison
-    resolution: str  # how the cell size was chosen, one line
-    against: str  # what was rendered: "GLD100 heights of 948 m", "the catalogue's patches"
-    longitude_deg: Array  # (n,) of the window's middle, east, 0..360
+    resolution: str  # choice of the cell size, one line
+    against: str  # rendered terrain, like "dem.tif at 948 m"
+    longitude_deg: Array  # (n,) of the window's centre, east, 0..360
     latitude_deg: Array  # (n,)
-    point_id: NDArray[np.int64] | None = None  # (n,) whose patch it is, where patches were compared
+    point_id: NDArray[np.int64] | None = None  # (n,) point of the window's patch, for patches
 
     @property
     def offset_sentence(self) -> str:
-        """Whether an offset of the whole image was taken out before comparing."""
+        """Statement on the offset of the whole image."""
         if self.compared.offset == "kept":
-            return "no offset was removed before comparing"
+            return "none was removed before the comparison"
         right, down = (number(cells) for cells in self.compared.shift_px)
-        return f"the whole image lay {right} cells right and {down} below its render: removed before comparing"
+        return f"{right} cells right and {down} down, removed from the whole image before the comparison"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +108,14 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class PoseFigures:
-    """A corrected sensor; ``error`` is None where the true place is not known (or, of a map, where there is none)."""
+    """A corrected sensor. ``error`` is None if the true position is unknown, and for maps."""
 
     pose: Pose
     error: PositionError | None = None
 
     @property
     def position_axes_m(self) -> Array:
-        """1 sigma along the principal axes of the position's covariance, falling; 3 of a camera, 2 on a map."""
+        """1 sigma along the principal axes of the position covariance, descending; 3 axes for a camera, 2 for a map."""
         variances = np.linalg.eigvalsh(self.pose.covariance[:3, :3])[::-1]
         return np.sqrt(np.maximum(variances, 0.0))
 
@@ -127,15 +125,15 @@ class PoseFigures:
 
     @property
     def position_mcmf_m(self) -> Array | None:
-        """Where the corrected camera stands, (3,), of a scanner its middle line; None of a map."""
+        """Position (3,) of the corrected camera, of a scanner at its middle line; None for a map."""
         if self.pose.sensor.corrections == ON_MAP:
             return None
         rows, cols = self.pose.sensor.shape
         return self.pose.sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])[0]
 
     def figures(self) -> dict[str, Any]:
-        """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position's variances: what its error is in
-        the root mean square.
+        """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position variances, the expected root mean
+        square of the position error.
         """
         pose, error = self.pose, self.error
         names = pose.sensor.corrections
@@ -155,22 +153,24 @@ class PoseFigures:
 
 @dataclass(frozen=True, eq=False)
 class ImageVerdict:
-    """All that was found of one image. ``error`` is that of its pose, where the true one is known."""
+    """Results of one image. ``error``: of its pose, if the true one is known."""
 
     facts: ImageFacts
     located: PositionFix
     points: PointFigures  # of the rows of ``located.matches``
     windows: WindowFigures | None = None
-    windows_reason: str = ""  # why there are none
+    windows_reason: str = ""  # reason if there are none
     error: PositionError | None = None
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
-            raise ValueError(f"{self.facts.name}: a verdict {self.verdict!r}; {VERDICTS}")
+            raise ValueError(
+                f"{self.facts.name}: verdict {self.verdict!r} is not one of {VERDICTS}"
+            )
         if (self.located.pose is not None) != (self.verdict == LOCATED):
-            raise ValueError(f"{self.facts.name}: a pose goes with {LOCATED!r} alone")
+            raise ValueError(f"{self.facts.name}: only a {LOCATED!r} image has a pose")
         if len(self.points.point_id) != len(self.matches):
-            raise ValueError(f"{self.facts.name}: points and matches are not the same rows")
+            raise ValueError(f"{self.facts.name}: numbers of points and matches differ")
 
     @property
     def verdict(self) -> str:
@@ -187,13 +187,13 @@ class ImageVerdict:
 
     @cached_property
     def pose(self) -> PoseFigures | None:
-        """Only there with `LOCATED`."""
+        """None unless `LOCATED`."""
         pose = self.located.pose
         return None if pose is None else PoseFigures(pose, self.error)
 
     @cached_property
     def residual_px(self) -> Array:
-        """Found minus where the corrected sensor puts it, (n, 2), also of what was found and not believed; NaN for the rest, and
+        """Position found minus prediction of the corrected sensor (n, 2), also for rejected matches; NaN for points not found and
         without a pose.
         """
         return np.asarray(self.matches.found_px - self.points.corrected_px)
@@ -237,7 +237,7 @@ class ImageVerdict:
         }
 
     def _windows(self) -> dict[str, Any]:
-        """Of no windows the same names, without values: who reads them need not ask first."""
+        """``windows`` in ``report.json``; the same names without values if there are none."""
         figures, w = self.windows, self.windows.compared if self.windows else None
         return {
             "size": w.size if w else None,
@@ -262,14 +262,14 @@ class ImageVerdict:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """A whole validation: its images, the catalogue (``name``, ``points`` and what else is plain), and the options as given."""
+    """A whole validation: its images, facts of the catalogue (``name``, ``points`` ...), and the options."""
 
     images: tuple[ImageVerdict, ...]
     catalog: Mapping[str, Any]
     options: Mapping[str, Any]
 
     def document(self) -> dict[str, Any]:
-        """The content of ``report.json``: plain values, None for what was not measured."""
+        """The content of ``report.json`` in plain values; None for figures that were not measured."""
         whole: dict[str, Any] = plain(
             {
                 "catalog": dict(self.catalog),
@@ -286,7 +286,7 @@ class Verdict:
 
 
 def plain(value: Any) -> Any:
-    """Values as JSON has them: None for what is not finite, `DIGITS` digits for what is, lists for arrays."""
+    """Values for JSON: lists for arrays, numbers with `DIGITS` digits, None for nan and inf."""
     if isinstance(value, Mapping):
         return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, np.ndarray):
@@ -301,8 +301,8 @@ def plain(value: Any) -> Any:
 
 
 def _light(check: SunCheck | None) -> dict[str, Any] | None:
-    """What the points say of the Sun: as stated, and under Suns turned clockwise and raised. ``law``: of the renders, where it
-    is not the search's own.
+    """Check of the Sun direction: as stated, and turned clockwise or raised. ``law``: reflectance model of the renders, if it
+    differs from that of the search.
     """
     if check is None:
         return None
@@ -334,7 +334,7 @@ def _percentile(values: Array, percent: float) -> float:
 
 
 def _rounded(value: float) -> float:
-    """With `DIGITS` digits and without a sign at 0; the very largest numbers, which would round beyond all, as they are."""
+    """Value with `DIGITS` digits, without a sign at 0; unchanged if rounding overflows."""
     rounded = float(f"{value:.{DIGITS}g}")
     return rounded + 0.0 if math.isfinite(rounded) else value
 
@@ -343,12 +343,12 @@ def _rounded(value: float) -> float:
 
 
 def summary_lines(verdict: Verdict) -> list[str]:
-    """A few lines for each image, for a terminal."""
+    """Summary of all images for a terminal."""
     return [line for image in verdict.images for line in image_lines(image)]
 
 
 def image_lines(image: ImageVerdict) -> list[str]:
-    """The verdict, the points, the offsets, the windows and the pose, as far as there are any."""
+    """Lines on the result, points, offsets, windows and pose of an image, as far as available."""
     found: dict[str, Any] = plain(image.figures())
     lines = [f"{image.facts.name}: {image.verdict}" + (f": {image.reason}" if image.reason else "")]
     lines.append(f"  points   {found['points_found']} of {found['points_in_view']} in view found")
@@ -363,19 +363,19 @@ def image_lines(image: ImageVerdict) -> list[str]:
 
 
 def windows_text(image: ImageVerdict) -> str:
-    """The windows in a line."""
+    """One line on the windows."""
     if image.windows is None or not image.windows.compared.count:
         return "none compared" + (f": {image.windows_reason}" if image.windows_reason else "")
     w = image.windows.compared
     return (
         f"{w.count} of {w.size} x {w.size} cells of {number(w.gsd_m, 4)} m: {100 * w.share_above(0.9):.1f} % above 0.9, "
         f"{100 * w.share_above(0.7):.1f} % above 0.7, median {w.median:.3f}, mode {w.mode:.3f}; "
-        f"{image.windows.offset_sentence}"
+        f"offset: {image.windows.offset_sentence}"
     )
 
 
 def pose_text(figures: PoseFigures) -> str:
-    """The pose in a line."""
+    """One line on the pose."""
     pose, error = figures.pose, figures.position_error_m
     known = "" if error is None else f", error {number(error)} m"
     return f"position to {number(pose.position_sigma_m)} m (1 sigma){known}; normalised error {number(pose.normalised_error)}"

@@ -1,4 +1,4 @@
-"""The whole validation: each image from its files to a verdict, and what is shown of it."""
+"""Validation of a catalogue with images: from the files of each image to its result."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ..cameras.camera_file import read_sensor
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
+from ..choices import VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.direction import Direction
@@ -38,13 +39,10 @@ Progress = Callable[[int, int], None]
 
 log = logging.getLogger(__name__)
 
-LAW = "lunar-lambert"
-"""What a navigator should carry (docs/photographs.md): it has a phase function, which a wide image needs."""
-
 
 @dataclass(frozen=True)
 class ImageFiles:
-    """An image and what took it; no camera: the map that it was projected on."""
+    """An image and its camera file; None for an image in a map projection."""
 
     image: Path
     camera: Path | None = None
@@ -54,13 +52,13 @@ class ImageFiles:
         return [self.image, *([self.camera] if self.camera else [])]
 
     def named(self, text: str) -> str:
-        """A message with these files' names instead of their paths: results name no folder."""
+        """A message with file names instead of paths, because results must not contain folders."""
         for path in self.paths:
             text = text.replace(str(path), path.name)
         return text
 
     def require(self) -> None:
-        """ImageError or CameraError for a file that is not there."""
+        """Raise ImageError or CameraError if a file does not exist."""
         if not self.image.is_file():
             raise ImageError(f"{self.image}: there is no such file")
         if self.camera is not None and not self.camera.is_file():
@@ -69,8 +67,8 @@ class ImageFiles:
 
 @dataclass(frozen=True)
 class Validation:
-    """What one validation is asked for. ``pose_is_known``: the camera files' positions are the truth that found ones are held
-    against. ``faint``: look as `locate.FAINT` says.
+    """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are the true ones. ``faint``: search
+    with the options `position_fix.FAINT`.
     """
 
     catalog_path: Path
@@ -88,10 +86,10 @@ class Validation:
 
     @property
     def law(self) -> Reflectance:
-        return self.model or reflectance_model(LAW)
+        return self.model or reflectance_model(VALIDATION_LAW)
 
     def described(self) -> dict[str, Any]:
-        """The options as a report says them: no folders."""
+        """The options for the report, without folders."""
         sun = {name: value for name, value in vars(self.sun).items() if value is not None}
         return {
             "cameras": [files.camera.name if files.camera else None for files in self.files],
@@ -116,7 +114,7 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A verdict, what is shown of each image, and every file that was read."""
+    """Result, images for the report, and the files that were read."""
 
     verdict: Verdict
     pictures: tuple[Pictures, ...]
@@ -124,13 +122,15 @@ class Result:
 
     @property
     def located(self) -> bool:
-        """Whether every image is where its camera file says."""
+        """True if every image was located."""
         return all(image.located.verdict == LOCATED for image in self.verdict.images)
 
 
 def validate(request: Validation, progress: Progress | None = None) -> Result:
-    """Every image in turn. Raises the library's errors for a catalogue or a DEM that cannot be read and for files that are not
-    there; what is wrong with an image, its camera file or its Sun is a verdict.
+    """Validate a catalogue with every image in turn.
+
+    Raises the library's errors for a catalogue or DEM that cannot be read and for missing files. Errors in an image, its camera
+    file or its Sun are results of that image.
     """
     for files in request.files:
         files.require()
@@ -156,9 +156,7 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
 
 
 def told_apart(files: Sequence[ImageFiles]) -> list[str]:
-    """What a report calls images: their files' names, with as many of their folders, as these were given, as tell them apart; one
-    that is given again is numbered.
-    """
+    """Unique names of images: file names, with as many of their folders as needed; repeated files are numbered."""
     names = [file.image.name for file in files]
     for depth in range(2, max(len(file.image.parts) for file in files) + 1):
         twice = {name for name, count in Counter(names).items() if count > 1}
@@ -197,7 +195,7 @@ def _opened(request: Validation, files: ImageFiles) -> Image:
 
 
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
-    """What is said of an image in which nothing could be sought: blank, without geometry, without a Sun."""
+    """Result of an image that could not be searched: empty, without geometry, or without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
     nothing = PositionFix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
     return ImageVerdict(ImageFacts(name), nothing, PointFigures.none())
@@ -206,7 +204,7 @@ def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
 def _ground(
     request: Validation, catalog: Catalog, photo: Image
 ) -> tuple[GroundComparison | None, str]:
-    """The image against the ground, or why not."""
+    """Comparison of the image with renders, or the reason why there is none."""
     how = request.law, request.accuracy, request.windows
     try:
         if request.dem_paths:
@@ -266,7 +264,7 @@ def _facts(request: Validation, photo: Image, name: str) -> ImageFacts:
     try:
         lon, lat = center_of(photo.sensor)
     except LcpError:
-        pass  # its middle shows the sky: angles there are not known
+        pass  # the image centre shows the sky: its angles are unknown
     else:
         known = _angles(photo, lon, lat)
     return ImageFacts(
@@ -282,7 +280,7 @@ def _facts(request: Validation, photo: Image, name: str) -> ImageFacts:
 
 
 def _angles(photo: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
-    """Pixel, Sun and view at a place of the sphere."""
+    """Ground sample distance and angles of Sun and view at a place on the sphere."""
     frame = EnuFrame(lon_deg, lat_deg)
     place = lonlat_to_mcmf(lon_deg, lat_deg)
     sun = Direction.from_mcmf(photo.sun_directions(place), frame)
@@ -296,7 +294,7 @@ def _angles(photo: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
 
 
 def _sun_from(request: Validation, sensor: Sensor) -> str:
-    """Which of the places where a Sun may stand gave it, as `photo_file` takes them."""
+    """Source of the Sun's position, in the order of `image_file.open_image`."""
     if request.sun != SunChoice():
         return "as stated"
     known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None

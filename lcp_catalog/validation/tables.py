@@ -1,4 +1,4 @@
-"""Every point and every window of a validation as a table of text (RFC 4180): for spreadsheets and other programs."""
+"""CSV tables (RFC 4180) of the points and the windows of a validation."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ POINT_COLUMNS = (
     "correlation", "second_correlation", "back_px", "reason",
     "residual_column_px", "residual_row_px", "pixel_m",
 )  # fmt: skip
-"""One row a point. The major axis is turned from the columns' direction (right) towards the rows' (down), 0..180; residuals are
-found minus where the corrected sensor puts the point.
+"""One row per point. The angle of the major axis is from the column direction (right) towards the row direction (down), 0..180.
+Residuals are the position found minus the prediction of the corrected sensor.
 """
 
 WINDOW_COLUMNS = (
     "image", "point_id", "row", "column", "longitude_deg", "latitude_deg",
     "correlation", "contrast", "offset_column_cells", "offset_row_cells",
 )  # fmt: skip
-"""One row a window: the patch it lies in where patches were compared, its first cell on the grid, its middle, the render's
-contrast, and by how many cells its image lies off its render.
+"""One row per window: the point of its patch if patches were compared, its first cell on the grid, its centre, the contrast of
+the render, and the offset of the image from the render in cells.
 """
 
 
 def csv_text(images: Iterable[ImageVerdict]) -> str:
-    """All points of all images; empty where there is no figure."""
+    """Table of all points of all images; missing figures are empty cells."""
     return _text(POINT_COLUMNS, (row for image in images for row in point_rows(image)))
 
 
 def windows_csv_text(images: Iterable[ImageVerdict]) -> str:
-    """All windows of all images."""
+    """Table of all windows of all images."""
     return _text(WINDOW_COLUMNS, (row for image in images for row in _window_rows(image)))
 
 
 def point_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
-    """The points of an image as `POINT_COLUMNS` have them."""
+    """The points of an image in the order of `POINT_COLUMNS`."""
     matches, points = image.matches, image.points
     sigma, angle = error_ellipses(matches.covariance_px2)
     columns = (
@@ -87,8 +87,8 @@ def _window_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
 
 
 def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:
-    """1 sigma along the major and the minor axis (n, 2), and the major axis in degrees from right towards down (n,), 0..180, of
-    covariances (n, 2, 2); NaN for NaN.
+    """Error ellipses of covariances (n, 2, 2): 1 sigma along the major and minor axis (n, 2), and the angle of the major axis in
+    degrees from right towards down (n,), 0..180; NaN for NaN.
     """
     known = np.isfinite(covariance_px2).all(axis=(1, 2))
     sigma, angle = np.full((known.size, 2), np.nan), np.full(known.size, np.nan)

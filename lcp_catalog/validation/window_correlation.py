@@ -1,12 +1,11 @@
-"""An image held against a render, window by window: the centred normalised correlation of every 16 x 16 cells.
+"""Centred normalised correlation of image and render in windows of 16 x 16 cells.
 
-Pivovarchuk et al. (2026) judge their renders by the histogram of these correlations, by its mode and by
-the share above 0.9. Gain and offset drop out of a correlation; nothing else is taken from the image, and
-no window with enough valid cells is left out. Arrays are (rows, cols) on one grid of the ground.
+Pivovarchuk et al. (2026) assess renders by the histogram of these correlations, its mode, and the share above 0.9. Correlation
+is independent of gain and offset; nothing else is fitted, and every window with enough valid cells counts. Arrays are (rows,
+cols) on one grid of the terrain.
 
-Each window is centred by its own weighted means before anything is multiplied. Sums over the whole image
-(integral images) would be faster where windows overlap much, and lose the digits that level ground needs:
-its contrast is a thousandth of its brightness.
+Each window is centred by its own weighted means first. Integral images would be faster for overlapping windows, but lose the
+digits that low-contrast terrain needs: its contrast is a thousandth of its brightness.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from ..matching.subpixel import moved, moves, peaks, undone
 SIZE = 16
 STEP = 16
 LEAST_VALID = 0.9
-"""Share of a window's weight that must be there for it to count."""
+"""Least valid share of the weight of a window that counts."""
 
 MODE_BIN = 0.005
-"""Width of the bins whose fullest is the mode: it resolves the paper's 0.985."""
+"""Bin width of the mode; it resolves the value 0.985 of the paper."""
 
 
 @dataclass(frozen=True, eq=False)
 class WindowComparison:
-    """All n windows of one comparison, in rows from north to south.
+    """The n windows of a comparison, row by row from north to south.
 
-    ``shift_px`` is by how many cells (column, row) the image lay right of and below the render. It was undone
-    where ``offset`` says "removed"; where it says "kept" none was sought and it is (0, 0).
+    ``shift_px`` is the offset of the whole image from the render, in cells (right, down). If ``offset`` is "removed", it was
+    removed before the comparison; if "kept", it was not estimated and is (0, 0).
     """
 
     size: int
@@ -46,33 +45,29 @@ class WindowComparison:
     col: NDArray[np.int64]  # (n,) first column
     correlation: Array  # (n,) -1..1; 0 where one of the two is flat
     contrast: Array  # (n,) standard deviation of the render, in its own unit
-    valid: Array  # (n,) share of the window's weight that is there
+    valid: Array  # (n,) valid share of the window's weight
     offset: Literal["kept", "removed"]
     shift_px: tuple[float, float] = (0.0, 0.0)
-    offset_px: Array | None = (
-        None  # (n, 2) where the image matches best, column and row; NaN: at the search's edge
-    )
+    offset_px: Array | None = None  # (n, 2) best offset, column and row; NaN: at the search's edge
     peak: Array | None = None  # (n,) the correlation there
-    patch: NDArray[np.int64] | None = (
-        None  # (n,) which patch a window lies in, where patches were compared
-    )
+    patch: NDArray[np.int64] | None = None  # (n,) index of the window's patch, for patches
 
     @property
     def count(self) -> int:
         return len(self.correlation)
 
     def share_above(self, bound: float) -> float:
-        """Share of all windows that correlate by more; NaN without any window."""
+        """Share of the windows with a correlation above ``bound``; NaN without windows."""
         return float(np.mean(self.correlation > bound)) if self.count else float("nan")
 
     @property
     def median(self) -> float:
-        """NaN without any window."""
+        """Median correlation; NaN without windows."""
         return float(np.median(self.correlation)) if self.count else float("nan")
 
     @property
     def mode(self) -> float:
-        """Middle of the fullest bin of `MODE_BIN`, of several the highest; NaN without any window."""
+        """Centre of the fullest bin of width `MODE_BIN`, the highest of several; NaN without windows."""
         if not self.count:
             return float("nan")
         counts, edges = self.histogram(MODE_BIN)
@@ -80,26 +75,26 @@ class WindowComparison:
         return float(0.5 * (edges[last] + edges[last + 1]))
 
     def histogram(self, width: float = 0.01) -> tuple[NDArray[np.int64], Array]:
-        """Counts (m,) in bins of a width from -1 to 1, and their edges (m + 1,)."""
+        """Counts (m,) in bins of ``width`` from -1 to 1, and the edges of the bins (m + 1,)."""
         edges = np.linspace(-1.0, 1.0, round(2.0 / width) + 1)
         counts, _ = np.histogram(np.clip(self.correlation, -1.0, 1.0), edges)
         return counts.astype(np.int64), edges
 
     @property
     def textured(self) -> WindowComparison:
-        """The half of the windows with the greater contrast in the render."""
+        """Half of the windows, those with the higher contrast in the render."""
         return self.where(
             self.contrast >= np.median(self.contrast) if self.count else self.contrast > 0
         )
 
     def where(self, chosen: NDArray[np.bool_]) -> WindowComparison:
-        """Some of the windows, for a closer look: a share of them is no share of all."""
+        """Selection of windows by a mask (n,)."""
         arrays = ("row", "col", "correlation", "contrast", "valid", "offset_px", "peak", "patch")
         kept = {name: getattr(self, name) for name in arrays}
         return replace(self, **{name: a[chosen] for name, a in kept.items() if a is not None})
 
     def map(self, shape: tuple[int, int]) -> Array:
-        """Correlations drawn on the grid (rows, cols), NaN where no window counts; of windows that overlap the last."""
+        """Correlations on the grid (rows, cols), NaN without a window; the last of overlapping windows."""
         drawn = np.full(shape, np.nan)
         for row, col, value in zip(self.row, self.col, self.correlation, strict=True):
             drawn[row : row + self.size, col : col + self.size] = value
@@ -118,16 +113,16 @@ def compare(
     offset: Literal["kept", "removed"] = "kept",
     search_px: int = 0,
 ) -> WindowComparison:
-    """Every window of ``size`` x ``size`` cells, ``step`` cells apart, of an image and a render (rows, cols).
+    """Correlations of an image and a render (rows, cols) in windows of ``size`` x ``size`` cells at a spacing of ``step`` cells.
 
-    ``weight`` (rows, cols) 0..1, none: all alike; cells without a value in one of the two count as 0.
-    Windows in which the weights' mean is below ``least_valid`` do not count. ``offset``: "removed" undoes one
-    common shift of the whole image first (`common_shift`). ``search_px``: how far to look for each window's own best
-    place, for a quiver: correlations never use it. ValueError for shapes or sizes that do not fit.
+    ``weight`` (rows, cols) 0..1, default 1; cells that are NaN in either count as 0. Windows with a mean weight below
+    ``least_valid`` are left out. ``offset``: "removed" first removes one common shift of the whole image (`common_shift`).
+    ``search_px``: search radius of the offset of each window; the correlations do not use these offsets. ValueError for shapes
+    or sizes that do not fit.
     """
     a, b, w = _checked(image, render, weight, size, step)
     if offset not in ("kept", "removed"):
-        raise ValueError(f"offset is kept or removed, not {offset!r}")
+        raise ValueError(f"offset must be kept or removed, not {offset!r}")
     shift = common_shift(a, b, w, size=size) if offset == "removed" else (0.0, 0.0)
     if offset == "removed":
         a, w = undone(a, w, shift)
@@ -152,14 +147,14 @@ def of_patches(
     step: int = STEP,
     least_valid: float = LEAST_VALID,
 ) -> WindowComparison:
-    """The same without a DEM: n patches of a catalogue (n, rows, cols), each with the image on its own nodes.
+    """Correlations of n patches (n, rows, cols), each an image and a render on the nodes of the patch.
 
-    ``row`` and ``col`` count within a patch, ``patch`` says which. Patches smaller than a window are one
-    window each: ``size`` says so. Offsets are kept: each patch was placed by its own point.
+    ``row`` and ``col`` refer to the patch; ``patch`` is its index. A patch smaller than a window is one window; ``size`` is then
+    its side. Offsets are not removed. ValueError for other shapes.
     """
     a, b = np.asarray(images, dtype=np.float64), np.asarray(renders, dtype=np.float64)
     if a.ndim != 3:
-        raise ValueError(f"patches are (n, rows, cols), not {a.shape}")
+        raise ValueError(f"patches must be (n, rows, cols), not {a.shape}")
     w = np.ones(a.shape) if weights is None else np.asarray(weights, dtype=np.float64)
     size = min(size, *a.shape[1:])
     each = [
@@ -183,10 +178,10 @@ def of_patches(
 def common_shift(
     image: Array, render: Array, weight: Array, *, size: int = SIZE, reach_px: int = 4
 ) -> tuple[float, float]:
-    """By how many cells (column, row) an image lies right of and below a render: where the mean correlation of the
-    windows is highest within ``reach_px``, by the quadratic through its neighbours.
+    """Offset of an image from a render in cells (right, down): the maximum of the mean correlation of the windows within
+    ``reach_px``, interpolated by the quadratic through its neighbours.
 
-    The quadratic's own error is below 0.05 cells for images smoothed to their cells (`tests/test_windows.py`).
+    The error of the interpolation is below 0.05 cells for images smoothed to their cells (a test measures it).
     """
     scores = np.full((2 * reach_px + 1, 2 * reach_px + 1), -np.inf)
     for (i, j), place in moves(reach_px):
@@ -202,7 +197,7 @@ def common_shift(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Of all windows (r, c), whether they count or not."""
+    """Figures of all windows (r, c), also of those that do not count."""
 
     correlation: Array
     contrast: Array
@@ -225,17 +220,19 @@ def _of_row(a: Array, b: Array, w: Array) -> Array:
 def _checked(
     image: ArrayLike, render: ArrayLike, weight: ArrayLike | None, size: int, step: int
 ) -> tuple[Array, Array, Array]:
-    """Image, render and weights, float64, 0 where nothing is."""
+    """Image, render and weights in float64, 0 where either is missing."""
     a, b = np.array(image, dtype=np.float64), np.array(render, dtype=np.float64)
     w = np.ones(a.shape) if weight is None else np.array(weight, dtype=np.float64)
     if a.ndim != 2 or a.shape != b.shape or a.shape != w.shape:
         raise ValueError(
-            f"image, render and weight have the shapes {a.shape}, {b.shape}, {w.shape}"
+            f"shapes of image, render and weight differ: {a.shape}, {b.shape}, {w.shape}"
         )
     if size < 2 or step < 1:
-        raise ValueError(f"windows of {size} cells, {step} apart, are none")
+        raise ValueError(f"invalid window size {size} or step {step}")
     if min(a.shape) < size:
-        raise ValueError(f"a window of {size} cells does not fit into {a.shape[0]} x {a.shape[1]}")
+        raise ValueError(
+            f"windows of {size} cells are larger than {a.shape[0]} x {a.shape[1]} cells"
+        )
     there = np.isfinite(a) & np.isfinite(b) & (w > 0.0)
     return np.where(there, a, 0.0), np.where(there, b, 0.0), np.where(there, w, 0.0)
 
@@ -243,7 +240,7 @@ def _checked(
 def _with_offsets(
     found: WindowComparison, a: Array, b: Array, w: Array, reach: int
 ) -> WindowComparison:
-    """Each window's own best place within ``reach`` cells."""
+    """Adds the offset with the highest correlation within ``reach`` cells to each window."""
     scores = np.full((2 * reach + 1, 2 * reach + 1, found.count), -np.inf)
     i, j = found.row // found.step, found.col // found.step
     for place, shift in moves(reach):

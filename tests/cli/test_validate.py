@@ -115,7 +115,7 @@ def test_without_a_dem_the_patches_are_compared(place, capsys) -> None:
     printed = capsys.readouterr()
     document = json.loads(printed.out)  # nothing else on stdout
     assert "points_found is" in printed.err
-    assert "wanted points_found>=1000" in printed.err
+    assert "required: points_found>=1000" in printed.err
     windows = document["images"][0]["windows"]
     assert windows["count"] >= 4 * 20  # four of 16 x 16 in a patch of 33 x 33
     assert windows["gsd_m"] == pytest.approx(118.45)
@@ -158,7 +158,7 @@ def test_what_is_there_is_not_replaced(place, report, capsys) -> None:
         (["--camera", "a.json", "--camera", "b.json"], 2, "2 --camera for 1 images"),
         (["--require", "share_above=0.9"], 2, "--require"),
         (["--require", "beauty>1"], 2, "beauty"),
-        (["--require", ""], 2, "'' is no condition"),
+        (["--require", ""], 2, "'' is not a condition"),
         (["--require", "position_error_m<100"], 2, "known only with --known-pose"),
         (["--dem", "none.tif"], 1, "none.tif: there is no such file"),
         (["--dem", __file__], 1, "not a DEM that can be read here"),
@@ -189,7 +189,7 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
     own = str(tmp_path / "out" / "report.json")
     assert run(["validate", *files, "--depfile", own]) == 1
-    assert "one of the report's own files" in capsys.readouterr().err
+    assert "is a file of the report" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     rule = tmp_path / "out" / "rule.d"
     assert run(["validate", *files, "--depfile", str(rule)]) == 4  # no camera: missing geometry

@@ -171,7 +171,7 @@ def test_noise_is_what_is_flat_and_counts_where_it_outweighs_the_rest():
     found = dem_resolution._fitted(spectrum(law(K, noise=level)), 100.0, cell)
     assert found.resolution_m == pytest.approx(0.5 / 2e-3, rel=0.05)
     assert found.noise_m == pytest.approx(math.sqrt(level / cell), rel=0.06)
-    assert "noise outweighs" in found.how
+    assert "noise exceeds" in found.how
     # an edge that noise makes is as sure as areas differ, a quarter in the logarithm, and no surer
     for side in (found.high_m / found.resolution_m, found.resolution_m / found.low_m):
         assert math.log(side) == pytest.approx(0.25)

@@ -81,7 +81,9 @@ def test_a_name_of_several_figures_lists_them() -> None:
     "name", ["shares", "pose", "ove_0_9", "windows", "images", "p0", "size_px"]
 )
 def test_an_unknown_name_lists_what_there_is(name: str) -> None:
-    with pytest.raises(ConfigError, match=f"there is no {name}; there are verdict, points_in_view"):
+    with pytest.raises(
+        ConfigError, match=f"unknown name {name}; known names: verdict, points_in_view"
+    ):
         Requirement.parse(f"{name}>=0")
 
 
@@ -121,11 +123,11 @@ def test_every_image_and_every_term_must_hold(document: dict[str, Any]) -> None:
     )
     said = Requirement.parse(f"points_found>{found} AND mode>2 and count>1").failures(located)
     assert said == [
-        f"frame.png: points_found is {found}; wanted points_found>{found}",
-        f"frame.png: windows.mode is {located['images'][0]['windows']['mode']:.10g}; wanted mode>2",
+        f"frame.png: points_found is {found}; required: points_found>{found}",
+        f"frame.png: windows.mode is {located['images'][0]['windows']['mode']:.10g}; required: mode>2",
     ]
     said = Requirement.parse(f"points_found>={found}").failures(document)
-    assert said == [f"blank.png: points_found is 0; wanted points_found>={found}"]
+    assert said == [f"blank.png: points_found is 0; required: points_found>={found}"]
 
 
 def test_what_was_not_measured_fails_with_its_reason(document: dict[str, Any]) -> None:
@@ -133,9 +135,9 @@ def test_what_was_not_measured_fails_with_its_reason(document: dict[str, Any]) -
     _, elsewhere, blank = (said.failures(only(document, k)) for k in range(3))
     assert elsewhere == [
         "other.png: windows.share_above_0_9 was not measured (without a place there is nothing to compare); "
-        "wanted share_above_0_9>=0",
+        "required: share_above_0_9>=0",
         "other.png: pose.position_error_m was not measured (not this place: 3 of 30 points agree, as many as chance "
-        "would give); wanted position_error_m<1e9",
+        "would give); required: position_error_m<1e9",
     ]
     assert blank[1].startswith("blank.png: pose.position_error_m was not measured (cannot say: no")
     assert blank[2].startswith("blank.png: offset_px.median was not measured (no point was found)")
@@ -146,7 +148,7 @@ def test_an_unknown_place_says_so(document: dict[str, Any]) -> None:
     entry = document["images"][0]
     entry = entry | {"pose": entry["pose"] | {"position_error_m": None}}
     (said,) = Requirement.parse("position_error_m<1").failures({"images": [entry]})
-    assert "(the true place is not known)" in said
+    assert "(the true position is unknown)" in said
 
 
 def test_a_verdict_may_be_demanded(document: dict[str, Any]) -> None:

@@ -256,7 +256,7 @@ def test_a_few_lines_say_it(whole: result.Verdict) -> None:
     assert f"after the pose {result.number(figures['residual_px']['median'])} px" in lines[2]
     share = 100 * figures["windows"]["share_above_0_9"]
     assert f"{share:.1f} % above 0.9" in lines[3]
-    assert "no offset was removed" in lines[3]
+    assert "offset: none was removed" in lines[3]
     assert f"error {result.number(image.pose.position_error_m)} m" in lines[4]
     assert lines[5].startswith("other.png: not this place: 3 of 30")
     assert "  windows  none compared: without a place there is nothing to compare" in lines
@@ -274,5 +274,5 @@ def test_a_removed_offset_is_said() -> None:
         windows, compared=replace(windows.compared, offset="removed", shift_px=(1.5, -2.0))
     )
     assert moved.offset_sentence == (
-        "the whole image lay 1.5 cells right and -2 below its render: removed before comparing"
+        "1.5 cells right and -2 down, removed from the whole image before the comparison"
     )
