@@ -218,7 +218,9 @@ def test_a_far_ridge_cuts_the_disc(tier) -> None:
         same = sunlit_share(whole, sun, TIERS[tier], (36, 45, 36, 45), disc)
         np.testing.assert_allclose(found, same, atol=1e-6)
         want = sampled_share(whole, sun, disc.radius_rad, 20, (36, 45, 36, 45))
-        if tier != "standard":  # three strips are coarser than this wall (docs/measurements/accuracy.md)
+        if (
+            tier != "standard"
+        ):  # three strips are coarser than this wall (docs/measurements/accuracy.md)
             np.testing.assert_allclose(found, want, atol=0.012)
         shares.append(want)
     assert 0.05 < np.mean(shares) < 0.95

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -29,6 +29,11 @@ class Flat:
     shape: tuple[int, int]
     matrix: tuple[tuple[float, float], tuple[float, float]]
     start: tuple[float, float] = (0.0, 0.0)
+    factor: ClassVar[int] = 1
+
+    @property
+    def full(self) -> Flat:
+        return self
 
     def project(self, points: Any) -> np.ndarray:
         return np.asarray(points)[..., :2] @ np.array(self.matrix).T + np.array(self.start)
