@@ -25,7 +25,7 @@ from helpers.apollo_frames import series_keys
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, PositionFix, locate
+from lcp_catalog.matching.position_fix import BY_ALL_POINTS, BY_POINTS, PositionFix, locate
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -84,7 +84,7 @@ def frames(right: dict[str, PositionFix]) -> list[str]:
 def spread(right: dict[str, PositionFix]) -> list[str]:
     """Medians and robust spreads of the corrections of located frames, by points and by the joint offset."""
     lines = []
-    for by in (BY_POINTS, BY_GROUND):
+    for by in (BY_POINTS, BY_ALL_POINTS):
         located = [a.pose for a in right.values() if a.pose is not None and a.by == by]
         if located:
             at = np.array([pose.correction for pose in located])
@@ -122,7 +122,7 @@ def wrong(catalog: Catalog, photos: dict[str, Image], right: dict[str, PositionF
 
 def told(answer: PositionFix) -> str:
     """The result, the method that gave it, and if the Sun was the reason."""
-    by = f" by {answer.by}" if answer.pose is not None or answer.by == BY_GROUND else ""
+    by = f" by {answer.by}" if answer.pose is not None or answer.by == BY_ALL_POINTS else ""
     return answer.verdict + by + (", Sun" if "Sun" in answer.reason else "")
 
 

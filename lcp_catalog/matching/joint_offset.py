@@ -1,13 +1,15 @@
-"""Where an image lies whose points are too faint to be found one by one: what all of them together say.
+"""Offset of an image whose points cannot be found one by one, by the correlations of all points
+together.
 
-At one offset of the whole image every point's correlation is a little higher than elsewhere, though no point alone is
-sure of it. The votes of `coarse_match.coarse_shift`, taken at the searched photograph's own pixels, show that offset
-and count how often chance would show one as clear. The place is where the mean of z = artanh(correlation) is highest,
-sought again with the corrected sensor until it stands; its covariance is that of points drawn anew (bootstrap, Efron
-1979), over the share of them that is independent.
+At one offset of the whole image every point's correlation is slightly higher than elsewhere, though
+no single point is significant. The votes of `coarse_offset.coarse_shift`, at the pixels of the
+searched image, give that offset and the expected number of offsets as clear by chance. The place is
+the maximum of the mean of z = artanh(correlation), found again with the corrected sensor until it
+is stable. Its covariance is that of resampled points (bootstrap, Efron 1979), divided by the share
+of them that is independent.
 
-Ground under a wrong Sun shows, too, some pixels off. So the stated Sun is held against others all around: one under
-which z is higher by two sigmas of its mean over the points refutes it. docs/pose.md has the figures.
+Terrain under a wrong Sun can be significant, too, some pixels off. So the stated Sun is compared
+with others all around (`sun_check`).
 """
 
 from __future__ import annotations
@@ -35,13 +37,15 @@ from .subpixel import peaks
 from .sun_check import SunCheck, check_sun
 
 SHOWS = -3.0
-"""log10 of the number of false alarms below which an image is not said to be of another place."""
+"""log10 of the number of false alarms from which on an image counts as one of another place."""
 
 FEWEST = 10
-"""Fewer points than this are too few to be drawn anew."""
+"""Least number of points for resampling."""
 
 MOST_SLACK_PX = 0.5
-"""Searched pixels, 1 sigma, by which points may lie off a common offset, for it to be their place."""
+"""Largest distance (1 sigma, searched pixels) of single points from a common offset that is their
+place.
+"""
 
 TURNS_DEG = (
     *sun_check.TURNS_DEG,
@@ -51,7 +55,9 @@ TURNS_DEG = (
     (90.0, 0.0),
     (180.0, 0.0),
 )
-"""Suns that are tried: also far ones, because points that are found only together agree under any of them."""
+"""Suns that are tried: also distant ones, because points that are found only together can agree
+under any of them.
+"""
 
 _MOST_POINTS = 200
 _CHUNK = 64
@@ -59,21 +65,21 @@ _NEAR_PX = 6
 _SUN_PX = 3
 _DRAWS = 200
 _AT_EDGE = 0.1
-"""Share of the draws whose peak may lie at the edge of what is looked at."""
+"""Largest share of the resamplings whose peak lies at the edge of the maps."""
 _MOST_SIGMA_PX = 2.0
 _FLOOR_PX = 0.02
 _PASSES = 4
 _STILL = 0.1
 _LOOSEST = 0.5
-"""Slack as a share of the reach above which a common offset says nothing."""
+"""Slack, as a share of the reach, above which a common offset has no meaning."""
 _FARTHEST_PX = 64
-"""Searched pixels, beyond which this would take too long; `locate` shifts the whole image first."""
+"""Largest reach in searched pixels, for speed; `locate` finds a coarse offset first."""
 
 
 @dataclass(frozen=True, eq=False)
-class WholeGround:
-    """What n points together say. ``pose`` has one place, that of all of them, for its point; where there is none
-    ``reason`` says why.
+class JointOffset:
+    """Result by n points together. ``pose`` has one place, that of all of them, as its point;
+    without a pose, ``reason`` says why.
     """
 
     points: int
@@ -85,19 +91,19 @@ class WholeGround:
 
     @property
     def shows(self) -> bool:
-        """Whether this may well be the place."""
+        """True if the image may be one of this place."""
         return self.log10_false_alarms < SHOWS
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where the mean of z is highest, from where the sensor has the ground, in searched pixels."""
+    """Maximum of the mean of z, from where the sensor projects the terrain, in searched pixels."""
 
     shift: Array  # (2,)
-    covariance: Array  # (2, 2), NaN where points drawn anew agree on no place nearby
+    covariance: Array  # (2, 2), NaN if resampled points agree on no place nearby
 
 
-def whole_ground(
+def find_joint_offset(
     catalog: Catalog,
     photo: Image,
     given: Sensor,
@@ -108,11 +114,14 @@ def whole_ground(
     *,
     common_px: float = 0.0,
     check_sun: bool = True,
-) -> WholeGround | None:
-    """What the points of an area say together of a photograph that is searched; ``given`` is the sensor of the image as
-    it came, ``width_px`` the side of a patch, ``common_px`` 1 sigma of what all may be off alike, both in its pixels.
-    None where a common offset says nothing: fewer points than `FEWEST`, too few offsets, or an uncertainty that turns
-    and scales the image by more than half of how far it is sought, or leaves it more than 64 searched pixels.
+) -> JointOffset | None:
+    """The common offset of the points of an area in a searched image, and the sensor corrected by
+    it.
+
+    ``given``: sensor of the full-resolution image. In its pixels: ``width_px``, the side of a
+    patch, and ``common_px``, 1 sigma of an error common to all points. None if a common offset has
+    no meaning: fewer points than `FEWEST`, too few offsets, an uncertainty that turns and scales
+    the image by more than half of the reach, or a reach of more than 64 searched pixels.
     """
     if len(area) < FEWEST:
         return None
@@ -141,11 +150,11 @@ class _Search:
 
     @cached_property
     def share(self) -> float:
-        """How many of the points count as one each."""
+        """Share of the points that is independent."""
         places = self.given.project(self.catalog.position_mcmf[self.area.points])
         return independent_share(places, self.width_px)
 
-    def found(self) -> WholeGround | None:
+    def found(self) -> JointOffset | None:
         slack = slack_px(self.given, self.catalog.position_mcmf[self.area.points], self.uncertainty)
         loose = slack > MOST_SLACK_PX * self.factor
         reach = max(float(np.median(self.area.reach_px)), self.width_px)
@@ -155,14 +164,14 @@ class _Search:
         if shift is None:
             return None
         log10 = shift.log10_false_alarms + self.area.log10_places
-        whole = WholeGround(shift.points, log10, shift.rival_log10)
+        whole = JointOffset(shift.points, log10, shift.rival_log10)
         if log10 >= SIGNIFICANT:
-            return replace(whole, reason="too little to tell its place by")
+            return replace(whole, reason="not significant enough for a position")
         if shift.rival_log10 <= min(SIGNIFICANT, 0.5 * log10):
-            return replace(whole, reason="another place shows about as well")
+            return replace(whole, reason="another place is about as significant")
         if loose:
             turned = "the stated uncertainty turns and scales the image by"
-            return replace(whole, reason=f"{turned} {slack:.1f} px: too much to tell its place by")
+            return replace(whole, reason=f"{turned} {slack:.1f} px, too much for a position")
         return self.placed(whole, np.array(shift.offset_px))
 
     def shift(self, reach_px: float, slack: float) -> CoarseShift | None:
@@ -178,8 +187,8 @@ class _Search:
             share=self.share,
         )
 
-    def placed(self, whole: WholeGround, offset_px: Array) -> WholeGround:
-        """With the pose, if the place is sure and the Sun fits."""
+    def placed(self, whole: JointOffset, offset_px: Array) -> JointOffset:
+        """The result with the pose, if the place is certain and the Sun fits."""
         found = self.given.project(self.ground) + self.area.offset_px[self.middle] + offset_px
         shown, covariance = found, self.factor**2 * np.eye(2)
         pose = self.solved(found, covariance)
@@ -187,17 +196,22 @@ class _Search:
             before, place = pose, self.place(self.at(pose))
             covariance = self.factor**2 * place.covariance + self.unlike
             if not np.diag(covariance).max() <= (_MOST_SIGMA_PX * self.factor) ** 2:
-                return replace(whole, reason="its place is not sure to two pixels")
+                return replace(whole, reason="its place is uncertain by more than two pixels")
             found = pose.sensor.project(self.ground) + self.factor * place.shift
             pose = self.solved(found, covariance)
             if (np.abs(pose.correction - before.correction) <= _STILL * pose.sigma).all():
                 break
         if self.is_beyond(found - shown, covariance + self.factor**2 * np.eye(2)):
-            return replace(whole, reason="its place is not sure: its points' ranks show another")
+            return replace(
+                whole, reason="its place is uncertain: the votes of its points are for another"
+            )
         off = found - pose.sensor.project(self.ground)
         if self.is_beyond(off, covariance):
             away = float(np.hypot(*off))
-            return replace(whole, reason=f"it lies {away:.1f} px from where the sensor can have it")
+            return replace(
+                whole,
+                reason=f"it lies {away:.1f} px from the places that the stated uncertainty allows",
+            )
         if not self.check_sun:
             return replace(whole, pose=pose)
         check = self.sun(self.at(pose))
@@ -208,18 +222,20 @@ class _Search:
 
     @cached_property
     def middle(self) -> int:
-        """The point nearest to the middle of all: where it lies stands for all of them."""
+        """The point nearest to the middle of all, whose place stands for all of them."""
         places = self.catalog.position_mcmf[self.area.points]
         return int(np.linalg.norm(places - places.mean(axis=0), axis=-1).argmin())
 
     @property
     def ground(self) -> Array:
-        """That point's place, (3,)."""
+        """That point's position, (3,)."""
         return np.asarray(self.catalog.position_mcmf[self.area.points[self.middle]])
 
     @cached_property
     def unlike(self) -> Array:
-        """Covariance (2, 2) of how much further than the mean of all points the one that stands for them may be moved."""
+        """Covariance (2, 2) of that point's shift relative to the mean of all points, by the
+        uncertainty.
+        """
         places = self.catalog.position_mcmf[self.area.points]
         slope = jacobian(self.given, places)
         apart = slope[self.middle] - slope.mean(axis=0)
@@ -238,16 +254,18 @@ class _Search:
         )
 
     def is_beyond(self, off_px: Array, covariance_px2: Array) -> bool:
-        """Whether an offset is outside its gate, which is widened by a searched pixel."""
+        """True if an offset is outside its gate, which is widened by a searched pixel."""
         wide = widened(covariance_px2, float(self.factor))
         return bool(off_px @ np.linalg.solve(wide, off_px) > GATE**2)
 
     def at(self, pose: Pose) -> Image:
-        """The searched photograph with a corrected sensor."""
+        """The searched image with a corrected sensor."""
         return self.photo.with_sensor(self.photo.sensor.moved(pose.correction))
 
     def place(self, photo: Image) -> _Place:
-        """The peak near where a photograph's sensor has the ground, by all points and by points drawn anew."""
+        """The peak near where an image's sensor projects the terrain, by all points and by
+        resampled ones.
+        """
         z = self.z_maps(photo, self.area.points, _NEAR_PX)
         z = z[_whole_middle(z)]
         nowhere = _Place(np.full(2, np.nan), np.full((2, 2), np.nan))
@@ -268,7 +286,9 @@ class _Search:
     def z_maps(
         self, photo: Image, rows: Index, reach: int, law: Reflectance | None = None
     ) -> Array:
-        """artanh of the correlations of points about where a photograph's sensor has them, (n, 2 reach + 1, 2 reach + 1)."""
+        """artanh of the correlations (n, 2 reach + 1, 2 reach + 1) of points about where an image's
+        sensor projects them.
+        """
         image = replace(self.image, photo=photo)
         parts = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
         found = [
@@ -284,7 +304,9 @@ class _Search:
         return SearchImage.of(self.photo)
 
     def sun(self, photo: Image) -> SunCheck | None:
-        """The check of the stated Sun by the points whose map has no gap next to its middle; None for too few of them."""
+        """The check of the stated Sun by the points whose map has no gap next to its middle; None
+        for too few of them.
+        """
         rows = self.area.points
         rows = rows[_whole_middle(self.z_maps(photo, rows, _SUN_PX))]
         if len(rows) < FEWEST:
@@ -299,22 +321,24 @@ class _Search:
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:
-    """Which of maps (n, m, m) have all their values next to the middle, (n,): what comes and goes at a gap would move a peak."""
+    """True (n,) for maps (n, m, m) with all values next to the middle: a value that comes and goes
+    at a gap would move a peak.
+    """
     middle = z.shape[1] // 2
     near = np.s_[:, middle - 1 : middle + 2, middle - 1 : middle + 2]
     return np.asarray(np.isfinite(z[near]).all(axis=(1, 2)))
 
 
 def _mean(z: Array, weights: Array) -> Array:
-    """Means (k, m, m) of maps z (n, m, m) with weights (k, n); what is missing speaks for nothing, 0."""
+    """Means (k, m, m) of maps z (n, m, m) with weights (k, n); missing values count as 0."""
     flat = np.nan_to_num(z.reshape(len(z), -1))
     mean = weights @ flat / weights.sum(axis=1, keepdims=True)
     return np.asarray(mean.reshape(-1, *z.shape[1:]))
 
 
 def _summit(z: Array) -> tuple[Array, Array]:
-    """The (column, row), from the middle, of where maps (n, m, m) are highest on average, NaN at the edge; and each
-    one's value at the whole offset next to it.
+    """(column, row), from the middle, of the maximum of the mean of maps (n, m, m), NaN at the
+    edge; and each map's value at the nearest whole offset.
     """
     mean = _mean(z, np.ones((1, len(z))))
     column, row, _ = peaks(np.moveaxis(mean, 0, -1))

@@ -1,10 +1,10 @@
-"""Where an image was taken, from a catalogue's points in it: sought, agreed on, solved, sought again; and whether to
-believe it.
+"""Position from which an image was taken, by a catalogue's points: search, agreement, solution,
+second search; and the decision whether to accept it.
 
-A pose is given only with the verdict `LOCATED`. What has to hold for it, in this order: an image with something in
-it; enough points that can be looked for; an agreement among those found that is no chance and has no rival
-(`consensus`); a correction that the stated uncertainty allows; a Sun that fits (`light_check`). docs/pose.md has the
-figures.
+A pose is given only with the decision `LOCATED`. It requires, in this order: an image with
+contents; enough points that can be searched for; a significant agreement among those found, without
+a rival (`consensus`), or a significant offset of all points together (`joint_offset`); a correction
+that the stated uncertainty allows; a stated Sun that fits (`sun_check`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .consensus import (
     independent_share,
     log10_false_alarms,
 )
-from .joint_offset import WholeGround, whole_ground
+from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches
 from .point_choice import points_in_view, working_image
 from .point_search import Criteria, find_points
@@ -41,17 +41,19 @@ NOT_HERE = "not this place"
 CANNOT_SAY = "cannot say"
 
 BY_POINTS = "points"
-BY_GROUND = "the ground as a whole"
-"""What an image was located by."""
+BY_ALL_POINTS = "the ground as a whole"
+"""Basis of a position: single points, or all points together."""
 
 SEARCHED = tuple(
     CODE[reason] for reason in (FOUND, "weak", "ambiguous", "not confirmed", "inconsistent")
 )
-"""Codes of points that could be looked for: what became of them says something about the place."""
+"""Codes of points that could be searched for, so that their result is evidence for or against the
+place.
+"""
 
 SHARE_IF_HERE = 0.25
-"""Of the points that can be looked for in an image of this very place, at least so many agree; fewer points than make
-that significant refute no place.
+"""Least share of the searchable points that agree in an image of this place. If such an agreement
+would not be significant, because the points are too few, the place is not refuted.
 """
 
 _ROUNDS = 10
@@ -60,35 +62,34 @@ _NOBODY = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Options:
-    """How to look. Pixels are those of the photograph that is searched, which may be a reduced one
-    (`usable.working_image`).
+    """Settings of the search. Pixels are those of the searched image, which may be a reduced one
+    (`point_choice.working_image`).
     """
 
     criteria: Criteria = field(default_factory=Criteria)
-    tolerance_px: float = 1.0  # how far a match may lie off beside 3 sigma of its own
-    sigmas: float = 3.0  # of the stated uncertainty that are searched
-    least_reach_px: float = (
-        16.0  # also where the uncertainty is less: agreement must be able to fail
-    )
-    most_reach_px: float = 64.0  # further than this the whole image is shifted first
-    common_px: float = 0.0  # 1 sigma of what all matches may be off alike
+    tolerance_px: float = 1.0  # of a match, in addition to 3 sigma of its own
+    sigmas: float = 3.0  # reach of the search in the stated uncertainty
+    least_reach_px: float = 16.0  # least reach, so that a wrong image can fail to agree
+    most_reach_px: float = 64.0  # beyond, a coarse offset of the whole image is found first
+    common_px: float = 0.0  # 1 sigma of an error common to all matches
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
-    most_sigmas: float = 4.0  # that a correction may be away from the sensor as it was given
+    most_sigmas: float = 4.0  # largest correction of the given sensor
     check_sun: bool = True
     sun_reach_px: float = 3.0
 
 
 FAINT = Options(tolerance_px=1.5, criteria=Criteria(max_back_px=3.0, max_false_match=1.0))
-"""For ground that shades by a hundredth of its brightness: matches that are doubtful alone are let through, and what agrees
-is left to the consensus, whose count of false alarms does not ask how good a match is (docs/validation.md, the NAC pair).
+"""For low-contrast terrain: accept weak matches and rely on their mutual agreement, whose number of
+false alarms does not depend on the quality of single matches.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class PositionFix:
-    """One image's verdict. ``matches`` are of every point that may be in view; with `LOCATED` those marked found are
-    the inliers. ``log10_false_alarms``: of solutions as good by chance; ``rival``: the same of the best other one.
+    """Result for one image. ``matches`` are of every point that may be in view; with `LOCATED`
+    those marked found are the inliers. ``log10_false_alarms``: of the expected number of solutions
+    as good by chance; ``rival_log10``: the same for the best other one.
     """
 
     verdict: str
@@ -98,7 +99,7 @@ class PositionFix:
     log10_false_alarms: float = 0.0
     rival_log10: float = 0.0
     sun: SunCheck | None = None
-    by: str = BY_POINTS  # or `BY_GROUND`: of all points together, few of which may be found alone
+    by: str = BY_POINTS  # or `BY_ALL_POINTS`; few points may then be found alone
 
 
 def locate(
@@ -108,10 +109,12 @@ def locate(
     model: Reflectance = DEFAULT_MODEL,
     options: Options = Options(),
 ) -> PositionFix:
-    """Seek a catalogue's points in a photograph whose sensor is known within an uncertainty, and solve for the
-    sensor.
+    """Find the position of an image: search for a catalogue's points in an image whose sensor is
+    known within an uncertainty, and solve for the sensor.
 
-    Frames: the pose corrects ``photo.sensor``; matches are in the pixels of the image as it came.
+    ``pose`` of the result corrects ``photo.sensor`` (None unless located): ``pose.position_mcmf_m``
+    and ``pose.position_covariance_m2``. Matches are in pixels of the full-resolution image.
+    ``model``: reflectance law of the renders.
     """
     area = perhaps_in_view(catalog, photo.sensor, uncertainty, options.sigmas)
     working = working_image(catalog, photo, area.points)
@@ -135,7 +138,7 @@ class _Search:
 
     @property
     def factor(self) -> int:
-        """Pixels of the image as it came to one that is searched."""
+        """Pixels of the full-resolution image along the side of a searched one."""
         return self.working.sensor.factor
 
     @property
@@ -143,7 +146,7 @@ class _Search:
         return self.options.tolerance_px * self.factor
 
     def unmatched(self, rows: Index = _NOBODY) -> Matches:
-        """Points that show nowhere."""
+        """Points without a match."""
         count = len(rows)
         nothing = np.full((count, 2), np.nan)
         return Matches(
@@ -158,7 +161,7 @@ class _Search:
         )
 
     def located(self, area: SearchArea) -> PositionFix:
-        """The whole search over an area, and the verdict."""
+        """The whole search over an area, and the decision."""
         options, far, coarse = self.options, float(np.median(area.reach_px)), None
         if far > options.most_reach_px * self.factor:
             least = options.least_reach_px * self.factor
@@ -174,15 +177,17 @@ class _Search:
             )
             if slack > self.width_px(area.points):
                 reason = (
-                    f"the stated uncertainty turns and scales the image by {slack:.0f} px: "
-                    "too much to be searched; state a smaller one"
+                    f"the stated uncertainty turns and scales the image by {slack:.0f} px, "
+                    "too much for the search; state a smaller one"
                 )
                 return PositionFix(CANNOT_SAY, reason, self.unmatched(area.points))
             if chance > SIGNIFICANT:
-                reason = f"of {len(area)} points in view no shift within {far:.0f} px shows more than chance"
+                reason = (
+                    f"no shift of the {len(area)} points in view within {far:.0f} px is significant"
+                )
                 return PositionFix(NOT_HERE, reason, self.unmatched(area.points))
             if math.isfinite(chance):
-                coarse = WholeGround(len(area), chance, 0.0, reason="only at a coarse scale")
+                coarse = JointOffset(len(area), chance, 0.0, reason="only at a coarse scale")
         matches = self.sought(self.working, area)
         score = self.agreement(matches, area)
         if not score.significant or score.pose is None:
@@ -191,8 +196,8 @@ class _Search:
         return self.judged(matches, pose, score)
 
     def sought(self, photo: Image, area: SearchArea) -> Matches:
-        """Sought about where a photograph's sensor has them; the predictions stay those of the sensor as it was
-        given.
+        """Matches near where an image's sensor projects the points; the predictions are those of
+        the given sensor.
         """
         found = find_points(
             self.catalog,
@@ -207,12 +212,12 @@ class _Search:
         return replace(found, predicted_px=given)
 
     def places(self, matches: Matches) -> tuple[Array, Array, Array]:
-        """Ground, pixels and covariances of matches; NaN pixels for what was not found."""
+        """Positions, pixels and covariances of matches; NaN pixels for points that were not found."""
         found = np.where(matches.found[:, None], matches.found_px, np.nan)
         return self.catalog.position_mcmf[matches.point], found, matches.covariance_px2
 
     def width_px(self, rows: Index) -> float:
-        """Side of a patch in the image, the median of some points'."""
+        """Side of a patch in the image, the median of some points."""
         ground = pixel_size_m(self.photo.sensor, self.catalog.position_mcmf[rows])
         return float(np.nanmedian(self.catalog.gsd[rows] * (self.catalog.patch_nodes - 1) / ground))
 
@@ -228,7 +233,9 @@ class _Search:
         return replace(found, log10_false_alarms=found.log10_false_alarms + area.log10_places)
 
     def settled(self, pose: Pose) -> tuple[Matches, Pose]:
-        """Sought again with the corrected sensor, near where it has them, until the correction stands."""
+        """Search repeated with the corrected sensor, near its projections, until the correction is
+        stable.
+        """
         matches = self.unmatched()
         for _ in range(self.options.passes):
             before = pose
@@ -238,18 +245,18 @@ class _Search:
         return matches, pose
 
     def near(self, pose: Pose) -> Matches:
-        """Sought near where the corrected sensor has them."""
+        """Matches near the projections of the corrected sensor."""
         rows = points_in_view(self.catalog, pose.sensor)
         reach = np.full(len(rows), self.options.second_reach_px * self.factor)
         return self.sought(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
 
     def corrected(self, pose: Pose) -> Image:
-        """The searched photograph with the corrected sensor."""
+        """The searched image with the corrected sensor."""
         return self.working.with_sensor(self.working.sensor.moved(pose.correction))
 
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
-        """Solved from those that agree with a pose, and again, until nobody changes sides; the others are
-        inconsistent.
+        """The pose solved from the matches that agree with a pose, repeated until they stay the
+        same; the others become inconsistent.
         """
         ground, found, covariance = self.places(matches)
 
@@ -265,7 +272,9 @@ class _Search:
         return pose, told_apart(matches, pose.used)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
-        """The pose by those who agree; ``doubt_px``: what all of them may be off alike, beside the usual."""
+        """The pose by the agreeing matches; ``doubt_px``: an additional error common to all of
+        them.
+        """
         ground, found, covariance = self.places(matches)
         share = independent_share(found[agrees], self.width_px(matches.point))
         return solve(
@@ -280,31 +289,33 @@ class _Search:
         )
 
     def refused(
-        self, matches: Matches, area: SearchArea, score: Consensus, coarse: WholeGround | None
+        self, matches: Matches, area: SearchArea, score: Consensus, coarse: JointOffset | None
     ) -> PositionFix:
-        """What all points together say where single ones give no place (``coarse``: have said); else why there is none."""
+        """The result without an agreement of single points: by all points together, now or at the
+        coarse scale (``coarse``), else the reason why there is none.
+        """
         searched = np.isin(matches.code, SEARCHED)
         undecided = score.log10_false_alarms < SIGNIFICANT
         whole = None if undecided else self.whole(area.only(searched), self.width_px(area.points))
         for said in (whole, coarse):
             if said is not None and said.shows:
-                return self.by_ground(matches, said)
+                return self.by_all_points(matches, said)
         figures = (None, score.log10_false_alarms, score.rival_log10)
         if self.if_here(searched, area) > SIGNIFICANT:
-            reason = f"too few points can be looked for: {_counted(matches)}"
+            reason = f"too few points can be searched for: {_counted(matches)}"
             return PositionFix(CANNOT_SAY, reason, matches, *figures)
         if undecided:
-            reason = "the points found agree on two places about as well"
+            reason = "the points found agree about equally well on two places"
             return PositionFix(CANNOT_SAY, reason, matches, *figures)
         reason = (
-            f"of {searched.sum()} points looked for {matches.found.sum()} were found, "
-            "and they agree on no place"
+            f"{matches.found.sum()} of {searched.sum()} points searched for were found, "
+            "but they agree on no place"
         )
         return PositionFix(NOT_HERE, reason, matches, *figures)
 
-    def whole(self, area: SearchArea, width_px: float) -> WholeGround | None:
-        """What the points of an area, patches so wide, say together."""
-        return whole_ground(
+    def whole(self, area: SearchArea, width_px: float) -> JointOffset | None:
+        """The joint offset of the points of an area with patches of a width."""
+        return find_joint_offset(
             self.catalog,
             self.working,
             self.photo.sensor,
@@ -316,17 +327,21 @@ class _Search:
             check_sun=self.options.check_sun,
         )
 
-    def by_ground(self, matches: Matches, whole: WholeGround) -> PositionFix:
-        """The verdict where the ground as a whole shows. Found are the points that agree with its place by themselves."""
+    def by_all_points(self, matches: Matches, whole: JointOffset) -> PositionFix:
+        """The result by a significant joint offset. Marked found are the points that agree with its
+        place by themselves.
+        """
         figures = (whole.log10_false_alarms, whole.rival_log10)
         shows = (
-            f"the ground as a whole ({whole.points} points together) shows; "
+            f"all {whole.points} points together show this place; "
             f"the number of false alarms is 10^{whole.log10_false_alarms:.0f}"
         )
         lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
         if whole.pose is None or lacking:
-            reason = f"single points agree on no place; {shows}; but {lacking}"
-            return PositionFix(CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_GROUND)
+            reason = f"single points agree on no place; {shows}, but {lacking}"
+            return PositionFix(
+                CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_ALL_POINTS
+            )
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
@@ -334,11 +349,11 @@ class _Search:
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
         return PositionFix(
-            LOCATED, reason, told_apart(matches, used), pose, *figures, whole.sun, BY_GROUND
+            LOCATED, reason, told_apart(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
         )
 
     def if_here(self, searched: Mask, area: SearchArea) -> float:
-        """log10 of the false alarms if `SHARE_IF_HERE` of the points that could be looked for agreed."""
+        """log10 of the false alarms if `SHARE_IF_HERE` of the searchable points agreed."""
         gate = math.pi * self.tolerance_px**2
         chance = np.minimum(1.0, gate / (2.0 * area.reach_px[searched] + 1.0) ** 2)
         least = -(-len(self.photo.sensor.corrections) // 2)
@@ -348,7 +363,7 @@ class _Search:
         return log10_false_alarms(np.sort(chance)[::-1], agrees, least)
 
     def judged(self, matches: Matches, pose: Pose, score: Consensus) -> PositionFix:
-        """The verdict on a pose that is no chance."""
+        """The decision on a significant pose."""
         figures = (score.log10_false_alarms, score.rival_log10)
         if far := self.too_far(pose):
             return PositionFix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
@@ -364,12 +379,14 @@ class _Search:
         return PositionFix(LOCATED, reason, matches, pose, *figures, sun)
 
     def too_far(self, pose: Pose) -> str:
-        """What speaks against a correction that is larger than the stated uncertainty allows; empty where it is not."""
+        """The objection to a correction larger than the stated uncertainty allows; empty if there
+        is none.
+        """
         sigmas = self.uncertainty.sigmas(self.photo.sensor)
         off = float(np.abs(pose.correction[pose.solved] / sigmas[pose.solved]).max(initial=0.0))
         if off <= self.options.most_sigmas:
             return ""
-        return f"the place is {off:.1f} of the stated sigmas away; state a larger uncertainty if it may be there"
+        return f"the position is {off:.1f} stated sigmas away; state a larger uncertainty if that is possible"
 
     def sun(self, matches: Matches, pose: Pose) -> SunCheck:
         rows = matches.point[pose.used]
@@ -387,11 +404,11 @@ class _Search:
 
 
 def told_apart(matches: Matches, agrees: Mask) -> Matches:
-    """Those found that do not agree are inconsistent."""
+    """The matches, with those found that do not agree marked as inconsistent."""
     code = np.where(matches.found & ~agrees, CODE["inconsistent"], matches.code)
     return replace(matches, code=code.astype(np.uint8))
 
 
 def _counted(matches: Matches) -> str:
-    """What became of the points, as text: ``12 found, 30 not lit``."""
+    """Number of points of each reason, as text: ``12 found, 30 not lit``."""
     return ", ".join(f"{count} {reason}" for reason, count in matches.counts().items())

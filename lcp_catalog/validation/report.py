@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..catalog.summary import percent
-from ..matching.position_fix import BY_GROUND
+from ..matching.position_fix import BY_ALL_POINTS
 from ..matching.sun_check import SunCheck
 from ..plots.html_page import page
 from ..plots.numbers import number
@@ -114,7 +114,7 @@ def _facts(image: ImageVerdict) -> list[tuple[str, str]]:
 def _chance(image: ImageVerdict) -> str:
     """Expected number of chance agreements as good as that of the points, or of the whole terrain."""
     known, rival = image.located.log10_false_alarms, image.located.rival_log10
-    whole = image.located.by == BY_GROUND
+    whole = image.located.by == BY_ALL_POINTS
     if not (whole or image.matches.found.any()) or not math.isfinite(known):
         return ""
     random = "images of other terrain" if whole else "random matches"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import apollo_maps as maps
 
-from lcp_catalog.matching.position_fix import BY_GROUND, BY_POINTS, LOCATED, locate
+from lcp_catalog.matching.position_fix import BY_ALL_POINTS, BY_POINTS, LOCATED, locate
 from lcp_catalog.photometry.laws import reflectance_model
 
 LAW = reflectance_model("lunar-lambert")
@@ -26,7 +26,7 @@ def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
         photo = maps.frame(shared_data, key)
         answer = locate(catalog, photo, maps.UNCERTAIN, LAW)
         assert answer.verdict == LOCATED
-        assert answer.by == BY_GROUND
+        assert answer.by == BY_ALL_POINTS
         spread = np.hypot(answer.pose.sigma, [259.0, 180.0])
         assert (np.abs(answer.pose.correction - maps.NET_M) < 3.0 * spread).all()
         for _, image in maps.not_this_place(photo, [], int(key[-4:])):

@@ -18,10 +18,10 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.coarse_offset import CoarseShift, coarse_shift
 from lcp_catalog.matching.consensus import Consensus
-from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, WholeGround, whole_ground
+from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, JointOffset, find_joint_offset
 from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import (
-    BY_GROUND,
+    BY_ALL_POINTS,
     BY_POINTS,
     CANNOT_SAY,
     LOCATED,
@@ -82,17 +82,17 @@ def together(
     uncertainty: Uncertainty = UNCERTAIN,
     log10_places: float = 0.0,
     **options: bool,
-) -> WholeGround | None:
+) -> JointOffset | None:
     rows = np.arange(len(points())) if rows is None else rows
     reach = np.full(len(rows), 64.0)
     area = SearchArea(rows, np.zeros((len(rows), 2)), reach, log10_places)
     searched = working_image(points(), photo, rows)
-    return whole_ground(
+    return find_joint_offset(
         points(), searched, photo.sensor, uncertainty, LAW, area, WIDE_PX, **options
     )
 
 
-def squared(found: WholeGround, true: tuple[float, float] = MOVED_M) -> float:
+def squared(found: JointOffset, true: tuple[float, float] = MOVED_M) -> float:
     """Error squared in units of the stated covariance, of which 2 is expected."""
     off = found.pose.correction - true
     return float(off @ np.linalg.solve(found.pose.covariance, off))
@@ -104,8 +104,8 @@ def squared(found: WholeGround, true: tuple[float, float] = MOVED_M) -> float:
 def test_what_single_points_do_not_show_all_of_them_do() -> None:
     answer = locate(points(), believed(faint(clear(), 0)), UNCERTAIN, LAW)
     assert answer.verdict == LOCATED
-    assert answer.by == BY_GROUND
-    assert answer.reason.startswith("the ground as a whole (81 points together) shows")
+    assert answer.by == BY_ALL_POINTS
+    assert answer.reason.startswith("all 81 points together show this place")
     off = answer.pose.correction - MOVED_M
     assert (np.abs(off) < 3.5 * answer.pose.sigma).all()
     assert (answer.pose.sigma < 150.0).all()
@@ -132,7 +132,7 @@ def test_a_camera_that_is_known_well() -> None:
     draw = unsure.sigmas(known) * np.random.default_rng(seed).normal(size=6)
     answer = locate(points(), image.with_sensor(known.moved(draw)), unsure, LAW, QUICK)
     assert answer.verdict == LOCATED
-    assert answer.by == BY_GROUND
+    assert answer.by == BY_ALL_POINTS
     ground = points().position_mcmf[len(points()) // 2]
     assert np.abs(answer.pose.sensor.project(ground) - known.project(ground)).max() < 0.6
     off = (answer.pose.correction + draw)[:3]
@@ -185,7 +185,7 @@ def test_gaps_do_not_pull() -> None:
         weight[max(int(row) - 70, 0) : int(row) + 70, max(right - 41, 0) : right + 8] = 0.0
     searched = working_image(catalog, replace(photo, weight=weight), rows)
     area = SearchArea(rows, np.zeros((25, 2)), np.full(25, 64.0))
-    found = whole_ground(
+    found = find_joint_offset(
         catalog, searched, photo.sensor, UNCERTAIN, LAW, area, WIDE_PX, check_sun=False
     )
     assert np.abs(found.pose.correction - MOVED_M).max() < 30.0
@@ -247,7 +247,7 @@ def test_a_rival_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(joint_offset, "coarse_shift", lambda *_, shift=shift, **__: shift)
         found = together(photo, check_sun=False)
         assert (found.pose is not None) == sure
-        assert sure or found.reason == "another place shows about as well"
+        assert sure or found.reason == "another place is about as significant"
 
 
 def test_ranks_and_correlations_show_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,7 +257,7 @@ def test_ranks_and_correlations_show_one_place(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(joint_offset, "coarse_shift", lambda *_, **__: shift)
     found = together(photo, check_sun=False)
     assert found.pose is None
-    assert "not sure" in found.reason
+    assert "uncertain" in found.reason
 
 
 def test_what_is_too_far_is_not_sought() -> None:
@@ -265,7 +265,7 @@ def test_what_is_too_far_is_not_sought() -> None:
     searched = working_image(points(), photo, rows)
     for reach, told in ((250.0, True), (260.0, False)):
         area = SearchArea(rows, np.zeros((81, 2)), np.full(81, reach))
-        found = whole_ground(
+        found = find_joint_offset(
             points(), searched, photo.sensor, UNCERTAIN, LAW, area, WIDE_PX, check_sun=False
         )
         assert (found is not None) == told
@@ -322,7 +322,7 @@ def test_an_image_that_may_be_turned_shows_without_a_place() -> None:
     answer = locate(points(), image.with_sensor(known.moved(unsure.sigmas(known))), unsure, LAW)
     assert answer.verdict == CANNOT_SAY
     assert answer.pose is None
-    assert "shows" in answer.reason
+    assert "show this place" in answer.reason
     assert "turns and scales the image" in answer.reason
 
 
@@ -338,19 +338,19 @@ def test_a_sensor_that_is_held_is_not_where_it_shows() -> None:
 def test_a_place_beyond_the_stated_uncertainty_is_told() -> None:
     answer = locate(points(), believed(faint(clear(), 0)), Uncertainty(200.0), LAW, QUICK)
     assert answer.verdict == CANNOT_SAY
-    assert answer.by == BY_GROUND
-    assert "of the stated sigmas away" in answer.reason
+    assert answer.by == BY_ALL_POINTS
+    assert "stated sigmas away" in answer.reason
 
 
 def test_weak_evidence_refutes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    said = WholeGround(81, SHOWS - 1.0, 0.0, reason="too little to tell its place by")
-    monkeypatch.setattr(position_fix, "whole_ground", lambda *_, **__: said)
+    said = JointOffset(81, SHOWS - 1.0, 0.0, reason="not significant enough for a position")
+    monkeypatch.setattr(position_fix, "find_joint_offset", lambda *_, **__: said)
     photo = believed(replace(clear(), signal=clouds((1000, 1000), 7).astype(np.float32)))
     answer = locate(points(), photo, UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
-    assert "10^-4; but too little to tell its place by" in answer.reason
+    assert "10^-4, but not significant enough for a position" in answer.reason
     monkeypatch.setattr(
-        position_fix, "whole_ground", lambda *_, **__: replace(said, log10_false_alarms=SHOWS)
+        position_fix, "find_joint_offset", lambda *_, **__: replace(said, log10_false_alarms=SHOWS)
     )
     assert locate(points(), photo, UNCERTAIN, LAW).verdict == NOT_HERE
 
@@ -359,7 +359,7 @@ def test_points_that_cannot_be_looked_for_have_no_vote(monkeypatch: pytest.Monke
     """The western half of the image is missing, and with it the points on it."""
     asked = []
     monkeypatch.setattr(
-        position_fix, "whole_ground", lambda *given, **_: asked.append(given[5].points)
+        position_fix, "find_joint_offset", lambda *given, **_: asked.append(given[5].points)
     )
     photo = faint(clear(), 0)
     weight = photo.weight.copy()
@@ -376,7 +376,7 @@ def test_a_shift_that_showed_at_a_coarse_scale_is_not_forgotten(
     """Far off, the whole image is shifted first; where points then agree on nothing the place is not refuted."""
     nobody = Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
     monkeypatch.setattr(position_fix, "agree", lambda *_, **__: nobody)
-    monkeypatch.setattr(position_fix, "whole_ground", lambda *_, **__: None)
+    monkeypatch.setattr(position_fix, "find_joint_offset", lambda *_, **__: None)
     far, known = Uncertainty(9000.0, 0.009), overhead()
     photo = world().photo(known)
     given = photo.with_sensor(known.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))

@@ -125,7 +125,7 @@ def narrowed_to(
 def test_a_shift_that_may_be_chance_is_none(few, image, monkeypatch, chance, verdict) -> None:
     answer = narrowed_to(few, image, monkeypatch, chance, 0.0)
     assert answer.verdict == verdict
-    assert ("shows more than chance" in answer.reason) == (verdict == NOT_HERE)  # fmt: skip
+    assert ("is significant" in answer.reason) == (verdict == NOT_HERE)  # fmt: skip
 
 
 def test_an_area_chosen_among_many_has_as_many_false_alarms(few, image, monkeypatch) -> None:

@@ -20,10 +20,10 @@ from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.matching.joint_offset import whole_ground
+from lcp_catalog.matching.joint_offset import find_joint_offset
 from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import (
-    BY_GROUND,
+    BY_ALL_POINTS,
     BY_POINTS,
     FAINT,
     LOCATED,
@@ -114,7 +114,7 @@ def test_registered_by_all_points_together(
     moved = photo.with_sensor(photo.sensor.moved(start))
     found = locate(catalog, moved, Uncertainty(5.0), reflectance_model(law))
     assert found.verdict == LOCATED
-    assert found.by == BY_GROUND
+    assert found.by == BY_ALL_POINTS
     assert found.log10_false_alarms < -10.0
     off = found.pose.correction + start - BY_WINDOWS_M
     assert (np.abs(off) < 3.0 * found.pose.sigma).all()
@@ -152,7 +152,7 @@ def test_the_hole_in_both_files_decides_nothing(photo: Image, catalog: Catalog) 
     area = SearchArea(rows, np.zeros((len(rows), 2)), np.full(len(rows), 64.0))
     searched = working_image(catalog, photo, rows)
     law = reflectance_model("lunar-lambert")
-    found = whole_ground(
+    found = find_joint_offset(
         catalog, searched, photo.sensor, Uncertainty(5.0), law, area, PATCH_M / 0.5
     )
     assert found.log10_false_alarms < -6.0
