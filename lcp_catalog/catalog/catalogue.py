@@ -1,4 +1,4 @@
-"""A catalogue in memory: its contents by name, in the schema's types, checked at birth."""
+"""A catalogue in memory: its contents by name, in the schema's types, checked when it is made."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Overview:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Every spacing cell of the region: whether a point is near, or why there is none
+    """Every spacing cell of the region: point nearby, or the reason for none
     (`schema.COVERAGE_STATUS`).
     """
 
@@ -46,12 +46,12 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class Catalog:
-    """A catalogue in memory: the variables of the file under their own names (units in
-    docs/catalogue.md).
+    """A catalogue in memory: the variables of the file under their own names, with their units.
 
-    n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays become the
-    schema's types; what does not fit together or is out of range is a CatalogError.
-    ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON text.
+    n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays are
+    converted to the schema's types. CatalogError for variables that do not fit together or are out
+    of range. ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON
+    text.
     """
 
     sun_elevation: AnyArray  # (e,) degrees, rising
@@ -87,11 +87,13 @@ class Catalog:
     title: str = "Lunar control points"
     product_version: str = "1"
     software_version: str = __version__
-    schema_version: str = SCHEMA_VERSION  # of the file that was read; the present one is written
+    schema_version: str = (
+        SCHEMA_VERSION  # of the file that was read; files are written in the present version
+    )
     elevation_sigma: AnyArray | None = None  # (n,) metres, NaN or None: unknown
     dem_resolution: AnyArray | None = None  # (n,) metres, NaN or None: unknown
     albedo: AnyArray | None = None  # (n, p, p) float32, NaN outside the map; None: no map
-    albedo_map: Any = None  # what ``albedo`` comes from: name, encoding, reference, files
+    albedo_map: Any = None  # source of ``albedo``: name, encoding, reference, files
 
     def __post_init__(self) -> None:
         for name in ADDED_IN_1_1:
@@ -148,7 +150,7 @@ class Catalog:
         return found
 
     def attributes(self) -> dict[str, Any]:
-        """The global attributes of the file, but for the digest of the content."""
+        """The global attributes of the file, without the digest of the content."""
         return {
             "Conventions": CONVENTIONS,
             "title": self.title,
@@ -165,7 +167,7 @@ class Catalog:
         }
 
     def optional_attributes(self) -> dict[str, Any]:
-        """Those that only some catalogues have, but for the digest of what only some have."""
+        """The global attributes of catalogues with albedo, without their digest; else empty."""
         if self.albedo_map is None:
             return {}
         return {"albedo_map": json.dumps(self.albedo_map, sort_keys=True)}
@@ -187,11 +189,11 @@ def _from_json(name: str, text: str) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        raise CatalogError(f"not a catalogue: {name} is no JSON: {error}") from error
+        raise CatalogError(f"not a catalogue: {name} is not JSON: {error}") from error
 
 
 def _typed(name: str, value: Any, kind: str) -> AnyArray:
-    """The array in the schema's type; whole numbers are not made of others."""
+    """The array in the schema's type; integers are not made from floats."""
     if kind == TEXT:
         return np.array([str(text) for text in np.asarray(value).ravel()], dtype=object).reshape(
             np.shape(value)
@@ -213,7 +215,7 @@ def _typed(name: str, value: Any, kind: str) -> AnyArray:
 def catalog_of(
     values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]
 ) -> Catalog:
-    """The catalogue of what `Catalog.values`, `attributes` and `group_attributes` give."""
+    """The catalogue from the results of `Catalog.values`, `attributes` and `group_attributes`."""
     texts = {
         name: attributes[name]
         for name in (

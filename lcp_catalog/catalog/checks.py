@@ -1,5 +1,5 @@
-"""The checks of a catalogue's content: shapes that fit together, values in their ranges and in
-agreement, attributes that can be read.
+"""Checks of a catalogue's content: consistent shapes, values in their ranges and in agreement,
+readable attributes.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def first_few(lines: Iterable[str], count: int = 3) -> str:
 
 
 def shape_problems(values: Values) -> list[str]:
-    """Dimensions that have different lengths in different variables, or a wrong number of
-    dimensions.
+    """Dimensions with different lengths in different variables, and variables with a wrong number
+    of dimensions.
     """
     lines: list[str] = []
     for group, variables in GROUPS.items():
@@ -53,12 +53,12 @@ def shape_problems(values: Values) -> list[str]:
 
 
 def value_problems(values: Values) -> list[str]:
-    """What is wrong with the values, one line each; the shapes must fit together already."""
+    """Problems of the values, one line each; the shapes must be consistent."""
     return [line for check in _CHECKS for line in check(values)]
 
 
 def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
-    """Global attributes that are not the Moon's, or are no JSON where they should be."""
+    """Global attributes that are not the Moon's, or are not JSON where they should be."""
     if (
         attributes["reference_radius_m"] != MOON_RADIUS_M
         or attributes["body"] != "MOON"
@@ -69,11 +69,11 @@ def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
         try:
             json.loads(attributes.get(name, "null"))
         except json.JSONDecodeError:
-            yield f"{name}: is no JSON"
+            yield f"{name}: is not JSON"
 
 
 def _where(name: str, wrong: NDArray[np.bool_], text: str) -> list[str]:
-    """A line about the values of a variable that are wrong, if any."""
+    """One line about the wrong values of a variable, if there are any."""
     count = int(np.count_nonzero(wrong))
     if not count:
         return []
@@ -92,7 +92,7 @@ def _check_axes(values: Values) -> Iterator[str]:
             yield f"{name}: is not 0, 1, 2, ..."
     for name in ("patch_row", "patch_col"):
         if not np.array_equal(values[name], centred(len(values[name]))):
-            yield f"{name}: does not count from the patch's centre"
+            yield f"{name}: is not counted from the patch's centre"
     for name, sign in (
         ("sun_elevation", 1),
         ("sun_azimuth", 1),
@@ -152,7 +152,7 @@ def _check_patches(values: Values) -> Iterator[str]:
 
 
 def _check_albedo(values: Values) -> Iterator[str]:
-    """Of every patch the whole or nothing is known, and no ground gives back less than nothing."""
+    """Albedo is known for a whole patch or not at all, and is not negative."""
     if "albedo" not in values:
         return
     albedo = values["albedo"]
@@ -160,7 +160,7 @@ def _check_albedo(values: Values) -> Iterator[str]:
     wrong = np.isinf(albedo) | np.asarray(known & (albedo < 0.0))
     yield from _where("albedo", wrong, "not 0 or above")
     part = np.asarray(known.any(axis=(1, 2)) & ~known.all(axis=(1, 2)))
-    yield from _where("albedo", part, "is known of a part of the patch only")
+    yield from _where("albedo", part, "is known for a part of the patch only")
 
 
 def _check_resolutions(values: Values) -> Iterator[str]:
@@ -175,7 +175,7 @@ def _check_resolutions(values: Values) -> Iterator[str]:
 
 def _check_conditions(values: Values) -> Iterator[str]:
     condition = values["condition"]
-    yield from _where("condition", condition > USABLE, "has bits that mean nothing")
+    yield from _where("condition", condition > USABLE, "has undefined bits")
     yield from _where(
         "condition", (condition > 0) & ~evaluated(condition), "has flags without 'evaluated'"
     )
@@ -186,9 +186,7 @@ def _check_conditions(values: Values) -> Iterator[str]:
 
 
 def _check_figures(values: Values) -> Iterator[str]:
-    """Figures are numbers in their ranges; NaN is allowed for a point that is usable under no
-    condition.
-    """
+    """Figures are numbers in their ranges; NaN is allowed for a point without a usable condition."""
     some = usable(values["condition"]).any(axis=(1, 2, 3))
     shares = ("false_match_probability", "shadow_dependence", "occlusion_dependence")
     limits = {name: (0.0, 1.0) for name in shares} | {

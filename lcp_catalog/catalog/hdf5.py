@@ -1,5 +1,5 @@
-"""The catalogue as an HDF5 file that is also netCDF-4: write, read, verify. Nothing else knows
-HDF5.
+"""The catalogue as an HDF5 file that is also netCDF-4: write, open, verify. The only module that
+uses h5py.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ _HDF5_ERRORS = (
     OverflowError,
     MemoryError,
 )
-"""What h5py raises on a file that is damaged where it pleases."""
+"""Errors that h5py raises for damaged files."""
 
 
 # -- writing
 
 
 def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:
-    """Write the file; it appears under its name only when it is whole. Equal catalogues give
+    """Write the file; it appears under its name only when it is complete. Equal catalogues give
     equal bytes.
 
-    Raises OutputExistsError and OutputError as `files.check_output` does.
+    Raises OutputExistsError and OutputError as `atomic_files.check_output` does.
     """
     check_output(path, overwrite)
     values, attributes, groups = catalog.values(), catalog.attributes(), catalog.group_attributes()
@@ -91,7 +91,9 @@ def _write_group(
 
 
 def _create() -> h5py.File:
-    """A file in memory: HDF5 leaves a file that it cannot write open, and crashes on it when the interpreter ends."""
+    """A file in memory: HDF5 leaves a file that it cannot write open, and crashes on it when the
+    interpreter exits.
+    """
     return h5py.File(
         "catalog",
         "w",
@@ -127,7 +129,7 @@ def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Any
 
 
 def _as_bytes(texts: AnyArray) -> AnyArray:
-    """Text of a fixed length in bytes: unlike that of variable length it can be compressed and
+    """Text of fixed length in bytes, which, unlike text of variable length, can be compressed and
     checksummed.
     """
     encoded = [text.encode() for text in texts]
@@ -136,8 +138,8 @@ def _as_bytes(texts: AnyArray) -> AnyArray:
 
 
 def _chunks(array: AnyArray) -> tuple[int, ...]:
-    """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along
-    their longest axis.
+    """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along their
+    longest axis.
     """
     shape = [max(1, length) for length in array.shape]
     shape[0] = max(
@@ -155,7 +157,9 @@ def _digests(
     groups: dict[str, dict[str, float]],
     optional: dict[str, Any],
 ) -> dict[str, Any]:
-    """The attributes that only some catalogues have, and a digest of everything else and one of them."""
+    """The attributes that only some catalogues have, and the digests of the common and of the
+    optional content.
+    """
     plain, extra = split(values)
     found: dict[str, Any] = {"content_sha256": digest(plain, attributes, groups)}
     if optional:
@@ -167,8 +171,8 @@ def _digests(
 
 
 def open_catalog(path: Path | str) -> Catalog:
-    """Read a catalogue whole. CatalogError, one line, when it is none or is damaged; `verify`
-    says everything that is wrong.
+    """Read a whole catalogue into memory. CatalogError, one line, for a file that is no catalogue
+    or is damaged; `verify` lists all its problems.
     """
     with _opened(path) as file:
         problems = list(_identity_problems(file)) or list(_structure_problems(file))
@@ -213,14 +217,16 @@ def _values(file: h5py.File) -> dict[str, AnyArray]:
 
 
 def _is_absent(file: h5py.File, name: str) -> bool:
-    """Whether a variable is missing because the file was written before there was one, or without one."""
+    """True for a variable that the file lacks because of its schema version, or because the
+    catalogue was built without it.
+    """
     if name in OPTIONAL:
         return not (_has_variable(file, name) or _has_attribute(file, "albedo_map"))
     return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
 
 
 def _completed(values: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    """With what an older file does not have as NaN."""
+    """The values, with NaN for variables that an older file lacks."""
     unknown = np.full(len(values["point_id"]), np.nan)
     return dict.fromkeys(ADDED_IN_1_1, unknown) | values
 
@@ -251,9 +257,9 @@ def _group_attributes(file: h5py.File) -> dict[str, dict[str, float]]:
 
 
 def verify(path: Path | str) -> list[str]:
-    """Everything that is wrong with a catalogue, one line each; empty when it is intact.
+    """All problems of a catalogue, one line each; empty if it is intact.
 
-    Reads every dataset (and so checks its checksums), then looks at the schema, the digest of the
+    Reads every dataset, which checks its checksums, then checks the schema, the digest of the
     content, and the values. Never raises for a bad file.
     """
     try:
@@ -282,7 +288,7 @@ def _content_problems(file: h5py.File) -> list[str]:
 def _digest_problems(
     values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]
 ) -> list[str]:
-    """Digests that are not those of the content."""
+    """Digests that differ from those of the content."""
     optional = {name: attributes[name] for name in ("albedo_map",) if name in attributes}
     own = ("content_sha256", *OPTIONAL_ATTRIBUTES)
     plain = {name: value for name, value in attributes.items() if name not in own}
@@ -294,9 +300,7 @@ def _digest_problems(
 
 
 def _identity_problems(file: h5py.File) -> Iterator[str]:
-    """Whether the file is a catalogue of a version that is understood; when not, nothing else is
-    worth saying.
-    """
+    """A problem if the file is no catalogue of a supported version; then nothing else is checked."""
     try:
         version = file.attrs.get("schema_version")
         body = file.attrs.get("body")
@@ -310,7 +314,7 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
 
 
 def _unreadable(file: h5py.File) -> Iterator[str]:
-    """Datasets whose bytes do not pass their checksums, whether the schema knows them or not."""
+    """Datasets whose bytes do not match their checksums, in the schema or not."""
     names: list[str] = []
     try:
         file.visit(names.append)
@@ -326,7 +330,7 @@ def _unreadable(file: h5py.File) -> Iterator[str]:
 
 
 def _structure_problems(file: h5py.File) -> Iterator[str]:
-    """Attributes and variables that are missing or are not what the schema says."""
+    """Attributes and variables that are missing or differ from the schema."""
     wanted = (*GLOBAL_ATTRIBUTES, *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()))
     yield from (f"the attribute {n} is missing" for n in wanted if not _has_attribute(file, n))
     for group, variables in GROUPS.items():
@@ -347,7 +351,7 @@ def _structure_problems(file: h5py.File) -> Iterator[str]:
 
 
 def _has_variable(file: h5py.File, name: str) -> bool:
-    """Whether a variable is there, damaged or not."""
+    """True if the variable exists, damaged or not."""
     try:
         return name in file
     except _HDF5_ERRORS:
@@ -385,7 +389,7 @@ def _variable_problems(
 
 
 def _dims(dataset: h5py.Dataset) -> tuple[str, ...]:
-    """Names of the dimension scales; a scale is its own, ``?`` where none is attached."""
+    """Names of the dimension scales; a scale is its own, ``?`` if none is attached."""
     if dataset.is_scale:
         return (dataset.name.rsplit("/", 1)[-1],)
     return tuple(dim[0].name.rsplit("/", 1)[-1] if len(dim) else "?" for dim in dataset.dims)

@@ -1,6 +1,4 @@
-"""The datasets of the file and their attributes by name, and the digest over them all; nothing
-here knows HDF5.
-"""
+"""Datasets and attributes of the file by name, and the digest of its content; independent of HDF5."""
 
 from __future__ import annotations
 
@@ -37,8 +35,8 @@ GROUPS: dict[str, dict[str, Variable]] = {
 GROUP_ATTRIBUTES = {"overview": ("center_lon", "center_lat"), "coverage": ("spacing_m",)}
 
 OPTIONAL_ATTRIBUTES = ("albedo_map", "albedo_sha256")
-"""Of a catalogue with albedo: the map it comes from, and a digest of both. `content_sha256` leaves them out, so that a
-reader of schema 1.1 finds what it knows intact.
+"""Attributes of a catalogue with albedo: its map, and a digest of both. `content_sha256` leaves
+them out, so that a reader of schema 1.1 finds the content that it supports intact.
 """
 
 GLOBAL_ATTRIBUTES = (
@@ -58,7 +56,7 @@ GLOBAL_ATTRIBUTES = (
 )
 
 FIXED = {"mcmf_axis": 3, "enu_axis": 3, "ellipse_axis": 2}
-"""Lengths of the dimensions that every catalogue shares."""
+"""Lengths of the dimensions that all catalogues share."""
 
 Values = Mapping[str, AnyArray]
 """Every dataset of the file by its path in it."""
@@ -70,8 +68,8 @@ def key(group: str, name: str) -> str:
 
 
 def variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
-    """Attributes of a variable: unit, meaning, and what CF readers need for flags, text and the
-    views' angles.
+    """Attributes of a variable: unit, meaning, and those that CF readers need for flags, text and
+    the views' angles.
     """
     found: dict[str, Any] = {"long_name": variable.long_name, "units": variable.units}
     if variable.dtype == TEXT:
@@ -97,15 +95,13 @@ def centred(count: int) -> NDArray[np.int32]:
 
 
 def split(values: Values) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
-    """What every catalogue has, and what only some have."""
+    """The variables of every catalogue, and those of some catalogues only."""
     optional = {name: values[name] for name in OPTIONAL if name in values}
     return {name: values[name] for name in values if name not in optional}, optional
 
 
 def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:
-    """SHA-256 over names, shapes and content, so that damage is noticed wherever HDF5 has no
-    checksum of its own.
-    """
+    """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own."""
     total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
     for name in sorted(values):
         array = values[name]

@@ -1,4 +1,6 @@
-"""What a catalogue file holds: dimensions, type, unit and meaning of every variable, for writer, reader and check alike."""
+"""Variables of a catalogue file: dimensions, type, unit and meaning of each, for writer, reader and
+checks; and the flags of its conditions.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,10 @@ from ..arrays import AnyArray
 SCHEMA_VERSION = "1.2"
 
 ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
-"""Variables that files of schema 1.0 do not have; they are read as NaN."""
+"""Variables that files of schema 1.0 lack; they are read as NaN."""
 
 OPTIONAL = ("albedo",)
-"""Variables that a file has only where the catalogue was made with them (since schema 1.2)."""
+"""Variables that a file has only if the catalogue was built with them (since schema 1.2)."""
 
 FLAG_MASKS = (1, 2, 4, 8, 16)
 FLAG_MEANINGS = ("evaluated", "localizable", "unique", "unshadowed", "unoccluded")
@@ -26,7 +28,9 @@ COVERAGE_STATUS = {0: "point", 1: "featureless", 2: "ambiguous", 3: "dependent",
 
 
 class Variable(NamedTuple):
-    """A variable of the file; ``dims`` name its dimensions in order, dtype is numpy's (``str`` for text)."""
+    """A variable of the file; ``dims``: names of its dimensions in order; ``dtype``: NumPy's name,
+    or ``str`` for text.
+    """
 
     dims: tuple[str, ...]
     dtype: str
@@ -170,20 +174,20 @@ COVERAGE = {
 
 
 def usable(condition: ArrayLike) -> NDArray[np.bool_]:
-    """Where a condition has all five flags; any shape."""
+    """True for conditions with all five flags; any shape."""
     return np.asarray((np.asarray(condition) & USABLE) == USABLE)
 
 
 def evaluated(condition: ArrayLike) -> NDArray[np.bool_]:
-    """Where a condition was evaluated: the Sun comes there; any shape."""
+    """True for conditions that were evaluated, because the Sun reaches them; any shape."""
     return np.asarray((np.asarray(condition) & EVALUATED) > 0)
 
 
 def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[AnyArray, AnyArray]:
-    """Lowest and highest usable Sun elevation, each (point, view, sun_azimuth) in degrees; NaN
-    where none is usable.
+    """Lowest and highest usable Sun elevation, each (point, view, sun_azimuth), degrees; NaN
+    without a usable one.
 
-    condition: uint8 (point, view, sun_elevation, sun_azimuth).
+    ``condition``: uint8 (point, view, sun_elevation, sun_azimuth).
     """
     works = usable(condition)
     elevation = np.asarray(sun_elevation, dtype=np.float64)[None, None, :, None]

@@ -33,13 +33,13 @@ class Statistics:
         return evaluated(self.catalog.condition)
 
     def _share(self, axis: tuple[int, ...] | None) -> AnyArray:
-        """Usable among evaluated conditions, summed over axes; NaN where nothing was evaluated."""
+        """Usable as a share of evaluated conditions, summed over axes; NaN if none was evaluated."""
         good, all_ = self._usable.sum(axis=axis), self._evaluated.sum(axis=axis)
         return np.where(all_ > 0, good / np.maximum(all_, 1), np.nan)
 
     @cached_property
     def share(self) -> float:
-        """Of all points' evaluated conditions the share that is usable."""
+        """Usable share of all points' evaluated conditions."""
         return float(self._share(None))
 
     @cached_property
@@ -52,27 +52,28 @@ class Statistics:
 
     @cached_property
     def by_view_and_sun(self) -> AnyArray:
-        """(view, sun_elevation, sun_azimuth)"""
+        """Usable share, (view, sun_elevation, sun_azimuth)."""
         return self._share((0,))
 
     @cached_property
     def by_point_and_sun(self) -> AnyArray:
-        """(point, sun_elevation, sun_azimuth), over the views"""
+        """Usable share over the views, (point, sun_elevation, sun_azimuth)."""
         return self._share((1,))
 
     @cached_property
     def suns(self) -> int:
-        """Sun cells that were evaluated for at least one point."""
+        """Number of Sun cells that were evaluated for at least one point."""
         return int(self._evaluated.any(axis=(0, 1)).sum())
 
 
 def describe(path: Path | str) -> dict[str, Any]:
-    """What is in a catalogue, and whether it is intact, as plain values; what cannot be read is
-    None.
+    """Contents and integrity of a catalogue file as plain values; None for those that cannot be
+    read.
 
-    Never raises for a bad file: ``intact`` is false then and ``problems`` say why. ``usable_share`` is the share of all evaluated
-    conditions (points x views x Suns) that are usable; ``bounds`` are those of the points, with west above east where they
-    cross the prime meridian.
+    Never raises for a bad file: ``intact`` is then false and ``problems`` lists the reasons.
+    ``usable_share`` is the share of all evaluated conditions (points x views x Suns) that are
+    usable; ``bounds`` are those of the points, with west above east if they cross the prime
+    meridian.
     """
     problems = verify(path)
     found: dict[str, Any] = {
@@ -85,7 +86,7 @@ def describe(path: Path | str) -> dict[str, Any]:
     try:
         catalog = open_catalog(path)
     except CatalogError as error:
-        if not problems:  # it changed meanwhile
+        if not problems:  # the file changed in between
             found |= {"intact": False, "problems": [str(error)]}
         return found
     return found | summary(catalog)
@@ -120,7 +121,7 @@ def summary(catalog: Catalog) -> dict[str, Any]:
 
 
 def _albedo(catalog: Catalog) -> dict[str, Any] | None:
-    """The map of brightness with the range of its factors over the patches; None without one."""
+    """The albedo map with the range of its factors over the patches; None without one."""
     if catalog.albedo is None:
         return None
     known = catalog.albedo[np.isfinite(catalog.albedo)]
@@ -129,7 +130,7 @@ def _albedo(catalog: Catalog) -> dict[str, Any] | None:
 
 
 def bounds(lon_deg: AnyArray, lat_deg: AnyArray) -> dict[str, float] | None:
-    """The narrowest box of longitudes (0..360) and latitudes around points; None without any."""
+    """The narrowest box of longitudes (0..360) and latitudes around points; None without points."""
     if not len(lon_deg):
         return None
     lon = np.sort(np.asarray(lon_deg) % 360.0)
@@ -149,7 +150,7 @@ def _plain(value: float) -> float | None:
 
 
 def _known(values: AnyArray | None) -> list[float] | None:
-    """Least and greatest of the figures that are known; None without any."""
+    """Smallest and largest of the known figures; None without any."""
     return None if values is None else _range(values[np.isfinite(values)])
 
 
@@ -190,7 +191,7 @@ def _views(catalog: Catalog, statistics: Statistics) -> list[dict[str, Any]]:
 
 
 def coverage_counts(catalog: Catalog) -> dict[str, int]:
-    """Spacing cells of each status."""
+    """Number of spacing cells of each status."""
     return {
         name: int(np.count_nonzero(catalog.coverage.status == code))
         for code, name in COVERAGE_STATUS.items()
@@ -198,7 +199,7 @@ def coverage_counts(catalog: Catalog) -> dict[str, int]:
 
 
 def view_name(view: dict[str, Any]) -> str:
-    """A viewpoint in words."""
+    """Text for a viewpoint."""
     where = "straight down"
     if view["off_nadir_deg"]:
         where = f"{view['off_nadir_deg']:g}° off nadir, camera at azimuth {view['azimuth_deg']:g}°"
@@ -207,17 +208,17 @@ def view_name(view: dict[str, Any]) -> str:
 
 
 def latitude_name(lat_deg: float) -> str:
-    """A latitude for people."""
+    """Text for a latitude."""
     return f"{abs(lat_deg):.4f}° {'S' if lat_deg < 0.0 else 'N'}"
 
 
 def percent(share: float | None) -> str:
-    """A share for people; a dash for none."""
+    """Text for a share; a dash for NaN."""
     return "–" if share is None or not np.isfinite(share) else f"{100 * share:.1f} %"
 
 
 def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """A `summary` as names and lines for people."""
+    """A `summary` as names and lines of text."""
     region, box, gsd = found["region"], found["bounds"], found["gsd_m"]
     rows = [
         ("points", str(found["points"])),
@@ -274,7 +275,7 @@ def _metres(span: list[float] | None) -> str:
 
 
 def _albedo_rows(albedo: dict[str, Any] | None) -> list[tuple[str, str]]:
-    """No row for ground that is all alike."""
+    """The rows about albedo; none without a map."""
     if albedo is None:
         return []
     text = f"{albedo['name']}, {albedo['encoding']}, over {number(albedo['reference'], 4)} ({albedo['reference_is']})"

@@ -1,14 +1,14 @@
-"""What turns light into numbers: blur, exposure, noise, quantisation, saturation.
+"""Detector model: blur, exposure, noise, quantisation, saturation.
 
-A pixel's signal is the radiance factor weighed with its response: its own square, spread by a
-Gaussian of ``blur_px`` (standard deviation). Noise has two parts, ``noise`` being the standard
-deviation of both together at the mean lit signal m, as a share of it: photon noise, whose variance
-grows with the signal S, and read noise, whose does not:
+A pixel's signal is the radiance factor weighted with the pixel's response: its own square,
+convolved with a Gaussian of ``blur_px`` (standard deviation). Noise has two parts; ``noise`` is the
+standard deviation of both together at the mean lit signal m, as a share of it: photon noise, whose
+variance grows with the signal S, and read noise, whose variance does not:
 
     variance(S) = (noise m)^2 (shot_share S / m + 1 - shot_share)
 
-Photons are drawn from Poisson's law, 1 / (noise^2 shot_share) of them at the mean. The number of a
-pixel is round((2^bits - 1) S / full_scale), held within 0 and 2^bits - 1.
+Photon counts follow a Poisson distribution, with 1 / (noise^2 shot_share) photons at the mean. A
+pixel's number is round((2^bits - 1) S / full_scale), limited to 0..2^bits - 1.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ Numbers = NDArray[np.uint8] | NDArray[np.uint16]
 BITS_MAX = 16
 BLUR_MAX_PX = 16.0
 REACH = 4.0
-"""Sigmas after which the Gaussian is cut off; 6e-5 of it lies beyond, and is spread over the rest."""
+"""Sigmas at which the Gaussian is cut off; the 6e-5 beyond are spread over the rest."""
 
 _SHARP_PX = 1e-6
-"""A blur below this is none: it moves less than that share of a pixel's light."""
+"""A blur below this counts as 0: it moves less than that share of a pixel's light."""
 
 BRIGHT_PERCENTILE, BRIGHT_SHARE = 99.5, 0.8
 """Where no exposure is stated, this percentile of the lit signal comes to this share of full scale."""
@@ -38,9 +38,8 @@ BRIGHT_PERCENTILE, BRIGHT_SHARE = 99.5, 0.8
 
 @dataclass(frozen=True)
 class Detector:
-    """A detector; ConfigError for one that cannot be. ``full_scale`` is the radiance factor of the
-    highest number, None: by the signal itself (`BRIGHT_PERCENTILE`). The same seed gives the same
-    noise.
+    """A detector; ConfigError for invalid values. ``full_scale``: radiance factor of the highest
+    number; None: from the signal (`BRIGHT_PERCENTILE`). Equal seeds give equal noise.
     """
 
     blur_px: float = 0.0
@@ -51,33 +50,33 @@ class Detector:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _require(0.0 <= self.blur_px <= BLUR_MAX_PX, f"blur must lie in 0..{BLUR_MAX_PX:g} pixels")
-        _require(0.0 <= self.noise <= 10.0, "noise must lie in 0..10 of the mean lit signal")
-        _require(0.0 <= self.shot_share <= 1.0, "the share of photon noise must lie in 0..1")
+        _require(0.0 <= self.blur_px <= BLUR_MAX_PX, f"blur must be 0..{BLUR_MAX_PX:g} pixels")
+        _require(0.0 <= self.noise <= 10.0, "noise must be 0..10 times the mean lit signal")
+        _require(0.0 <= self.shot_share <= 1.0, "the share of photon noise must be 0..1")
         scale = self.full_scale
         _require(scale is None or 0.0 < scale < math.inf, "exposure must be positive")
-        _require(1 <= self.bits <= BITS_MAX, f"bits must lie in 1..{BITS_MAX}")
+        _require(1 <= self.bits <= BITS_MAX, f"bits must be 1..{BITS_MAX}")
         _require(self.seed >= 0, "seed must not be negative")
 
     @property
     def highest(self) -> int:
-        """The number at which it saturates."""
+        """The number at saturation."""
         return 2**self.bits - 1
 
     @property
     def margin_px(self) -> int:
-        """How many pixels around an image its blur reaches into it."""
+        """Distance in pixels from which light outside an image is blurred into it."""
         return math.ceil(REACH * self.blur_px)
 
     def scale_of(self, signal: Array) -> float:
-        """Radiance factor of full scale; 1 where nothing is lit and none is stated."""
+        """Radiance factor of full scale; 1 if none is stated and nothing is lit."""
         if self.full_scale is not None:
             return self.full_scale
         lit = signal[signal > 0.0]
         return float(np.percentile(lit, BRIGHT_PERCENTILE)) / BRIGHT_SHARE if lit.size else 1.0
 
     def noisy(self, signal: Array) -> Array:
-        """A signal (rows, cols), not negative, with its noise."""
+        """A non-negative signal (rows, cols) with noise."""
         lit = signal[signal > 0.0]
         if self.noise == 0.0 or not lit.size:
             return signal
@@ -90,7 +89,7 @@ class Detector:
         return np.asarray(light + read * dice.standard_normal(signal.shape))
 
     def numbers(self, signal: Array, full_scale: float) -> Numbers:
-        """What is read out of a signal (rows, cols), uint8 up to 8 bits, else uint16; 0 where it is NaN."""
+        """Numbers read out for a signal (rows, cols), uint8 up to 8 bits, else uint16; 0 for NaN."""
         known = np.isfinite(signal)
         scaled = self.noisy(np.where(known, signal, 0.0)) * (self.highest / full_scale)
         read = np.where(known, np.clip(np.rint(scaled), 0, self.highest), 0)
@@ -99,10 +98,10 @@ class Detector:
 
 def response(blur_px: float, samples: int) -> Array:
     """Weights of the sub-pixels along one axis in a pixel's signal: ``samples`` in each of 2 m + 1
-    pixels, m = ceil(4 blur_px), the pixel's own in the middle; their sum is 1.
+    pixels, m = ceil(4 blur_px), the pixel itself in the middle; their sum is 1.
 
-    The weight is the integral over a sub-pixel of the square's convolution with the Gaussian, in
-    closed form.
+    A weight is the integral over a sub-pixel of the square convolved with the Gaussian, in closed
+    form.
     """
     margin = math.ceil(REACH * blur_px)
     edges = (np.arange(samples * (2 * margin + 1) + 1) / samples) - margin - 0.5
@@ -112,7 +111,7 @@ def response(blur_px: float, samples: int) -> Array:
 
 
 def _ramp(x: float, sigma: float) -> float:
-    """The integral of the Gaussian's cumulative distribution up to x; of the step where it is sharp."""
+    """Integral up to x of the Gaussian's cumulative distribution, or of a step if it is sharp."""
     if sigma < _SHARP_PX:
         return max(x, 0.0)
     t = x / sigma
@@ -121,8 +120,9 @@ def _ramp(x: float, sigma: float) -> float:
 
 
 def gathered(fine: NDArray[np.floating], weights: Array, samples: int) -> Array:
-    """Pixels (rows, cols) of sub-pixels (samples (rows + 2 m), samples (cols + 2 m)) by `response`.
-    NaN is not known and does not count; a pixel of which under half its response is known is NaN.
+    """Pixels (rows, cols) from sub-pixels (samples (rows + 2 m), samples (cols + 2 m)) by
+    `response`. NaN is unknown and does not count; a pixel is NaN if less than half of its response
+    is known.
     """
     known = np.isfinite(fine)
     light = _along(_along(np.where(known, fine, 0.0), weights, samples).T, weights, samples).T

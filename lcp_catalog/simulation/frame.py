@@ -1,8 +1,10 @@
-"""Frames of a camera that never flew: rendered exactly, averaged over pixels, put through a detector.
+"""Simulated frames: rendered with the exact surface, averaged over pixels, passed through a
+detector.
 
-Each pixel is N x N rays, evenly spaced over its area, weighed with the detector's response; around
-the frame as many pixels are rendered as its blur reaches. What no ray meets is black sky where the
-reference sphere is missed as well, and not known (NaN) elsewhere: ground that the source does not hold.
+A pixel is N x N rays, evenly spaced over its area and weighted with the detector's response; the
+render extends beyond the frame by the reach of the blur. A ray that meets no terrain gives black
+sky if it misses the reference sphere as well; else its radiance is unknown (NaN), because the
+source holds no terrain there.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class Ground(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DemGround:
-    """The ground of a DEM, as far as a camera and a ring around what it sees need it."""
+    """The terrain of a DEM, as far as a camera's view and the ring around it need it."""
 
     scene: HeightfieldScene
     sun_position_mcmf_m: Array
@@ -97,8 +99,8 @@ class DemGround:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame, (rows, cols): the radiance factor that each pixel gathers before noise (NaN: not
-    known), and the number that is read out; ``camera`` has the Sun's position.
+    """One frame, (rows, cols): the radiance factor that each pixel gathers before noise (NaN:
+    unknown), and the number read out; ``camera`` has the Sun's position.
     """
 
     radiance: Float32
@@ -111,7 +113,7 @@ class Frame:
 
     @property
     def signal(self) -> Float32:
-        """Radiance factor by the numbers, NaN where the ground is not known."""
+        """Radiance factor by the numbers, NaN where the terrain is unknown."""
         step = self.full_scale / self.detector.highest
         known = np.isfinite(self.radiance)
         return np.where(known, step * self.numbers, np.nan).astype(np.float32)
@@ -163,7 +165,7 @@ def samples_for(cells_per_pixel: float) -> int:
 
 
 def subdivided(camera: Camera, count: int) -> Camera:
-    """The camera whose pixels are ``count`` x ``count`` equal parts of each of this one's."""
+    """The camera whose pixels are ``count`` x ``count`` equal parts of each pixel."""
     (cx, cy), (width, height) = camera.principal_point_px, camera.image_size_px
     return replace(
         camera,
@@ -174,14 +176,14 @@ def subdivided(camera: Camera, count: int) -> Camera:
 
 
 def grown(camera: Camera, margin_px: int) -> Camera:
-    """The camera with so many pixels more on every side."""
+    """The camera with ``margin_px`` more pixels on every side."""
     (rows, cols), by = camera.shape, margin_px
     return windowed(camera, (-by, rows + by, -by, cols + by))
 
 
 def windowed(camera: Camera, window: tuple[int, int, int, int]) -> Camera:
-    """The camera of some of its rows and columns (first row, row behind the last, first column,
-    column behind the last), also beyond its image.
+    """The camera of a window of its image (first row, row after the last, first column, column
+    after the last), which may lie beyond the image.
     """
     row0, row1, col0, col1 = window
     cx, cy = camera.principal_point_px

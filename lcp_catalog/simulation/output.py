@@ -1,4 +1,4 @@
-"""A simulated frame as files: PNG or GeoTIFF, and the camera that took it, with its Sun."""
+"""A simulated frame as files: PNG or GeoTIFF, and its camera with the Sun."""
 
 from __future__ import annotations
 

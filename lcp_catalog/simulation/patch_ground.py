@@ -1,8 +1,8 @@
-"""The ground of a catalogue alone: its patches as islands, nothing between them.
+"""The patches of a catalogue as terrain for frames: islands with nothing between them.
 
-Each patch is rendered in its own frame from its own nodes only, as the navigator will: the terrain
-around it, which the catalogue does not hold, neither shadows nor hides it. Where patches overlap, the
-surface nearest to the camera is seen.
+Each patch is rendered in its own frame from its own nodes alone, as a navigator does: terrain
+around it, which the catalogue does not hold, neither shadows nor hides it. Where patches overlap,
+the surface nearest to the camera is seen.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 @dataclass(frozen=True, eq=False)
 class PatchAlbedo:
-    """A patch's own factors, linear on the surface's triangles."""
+    """The albedo factors of a patch, linear on the surface's triangles."""
 
     factors: Heightfield
 
@@ -56,22 +56,22 @@ class PatchAlbedo:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """One point's fragment as a terrain; its core is all of it."""
+    """The patch of one point as a terrain; its core is the whole patch."""
 
     terrain: Terrain
     albedo: PatchAlbedo | None
 
     @classmethod
     def of(cls, catalog: Catalog, row: int) -> Patch:
-        """The patch of the catalogue's point in a row."""
+        """The patch of the point in a row of the catalogue."""
         terrain = patch_terrain(catalog, row)
         if catalog.albedo is None:
             return cls(terrain, None)
         return cls(terrain, PatchAlbedo(replace(terrain.field, z_m=catalog.albedo[row])))
 
     def window(self, camera: Camera) -> Window | None:
-        """Rows and columns of a camera's image in which it may be seen (half open, first row, row
-        behind the last, first column, column behind the last); None where it cannot be.
+        """Rows and columns of a camera's image in which the patch may be seen (half open: first
+        row, row after the last, first column, column after the last); None if it is outside.
         """
         whole = self.terrain.core
         nodes = self.terrain.frame.to_mcmf(nodes_enu(self.terrain.field, whole)).reshape(-1, 3)
@@ -88,8 +88,8 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class PatchGround:
-    """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None: `DEFAULT_MODEL`.
-    ``path`` is the catalogue's file.
+    """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None:
+    `DEFAULT_MODEL`; ``path``: the catalogue's file.
     """
 
     catalog: Catalog
@@ -101,8 +101,8 @@ class PatchGround:
 
     @classmethod
     def lit(cls, path: Path, choice: SunChoice, camera: Camera, **how: Any) -> PatchGround:
-        """A catalogue's file under the Sun of a choice, whose angles are those at the middle of its map;
-        ``how``: model, accuracy, disc.
+        """A catalogue's file under a chosen Sun, whose angles are those at the middle of the
+        catalogue's map; ``how``: model, accuracy, disc.
         """
         catalog = open_catalog(path)
         middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
@@ -114,7 +114,7 @@ class PatchGround:
 
     @cached_property
     def patches(self) -> list[Patch]:
-        """All of them, in the catalogue's order."""
+        """All patches, in the catalogue's order."""
         return [Patch.of(self.catalog, row) for row in range(len(self.catalog))]
 
     def cells_per_pixel(self, camera: Camera) -> float:
@@ -167,7 +167,7 @@ class PatchGround:
 
 
 def is_catalog(path: Path | str) -> bool:
-    """Whether a file begins as HDF5 does; False for one that cannot be read."""
+    """True if a file begins as HDF5 does; False if it cannot be read."""
     try:
         with open(path, "rb") as file:
             return file.read(len(_HDF5)) == _HDF5

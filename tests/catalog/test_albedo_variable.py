@@ -304,7 +304,7 @@ class TestTheFile:
             (lambda file: file.attrs.__delitem__("albedo_sha256"), "albedo_sha256 is missing"),
             (lambda file: file.attrs.__delitem__("albedo_map"), "albedo_map is missing"),
             (lambda file: file.__delitem__("albedo"), "albedo: the variable is missing"),
-            (lambda file: file.attrs.__setitem__("albedo_map", "{"), "albedo_map: is no JSON"),
+            (lambda file: file.attrs.__setitem__("albedo_map", "{"), "albedo_map: is not JSON"),
             (lambda file: file["albedo"].attrs.__setitem__("units", "m"), "albedo: units is m"),
         ],
     )

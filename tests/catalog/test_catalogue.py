@@ -19,9 +19,9 @@ from lcp_catalog.errors import CatalogError
         ("dem", np.zeros((4, 8, 8)), "no centre node"),
         ("point_id", np.array([1.5, 2, 3, 4]), "not whole numbers"),
         ("condition", np.full((4, 3, 8, 24), 300), "condition: does not fit into u1"),
-        ("condition", np.full((4, 3, 8, 24), 64, np.uint8), "has bits that mean nothing"),
+        ("condition", np.full((4, 3, 8, 24), 64, np.uint8), "has undefined bits"),
         ("longitude", np.array(["a"] * 4), "not numbers"),
-        ("sources", "{", "sources is no JSON"),
+        ("sources", "{", "sources is not JSON"),
     ],
 )
 def test_what_does_not_fit_is_refused_at_birth(name: str, value: object, text: str) -> None:
