@@ -1,4 +1,4 @@
-"""``lcp inspect``: what is in a catalogue, and whether it is intact."""
+"""``lcp inspect``: contents and integrity of a catalogue."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ EXIT_NOT_INTACT = 4
 
 @click.command()
 @click.argument("catalog", metavar="CATALOG.h5", type=click.Path(exists=True, dir_okay=False))
-@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 def command(catalog: str, as_json: bool) -> int:
-    """Say what is in a catalogue, and whether it is intact.
+    """Show the contents of a catalogue and check its integrity.
 
-    Every dataset is read and its checksum, its shape and its values are checked. The exit code is 4
-    when something is wrong. The usable share is that of the evaluated conditions.
+    Reads every dataset and checks its checksum, shape and values. The exit code is 4 if there is a
+    problem. The usable share is that of all evaluated conditions.
     """
     from lcp_catalog.catalog.summary import describe
 

@@ -1,4 +1,4 @@
-"""``lcp simulate``: a frame of a camera that never flew."""
+"""``lcp simulate``: a simulated camera frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .value_types import POSITIVE, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.simulation.detector import Detector
-    from lcp_catalog.simulation.frame import Ground
+    from lcp_catalog.simulation.frame import Surface
 
 BITS = ("8", "10", "12", "14", "16")
 
@@ -25,7 +25,7 @@ BITS = ("8", "10", "12", "14", "16")
 @options.product_order_option
 @options.output_option("FRAME.png|.tif")
 @click.option(
-    "--camera", "camera_path", required=True, metavar="CAMERA.json", help="Camera that takes it."
+    "--camera", "camera_path", required=True, metavar="CAMERA.json", help="Camera of the frame."
 )
 @options.sun_options
 @options.model_options
@@ -40,7 +40,7 @@ BITS = ("8", "10", "12", "14", "16")
     default=0.0,
     show_default=True,
     metavar="PX",
-    help="Point spread: the standard deviation of a Gaussian, pixels.",
+    help="Point spread: standard deviation of a Gaussian, pixels.",
 )
 @click.option(
     "--noise",
@@ -48,7 +48,7 @@ BITS = ("8", "10", "12", "14", "16")
     default=0.0,
     show_default=True,
     metavar="SHARE",
-    help="1 sigma of noise at the mean lit signal, as a share of it; 0.02 is a signal to noise of 50.",
+    help="1 sigma of the noise at the mean lit signal, as a share of it; 0.02: a signal-to-noise ratio of 50.",
 )
 @click.option(
     "--shot-share",
@@ -56,36 +56,41 @@ BITS = ("8", "10", "12", "14", "16")
     default=0.5,
     show_default=True,
     metavar="SHARE",
-    help="How much of that noise's variance is the photons' own, which grows with the signal.",
+    help="Share of that noise's variance that is photon noise, which grows with the signal.",
 )
 @click.option(
     "--exposure",
     "full_scale",
     type=POSITIVE,
     metavar="I/F",
-    help="Radiance factor at which the detector saturates; default: the 99.5th percentile of what is lit comes to 80 %.",
+    help="Radiance factor of saturation; default: the 99.5th percentile of lit pixels at 80 % of full scale.",
 )
 @click.option(
-    "--bits", type=click.Choice(BITS), default="8", show_default=True, help="Of a pixel's number."
+    "--bits",
+    type=click.Choice(BITS),
+    default="8",
+    show_default=True,
+    help="Bits of a pixel's number.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the noise."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
 )
 @click.option(
     "--samples",
     type=click.IntRange(1, 16),
     metavar="N",
-    help="N x N rays a pixel; default: 2 to 4, one a cell.",
+    help="N x N rays per pixel; default: one per cell, 2 to 4.",
 )
 @options.depfile_option
 @options.overwrite_option
 def command(
     source: tuple[str, ...], output: str, depfile: str | None, overwrite: bool, **flags: Any
 ) -> None:
-    """Take a frame of a DEM, or of a catalogue's patches, with a camera and its detector.
+    """Simulate a camera frame of a DEM, or of a catalogue's patches.
 
-    A .png holds the detector's numbers, a .tif the radiance factor by them. The camera, with the Sun's
-    position, is written beside it as FRAME_camera.json: lcp validate takes both. See docs/simulate.md.
+    A .png holds the detector's numbers, a .tif the radiance factor computed from them. The camera, with
+    the Sun's position, is written beside the frame as FRAME_camera.json; lcp validate reads both files.
+    The default accuracy tier is reference.
     """
     sun, albedo = _checked(output, depfile, flags)
 
@@ -107,43 +112,43 @@ def command(
     for name, replaced in ((output, overwrite), (beside, overwrite), (depfile, True)):
         if name:
             check_output(name, replaced)
-    ground = _ground(source, camera, detector, sun, albedo, flags)
-    taken = frame(ground, camera, detector, flags["samples"])
+    surface = _surface(source, camera, detector, sun, albedo, flags)
+    taken = frame(surface, camera, detector, flags["samples"])
     _write(taken, output, beside, depfile, overwrite, [flags["camera_path"]])
 
 
 def _checked(
     output: str, depfile: str | None, flags: dict[str, Any]
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """What the flags say of the Sun and of the albedo; usage errors for what does not go together."""
+    """Values of the Sun and albedo options; usage errors for options that exclude each other."""
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
     options.check_sun(*sun)
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)
     if Path(output).suffix.lower() not in PNG + TIFF:
-        raise click.UsageError(f"-o {output}: a frame is written as .png or .tif")
+        raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
     if depfile and Path(depfile).resolve() == Path(output).resolve():
         raise click.UsageError("-o and --depfile must name different files")
     return sun, albedo
 
 
-def _ground(
+def _surface(
     source: tuple[str, ...],
     camera: Any,
     detector: Detector,
     sun: tuple[Any, ...],
     albedo: tuple[Any, ...],
     flags: dict[str, Any],
-) -> Ground:
-    """What is taken: a DEM's ground, or a catalogue's patches."""
+) -> Surface:
+    """The surface of a DEM, or of a catalogue's patches."""
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.rendering.request import Request, ViewChoice
-    from lcp_catalog.simulation.frame import DemGround
-    from lcp_catalog.simulation.patch_ground import PatchGround, is_catalog
+    from lcp_catalog.simulation.frame import DemSurface
+    from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
 
     tier = flags["accuracy"] or (None if flags["tolerance"] is not None else "reference")
     how: dict[str, Any] = {
@@ -155,9 +160,9 @@ def _ground(
     if is_catalog(source[0]):
         if len(source) > 1 or albedo[0] or flags["gsd_m"] or flags["product_order"]:
             raise click.UsageError(
-                f"{source[0]} is a catalogue: it is taken alone, with its own cells and albedo"
+                f"{source[0]} is a catalogue: give it alone, without --gsd, --albedo and --product-order"
             )
-        return PatchGround.lit(Path(source[0]), choice, camera, **how)
+        return PatchSurface.lit(Path(source[0]), choice, camera, **how)
     request = Request(
         dem_paths=source,
         gsd_m=flags["gsd_m"],
@@ -167,13 +172,13 @@ def _ground(
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         **how,
     )
-    return DemGround.seen(request, detector.margin_px)
+    return DemSurface.seen(request, detector.margin_px)
 
 
 def _write(
     taken: Any, output: str, beside: str, depfile: str | None, overwrite: bool, camera: list[str]
 ) -> None:
-    """FRAME appears last, when everything else is whole."""
+    """Write all outputs; FRAME appears last, after all others are complete."""
     from lcp_catalog.atomic_files import depfile_text, write_aside
     from lcp_catalog.simulation.output import encode_camera, encode_frame
 

@@ -33,7 +33,7 @@ _SHARP_PX = 1e-6
 """A blur below this counts as 0: it moves less than that share of a pixel's light."""
 
 BRIGHT_PERCENTILE, BRIGHT_SHARE = 99.5, 0.8
-"""Where no exposure is stated, this percentile of the lit signal comes to this share of full scale."""
+"""Default exposure: this percentile of the lit signal falls at this share of full scale."""
 
 
 @dataclass(frozen=True)

@@ -31,43 +31,43 @@ from ..sun import ephemeris
 from .detector import Detector, Numbers, gathered, response
 
 SAMPLES_LEAST, SAMPLES_MOST = 2, 4
-"""Rays along a pixel's side where none are stated: one a cell, within these."""
+"""Default number of rays along a pixel's side: one per cell, within these limits."""
 
 _RAYS_AT_ONCE = 1 << 19
 
 
-class Ground(Protocol):
-    """What a frame is taken of, under its Sun."""
+class Surface(Protocol):
+    """The surface that a frame shows, under its Sun."""
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """Every file that was read for it."""
+        """The files from which it was read."""
 
     @property
     def sun_position_mcmf_m(self) -> Array:
-        """Where the Sun stands, (3,)."""
+        """Position of the Sun, (3,)."""
 
     def cells_per_pixel(self, camera: Camera) -> float:
-        """How many of its cells a pixel is wide, about."""
+        """Width of a pixel in cells of the surface, about."""
 
     def radiance(self, camera: Camera) -> Array:
-        """Radiance factor at the pixel centres, (rows, cols); NaN where no ground is met."""
+        """Radiance factor at the pixel centres, (rows, cols); NaN where a ray meets no terrain."""
 
 
 @dataclass(frozen=True, eq=False)
-class DemGround:
+class DemSurface:
     """The terrain of a DEM, as far as a camera's view and the ring around it need it."""
 
     scene: HeightfieldScene
     sun_position_mcmf_m: Array
 
     @classmethod
-    def seen(cls, request: Request, margin_px: int = 0) -> DemGround:
-        """What a request's camera sees, and so many pixels around it, under its Sun; the library's errors
-        for what cannot be rendered.
+    def seen(cls, request: Request, margin_px: int = 0) -> DemSurface:
+        """The surface in the view of a request's camera and ``margin_px`` pixels around it, under
+        the request's Sun. Raises the library's errors for a scene that cannot be rendered.
         """
         if request.view.camera is None:
-            raise CameraError("a frame is taken by a camera; the request has none")
+            raise CameraError("a frame needs a camera; the request has none")
         wide = ViewChoice(grown(request.view.camera, margin_px))
         scene = prepare_terrain(
             replace(request, view=wide, in_camera_plane=True, surface="heightfield")
@@ -119,7 +119,7 @@ class Frame:
         return np.where(known, step * self.numbers, np.nan).astype(np.float32)
 
     def image(self, camera: Camera | None = None, name: str = "simulated") -> Image:
-        """The frame as it is compared, taken by ``camera`` as far as anybody knows (None: by its own)."""
+        """The frame as an image for the search, with ``camera`` as its sensor (None: its own)."""
         known = np.isfinite(self.radiance)
         full = known & (self.numbers >= self.detector.highest)
         return Image(
@@ -133,10 +133,12 @@ class Frame:
         )
 
 
-def frame(ground: Ground, camera: Camera, detector: Detector, samples: int | None = None) -> Frame:
-    """What a camera takes of a ground. CameraError when it sees nothing of it."""
-    count = samples or samples_for(ground.cells_per_pixel(camera))
-    fine = _rendered(ground, subdivided(grown(camera, detector.margin_px), count))
+def frame(
+    surface: Surface, camera: Camera, detector: Detector, samples: int | None = None
+) -> Frame:
+    """The frame that a camera takes of a surface. CameraError if the camera sees nothing of it."""
+    count = samples or samples_for(surface.cells_per_pixel(camera))
+    fine = _rendered(surface, subdivided(grown(camera, detector.margin_px), count))
     signal = gathered(fine, response(detector.blur_px, count), count)
     scale = detector.scale_of(signal)
     return Frame(
@@ -144,9 +146,9 @@ def frame(ground: Ground, camera: Camera, detector: Detector, samples: int | Non
         detector.numbers(signal, scale),
         scale,
         detector,
-        replace(camera, sun_position_mcmf_m=ground.sun_position_mcmf_m),
+        replace(camera, sun_position_mcmf_m=surface.sun_position_mcmf_m),
         count,
-        ground.sources,
+        surface.sources,
     )
 
 
@@ -154,9 +156,9 @@ def simulated_image(
     request: Request, detector: Detector, samples: int | None = None, name: str = "simulated"
 ) -> Image:
     """The image that a request's camera takes of its DEM."""
-    ground = DemGround.seen(request, detector.margin_px)
+    surface = DemSurface.seen(request, detector.margin_px)
     assert request.view.camera is not None
-    return frame(ground, request.view.camera, detector, samples).image(name=name)
+    return frame(surface, request.view.camera, detector, samples).image(name=name)
 
 
 def samples_for(cells_per_pixel: float) -> int:
@@ -193,9 +195,9 @@ def windowed(camera: Camera, window: tuple[int, int, int, int]) -> Camera:
 
 
 def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> Array:
-    """Where the Sun stands, (3,) MCMF metres: where the camera says, if the choice leaves it to that;
-    else in the choice's direction from the frame's origin, as far as its instant says, or an
-    astronomical unit.
+    """Position of the Sun, (3,) MCMF metres: that of the camera if the choice states none; else in
+    the chosen direction from the frame's origin, at the distance of the chosen time, or one
+    astronomical unit away.
     """
     own = None if camera is None else camera.sun_position_mcmf_m
     if own is not None and choice == SunChoice():
@@ -205,16 +207,16 @@ def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> A
     return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
 
 
-def _rendered(ground: Ground, camera: Camera) -> Float32:
-    """Radiance factor at a camera's pixel centres, some rows after the other; 0 for the sky. CameraError
-    when no ray meets ground.
+def _rendered(surface: Surface, camera: Camera) -> Float32:
+    """Radiance factor at a camera's pixel centres, rendered in blocks of rows; 0 for the sky.
+    CameraError if no ray meets the surface.
     """
     rows, cols = camera.shape
     out, met = np.empty((rows, cols), dtype=np.float32), False
     step = max(1, _RAYS_AT_ONCE // cols)
     for row in range(0, rows, step):
         part = windowed(camera, (row, min(row + step, rows), 0, cols))
-        light = ground.radiance(part)
+        light = surface.radiance(part)
         dark = ~np.isfinite(light)
         met |= not dark.all()
         if dark.any():
@@ -223,5 +225,5 @@ def _rendered(ground: Ground, camera: Camera) -> Float32:
             light[dark] = np.where(sky, 0.0, np.nan)
         out[row : row + step] = light
     if not met:
-        raise CameraError(f"{camera.name}: the camera sees nothing of the ground")
+        raise CameraError(f"{camera.name}: the camera sees nothing of the terrain")
     return out

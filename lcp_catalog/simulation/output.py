@@ -16,9 +16,9 @@ from .frame import Frame
 
 
 def encode_frame(frame: Frame, path: Path | str) -> bytes:
-    """By the ending of the file's name: PNG holds the numbers, 8 bits or 16 (of which ``bits`` are used);
-    GeoTIFF the radiance factor by the numbers, float32, NaN where the ground is not known. OutputError
-    for another ending.
+    """The frame as a file, by the ending of its name: PNG with the numbers in 8 or 16 bits (of
+    which ``bits`` are used), or GeoTIFF with the radiance factor by the numbers, float32, NaN where
+    the terrain is unknown. OutputError for another ending.
     """
     ending = Path(path).suffix.lower()
     if ending in PNG:
@@ -31,18 +31,20 @@ def encode_frame(frame: Frame, path: Path | str) -> bytes:
 
 
 def camera_path(path: Path | str) -> Path:
-    """Where the camera of a frame's file goes: FRAME.png -> FRAME_camera.json."""
+    """Path of the camera file of a frame: FRAME.png -> FRAME_camera.json."""
     return Path(path).with_name(f"{Path(path).stem}_camera.json")
 
 
 def encode_camera(frame: Frame) -> bytes:
-    """CAMERA.json of a frame, the Sun's position in it, and what made the frame under ``simulated``."""
+    """CAMERA.json of a frame, with the Sun's position, and with the settings of the simulation
+    under ``simulated``.
+    """
     document = frame.camera.to_json() | {"simulated": describe(frame)}
     return (json.dumps(document, indent=1) + "\n").encode()
 
 
 def describe(frame: Frame) -> dict[str, Any]:
-    """The detector, what it did, and what the frame was taken of; no paths."""
+    """The detector with its exposure, and the names of the source files, without folders."""
     detector = asdict(frame.detector) | {"full_scale": frame.full_scale}
     names = sorted({path.name for path in frame.sources})
     return {"detector": detector, "rays_per_pixel": frame.samples**2, "sources": names}

@@ -31,7 +31,7 @@ from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, loc
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import DemGround, frame
+from lcp_catalog.simulation.frame import DemSurface, frame
 from lcp_catalog.sun.ephemeris import direction_from_subsolar
 from lcp_catalog.terrain.terrain import sample_patch
 
@@ -208,7 +208,7 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
         request = Request(
             [dem], view=ViewChoice(camera), model=law, accuracy=TIERS["reference"], disc=False
         )
-        ground = DemGround.seen(request, detector.margin_px)
+        ground = DemSurface.seen(request, detector.margin_px)
         return frame(ground, camera, detector).image(name=camera.name)
 
     return take

@@ -31,7 +31,7 @@ from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import DemGround, frame
+from lcp_catalog.simulation.frame import DemSurface, frame
 
 LAW = reflectance_model("lommel-seeliger")
 PER_DEGREE = 64
@@ -144,7 +144,7 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
         [site.dem], view=ViewChoice(camera), accuracy=TIERS["reference"], disc=False, model=LAW
     )
     detector = Detector(blur_px=BLUR_PX)
-    ours = frame(DemGround.seen(request, detector.margin_px), camera, detector, 3).radiance
+    ours = frame(DemSurface.seen(request, detector.margin_px), camera, detector, 3).radiance
     shift = shift_px(light, ours.astype(float))
     photo = photo_of(light, camera, sun, number)
     count, bias = residuals(site.catalog, photo)

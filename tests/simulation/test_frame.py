@@ -27,7 +27,7 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import (
-    DemGround,
+    DemSurface,
     Frame,
     frame,
     grown,
@@ -37,7 +37,7 @@ from lcp_catalog.simulation.frame import (
     sun_position,
     windowed,
 )
-from lcp_catalog.simulation.patch_ground import PatchGround, is_catalog
+from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
 from lcp_catalog.sun.ephemeris import sun_direction_at, sun_distance_m
 from lcp_catalog.terrain.terrain import sample_patch
 
@@ -77,7 +77,7 @@ def request(dem: Path, taken_by: Camera, **changes) -> Request:
 
 def shoot(dem: Path, taken_by: Camera, samples: int, **detector) -> Frame:
     found = Detector(**detector)
-    ground = DemGround.seen(request(dem, taken_by), found.margin_px)
+    ground = DemSurface.seen(request(dem, taken_by), found.margin_px)
     return frame(ground, taken_by, found, samples)
 
 
@@ -126,7 +126,7 @@ def test_a_frame_is_a_mean_over_its_pixels(dem):
 
 def test_one_ray_a_pixel_without_blur_is_the_render(dem):
     taken_by = camera()
-    ground = DemGround.seen(request(dem, taken_by))
+    ground = DemSurface.seen(request(dem, taken_by))
     found = frame(ground, taken_by, Detector(), 1)
     np.testing.assert_array_equal(found.radiance, ground.radiance(taken_by).astype(np.float32))
 
@@ -155,7 +155,7 @@ def test_a_map_of_brightness_is_in_the_frame(dem, tmp_path):
     taken_by = camera(sun_deg=50.0)
     albedo = AlbedoMap.open(path, None, 1.0)
     plain, mapped = (
-        frame(DemGround.seen(request(dem, taken_by, **how)), taken_by, Detector(), 1).radiance
+        frame(DemSurface.seen(request(dem, taken_by, **how)), taken_by, Detector(), 1).radiance
         for how in ({}, {"albedo": albedo})
     )
     ratio = mapped / plain
@@ -192,13 +192,13 @@ def test_a_camera_that_sees_nothing_is_refused(dem):
     away = looking_camera(EnuFrame(20.0, 30.0), [0.0, 0.0, 80e3], CELL_M, (2e4, 2e4))
     away = replace(away, sun_position_mcmf_m=camera().sun_position_mcmf_m)
     with pytest.raises(AreaError, match="covers"):
-        DemGround.seen(request(dem, away))
+        DemSurface.seen(request(dem, away))
     with pytest.raises(CameraError, match="has none"):
-        DemGround.seen(replace(request(dem, away), view=ViewChoice()))
+        DemSurface.seen(replace(request(dem, away), view=ViewChoice()))
     up = np.diag([1.0, -1.0, -1.0]) @ camera().rotation_mcmf_to_camera
     with pytest.raises(CameraError, match="sees nothing"):
         frame(
-            DemGround.seen(request(dem, camera())),
+            DemSurface.seen(request(dem, camera())),
             replace(camera(), rotation_mcmf_to_camera=up),
             Detector(),
             1,
@@ -251,8 +251,8 @@ def test_the_sun_stands_where_it_is_said_to():
 def test_a_stated_sun_lights_the_frame_and_is_in_its_camera(dem):
     """From the west slopes to the west are bright: the picture changes, and so does the camera."""
     own, west = camera(), SunChoice(280.0, 30.0)
-    first = frame(DemGround.seen(request(dem, own)), own, Detector(), 1)
-    second = frame(DemGround.seen(request(dem, own, sun=west)), own, Detector(), 1)
+    first = frame(DemSurface.seen(request(dem, own)), own, Detector(), 1)
+    second = frame(DemSurface.seen(request(dem, own, sun=west)), own, Detector(), 1)
     assert np.corrcoef(first.radiance.ravel(), second.radiance.ravel())[0, 1] < 0.0
     towards = second.camera.sun_position_mcmf_m - PLACE.origin_mcmf_m
     assert azimuth_elevation(PLACE.direction_from_mcmf(towards))[0] == pytest.approx(280.0, abs=0.5)
@@ -277,9 +277,9 @@ def patches(dem: Path, offsets_deg, nodes: int = 21, raised_m=(0.0, 0.0), **chan
     return catalog_of_patches(np.array([p.z_m for p in cut]), frames, CELL_M, **(sizes | changes))
 
 
-def ground_of(catalog: Catalog, taken_by: Camera) -> PatchGround:
+def ground_of(catalog: Catalog, taken_by: Camera) -> PatchSurface:
     sun = np.asarray(taken_by.sun_position_mcmf_m)
-    return PatchGround(catalog, Path("x.h5"), sun, LAW, disc=False)
+    return PatchSurface(catalog, Path("x.h5"), sun, LAW, disc=False)
 
 
 APART = [(-0.2, 0.1), (0.25, -0.15)]
@@ -289,7 +289,7 @@ APART = [(-0.2, 0.1), (0.25, -0.15)]
 def test_patches_are_islands_of_the_dem(dem, off_m):
     """Under a high Sun, where nothing outside shadows them, they look as the DEM does; there is nothing between them."""
     taken_by = camera(CELL_M, 120, off_m=off_m, sun_deg=55.0)
-    whole = frame(DemGround.seen(request(dem, taken_by)), taken_by, Detector(), 2).radiance
+    whole = frame(DemSurface.seen(request(dem, taken_by)), taken_by, Detector(), 2).radiance
     alone = frame(ground_of(patches(dem, APART), taken_by), taken_by, Detector(), 2).radiance
     seen = np.isfinite(alone)
     labels, count = ndimage.label(seen)
@@ -357,7 +357,7 @@ def test_a_catalogue_is_known_by_its_first_bytes(dem, tmp_path):
     assert is_catalog(path)
     assert not is_catalog(dem)
     assert not is_catalog(tmp_path / "nothing.h5")
-    ground = PatchGround.lit(path, SunChoice(90.0, 20.0), camera())
+    ground = PatchSurface.lit(path, SunChoice(90.0, 20.0), camera())
     assert ground.sources == (path,)
     middle = EnuFrame(ground.catalog.overview.center_lon, ground.catalog.overview.center_lat)
     towards = middle.direction_from_mcmf(ground.sun_position_mcmf_m - middle.origin_mcmf_m)

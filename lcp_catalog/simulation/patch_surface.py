@@ -87,7 +87,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class PatchGround:
+class PatchSurface:
     """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None:
     `DEFAULT_MODEL`; ``path``: the catalogue's file.
     """
@@ -100,7 +100,7 @@ class PatchGround:
     disc: bool | None = None
 
     @classmethod
-    def lit(cls, path: Path, choice: SunChoice, camera: Camera, **how: Any) -> PatchGround:
+    def lit(cls, path: Path, choice: SunChoice, camera: Camera, **how: Any) -> PatchSurface:
         """A catalogue's file under a chosen Sun, whose angles are those at the middle of the
         catalogue's map; ``how``: model, accuracy, disc.
         """
