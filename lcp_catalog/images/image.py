@@ -1,4 +1,4 @@
-"""An image as it is compared: its signal, how far each pixel is to be believed, what took it, and the Sun."""
+"""An image for comparison: signal, weights, sensor and Sun."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from ..cameras.sensor import Reduced, Sensor
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image. ``signal`` (rows, cols) is proportional to radiance up to an offset, as far as that is known, NaN where there
-    is none; ``weight`` (rows, cols) 0..1 is 0 where the signal is missing or saturated.
+    """One image.
 
-    The Sun is a position (``sun_position_mcmf_m``), or a direction for all the ground (``sun_direction_mcmf``).
+    ``signal`` (rows, cols) is proportional to radiance, up to an offset if that is unknown; NaN
+    where it is missing. ``weight`` (rows, cols) 0..1 is 0 where the signal is missing or saturated.
+    The Sun is a position (``sun_position_mcmf_m``) or one direction for the whole image
+    (``sun_direction_mcmf``). ValueError for shapes that differ from the sensor's, and unless
+    exactly one Sun is given.
     """
 
     name: str
@@ -35,7 +38,7 @@ class Image:
                 f"{self.name}: {self.signal.shape} pixels, {self.sensor.shape} in the camera"
             )
         if (self.sun_position_mcmf_m is None) == (self.sun_direction_mcmf is None):
-            raise ValueError(f"{self.name}: one Sun, a position or a direction")
+            raise ValueError(f"{self.name}: give either a position or a direction of the Sun")
 
     def sun_directions(self, points_mcmf_m: ArrayLike) -> Array:
         """Unit MCMF directions (..., 3) from points (..., 3) to the Sun."""
@@ -46,11 +49,13 @@ class Image:
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def with_sensor(self, sensor: Sensor) -> Image:
-        """The same image, otherwise placed."""
+        """The same image with another sensor."""
         return replace(self, sensor=sensor)
 
     def reduced(self, factor: int) -> Image:
-        """With blocks of ``factor`` x ``factor`` pixels as one: weighted means; a block's weight is the mean of its pixels'."""
+        """The image with blocks of ``factor`` x ``factor`` pixels as one: weighted means. The
+        weight of a block is the mean of the weights of its pixels.
+        """
         if factor == 1:
             return self
         rows, cols = (n // factor for n in self.signal.shape)
@@ -68,5 +73,5 @@ class Image:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Pixels with a signal that counts, (rows, cols)."""
+        """Mask (rows, cols): True for pixels with a finite signal and a positive weight."""
         return np.asarray((self.weight > 0.0) & np.isfinite(self.signal))

@@ -1,4 +1,4 @@
-"""An image file as a `Image`: what is signal, what each pixel is worth, what took it, and where its Sun stood."""
+"""Images from files: signal, weights, sensor and Sun."""
 
 from __future__ import annotations
 
@@ -27,14 +27,18 @@ from .sun_from_label import ImageLabel, read_image_label
 log = logging.getLogger(__name__)
 
 SUNS_DIFFER_DEG = 1.0
-"""Two statements of an image's Sun that differ by more are worth a warning."""
+"""Two Sun directions of an image that differ by more cause a warning."""
 
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """What a file does not say by itself: the band (None: luminance of colours, else the first), a value for "nothing here", the
-    place (longitude, latitude, degrees) that a Sun given by angles is meant for (None: the image's middle), from where a
-    map-projected image was seen, and whether integer samples are ``linear`` in radiance or codes of a display picture (``srgb``).
+    """Properties that an image file does not give itself.
+
+    ``band``: None for the luminance of a colour image, else the first band. ``nodata``: value of
+    missing samples. ``center_deg``: longitude and latitude, degrees, of the place for a Sun given
+    by angles; None for the image's centre. ``off_nadir_deg``, ``view_azimuth_deg``: viewing
+    direction of a map-projected image. ``encoding``: ``linear`` for integer samples proportional to
+    radiance, ``srgb`` for codes of a display image. ImageError for another encoding.
     """
 
     band: int | None = None
@@ -46,7 +50,9 @@ class ImageOptions:
 
     def __post_init__(self) -> None:
         if self.encoding not in ENCODINGS:
-            raise ImageError(f"no encoding {self.encoding!r}; there are {', '.join(ENCODINGS)}")
+            raise ImageError(
+                f"invalid encoding {self.encoding!r}; available are {', '.join(ENCODINGS)}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +69,11 @@ def open_image(
     sun: SunChoice | None = None,
     options: ImageOptions | None = None,
 ) -> Image:
-    """The image in a file, with the sensor that took it; None: the map that the file says it was projected on.
+    """The image in a file, with its sensor; None: the map on which the file is projected.
 
-    The Sun is the one that is stated (``sun``), else the sensor's own, else the one of the image's label.
-    ImageError, one line, for what is no image, has no geometry, no Sun, another size than its camera's, or nothing in it;
-    SunError for a Sun that is stated and cannot be.
+    The Sun is the given one (``sun``), else the sensor's own, else that of the image's label.
+    ImageError, one line, for a file that is no image, has no geometry, no Sun, no valid pixel, or
+    another size than its camera; SunError for an invalid given Sun.
     """
     options = options or ImageOptions()
     image = read_pixels(path, options.band, options.nodata, options.encoding)
@@ -91,7 +97,9 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) ->
     rows, cols = image.samples.shape
     if sensor is None:
         if image.crs_wkt is None:
-            raise ImageError(f"{image.path}: missing geometry: it has no map; give --camera")
+            raise ImageError(
+                f"{image.path}: missing geometry: the image is not map-projected; give --camera"
+            )
         return MapImage(
             image.crs_wkt,
             image.transform,
@@ -103,12 +111,12 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) ->
     if sensor.shape != (rows, cols):
         of_camera = f"{sensor.shape[1]} x {sensor.shape[0]}"
         raise ImageError(
-            f"{image.path}: has {cols} x {rows} pixels, its camera {sensor.name} has {of_camera}; "
-            "give the camera of this very image"
+            f"{image.path}: has {cols} x {rows} pixels, but its camera {sensor.name} has {of_camera}; "
+            "give the camera of this image"
         )
     if image.crs_wkt is not None:
         log.warning(
-            "%s: is on a map, which is left aside: its camera says what it sees", image.path
+            "%s: is map-projected; the map is ignored because a camera is given", image.path
         )
     return sensor
 
@@ -117,10 +125,11 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) ->
 
 
 def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _Pixels:
-    """Signal and weights; ImageError for an image without anything in it.
+    """Signal and weights; ImageError for an image without content.
 
-    What is too dark for the file gets the darkest value that it could say, and counts like any other: it is known to be dark, as a
-    render's shadow is. To weigh it less loses points (docs/images-in.md). What is too bright could be anything.
+    Samples that are too dark for the file take the darkest value that it can hold, with full
+    weight: they are known to be dark, like the shadow of a render. A lower weight loses points. The
+    value of samples that are too bright is unknown.
     """
     samples = image.samples
     kinds = _kinds(image, codes)
@@ -131,9 +140,9 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
     low, high = ends(samples, plain)
     bright = kinds.high if high is None else kinds.high | (plain & (samples == high))
     if on_map and low is not None and not image.states_nodata:
-        valid &= ~touching_edge(plain & (samples == low))  # where the image ends before its map
+        valid &= ~touching_edge(plain & (samples == low))  # the margin of the map around the image
     _require_something(image, samples[plain & valid])
-    with np.errstate(over="ignore", invalid="ignore"):  # special floats are the largest there are
+    with np.errstate(over="ignore", invalid="ignore"):  # special float codes are the largest floats
         signal = _signal(image, encoding)
     signal[kinds.low & valid] = signal[plain & valid].min()
     signal[~valid | bright] = np.nan
@@ -142,20 +151,22 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
 
 
 def _signal(image: ImagePixels, encoding: str) -> Float32:
-    """Samples as radiance up to a factor; ImageError for floats that are said to be codes of a display."""
+    """Samples proportional to radiance; ImageError for floats with a display encoding."""
     samples = image.samples
     if encoding == "linear" or image.is_decoded:
         signal = np.multiply(samples, image.scale, dtype=np.float32, casting="same_kind")
         return np.asarray(signal + np.float32(image.offset))
     if samples.dtype.kind not in "ui":
         raise ImageError(
-            f"{image.path}: holds {samples.dtype}, no codes of a display: --encoding linear"
+            f"{image.path}: has {samples.dtype} samples, which are not display codes: give --encoding linear"
         )
     return decode_srgb(samples / float(np.iinfo(samples.dtype).max)).astype(np.float32)
 
 
 def _kinds(image: ImagePixels, codes: Codes) -> Kinds:
-    """What is no brightness: by ISIS's codes in cubes, and in floats of anybody, where nothing else has them; by the label."""
+    """Samples that are not brightness: by the label, and by ISIS codes in cubes and in float images
+    of any origin, where no other format uses these codes.
+    """
     samples = image.samples
     found = codes.among(samples)
     floats = samples.dtype.name in ("float32", "float64")
@@ -164,7 +175,7 @@ def _kinds(image: ImagePixels, codes: Codes) -> Kinds:
 
 def _require_something(image: ImagePixels, values: NDArray[np.generic]) -> None:
     if values.min() == values.max():
-        raise ImageError(f"{image.path}: is blank: all its valid pixels are the same")
+        raise ImageError(f"{image.path}: is blank: all its valid pixels are equal")
 
 
 # -- the Sun
@@ -173,24 +184,26 @@ def _require_something(image: ImagePixels, values: NDArray[np.generic]) -> None:
 def _sun(
     path: Path, sensor: Sensor, sun: SunChoice, label: ImageLabel, options: ImageOptions
 ) -> tuple[Array | None, Array | None]:
-    """Position or direction of the Sun: by what was stated, the sensor, the label; a warning where they differ."""
+    """Position or direction of the Sun: given, of the sensor, or of the label, in this order; a
+    warning where they differ.
+    """
     own = _of_sensor(sensor)
     stated = _stated(path, sensor, sun, options)
-    claims = [
+    suns = [
         (name, direction)
         for name, direction in (
-            ("the Sun as given", stated),
-            ("the Sun of its camera", own.direction()),
-            ("the Sun of its label", label.direction()),
+            ("the given Sun", stated),
+            ("the Sun of the camera", own.direction()),
+            ("the Sun of the label", label.direction()),
         )
         if direction is not None
     ]
-    if not claims:
+    if not suns:
         raise ImageError(
-            f"{path}: where the Sun stood is not known: give --time, --subsolar, or "
+            f"{path}: the Sun is unknown: give --time, --subsolar, or "
             "--sun-azimuth and --sun-elevation"
         )
-    _warn(path, claims)
+    _warn(path, suns)
     if stated is not None:
         return None, stated
     best = own if own.direction() is not None else label
@@ -204,7 +217,7 @@ def _of_sensor(sensor: Sensor) -> ImageLabel:
 
 
 def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -> Array | None:
-    """The direction that flags state; None when they state none."""
+    """The given direction; None if none is given."""
     if sun == SunChoice():
         return None
     by_angles = sun.azimuth_deg is not None and sun.elevation_deg is not None
@@ -213,26 +226,26 @@ def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -
 
 
 def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
-    """Longitude and latitude, degrees, of what an image's middle shows of the sphere; ImageError where that is sky."""
+    """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
+    where the centre shows sky.
+    """
     rows, cols = sensor.shape
     origin, direction = sensor.looks(np.array([(cols - 1) / 2.0, (rows - 1) / 2.0]))
     known = bool(np.isfinite(origin).all() and np.isfinite(direction).all())
     lon, lat = lonlat(hits(origin, direction)[1]) if known else (np.nan, np.nan)
     if not math.isfinite(float(lat)):
         raise ImageError(
-            f"{path or sensor.name}: its middle does not show the Moon, so that angles of the Sun "
-            "have no place: give --time or --subsolar"
+            f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
+            "have no reference place: give --time or --subsolar"
         )
     return float(lon), float(lat)
 
 
-def _warn(path: Path, claims: list[tuple[str, Array]]) -> None:
-    name, direction = claims[0]
-    for other, its in claims[1:]:
+def _warn(path: Path, suns: list[tuple[str, Array]]) -> None:
+    name, direction = suns[0]
+    for other, its in suns[1:]:
         apart = math.degrees(
             math.atan2(np.linalg.norm(np.cross(direction, its)), float(direction @ its))
         )
         if apart > SUNS_DIFFER_DEG:
-            log.warning(
-                "%s: %s stands %.1f deg from %s; the first counts", path, name, apart, other
-            )
+            log.warning("%s: %s is %.1f deg from %s; the first is used", path, name, apart, other)

@@ -1,4 +1,4 @@
-"""One band of an image file as it is stored, with what the file itself says of it: mask, scale, map, tags."""
+"""One band of an image file as stored, with the file's mask, scale, map and tags."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from ..photometry.srgb import REC_709, decode_srgb
 log = logging.getLogger(__name__)
 
 OWN_CODES = ("ISIS3", "PDS")
-"""Drivers of formats whose labels, or whose types, say which samples are no brightness."""
+"""GDAL drivers of formats whose labels or types define samples that are not brightness."""
 
 _BARE = ("PDS", "PDS4", "VICAR")
-"""Drivers of formats whose samples lie in the file as they are."""
+"""GDAL drivers of formats with uncompressed samples."""
 _PLACE = r"\^IMAGE\s*=\s*(\d+)\s*(<BYTES>)?"
 _RECORD = r"RECORD_BYTES\s*=\s*(\d+)"
 
@@ -43,11 +43,13 @@ _MOST_PIXELS = 300_000_000
 
 @dataclass(frozen=True, eq=False)
 class ImagePixels:
-    """Samples (rows, cols) as they are stored, and which of them the file calls valid (rows, cols).
+    """Samples (rows, cols) as stored, and mask (rows, cols) of the samples that the file declares
+    valid.
 
     ``transform`` (a, b, c, d, e, f) takes corner coordinates of pixels, 0 at the image's upper left
-    corner, to the map: x = a col + b row + c, y = d col + e row + f. ``crs_wkt`` is None for an image
-    that is not map-projected. ``opened`` is the file that was read: the label, for the bare numbers of an .IMG.
+    corner, to the map: x = a col + b row + c, y = d col + e row + f. ``crs_wkt`` is None for an
+    image that is not map-projected. ``opened`` is the file that was read: the label, for an .IMG
+    file with a detached label.
     """
 
     path: Path
@@ -61,11 +63,11 @@ class ImagePixels:
     transform: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     tags: Mapping[str, str] | None = None
     isis: Mapping[str, Any] | None = None
-    """The label of an ISIS cube, as GDAL turns it into JSON."""
+    """Label of an ISIS cube, as JSON from GDAL."""
     is_decoded: bool = False
-    """Whether the samples are luminance already, whatever the encoding was."""
+    """True if the samples are luminance already, whatever the encoding was."""
     states_nodata: bool = False
-    """Whether a value for what is missing was stated, by the file or the caller."""
+    """True if the file or the caller gives a value for missing samples."""
 
 
 def read_pixels(
@@ -74,25 +76,26 @@ def read_pixels(
     nodata: float | None = None,
     encoding: str = ENCODINGS[0],
 ) -> ImagePixels:
-    """An image file's band (counted from 1; None: the luminance of a colour image, else the first).
+    """A band of an image file, counted from 1; None: the luminance of a colour image, else the
+    first band.
 
-    ``nodata`` is a value that means "nothing here", beside what the file says. ``encoding`` matters to colours alone, which become
-    luminance here: codes of a display (``srgb``) are decoded before. ImageError for what is no image, has no such
-    band, or cannot be read.
+    ``nodata``: value of missing samples, in addition to the file's own. ``encoding`` applies to
+    colours only, which become luminance here: codes of a display image (``srgb``) are decoded
+    first. ImageError for a file that is no image, cannot be read, or does not have the band.
     """
     with _opened(Path(path)) as (opened, file):
         return _read((Path(path), opened), file, (band, nodata, encoding))
 
 
 def image_shape(path: Path | str) -> tuple[int, int]:
-    """Rows and columns of an image file, none of which is read; ImageError as `read_pixels`."""
+    """Rows and columns of an image file, without reading its pixels; ImageError as `read_pixels`."""
     with _opened(Path(path)) as (_, file):
         return int(file.height), int(file.width)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
-    """What GDAL opens of an image, and the open file."""
+    """Path that GDAL opens for an image, and the open file."""
     opened = _pixels_of(path)
     try:
         with warnings.catch_warnings():
@@ -103,13 +106,13 @@ def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
         if isinstance(error, LcpError):
             raise
         cause = " ".join(str(error.__cause__ or error).split())
-        raise ImageError(f"{path}: not an image that can be read here ({cause})") from error
+        raise ImageError(f"{path}: not a readable image ({cause})") from error
 
 
 def _pixels_of(path: Path) -> Path:
-    """What GDAL is to open: the label for the bare numbers of an .IMG of PDS3 or PDS4."""
+    """Path that GDAL opens: the label, for an .IMG file of PDS3 or PDS4 with a detached label."""
     if not path.is_file():
-        raise ImageError(f"{path}: no such image file")
+        raise ImageError(f"{path}: the image file does not exist")
     if path.suffix.lower() != ".img":
         return path
     try:
@@ -117,7 +120,7 @@ def _pixels_of(path: Path) -> Path:
     except LabelError:
         names = (path.with_suffix(".xml"), path.with_suffix(".XML"))
         of_pds4 = [name for name in names if name.is_file() and is_pds4(name)]
-        return of_pds4[0] if of_pds4 else path  # .img is also what others call their files
+        return of_pds4[0] if of_pds4 else path  # other formats use .img, too
 
 
 def _read(
@@ -125,16 +128,18 @@ def _read(
 ) -> ImagePixels:
     (path, opened), (band, nodata, encoding) = paths, how
     if band is not None and not 1 <= band <= file.count:
-        raise ImageError(f"{path}: has no band {band}; bands are 1 to {file.count}")
+        raise ImageError(f"{path}: has no band {band}; its bands are 1 to {file.count}")
     if file.count == 0 or file.width * file.height > _MOST_PIXELS:
         raise ImageError(
             f"{path}: {file.width} x {file.height} pixels, {file.count} bands; at most "
-            f"{_MOST_PIXELS / 1e6:g} million pixels are taken: cut out a part"
+            f"{_MOST_PIXELS / 1e6:g} million pixels are supported: use a part of the image"
         )
     if np.dtype(file.dtypes[0]).kind not in "uif":
-        raise ImageError(f"{path}: samples are {file.dtypes[0]}; give integers or floats")
+        raise ImageError(f"{path}: samples are {file.dtypes[0]}; supported are integers and floats")
     if not _is_whole(file):
-        raise ImageError(f"{path}: is cut short: the end of its pixels is missing; fetch it again")
+        raise ImageError(
+            f"{path}: is truncated: the end of its pixels is missing; download it again"
+        )
     first = band or 1
     samples, colour = _samples(file, band, encoding)
     mask = _mask_band(file, first)
@@ -160,8 +165,11 @@ def _read(
 
 
 def _is_whole(file: Any) -> bool:
-    """Whether a file's end is there, of those formats of which GDAL 3.10 reads without a word what is cut short: of a PNG of 8
-    bits it hands over the compressed bytes as samples, for the lost end of bare numbers zeros, which are shadow here.
+    """True if the end of the file is present.
+
+    Checked for the formats of which GDAL 3.10 reads truncated files without an error: for an 8-bit
+    PNG it returns the compressed bytes as samples, for uncompressed samples zeros, which are shadow
+    here.
     """
     if file.driver == "PNG":
         return _has_end(Path(file.name))
@@ -174,7 +182,9 @@ def _is_whole(file: Any) -> bool:
 
 
 def _first_byte(label: str) -> int:
-    """Where a PDS3 label says that its own file's image begins: ``^IMAGE = 2`` (records) or ``4097 <BYTES>``; else 0."""
+    """Byte offset of the image in its own file by a PDS3 label: ``^IMAGE = 2`` (records) or ``4097
+    <BYTES>``; else 0.
+    """
     place, record = (re.search(what, label) for what in (_PLACE, _RECORD))
     if place is None or not (place[2] or record):
         return 0
@@ -182,7 +192,9 @@ def _first_byte(label: str) -> int:
 
 
 def _has_end(path: Path) -> bool:
-    """Whether a PNG's chunks run on to its last one (PNG, second edition, 5.3 and 11.2.5: length, type, data, checksum; IEND)."""
+    """True if a PNG's chunks continue to the last one (PNG, second edition, 5.3 and 11.2.5: length,
+    type, data, checksum; IEND).
+    """
     with path.open("rb") as png:
         png.seek(8)
         while len(head := png.read(8)) == 8:
@@ -194,10 +206,10 @@ def _has_end(path: Path) -> bool:
 
 
 def _valid(file: Any, first: int, mask: int | None) -> Mask:
-    """What the file's mask, alpha band or nodata value says of a band.
+    """Mask of a band from the file's mask, alpha band or nodata value.
 
-    GDAL's own mask of cubes and PDS3 images is not asked: it throws what is too dark and too bright in with what is missing, and
-    takes 0 for missing where no label says so.
+    GDAL's own mask of cubes and PDS3 images is not used: it combines samples that are too dark or
+    too bright with missing ones, and takes 0 as missing where no label defines it.
     """
     if file.driver in OWN_CODES:
         return np.ones(file.shape, dtype=bool)
@@ -205,7 +217,9 @@ def _valid(file: Any, first: int, mask: int | None) -> Mask:
 
 
 def _samples(file: Any, band: int | None, encoding: str) -> tuple[NDArray[Any], bool]:
-    """The band's samples, and whether they are no longer those that were stored: luminance of colours that differ."""
+    """Samples of the band, and True if they are luminance of unequal colours instead of stored
+    values.
+    """
     kinds = file.colorinterp
     if band is None and all(colour in kinds for colour in _COLOURS):
         return _luminance([file.read(kinds.index(colour) + 1) for colour in _COLOURS], encoding)
@@ -220,7 +234,7 @@ def _samples(file: Any, band: int | None, encoding: str) -> tuple[NDArray[Any], 
 
 
 def _luminance(planes: list[NDArray[Any]], encoding: str) -> tuple[NDArray[Any], bool]:
-    """Of red, green and blue; of greys that are written as colours the grey, as it is stored."""
+    """Luminance of red, green and blue and True; for equal planes the stored grey values and False."""
     if all(np.array_equal(planes[0], plane) for plane in planes[1:]):
         return planes[0], False
     total = np.zeros(planes[0].shape, dtype=np.float32)
@@ -231,8 +245,8 @@ def _luminance(planes: list[NDArray[Any]], encoding: str) -> tuple[NDArray[Any],
 
 
 def _mask_band(file: Any, first: int) -> int | None:
-    """The band that says what is valid though nothing calls it a mask: the second of two, of nothing but 0
-    and the highest code.
+    """Band that is a mask although it is not declared so: the second of two, if it holds only 0 and
+    the highest code.
     """
     if file.count != 2 or first != 1 or np.dtype(file.dtypes[1]).kind != "u":
         return None
@@ -242,12 +256,14 @@ def _mask_band(file: Any, first: int) -> int | None:
 
 
 def _isis_label(file: Any) -> Mapping[str, Any] | None:
-    """GDAL hands the JSON over as a tag that rasterio cuts at its first colon."""
+    """The label of an ISIS cube; None for other files. GDAL returns JSON as a tag that rasterio
+    splits at its first colon.
+    """
     for key, rest in file.tags(ns="json:ISIS3").items():
         try:
             found: Mapping[str, Any] = json.loads(f"{key}:{rest}")
         except ValueError:
-            log.warning("%s: its ISIS label cannot be understood and is left aside", file.name)
+            log.warning("%s: its ISIS label cannot be parsed and is ignored", file.name)
             return None
         return found
     return None

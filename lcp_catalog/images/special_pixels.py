@@ -1,7 +1,8 @@
-"""Samples that are no brightness: the special pixels of ISIS, and plateaus where a scale ended.
+"""Samples that are not brightness: ISIS special pixels, and plateaus at the ends of a scale.
 
-ISIS gives meanings to the codes at the ends of each type (its SpecialPixel): NULL (nothing here), LRS and LIS (below what the
-file, or the instrument, can say), HIS and HRS (above). They are stored codes: base and multiplier do not touch them.
+ISIS reserves codes at the ends of each sample type (its SpecialPixel): NULL (missing), LRS and LIS
+(below the range of the file or of the instrument), HRS and HIS (above). They are stored codes: base
+and multiplier do not apply to them.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from scipy import ndimage
 from ..arrays import Mask
 
 _FLOAT_CODES = {
-    # null, low, low, high, high: the bits of the five most negative finite numbers, upwards of NULL
+    # null, low, low, high, high: bits of the five most negative finite numbers, from NULL on
     "float32": (0xFF7FFFFB, 0xFF7FFFFC, 0xFF7FFFFD, 0xFF7FFFFE, 0xFF7FFFFF),
     "float64": tuple(0xFFEFFFFFFFFFFFFB + step for step in range(5)),
 }
 _INTEGER_CODES = {
-    # null, lrs, lis, his, hrs, and the range that is brightness
+    # null, lrs, lis, his, hrs, and the valid range
     "uint8": ((0, 0, 0, 255, 255), (1, 254)),
     "int16": ((-32768, -32767, -32766, -32765, -32764), (-32752, 32767)),
     "uint16": ((0, 1, 2, 65534, 65535), (3, 65522)),
@@ -36,7 +37,9 @@ PLATEAU_LEAST = 8
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """Which samples (rows, cols) are no brightness: ``missing``, darker than could be said (``low``), brighter (``high``)."""
+    """Masks (rows, cols) of samples that are not brightness: ``missing``, below the range
+    (``low``), above the range (``high``).
+    """
 
     missing: Mask
     low: Mask
@@ -48,14 +51,16 @@ class Kinds:
 
 @dataclass(frozen=True)
 class Codes:
-    """Samples that a label calls no brightness, as they are stored; whole numbers stand for the bits of floats."""
+    """Stored samples that a label defines as not brightness; whole numbers above 2^31 are the bits
+    of floats.
+    """
 
     missing: tuple[float | int, ...] = ()
     low: tuple[float | int, ...] = ()
     high: tuple[float | int, ...] = ()
 
     def among(self, samples: NDArray[Any]) -> Kinds:
-        """Where they stand in samples (rows, cols)."""
+        """Masks of the codes in samples (rows, cols)."""
         return Kinds(*(_any_of(samples, codes) for codes in (self.missing, self.low, self.high)))
 
 
@@ -76,9 +81,10 @@ def _any_of(samples: NDArray[Any], codes: tuple[float | int, ...]) -> Mask:
 
 
 def isis_special(samples: NDArray[Any]) -> Kinds:
-    """The special pixels of a cube's samples (rows, cols); bytes have one code for NULL and all that is low: it is taken as NULL.
+    """Special pixels of a cube's samples (rows, cols). 8-bit samples have one code for NULL and
+    both low codes, which is taken as NULL.
 
-    Codes between the special ones and the range of brightness are reserved by ISIS: taken as missing.
+    Codes between the special ones and the valid range are reserved by ISIS and taken as missing.
     """
     if samples.dtype.kind == "f":
         return _special_floats(samples)
@@ -99,11 +105,13 @@ def _special_floats(samples: NDArray[Any]) -> Kinds:
 
 
 def ends(samples: NDArray[Any], valid: Mask) -> tuple[float | None, float | None]:
-    """The lowest and the highest value (of samples where ``valid``), each only where a plateau stands there; else None.
+    """The lowest and the highest value of samples where ``valid``, each only if it is a plateau;
+    else None.
 
-    At the end of a scale that clipped nothing the values thin out. A plateau is an end value that occurs at least
-    `PLATEAU_LEAST` times and more than `PLATEAU_FACTOR` times as often as the values next to it do on average, over as many
-    neighbouring pixels as hold `PLATEAU_NEIGHBOURS` times its count.
+    At the end of a scale without clipping, values become rare. A plateau is an end value that
+    occurs at least `PLATEAU_LEAST` times, and more than `PLATEAU_FACTOR` times as often as the
+    average neighbouring value. Neighbouring values are those next to the end that make up
+    `PLATEAU_NEIGHBOURS` times its count of pixels.
     """
     values = samples[valid]
     if values.size == 0:

@@ -1,5 +1,5 @@
-"""The Sun of an image by its own label: an ISIS cube's tables, a PDS3 or PDS4 label's times or subsolar point, or the tags of
-a render of ours.
+"""The Sun of an image from its label: the tables of an ISIS cube, times or subsolar point of a PDS3
+or PDS4 label, or the tags of a render.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ Item = tuple[str, Any]
 log = logging.getLogger(__name__)
 
 LONGEST_SPAN_S = 7200.0
-"""From start to stop of one image: the Sun turns by 1 deg over the Moon in that time. Longer spans are of mosaics: no one Sun."""
+"""Longest time from start to stop of one image: the Sun moves by 1 deg over the Moon in that time.
+A longer span belongs to a mosaic, which has no single Sun.
+"""
 
 _NOTHING = {"", "N/A", "UNK", "NULL", "NONE", "NA"}
 _BASED = re.compile(r"(2|8|10|16)#([0-9A-Fa-f]+)#")
@@ -54,8 +56,11 @@ _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=T|$)")
 
 @dataclass(frozen=True, eq=False)
 class ImageLabel:
-    """What an image says of its own Sun: a position (3,) in MCMF metres, a unit direction (3,), or a time; None for what it
-    does not say. ``told_by`` names the first of these. ``codes``: what a PDS3 label calls no brightness.
+    """Sun of an image by its label: a position (3,) in MCMF metres, a unit direction (3,), or a
+    time; None for each that the label does not give.
+
+    ``told_by`` names the source of the first of these. ``codes``: stored samples that a PDS3 label
+    defines as not brightness.
     """
 
     told_by: str = ""
@@ -65,7 +70,9 @@ class ImageLabel:
     codes: Codes = NO_CODES
 
     def direction(self) -> Array | None:
-        """Unit MCMF direction (3,) to the Sun, from the Moon's centre; None when nothing is said of it."""
+        """Unit MCMF direction (3,) from the Moon's centre to the Sun; None if the label gives no
+        Sun.
+        """
         if self.sun_position_mcmf_m is not None:
             return self.sun_position_mcmf_m / np.linalg.norm(self.sun_position_mcmf_m)
         if self.sun_direction_mcmf is not None:
@@ -74,10 +81,11 @@ class ImageLabel:
 
 
 def read_image_label(image: ImagePixels) -> ImageLabel:
-    """What an image's label says, the surest first: the Sun's position in a cube's tables, the direction in a render's tags,
-    a subsolar point, the middle of start and stop.
+    """The label of an image. Sources of the Sun, the most reliable first: position in a cube's
+    tables, direction in a render's tags, subsolar point, middle of start and stop time.
 
-    ImageError when the label names another body than the Moon. What is damaged in a label is left aside, and logged.
+    ImageError if the label names another body than the Moon. Damaged parts of a label are ignored
+    and logged.
     """
     items = list(_statements(image))
     _require_moon(image.path, items)
@@ -102,7 +110,7 @@ def _sun_of(image: ImagePixels, items: list[Item]) -> ImageLabel:
 
 
 def _statements(image: ImagePixels) -> Iterator[Item]:
-    """Every key of the label with its value, in its order; keys upper case without underscores."""
+    """Every key of the label with its value, in order; keys in upper case without underscores."""
     if image.isis is not None:
         yield from _flat(image.isis)
     try:
@@ -112,11 +120,11 @@ def _statements(image: ImagePixels) -> Iterator[Item]:
         elif image.opened.suffix.lower() == ".xml" and is_pds4(image.opened):
             yield from _xml(image.opened)
     except (OSError, LabelError, ElementTree.ParseError) as error:
-        log.warning("%s: its label is left aside: %s", image.path, error)
+        log.warning("%s: its label is ignored: %s", image.path, error)
 
 
 def _text_beside(path: Path) -> str | None:
-    """The text of the PDS3 label beside an image that is not its own."""
+    """Text of the detached PDS3 label beside an image."""
     try:
         return read_label_text(find_label(path))
     except LabelError:
@@ -132,7 +140,7 @@ def _flat(document: Mapping[str, Any]) -> Iterator[Item]:
 
 
 def _xml(path: Path) -> Iterator[Item]:
-    """The times and the target of a PDS4 label; what a template left open (${...}) says nothing."""
+    """Times and target of a PDS4 label; unfilled template values (${...}) are ignored."""
     root = ElementTree.parse(path).getroot()
     for tag, key in _PDS4.items():
         element = root.find(f".//{tag}")
@@ -150,7 +158,7 @@ def _text(value: Any) -> str:
 
 
 def _number(value: Any) -> float | None:
-    """A finite number, without its unit."""
+    """A finite number without its unit."""
     value = value.value if isinstance(value, Quantity) else value
     value = value.get("value") if isinstance(value, Mapping) else value
     try:
@@ -163,11 +171,13 @@ def _number(value: Any) -> float | None:
 def _require_moon(path: Path, items: list[Item]) -> None:
     body = _text(_first(items, "TARGETNAME")).upper()
     if body not in _NOTHING | {"MOON", "LUNA"}:
-        raise ImageError(f"{path}: its label says that it shows {body}, not the Moon")
+        raise ImageError(f"{path}: its label names {body}, not the Moon")
 
 
 def _codes(image: ImagePixels, items: list[Item]) -> Codes:
-    """Samples that a PDS3 label calls no brightness; of 16 bits, where it names none as missing, the lowest."""
+    """Stored samples that a PDS3 label defines as not brightness; for 16 bits without a declared
+    missing code, the lowest value is missing.
+    """
     if image.driver != "PDS":
         return NO_CODES
     found = {
@@ -185,7 +195,7 @@ def _codes(image: ImagePixels, items: list[Item]) -> Codes:
 
 
 def _code(value: Any) -> float | int | None:
-    """A number as it stands, or 16#FF7FFFFB#; whole ones as int."""
+    """A number, also in the form 16#FF7FFFFB#; whole numbers as int."""
     based = _BASED.fullmatch(_text(value))
     if based is not None:
         return int(based[2], int(based[1]))
@@ -197,7 +207,9 @@ def _code(value: Any) -> float | int | None:
 
 
 def _middle_time(path: Path, items: list[Item]) -> str | None:
-    """Midway between start and stop (the one there is); None for none, for what is no time, and for long spans."""
+    """Middle of start and stop time, or the only one of them; None without a time, for invalid
+    times and for long spans.
+    """
     texts = [_text(_first(items, key)) for key in ("STARTTIME", "STOPTIME")]
     said = [_calendar(text) for text in texts if text.upper() not in _NOTHING]
     if not said:
@@ -205,17 +217,19 @@ def _middle_time(path: Path, items: list[Item]) -> str | None:
     try:
         times = instants(said)
     except SunError as error:
-        log.warning("%s: its time is left aside: %s", path, error)
+        log.warning("%s: its time is ignored: %s", path, error)
         return None
     start, stop = times.civil[0], times.civil[-1]
     if abs((stop - start) / np.timedelta64(1, "s")) > LONGEST_SPAN_S:
-        log.warning("%s: from %s to %s is too long for one Sun", path, *said)
+        log.warning("%s: from %s to %s is too long for a single Sun", path, *said)
         return None
     return instants(np.array([start + (stop - start) // 2])).labels()[0]
 
 
 def _calendar(text: str) -> str:
-    """A time with the day of the year (2009-211T12:20:38) by the calendar; others as they are."""
+    """A time with the day of the year (2009-211T12:20:38) as a calendar date; other times
+    unchanged.
+    """
     found = _DAY_OF_YEAR.match(text)
     if found is None:
         return text
@@ -230,7 +244,7 @@ def _subsolar(path: Path, items: list[Item]) -> Array | None:
     try:
         return direction_from_subsolar(lon, lat)
     except SunError as error:
-        log.warning("%s: its subsolar point is left aside: %s", path, error)
+        log.warning("%s: its subsolar point is ignored: %s", path, error)
         return None
 
 
@@ -243,6 +257,6 @@ def _render_direction(image: ImagePixels) -> Array | None:
     except (TypeError, ValueError):
         direction = np.zeros(0)
     if direction.shape != (3,) or not abs(np.linalg.norm(direction) - 1.0) < 1e-3:
-        log.warning("%s: its tag sun_direction_mcmf is no direction and is left aside", image.path)
+        log.warning("%s: its tag sun_direction_mcmf is not a direction and is ignored", image.path)
         return None
     return direction / np.linalg.norm(direction)

@@ -161,7 +161,11 @@ def broken(path, value, document=None, delete=True):
         ),
         ("line_scan_rate", None, "lacks line_scan_rate"),
         ("line_scan_rate", [[0.5, -0.85, 0.0]], "line_scan_rate must have increasing lines"),
-        ("line_scan_rate", [[0.5, -0.85, 0.1], [5.5, -2.0, 0.1]], "later line with an earlier time"),
+        (
+            "line_scan_rate",
+            [[0.5, -0.85, 0.1], [5.5, -2.0, 0.1]],
+            "later line with an earlier time",
+        ),
         ("line_scan_rate", [[0.5, 4.0, 0.1]], "instrument_position.ephemeris_times do not cover"),
     ],
 )

@@ -85,7 +85,7 @@ def test_a_camera_goes_before_a_map(tmp_path: Path, caplog: pytest.LogCaptureFix
     path = files.write_image(tmp_path / "a.tif", scene(), **MAP)
     camera = files.camera_over(SHAPE)
     assert open_image(path, camera).sensor is camera
-    assert "is on a map, which is left aside" in caplog.text
+    assert "is map-projected; the map is ignored" in caplog.text
 
 
 def test_the_middle_of_an_image() -> None:
@@ -95,14 +95,14 @@ def test_the_middle_of_an_image() -> None:
     away = replace(
         camera, rotation_mcmf_to_camera=np.diag([-1.0, 1.0, -1.0]) @ camera.rotation_mcmf_to_camera
     )
-    with pytest.raises(ImageError, match=r"its middle does not show the Moon"):
+    with pytest.raises(ImageError, match=r"its centre does not show the Moon"):
         center_of(away)
     globe = (
         f'PROJCS["x",{files.MOON},PROJECTION["Orthographic"],PARAMETER["latitude_of_origin",0],'
         'PARAMETER["central_meridian",0],UNIT["metre",1]]'
     )
     beside = MapImage(globe, (1e4, 0, 1.8e6, 0, -1e4, 0), SHAPE, "beside the disc")
-    with pytest.raises(ImageError, match=r"beside the disc: its middle does not show the Moon"):
+    with pytest.raises(ImageError, match=r"beside the disc: its centre does not show the Moon"):
         center_of(beside)
 
 
@@ -146,9 +146,9 @@ def test_a_stated_sun_goes_before_all_others_and_says_so(
     found = open_image(path, files.camera_over(SHAPE), sun)
     wanted = sun.direction_mcmf(EnuFrame(0.0, 0.0), None)
     np.testing.assert_array_equal(found.sun_direction_mcmf, wanted)
-    assert "the Sun as given stands" in caplog.text
-    assert "from the Sun of its camera; the first counts" in caplog.text
-    assert "from the Sun of its label; the first counts" in caplog.text
+    assert "the given Sun is" in caplog.text
+    assert "from the Sun of the camera; the first is used" in caplog.text
+    assert "from the Sun of the label; the first is used" in caplog.text
 
 
 @pytest.mark.parametrize(("off_deg", "warned"), [(0.9, False), (1.1, True), (180.0, True)])
@@ -161,7 +161,7 @@ def test_small_differences_are_not_worth_a_word(
         open_image(path, camera, SunChoice(subsolar_deg=(off_deg, 0.0)))
     assert bool(caplog.records) == warned
     if warned:
-        assert f"stands {off_deg:.1f} deg from" in caplog.text
+        assert f"is {off_deg:.1f} deg from" in caplog.text
 
 
 def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -171,7 +171,7 @@ def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCapt
     np.testing.assert_array_equal(
         open_image(path, camera).sun_position_mcmf_m, camera.sun_position_mcmf_m
     )
-    assert "the Sun of its camera stands" in caplog.text
+    assert "the Sun of the camera is" in caplog.text
     found = open_image(path, replace(camera, sun_position_mcmf_m=None))
     np.testing.assert_array_equal(found.sun_direction_mcmf, [0.0, -1.0, 0.0])
 
@@ -181,41 +181,41 @@ def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCapt
 
 def test_images_that_are_none(tmp_path: Path) -> None:
     camera = files.camera_over(SHAPE)
-    refused("no such image file", tmp_path / "none.tif", camera)
-    refused("no such image file", tmp_path, camera)
+    refused("the image file does not exist", tmp_path / "none.tif", camera)
+    refused("the image file does not exist", tmp_path, camera)
     text = tmp_path / "a.txt"
     text.write_text("not an image")
-    refused("not an image that can be read here", text, camera)
+    refused("not a readable image", text, camera)
     bare = tmp_path / "b.img"
     bare.write_bytes(bytes(2400))
-    refused("not an image that can be read here", bare, camera)
+    refused("not a readable image", bare, camera)
     empty = tmp_path / "c.png"
     empty.write_bytes(b"")
-    refused("not an image that can be read here", empty, camera)
+    refused("not a readable image", empty, camera)
 
 
 def test_an_image_that_is_cut_short(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene("float32"), compress="deflate")
     path.write_bytes(path.read_bytes()[:3000])
-    refused("not an image that can be read here", path, files.camera_over(SHAPE))
+    refused("not a readable image", path, files.camera_over(SHAPE))
 
 
 def test_complex_samples(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene("float32").astype(np.complex64))
-    refused("samples are complex64; give integers or floats", path, files.camera_over(SHAPE))
+    refused("samples are complex64; supported are integers and floats", path, files.camera_over(SHAPE))
 
 
 def test_an_image_of_another_size_than_its_cameras(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
-    refused(r"has 60 x 40 pixels, its camera camera has 40 x 60", path, files.camera_over((60, 40)))
+    refused(r"has 60 x 40 pixels, but its camera camera has 40 x 60", path, files.camera_over((60, 40)))
 
 
 def test_no_geometry_and_no_sun(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.png", scene(), driver="PNG")
-    refused("missing geometry: it has no map; give --camera", path, None, NOON)
-    refused("where the Sun stood is not known", path, files.camera_over(SHAPE, sun=False))
+    refused("missing geometry: the image is not map-projected; give --camera", path, None, NOON)
+    refused("the Sun is unknown", path, files.camera_over(SHAPE, sun=False))
     on_map = files.write_image(tmp_path / "b.tif", scene(), **MAP)
-    refused("where the Sun stood is not known: give --time, --subsolar, or", on_map)
+    refused("the Sun is unknown: give --time, --subsolar, or", on_map)
 
 
 def test_an_image_of_the_earth(tmp_path: Path) -> None:
@@ -228,9 +228,9 @@ def test_an_image_of_the_earth(tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [0, 100, 255])
 def test_a_blank_image(tmp_path: Path, value: int) -> None:
     path = files.write_image(tmp_path / "a.tif", np.full(SHAPE, value, np.uint8))
-    refused("is blank: all its valid pixels are the same", path, files.camera_over(SHAPE))
+    refused("is blank: all its valid pixels are equal", path, files.camera_over(SHAPE))
     refused(
-        "is blank: all its valid pixels are the same",
+        "is blank: all its valid pixels are equal",
         files.write_image(path, np.full(SHAPE, value, np.uint8), **MAP),
     )
 

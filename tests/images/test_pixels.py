@@ -130,13 +130,13 @@ def test_floats_are_no_codes_of_a_display(tmp_path: Path) -> None:
         kinds = [ColorInterp.red, ColorInterp.green, ColorInterp.blue] if name == "b.tif" else None
         path = files.write_image(tmp_path / name, bands, kinds=kinds)
         refused(
-            "holds float32, no codes of a display: --encoding linear",
+            "has float32 samples, which are not display codes: give --encoding linear",
             path,
             files.camera_over(SHAPE),
             None,
             options,
         )
-    with pytest.raises(ImageError, match="no encoding 'gamma'; there are linear, srgb"):
+    with pytest.raises(ImageError, match="invalid encoding 'gamma'; available are linear, srgb"):
         ImageOptions(encoding="gamma")
 
 
@@ -147,7 +147,7 @@ def test_of_many_bands_the_first_or_the_one_that_is_asked_for(tmp_path: Path) ->
     np.testing.assert_array_equal(opened(path).signal, planes[0])
     np.testing.assert_array_equal(opened(path, ImageOptions(band=3)).signal, planes[2])
     for band in (0, 4, -1):
-        with pytest.raises(ImageError, match=rf"has no band {band}; bands are 1 to 3"):
+        with pytest.raises(ImageError, match=rf"has no band {band}; its bands are 1 to 3"):
             opened(path, ImageOptions(band=band))
     cube = files.write_cube(tmp_path / "a.cub", planes)
     np.testing.assert_array_equal(opened(cube, ImageOptions(band=2)).signal, planes[1])
@@ -183,7 +183,7 @@ def test_a_png_that_is_cut_short(tmp_path: Path, dtype: str, share: float) -> No
     """GDAL 3.10 hands over the compressed bytes of one of 8 bits as samples, and says nothing."""
     path = files.write_image(tmp_path / "a.png", scene(dtype), driver="PNG")
     assert opened(path).signal.shape == SHAPE
-    refused("cut short|cannot be read|can be read", cut(path, share), files.camera_over(SHAPE))
+    refused("truncated|not a readable", cut(path, share), files.camera_over(SHAPE))
 
 
 @pytest.mark.parametrize("lost", [1, 60, 1200])
@@ -204,4 +204,4 @@ def test_bare_numbers_that_are_cut_short(tmp_path: Path, kind: str, lost: int) -
         path.write_bytes(samples.tobytes())
     assert opened(path).signal.shape == SHAPE
     path.write_bytes(path.read_bytes()[:-lost])
-    refused("is cut short", path, files.camera_over(SHAPE))
+    refused("is truncated", path, files.camera_over(SHAPE))
