@@ -44,7 +44,7 @@ gallery: $(READY)
 docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
-	@echo "docs       build/site/index.html"
+	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow'
