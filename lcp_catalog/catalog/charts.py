@@ -1,6 +1,8 @@
-"""Drawings of the catalogue report: shaded relief, map of the points, Sun-direction discs, histograms.
+"""Drawings of the catalogue report: shaded relief, map of the points, Sun-direction discs,
+histograms.
 
-Colours are CSS classes of ``plots/templates/catalogue.css``: ``c0`` .. ``c5`` for shares from 0 to 1.
+Colours are CSS classes of ``plots/templates/catalogue.css``: ``c0`` .. ``c5`` for shares from 0 to
+1.
 """
 
 # ruff: noqa: E501 - lines of markup
@@ -56,8 +58,8 @@ def hillshade(height_m: AnyArray, cell_m: float) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class SunDisc:
-    """Disc of Sun directions: azimuth clockwise from north (up), the zenith at the centre, the horizon
-    at the rim. ``sun_elevation`` and ``sun_azimuth`` are the grid of directions, degrees.
+    """Disc of Sun directions: azimuth clockwise from north (up), the zenith at the centre, the
+    horizon at the rim. ``sun_elevation`` and ``sun_azimuth`` are the grid of directions, degrees.
     """
 
     sun_elevation: AnyArray
@@ -75,8 +77,8 @@ class SunDisc:
         )
 
     def draw(self, share: AnyArray, label: str, large: bool = False) -> Markup:
-        """Disc of shares 0..1 (elevation, azimuth); no cell where NaN (not evaluated). Large discs are
-        labelled.
+        """Disc of shares 0..1 (elevation, azimuth); no cell where NaN (not evaluated). Large discs
+        are labelled.
         """
         cells = "".join(
             f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}">{self._title(i, j, share[i, j]) if large else ""}</use>'
@@ -137,7 +139,9 @@ def _spans(values: AnyArray, low: float, high: float) -> list[tuple[float, float
 
 
 def _azimuth_spans(values: AnyArray) -> list[tuple[float, float]]:
-    """Limits of the cells around azimuths on the circle; half widths of at most half the median step."""
+    """Limits of the cells around azimuths on the circle; half widths of at most half the median
+    step.
+    """
     if len(values) == 1:
         return [(float(values[0]) - 7.5, float(values[0]) + 7.5)]
     gaps = np.diff(np.append(values, values[0] + 360.0))
@@ -230,8 +234,8 @@ def _mark_path(name: str, css: str, place: str = "") -> str:
 
 @dataclass(frozen=True)
 class Map:
-    """Shaded map in the east-north-up frame of its centre: ``height`` (rows, cols), metres, with the
-    coordinates ``x_m`` (cols,) and ``y_m`` (rows,), metres. North is up at the centre.
+    """Shaded map in the east-north-up frame of its centre: ``height`` (rows, cols), metres, with
+    the coordinates ``x_m`` (cols,) and ``y_m`` (rows,), metres. North is up at the centre.
     """
 
     height: AnyArray
@@ -286,7 +290,9 @@ class Map:
         return shape.replace("</g>", f"<title>{escape(mark.title)}</title></g>")
 
     def _graticule(self) -> tuple[str, str]:
-        """Meridians and parallels at round degrees, and their labels at the southern and western edge."""
+        """Meridians and parallels at round degrees, and their labels at the southern and western
+        edge.
+        """
         lon, lat = self._lonlat_limits()
         lines, labels = [], []
         for value in _round_degrees(*lon):

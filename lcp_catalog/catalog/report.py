@@ -39,8 +39,8 @@ from .summary import (
 )
 
 CARDS_MAX = 60
-"""Most patches on a page. Of more points a third are the best, a third the worst, and a third a sample
-of the others.
+"""Most patches on a page. Of more points a third are the best, a third the worst, and a third a
+sample of the others.
 """
 
 HOLES = {

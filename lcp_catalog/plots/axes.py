@@ -1,7 +1,7 @@
 """Charts as SVG: a plot area with two axes, linear or logarithmic, and what is drawn in it.
 
-The plot area extends from (0, 0) to (``width``, ``height``) in SVG units, x to the right and y down;
-ticks and titles lie outside. Colours are the CSS classes of ``templates/page.css``.
+The plot area extends from (0, 0) to (``width``, ``height``) in SVG units, x to the right and y
+down; ticks and titles lie outside. Colours are the CSS classes of ``templates/page.css``.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ class Axes:
     def draw(self, inside: Markup, label: str, style: str = "", css: str = "") -> Markup:
         """The whole chart: grid, ``inside`` (elements of the plot area), axes.
 
-        ``label`` describes it to screen readers. ``style``: rules for a file of its own, without a page.
+        ``label`` describes it to screen readers. ``style``: rules for a file of its own, without a
+        page.
         """
         width, height = (
             self.left + self.width + self.right,

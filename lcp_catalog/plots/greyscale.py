@@ -22,7 +22,8 @@ DARK, LIGHT = 8, 247
 def shrunk(values: ArrayLike, pixels_max: int = PIXELS_MAX, side_max: int = SIDE_MAX) -> Array:
     """Values (rows, cols) reduced to a smaller image of the same extent, unchanged if small enough.
 
-    Each new pixel is the area-weighted mean of the finite values in it; NaN if they cover less than half of it.
+    Each new pixel is the area-weighted mean of the finite values in it; NaN if they cover less than
+    half of it.
     """
     image = np.asarray(values)
     rows, cols = image.shape
@@ -44,7 +45,9 @@ def _area_means(values: NDArray[np.generic], shape: tuple[int, int]) -> Array:
 
 
 def _along_rows(values: NDArray[np.generic], count: int) -> Array:
-    """Means over ``count`` equal ranges of rows, at most as many as rows: whole rows, and shares of rows at the edges."""
+    """Means over ``count`` equal ranges of rows, at most as many as rows: whole rows, and shares of
+    rows at the edges.
+    """
     rows = len(values)
     edges = np.linspace(0.0, rows, count + 1)
     first = edges[:-1].astype(np.int64)
@@ -56,10 +59,11 @@ def _along_rows(values: NDArray[np.generic], count: int) -> Array:
 
 
 def grey(values: ArrayLike, like: ArrayLike | None = None) -> NDArray[np.uint8]:
-    """Values (rows, cols) as grey and alpha (rows, cols, 2), stretched from the 1st percentile (`DARK`) to the 99th (`LIGHT`).
+    """Values (rows, cols) as grey and alpha (rows, cols, 2), stretched from the 1st percentile
+    (`DARK`) to the 99th (`LIGHT`).
 
-    NaN is transparent. ``like`` is another image of the same terrain: the percentiles are taken where both are finite, so that
-    images that differ by gain and offset look the same.
+    NaN is transparent. ``like`` is another image of the same terrain: the percentiles are taken
+    where both are finite, so that images that differ by gain and offset look the same.
     """
     image = np.asarray(values, dtype=np.float64)
     known = np.isfinite(image)

@@ -1,4 +1,5 @@
-"""HTML pages from the jinja2 templates in ``templates/``, with their style sheets and scripts inline.
+"""HTML pages from the jinja2 templates in ``templates/``, with their style sheets and scripts
+inline.
 
 A page refers to no other file and follows the reader's choice of light or dark colours.
 """

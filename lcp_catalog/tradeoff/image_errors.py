@@ -1,4 +1,6 @@
-"""Images of one area in every tier: their time, their errors against ``reference``, and a section to show."""
+"""Images of one area in every tier: their time, their errors against ``reference``, and a section
+to show.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from ..threads import limit_threads
 REFERENCE = "reference"
 
 EDGE_NODES = 2
-"""Largest distance in nodes from an edge of a shadow in the reference at which a wrong node counts as at the edge."""
+"""Largest distance in nodes from an edge of a shadow in the reference at which a wrong node counts
+as at the edge.
+"""
 
 PICTURE_NODES = 160
 """Longest side of the section of an area that is shown, nodes."""
@@ -66,10 +70,11 @@ class ImageChanges:
 
 @dataclass(frozen=True)
 class Picture:
-    """Section of an area under one low Sun: lit nodes of the reference, and the differences of each tier.
+    """Section of an area under one low Sun: lit nodes of the reference, and the differences of each
+    tier.
 
-    lit: int8 (rows, cols), 1 lit, 0 dark, -1 without terrain; wrong[tier]: int8, +1 lit where the reference is dark, -1 dark where
-    it is lit.
+    lit: int8 (rows, cols), 1 lit, 0 dark, -1 without terrain; wrong[tier]: int8, +1 lit where the
+    reference is dark, -1 dark where it is lit.
     """
 
     area: str
@@ -81,9 +86,11 @@ class Picture:
 
 
 def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], Picture | None]:
-    """Compare the images of one area in every tier: time on one thread, differences from ``reference``, and a section to show.
+    """Compare the images of one area in every tier: time on one thread, differences from
+    ``reference``, and a section to show.
 
-    jobs: the same area by tier. All nodes of the area's window with its margin are compared; shadows in the view from the zenith.
+    jobs: the same area by tier. All nodes of the area's window with its margin are compared;
+    shadows in the view from the zenith.
     """
     with limit_threads(1):
         sweeps = _sweeps(jobs)
@@ -106,7 +113,9 @@ def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], P
 
 
 def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
-    """The area's sweep in every tier over one terrain, with a view from the zenith added if the build has none."""
+    """The area's sweep in every tier over one terrain, with a view from the zenith added if the
+    build has none.
+    """
     job = jobs[REFERENCE]
     exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
     conditions = exact.conditions
@@ -142,7 +151,9 @@ def _side_by_side(
 
 
 def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChanges]) -> None:
-    """Count the nodes that are lit in one image and dark in the other; views from the zenith, where only nodata is invisible."""
+    """Count the nodes that are lit in one image and dark in the other; views from the zenith, where
+    only nodata is invisible.
+    """
     exact = images[REFERENCE].radiance
     ground, lit = np.isfinite(exact), exact > 0.0
     for tier, image in images.items():
@@ -153,7 +164,9 @@ def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChang
 
 
 def _at_edge(lit: Mask, ground: Mask, nodes: Mask) -> Mask:
-    """True (n,) for marked nodes with a node in the other state within `EDGE_NODES` rows and columns."""
+    """True (n,) for marked nodes with a node in the other state within `EDGE_NODES` rows and
+    columns.
+    """
     rows, cols = np.nonzero(nodes)
     found = np.zeros(len(rows), dtype=np.bool_)
     steps = range(-EDGE_NODES, EDGE_NODES + 1)
@@ -176,7 +189,9 @@ def _judge_radiance(images: dict[str, RenderedImage], changes: dict[str, ImageCh
 
 
 class _Shown:
-    """Images of the lowest Sun with an error in any tier, and of those the ones with the most wrong nodes."""
+    """Images of the lowest Sun with an error in any tier, and of those the ones with the most wrong
+    nodes.
+    """
 
     def __init__(self, area: str) -> None:
         self._area = area

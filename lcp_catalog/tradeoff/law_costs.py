@@ -1,7 +1,9 @@
-"""Comparison of reflectance models on the images of one area: time, and correlation of windows with those of `REFERENCE_LAW`.
+"""Comparison of reflectance models on the images of one area: time, and correlation of windows with
+those of `REFERENCE_LAW`.
 
-Navigation correlates windows of a render and an image with free gain and offset. The cost of a simpler model is therefore the
-loss of correlation of its windows with those of the most complete model, on this terrain with its shadows.
+Navigation correlates windows of a render and an image with free gain and offset. The cost of a
+simpler model is therefore the loss of correlation of its windows with those of the most complete
+model, on this terrain with its shadows.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ CONTRAST = 1e-4
 
 @dataclass
 class ModelChanges:
-    """Correlations with the reference model by model and phase bin, and seconds by model; additive over areas."""
+    """Correlations with the reference model by model and phase bin, and seconds by model; additive
+    over areas.
+    """
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS_BY_COST, 0.0))
     correlations: dict[tuple[str, int], list[Array]] = field(default_factory=dict)
@@ -78,7 +82,9 @@ class ModelChanges:
 
 
 def compare_models(job: AreaJob) -> ModelChanges:
-    """Compare the images of an area with each of `LAWS_BY_COST`, on one thread, the models in turn for each image."""
+    """Compare the images of an area with each of `LAWS_BY_COST`, on one thread, the models in turn
+    for each image.
+    """
     found = ModelChanges()
     with limit_threads(1):
         sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
@@ -114,8 +120,8 @@ def _correlate(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChang
 
 
 def window_correlations(ours: NDArray[np.floating], theirs: NDArray[np.floating]) -> Array:
-    """Centred normalised correlations (n,) of the windows whose nodes are all visible and that have contrast in ``theirs``;
-    0 for a window without contrast in ``ours``.
+    """Centred normalised correlations (n,) of the windows whose nodes are all visible and that have
+    contrast in ``theirs``; 0 for a window without contrast in ``ours``.
     """
     if min(ours.shape) < WINDOW:
         return np.empty(0)

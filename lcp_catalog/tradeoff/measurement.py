@@ -1,7 +1,8 @@
 """Measurement of time and errors of each accuracy tier against ``reference`` on a user's own build.
 
-Each tier computes the same areas in a process of its own with one thread. The tiers take turns area by area, so that changes in
-the machine's speed affect all of them. The images are compared separately, on terrain that is made once.
+Each tier computes the same areas in a process of its own with one thread. The tiers take turns area
+by area, so that changes in the machine's speed affect all of them. The images are compared
+separately, on terrain that is made once.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ AREAS, ROUNDS = 4, 2
 
 @dataclass(frozen=True)
 class Trade:
-    """Result of a measurement: one row per tier, the compared areas and conditions, an image, and the reflectance models."""
+    """Result of a measurement: one row per tier, the compared areas and conditions, an image, and
+    the reflectance models.
+    """
 
     rows: list[dict[str, Any]]
     compared: dict[str, Any]
@@ -56,8 +59,9 @@ def measure_trade(
 ) -> Trade:
     """Compute some areas of a build in every tier and compare them.
 
-    ``isolated``: each tier in a process of its own; otherwise ``memory_mb`` is None. Raises ConfigError for counts below 1, the
-    library's errors of an area, and AreaFailedError if a process dies.
+    ``isolated``: each tier in a process of its own; otherwise ``memory_mb`` is None. Raises
+    ConfigError for counts below 1, the library's errors of an area, and AreaFailedError if a
+    process dies.
     """
     if areas < 1 or rounds < 1:
         raise ConfigError("--areas and --rounds must be at least 1")
@@ -108,7 +112,8 @@ def _in_tier(job: AreaJob, tier: str) -> AreaJob:
 
 
 def spread(build: Build, count: int) -> list[int]:
-    """Indices of sample areas: the one nearest to the region's centre, then repeatedly the one farthest from those chosen.
+    """Indices of sample areas: the one nearest to the region's centre, then repeatedly the one
+    farthest from those chosen.
 
     Areas with less than half of the nodes of the largest one are chosen last.
     """

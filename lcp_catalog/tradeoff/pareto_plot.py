@@ -58,7 +58,9 @@ def pareto(rows: list[Row]) -> Markup:
 
 
 def front(rows: list[Row]) -> list[Row]:
-    """The Pareto front, fastest first: rows that no other row equals or beats in both time and error."""
+    """The Pareto front, fastest first: rows that no other row equals or beats in both time and
+    error.
+    """
 
     def beaten(row: Row) -> bool:
         mine = (row["cpu_relative"], row["sunlit_error_share"])

@@ -17,7 +17,9 @@ from ..landmarks.selection import nearest, stable_id
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a figure of the common points: median and 95th percentile of the absolute difference; None without points."""
+    """Change of a figure of the common points: median and 95th percentile of the absolute
+    difference; None without points.
+    """
 
     median: float | None
     p95: float | None
@@ -32,7 +34,9 @@ class Change:
 
 @dataclass(frozen=True)
 class PointChanges:
-    """Differences between the points chosen from two sets of candidates; a share of nothing is None."""
+    """Differences between the points chosen from two sets of candidates; a share of nothing is
+    None.
+    """
 
     points: int
     points_lost: int
@@ -46,11 +50,12 @@ class PointChanges:
 def compare_points(
     reference: Candidates, tier: Candidates, config: BuildConfig, gsd_m: float
 ) -> PointChanges:
-    """Compare the points that `assembly.choose` takes from either set, matched by their identifiers.
+    """Compare the points that `assembly.choose` takes from either set, matched by their
+    identifiers.
 
-    Lost: only in the reference's catalogue; gained: only in the tier's; moved: lost points with a gained one within half the
-    spacing. Conditions: those evaluated for candidates in both sets. Sigma: the catalogue's ``localization_sigma``, major axis,
-    of common points.
+    Lost: only in the reference's catalogue; gained: only in the tier's; moved: lost points with a
+    gained one within half the spacing. Conditions: those evaluated for candidates in both sets.
+    Sigma: the catalogue's ``localization_sigma``, major axis, of common points.
     """
     ids = {"ours": _ids(tier), "exact": _ids(reference)}
     ours, exact = (_chosen(c, config, gsd_m) for c in (tier, reference))
@@ -85,7 +90,9 @@ def _ids(candidates: Candidates) -> NDArray[np.int64]:
 
 
 def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
-    """Largest major axis over usable conditions, as in the catalogue; every row has a usable condition."""
+    """Largest major axis over usable conditions, as in the catalogue; every row has a usable
+    condition.
+    """
     evaluation = candidates.evaluation
     works = usable(evaluation.condition[rows])
     sigma_m = np.where(works, evaluation.sigma_major_m[rows], -np.inf)

@@ -26,12 +26,13 @@ from .pareto_plot import pareto
 Row = dict[str, Any]
 
 SAVING = 0.1
-"""Least share of time by which a tier counts as faster. Of tiers that differ by less, the most exact one
-is recommended.
+"""Least share of time by which a tier counts as faster. Of tiers that differ by less, the most
+exact one is recommended.
 """
 
 POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
-"""Largest shares of lost and gained points, and of changed conditions, of a nearly equal catalogue."""
+"""Largest shares of lost and gained points, and of changed conditions, of a nearly equal catalogue.
+"""
 
 FILES = ("trade.json", "trade.html", "trade.md")
 
@@ -63,7 +64,8 @@ def check_trade_folder(folder: Path, overwrite: bool) -> None:
 
 
 def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
-    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if missing.
+    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if
+    missing.
 
     Raises as `atomic_files.check_folder`.
     """
@@ -97,7 +99,9 @@ def advice(rows: list[Row]) -> list[str]:
 
 
 def _pick(rows: list[Row], cost: str, fits: Callable[[Row], bool]) -> Row:
-    """The most exact qualifying row whose cost is within `SAVING` of the lowest; reference always qualifies."""
+    """The most exact qualifying row whose cost is within `SAVING` of the lowest; reference always
+    qualifies.
+    """
     fitting = [row for row in rows if fits(row)]
     limit = min(row[cost] for row in fitting) / (1.0 - SAVING)
     return [row for row in fitting if row[cost] <= limit][-1]

@@ -22,7 +22,9 @@ from ..threads import limit_threads
 
 @dataclass(frozen=True)
 class TimedArea:
-    """Candidates of an area, their wall and CPU time, and the peak memory of the process before and after, MB."""
+    """Candidates of an area, their wall and CPU time, and the peak memory of the process before and
+    after, MB.
+    """
 
     seconds: float
     cpu_seconds: float
@@ -32,7 +34,9 @@ class TimedArea:
 
 
 def timed_area(job: AreaJob) -> TimedArea:
-    """Run `area_job.run_area` on one thread and measure wall time and CPU time; other load on the machine affects CPU time less."""
+    """Run `area_job.run_area` on one thread and measure wall time and CPU time; other load on the
+    machine affects CPU time less.
+    """
     before_mb = peak_mb()
     with limit_threads(1):
         wall, own = time.perf_counter(), time.process_time()
@@ -55,7 +59,9 @@ class Workers:
         self._stack.close()
 
     def call(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function in the named process. Raises its errors, and AreaFailedError if the process dies."""
+        """Call a function in the named process. Raises its errors, and AreaFailedError if the
+        process dies.
+        """
         if not self._isolated:
             return function(*arguments)
         if name not in self._pools:
@@ -89,7 +95,9 @@ class Runs:
         self.areas.setdefault(area, []).append(outcome)
 
     def total(self, clock: str) -> float:
-        """Seconds of all areas by a clock (a field of `TimedArea`), each the median over its rounds."""
+        """Seconds of all areas by a clock (a field of `TimedArea`), each the median over its
+        rounds.
+        """
         return sum(
             statistics.median(getattr(r, clock) for r in runs) for runs in self.areas.values()
         )

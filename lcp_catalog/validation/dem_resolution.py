@@ -1,16 +1,18 @@
 """Effective resolution of a DEM, estimated from the spectrum of its heights.
 
-The posting of stereo models and filtered products is often finer than their resolution. The height spectrum of natural
-terrain follows one power law over many octaves (on the Moon about k^-4 in two dimensions: Rosenburg et al. 2011,
-J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these scales). A spectrum that falls below the power law of its
-long waves has lost detail. The fitted model is
+The posting of stereo models and filtered products is often finer than their resolution. The height
+spectrum of natural terrain follows one power law over many octaves (on the Moon about k^-4 in two
+dimensions: Rosenburg et al. 2011, J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these
+scales). A spectrum that falls below the power law of its long waves has lost detail. The fitted
+model is
 
     P(k) = A k^-b M(k)^2 + N,      M(k)^2 = 1 / (1 + 3 (k/c)^4)   or   exp(-ln 4 (k/c)^2)
 
-N is the flat level of rounding and noise. The first M describes heights estimated with a penalty on curvature, as in dense
-matching; the second is a Gaussian point spread; the better fit is used. M is 1/2 at k = c. The resolution is half of that
-wavelength: the largest cell that represents it. If noise exceeds the signal at longer waves already, the resolution is half
-of the wavelength at which both are equal. It is never below the posting.
+N is the flat level of rounding and noise. The first M describes heights estimated with a penalty on
+curvature, as in dense matching; the second is a Gaussian point spread; the better fit is used. M is
+1/2 at k = c. The resolution is half of that wavelength: the largest cell that represents it. If
+noise exceeds the signal at longer waves already, the resolution is half of the wavelength at which
+both are equal. It is never below the posting.
 """
 
 from __future__ import annotations
@@ -27,17 +29,21 @@ from ..terrain.terrain import Terrain
 from .point_spread import SIGMA_PER_FWHM
 
 TILES = (512, 256, 128, 64, 32)
-"""Side lengths of the tiles whose spectra are averaged, nodes; the first that covers at least half of the heights is used."""
+"""Side lengths of the tiles whose spectra are averaged, nodes; the first that covers at least half
+of the heights is used.
+"""
 
 LAW_LONGEST_M = 30e3
-"""Longest wave of the power law; the spectrum of the Moon is less steep beyond (LDEM_4: k^-2 between 30 and 100 km)."""
+"""Longest wave of the power law; the spectrum of the Moon is less steep beyond (LDEM_4: k^-2
+between 30 and 100 km).
+"""
 
 EXPONENT, EXPONENT_SIGMA = 4.0, 0.3
 """Prior of b. Without it a small area cannot distinguish a steep power law from a smooth DEM."""
 
 BETWEEN_AREAS = 0.25
-"""Standard deviation of the logarithm of the estimate between areas of 100 to 700 km of one product (ten areas of GLD100),
-because no terrain follows a power law exactly.
+"""Standard deviation of the logarithm of the estimate between areas of 100 to 700 km of one product
+(ten areas of GLD100), because no terrain follows a power law exactly.
 """
 
 _BINS_PER_OCTAVE = 6
@@ -56,10 +62,11 @@ _ROUNDS = 3
 class Resolution:
     """Effective resolution of a DEM.
 
-    ``resolution_m``: half of the shortest wavelength, at least ``posting_m``. ``low_m`` to ``high_m``: the 1-sigma interval of
-    the fit and of the variation between areas (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the
-    Gaussian that halves the same wave; 0 if the resolution is the posting. ``exponent``: b. ``noise_m``: standard deviation
-    of the flat part of the spectrum. ``how``: a description for reports.
+    ``resolution_m``: half of the shortest wavelength, at least ``posting_m``. ``low_m`` to
+    ``high_m``: the 1-sigma interval of the fit and of the variation between areas
+    (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that halves
+    the same wave; 0 if the resolution is the posting. ``exponent``: b. ``noise_m``: standard
+    deviation of the flat part of the spectrum. ``how``: a description for reports.
     """
 
     resolution_m: float
@@ -74,7 +81,9 @@ class Resolution:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power (m^4) of heights over wavenumber (cycles per metre), and the number of waves in each mean; all (n,)."""
+    """Power (m^4) of heights over wavenumber (cycles per metre), and the number of waves in each
+    mean; all (n,).
+    """
 
     wavenumber: Array
     power: Array
@@ -84,28 +93,37 @@ class Spectrum:
 def of_terrain(terrain: Terrain) -> Resolution:
     """Effective resolution of the DEM of a terrain, from its core.
 
-    The terrain should have the DEM's posting: coarser cells hide detail; finer cells do not change the result.
+    The terrain should have the DEM's posting: coarser cells hide detail; finer cells do not change
+    the result.
     """
     row0, row1, col0, col1 = terrain.core
     return true_resolution(terrain.field.z_m[row0:row1, col0:col1], terrain.field.gsd_m)
 
 
 def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) -> Resolution:
-    """Effective resolution of heights (rows, cols) on a grid with node spacing ``gsd_m``, or (down, across) in metres for the
-    rows of a cylindrical map.
+    """Effective resolution of heights (rows, cols) on a grid with node spacing ``gsd_m``, or (down,
+    across) in metres for the rows of a cylindrical map.
 
-    The result is the posting, which ``how`` states, for heights that are too few (below 32 x 32 nodes), full of gaps, constant,
-    or with hardly an octave of waves below `LAW_LONGEST_M`. ValueError for other shapes or steps.
+    The result is the posting, which ``how`` states, for heights that are too few (below 32 x 32
+    nodes), full of gaps, constant, or with hardly an octave of waves below `LAW_LONGEST_M`.
+    ValueError for other shapes or steps.
     """
     z = np.asarray(heights_m, dtype=np.float64)
-    steps = (float(gsd_m), float(gsd_m)) if np.ndim(gsd_m) == 0 else tuple(map(float, gsd_m))  # type: ignore[arg-type]
-    if z.ndim != 2 or len(steps) != 2 or not all(math.isfinite(s) and s > 0.0 for s in steps):
-        raise ValueError(f"heights are (rows, cols) on positive steps, not {z.shape} on {gsd_m}")
-    posting = max(steps)
-    spectrum = spectrum_of(z, (steps[0], steps[1]))
+    steps = np.asarray(gsd_m, dtype=np.float64)
+    if (
+        z.ndim != 2
+        or steps.shape not in ((), (2,))
+        or not (np.isfinite(steps) & (steps > 0.0)).all()
+    ):
+        raise ValueError(
+            f"heights must be (rows, cols) on positive steps, not {z.shape} on {gsd_m}"
+        )
+    down, across = np.broadcast_to(steps, 2).tolist()
+    posting = max(down, across)
+    spectrum = spectrum_of(z, (down, across))
     if spectrum is None:
         return _untold(posting, "posting; too few heights without gaps to estimate the resolution")
-    return _fitted(spectrum, posting, steps[0] * steps[1])
+    return _fitted(spectrum, posting, down * across)
 
 
 def _untold(posting_m: float, how: str) -> Resolution:
@@ -116,10 +134,11 @@ def _untold(posting_m: float, how: str) -> Resolution:
 
 
 def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
-    """Mean spectrum over tiles at half a tile's spacing; None if too few tiles are without gaps or all are constant.
+    """Mean spectrum over tiles at half a tile's spacing; None if too few tiles are without gaps or
+    all are constant.
 
-    Each tile has its plane removed and is tapered by the squared Hann window, whose leakage falls with k^-10, more steeply
-    than the spectrum of any DEM.
+    Each tile has its plane removed and is tapered by the squared Hann window, whose leakage falls
+    with k^-10, more steeply than the spectrum of any DEM.
     """
     side, tiles = next(((side, tiles) for side in TILES if (tiles := _tiles(z, side))), (0, []))
     if not tiles:
@@ -166,10 +185,11 @@ def _power(tile: Array) -> Array:
 
 
 def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
-    """Geometric means over bins of wavenumber, which are robust against artefacts of a few waves (interpolation, stripes).
+    """Geometric means over bins of wavenumber, which are robust against artefacts of a few waves
+    (interpolation, stripes).
 
-    The geometric mean of a noisy spectrum is below its mean: by exp(-gamma) for one spectrum, by about exp(-1 / 2n) for the
-    mean of n. The bias is removed.
+    The geometric mean of a noisy spectrum is below its mean: by exp(-gamma) for one spectrum, by
+    about exp(-1 / 2n) for the mean of n. The bias is removed.
     """
     which = np.digitize(k, edges) - 1
     below = 0.5 / tiles + 1.0 / (12.0 * tiles**2)  # ln n - digamma(n)
@@ -252,7 +272,9 @@ def _words(fit: _Fit, resolution_m: float, posting_m: float, noisy: float) -> st
 
 
 def _fwhm_m(cut: float) -> float:
-    """Full width at half maximum of the Gaussian with transfer 1/2 at a wavenumber: exp(-2 (pi s k)^2) = 1/2."""
+    """Full width at half maximum of the Gaussian with transfer 1/2 at a wavenumber: exp(-2 (pi s
+    k)^2) = 1/2.
+    """
     return math.sqrt(0.5 * math.log(2.0)) / (math.pi * cut) / SIGMA_PER_FWHM
 
 
@@ -268,8 +290,8 @@ def _best(spectrum: Spectrum) -> _Fit:
 
 
 def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
-    """Amplitude and exponent by weighted least squares on logarithms, for all cuts at once. The prior of the exponent counts as
-    one more measurement.
+    """Amplitude and exponent by weighted least squares on logarithms, for all cuts at once. The
+    prior of the exponent counts as one more measurement.
     """
     k, power = spectrum.wavenumber, spectrum.power
     clear = power - noise
@@ -294,14 +316,18 @@ def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
 
 
 def _interval(fit: _Fit, count: int) -> tuple[float, float]:
-    """1-sigma interval of the cut. If the best fit's chi^2 exceeds its degrees of freedom, chi^2 is scaled to them."""
+    """1-sigma interval of the cut. If the best fit's chi^2 exceeds its degrees of freedom, chi^2 is
+    scaled to them.
+    """
     scale = max(1.0, fit.chi2 / max(1, count - 4))
     within = fit.cuts[fit.profile <= fit.profile.min() + scale]
     return float(within.min()), float(within.max())
 
 
 def _outweighed(fit: _Fit, nyquist: float) -> float:
-    """Least wavenumber at which the noise exceeds the signal; infinite if it is near or beyond Nyquist."""
+    """Least wavenumber at which the noise exceeds the signal; infinite if it is near or beyond
+    Nyquist.
+    """
     k = np.geomspace(fit.cuts[0], _TOLD * nyquist, 2000)
     over = np.flatnonzero(fit.signal(k) < fit.noise)
     return float(k[over[0]]) if over.size else math.inf

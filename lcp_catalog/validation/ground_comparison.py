@@ -1,8 +1,10 @@
-"""Comparison of a whole image with renders of its terrain: of a DEM, or of a catalogue's patches alone.
+"""Comparison of a whole image with renders of its terrain: of a DEM, or of a catalogue's patches
+alone.
 
-The image is resampled to the terrain's nodes; the terrain is rendered under the Sun and view of the image; both are brought to
-the same cells and point spread; windows are correlated (`window_correlation`). Nothing is fitted except the sensor's position,
-in advance, and the gain and offset of each window.
+The image is resampled to the terrain's nodes; the terrain is rendered under the Sun and view of the
+image; both are brought to the same cells and point spread; windows are correlated
+(`window_correlation`). Nothing is fitted except the sensor's position, in advance, and the gain and
+offset of each window.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ SEARCH_CELLS = 2
 
 @dataclass(frozen=True)
 class WindowChoice:
-    """Side and spacing of the windows in cells, and the cell size ``gsd_m`` (None: the effective resolution of the terrain)."""
+    """Side and spacing of the windows in cells, and the cell size ``gsd_m`` (None: the effective
+    resolution of the terrain).
+    """
 
     size: int = 16
     step: int = 16
@@ -54,8 +58,9 @@ class WindowChoice:
 
 @dataclass(frozen=True, eq=False)
 class GroundComparison:
-    """The compared windows with their places; descriptions of the cell size (``resolution``) and of the rendered terrain
-    (``against``); image and render on the cells, (rows, cols) or for each patch (n, rows, cols); and the files that were read.
+    """The compared windows with their places; descriptions of the cell size (``resolution``) and of
+    the rendered terrain (``against``); image and render on the cells, (rows, cols) or for each
+    patch (n, rows, cols); and the files that were read.
     """
 
     windows: WindowComparison
@@ -80,9 +85,11 @@ def against_dem(
     choice: WindowChoice = WindowChoice(),
     albedo: AlbedoMap | None = None,
 ) -> GroundComparison:
-    """Compare the part of an image that a DEM covers. AreaError if there is none; other errors as `pipeline.prepare`.
+    """Compare the part of an image that a DEM covers. AreaError if there is none; other errors as
+    `pipeline.prepare`.
 
-    The effective resolution is estimated at the DEM's posting. Cells finer than the posting are rendered at their own size.
+    The effective resolution is estimated at the DEM's posting. Cells finer than the posting are
+    rendered at their own size.
     """
     request = dem_request(photo, dem_paths, model, accuracy, albedo)
     scene = prepare_terrain(request)
@@ -116,8 +123,9 @@ def against_dem(
 
 
 def rendered_cell_m(posting_m: float, target_m: float) -> float:
-    """Cell size of the render for windows on cells of ``target_m``: half of it, but not finer than the DEM; ``target_m`` itself
-    if that is finer than the DEM. Still finer renders take longer by the square of the ratio and agree no better with images.
+    """Cell size of the render for windows on cells of ``target_m``: half of it, but not finer than
+    the DEM; ``target_m`` itself if that is finer than the DEM. Still finer renders take longer by
+    the square of the ratio and agree no better with images.
     """
     return min(max(posting_m, 0.5 * target_m), target_m)
 
@@ -129,7 +137,9 @@ def dem_request(
     accuracy: Accuracy,
     albedo: AlbedoMap | None = None,
 ) -> Request:
-    """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of the image."""
+    """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of
+    the image.
+    """
     sensor = photo.sensor.full
     if isinstance(sensor, Camera):
         sensor = replace(sensor, sun_position_mcmf_m=photo.sun_position_mcmf_m)
@@ -151,7 +161,9 @@ def dem_request(
 
 
 def subsolar(photo: Image) -> tuple[float, float]:
-    """Subsolar longitude and latitude, degrees: the place whose vertical is the direction to the Sun."""
+    """Subsolar longitude and latitude, degrees: the place whose vertical is the direction to the
+    Sun.
+    """
     lon, lat, _ = mcmf_to_lonlat(photo.sun_directions(np.zeros(3)))
     return float(lon), float(lat)
 
@@ -178,10 +190,11 @@ def against_patches(
     accuracy: Accuracy,
     choice: WindowChoice = WindowChoice(),
 ) -> GroundComparison:
-    """Compare the patches of some points, catalogue rows (n,), each rendered from its own nodes, on their own or on coarser cells.
+    """Compare the patches of some points, catalogue rows (n,), each rendered from its own nodes, on
+    their own or on coarser cells.
 
-    Of patches with different cell sizes those of the most common size are compared. AreaError if no patch lies entirely in the
-    image, or for cells finer than those of the patches.
+    Of patches with different cell sizes those of the most common size are compared. AreaError if no
+    patch lies entirely in the image, or for cells finer than those of the patches.
     """
     gsd_m, rows = _of_one_size(catalog, points)
     target_m = gsd_m if choice.gsd_m is None else choice.gsd_m
@@ -233,7 +246,9 @@ def _pair(
     accuracy: Accuracy,
     target_m: float,
 ) -> Pair | None:
-    """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor or not lit."""
+    """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor
+    or not lit.
+    """
     terrain = patch_terrain(catalog, row)
     sensor = photo.sensor.full
     towards = sensor.towards(terrain.frame.origin_mcmf_m)

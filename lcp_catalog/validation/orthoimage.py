@@ -1,9 +1,9 @@
 """Orthoimage: an image resampled to the nodes of a terrain.
 
-The footprint of a cell in the image is a parallelogram, given by the projections of its neighbours. If the image is finer than
-the terrain, the signal is the mean over that parallelogram (`kernels.resampling.area_means`), without aliasing; if it is
-coarser, it is interpolated by cubic convolution. Missing and saturated pixels have no weight; nodes hidden from the camera are
-left out.
+The footprint of a cell in the image is a parallelogram, given by the projections of its neighbours.
+If the image is finer than the terrain, the signal is the mean over that parallelogram
+(`kernels.resampling.area_means`), without aliasing; if it is coarser, it is interpolated by cubic
+convolution. Missing and saturated pixels have no weight; nodes hidden from the camera are left out.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 
 _FINE_PX = 4.0
-"""If the narrowest footprints are wider than twice this, pixels, the image is reduced first. The edges of a footprint are then
-wrong by at most an eighth of its width.
+"""If the narrowest footprints are wider than twice this, pixels, the image is reduced first. The
+edges of a footprint are then wrong by at most an eighth of its width.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Ortho:
-    """An image at terrain nodes (rows, cols): ``signal``, NaN where ``weight`` is 0; ``weight`` 0..1; ``pixels`` (rows, cols, 2),
-    the projections of the nodes, NaN where there is none; ``footprint_px``, the longer side of the typical footprint, above 1
-    if the image is finer than the terrain.
+    """An image at terrain nodes (rows, cols): ``signal``, NaN where ``weight`` is 0; ``weight``
+    0..1; ``pixels`` (rows, cols, 2), the projections of the nodes, NaN where there is none;
+    ``footprint_px``, the longer side of the typical footprint, above 1 if the image is finer than
+    the terrain.
     """
 
     signal: Array
@@ -40,16 +41,18 @@ class Ortho:
 
 
 def terrain_nodes(terrain: Terrain) -> Array:
-    """MCMF positions (rows, cols, 3) of the nodes of a terrain's core, metres; NaN without a height."""
+    """MCMF positions (rows, cols, 3) of the nodes of a terrain's core, metres; NaN without a
+    height.
+    """
     return terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
 
 
 def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
     """Mean of the image over the cell of each node of a terrain grid, MCMF metres (rows, cols, 3).
 
-    ``visible`` (rows, cols): True for nodes visible to the camera, as from a render; default: all nodes that project into the
-    image. At the edges of the grid and of its heights, footprints are from one-sided differences. ValueError for a grid of
-    fewer than 2 x 2 nodes.
+    ``visible`` (rows, cols): True for nodes visible to the camera, as from a render; default: all
+    nodes that project into the image. At the edges of the grid and of its heights, footprints are
+    from one-sided differences. ValueError for a grid of fewer than 2 x 2 nodes.
     """
     nodes = np.asarray(nodes_mcmf_m, dtype=np.float64)
     if nodes.ndim != 3 or nodes.shape[2] != 3 or min(nodes.shape[:2]) < 2:
@@ -70,8 +73,8 @@ def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | Non
 
 
 def _steps(pixels: Array, axis: int) -> Array:
-    """Pixel steps from node to node along an axis: central differences, one-sided beside missing nodes, NaN between two missing
-    nodes.
+    """Pixel steps from node to node along an axis: central differences, one-sided beside missing
+    nodes, NaN between two missing nodes.
     """
     along = np.moveaxis(pixels, axis, 0)
     nothing = np.full((1, *along.shape[1:]), np.nan)
@@ -84,7 +87,9 @@ def _steps(pixels: Array, axis: int) -> Array:
 
 
 def _footprints_px(down: Array, right: Array, seen: Mask) -> tuple[float, float]:
-    """5th percentile and median of the longer sides of the footprints, pixels; 0 without visible nodes."""
+    """5th percentile and median of the longer sides of the footprints, pixels; 0 without visible
+    nodes.
+    """
     longer = np.maximum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))[seen]
     narrow, wide = np.percentile(longer, [5, 50]) if longer.size else (0.0, 0.0)
     return float(narrow), float(wide)

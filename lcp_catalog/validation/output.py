@@ -18,8 +18,8 @@ FILES = ("points.csv", "windows.csv", "report.html", "report.json")
 def check_validation_folder(
     folder: Path, overwrite: bool, depfile: Path | str | None = None
 ) -> None:
-    """Check the output folder before the validation. Raises as `atomic_files.check_folder`, and for the make rule as
-    `atomic_files.check_output`.
+    """Check the output folder before the validation. Raises as `atomic_files.check_folder`, and for
+    the make rule as `atomic_files.check_output`.
     """
     check_folder(folder, FILES, overwrite)
     if depfile:
@@ -27,7 +27,9 @@ def check_validation_folder(
 
 
 def _require_elsewhere(folder: Path, depfile: Path | str) -> None:
-    """Check that the make rule does not replace a file of the report. The folder need not exist yet."""
+    """Check that the make rule does not replace a file of the report. The folder need not exist
+    yet.
+    """
     place = Path(os.path.realpath(depfile))
     if place.parent != Path(os.path.realpath(folder)):
         check_output(depfile, overwrite=True)
@@ -38,7 +40,9 @@ def _require_elsewhere(folder: Path, depfile: Path | str) -> None:
 def write_validation(
     result: Result, folder: Path, overwrite: bool = False, depfile: Path | str | None = None
 ) -> None:
-    """Write `FILES` into a folder, which is created if missing. ``depfile``: also the list of input files, as a rule for make."""
+    """Write `FILES` into a folder, which is created if missing. ``depfile``: also the list of input
+    files, as a rule for make.
+    """
     check_validation_folder(folder, overwrite, depfile)
     images = result.verdict.images
     texts = (

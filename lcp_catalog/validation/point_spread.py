@@ -1,8 +1,8 @@
 """Resampling of gridded values to coarser cells with a stated point spread.
 
-An image and a render can be compared only if they are equally sharp. The point spread is a Gaussian with a stated full width at
-half maximum on the terrain; missing cells have no weight. The Gaussian is evaluated at the nodes of the new grid, so that any
-ratio of cell sizes is possible.
+An image and a render can be compared only if they are equally sharp. The point spread is a Gaussian
+with a stated full width at half maximum on the terrain; missing cells have no weight. The Gaussian
+is evaluated at the nodes of the new grid, so that any ratio of cell sizes is possible.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from ..arrays import Array
 
 SIGMA_PER_FWHM = 1.0 / math.sqrt(8.0 * math.log(2.0))
 CELL_FWHM = 2.0
-"""Full width at half maximum of the point spread, in cells: the shortest wave that the cells represent."""
+"""Full width at half maximum of the point spread, in cells: the shortest wave that the cells
+represent.
+"""
 
 _REACH_SIGMAS = 5.0
 """Truncation of the Gaussian; 6e-7 of it is beyond, in one dimension."""
@@ -26,7 +28,9 @@ _BLOCK = 256
 
 @dataclass(frozen=True)
 class Grid:
-    """Coarser grid in coordinates of a finer one: node (i, j) is at row ``start_px + i ratio``, column ``start_px + j ratio``."""
+    """Coarser grid in coordinates of a finer one: node (i, j) is at row ``start_px + i ratio``,
+    column ``start_px + j ratio``.
+    """
 
     shape: tuple[int, int]
     ratio: float
@@ -34,7 +38,9 @@ class Grid:
 
     @classmethod
     def over(cls, shape: tuple[int, int], ratio: float) -> Grid:
-        """Whole coarse cells from the north-western corner of the fine grid. ValueError for a ratio below 1 or too large a one."""
+        """Whole coarse cells from the north-western corner of the fine grid. ValueError for a ratio
+        below 1 or too large a one.
+        """
         if not ratio >= 1.0 - 1e-9:
             raise ValueError(f"ratio of cell sizes {ratio:g}: the new cells are not coarser")
         rows, cols = (int((n + 1e-9) / ratio) for n in shape)
@@ -47,8 +53,8 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Image and render (rows, cols) on the same cells with the same point spread. ``weight`` 0..1 is 0 where one is missing.
-    ``grid``: the cells in coordinates of the finer grid.
+    """Image and render (rows, cols) on the same cells with the same point spread. ``weight`` 0..1
+    is 0 where one is missing. ``grid``: the cells in coordinates of the finer grid.
     """
 
     image: Array
@@ -68,11 +74,13 @@ def paired(
     dem_fwhm_m: float = 0.0,
     cell_fwhm: float = CELL_FWHM,
 ) -> Pair:
-    """Image and render (rows, cols) on cells of ``gsd_m``, resampled to equal or larger cells of ``target_m``.
+    """Image and render (rows, cols) on cells of ``gsd_m``, resampled to equal or larger cells of
+    ``target_m``.
 
-    Both are smoothed with a Gaussian of ``cell_fwhm`` target cells. A render lacks the detail that its DEM lacks, so the image
-    is also smoothed with the DEM's point spread ``dem_fwhm_m`` (`dem_resolution.Resolution.point_spread_m`). Both are then
-    equally sharp if slopes are so small that brightness is linear in them.
+    Both are smoothed with a Gaussian of ``cell_fwhm`` target cells. A render lacks the detail that
+    its DEM lacks, so the image is also smoothed with the DEM's point spread ``dem_fwhm_m``
+    (`dem_resolution.Resolution.point_spread_m`). Both are then equally sharp if slopes are so small
+    that brightness is linear in them.
     """
     a, b = np.asarray(image, dtype=np.float64), np.asarray(render, dtype=np.float64)
     w = np.where(np.isfinite(a) & np.isfinite(b), np.asarray(weight, dtype=np.float64), 0.0)
@@ -87,11 +95,12 @@ def paired(
 def spread(
     values: ArrayLike, weight: ArrayLike, fwhm_px: float, grid: Grid | None = None
 ) -> tuple[Array, Array]:
-    """Weighted Gaussian means (rows, cols) of values, and the means of the weights; NaN and 0 without values nearby.
+    """Weighted Gaussian means (rows, cols) of values, and the means of the weights; NaN and 0
+    without values nearby.
 
-    ``fwhm_px``: in cells of the values; 0 takes the nearest node. ``grid``: nodes of the means; default: those of the values. A
-    Gaussian narrower than 1.5 cells is undersampled: it is normalised, but its width is too small (by 1 % at 1.5 cells, by a
-    fifth at 1 cell).
+    ``fwhm_px``: in cells of the values; 0 takes the nearest node. ``grid``: nodes of the means;
+    default: those of the values. A Gaussian narrower than 1.5 cells is undersampled: it is
+    normalised, but its width is too small (by 1 % at 1.5 cells, by a fifth at 1 cell).
     """
     v, w = np.asarray(values, dtype=np.float64), np.asarray(weight, dtype=np.float64)
     if v.ndim != 2 or v.shape != w.shape:
@@ -110,7 +119,9 @@ def _both_axes(values: Array, grid: Grid, fwhm_px: float) -> Array:
 
 
 def _one_axis(values: Array, count: int, grid: Grid, fwhm_px: float) -> Array:
-    """Means along the first axis at ``count`` nodes, in blocks; cells beyond the edge have no weight."""
+    """Means along the first axis at ``count`` nodes, in blocks; cells beyond the edge have no
+    weight.
+    """
     sigma = fwhm_px * SIGMA_PER_FWHM
     reach = max(1.0, _REACH_SIGMAS * sigma)
     out = np.empty((count, values.shape[1]))
@@ -124,7 +135,9 @@ def _one_axis(values: Array, count: int, grid: Grid, fwhm_px: float) -> Array:
 
 
 def _kernel(at: Array, low: int, high: int, sigma: float) -> Array:
-    """Weights (n, high - low) of the nodes low..high at n places; each row sums to 1 over an unlimited grid."""
+    """Weights (n, high - low) of the nodes low..high at n places; each row sums to 1 over an
+    unlimited grid.
+    """
     if sigma <= 0.0:
         return np.asarray(
             np.arange(low, high)[None] == np.floor(at + 0.5)[:, None], dtype=np.float64

@@ -1,6 +1,7 @@
 """Marks and arrows over an image, as SVG: the matches of the validation report.
 
-Colours are CSS classes of ``plots/templates/validation.css``. Every drawing has a label for screen readers.
+Colours are CSS classes of ``plots/templates/validation.css``. Every drawing has a label for screen
+readers.
 """
 
 from __future__ import annotations
@@ -19,10 +20,14 @@ from ..matching.matches import FOUND
 from ..plots.numbers import nice_step, number
 
 CANVAS = 960.0
-"""Width of a drawing in SVG units; smaller for an image whose drawing would be higher than `TALLEST` times that."""
+"""Width of a drawing in SVG units; smaller for an image whose drawing would be higher than
+`TALLEST` times that.
+"""
 
 TALLEST, NARROWEST = 1.5, 480.0
-"""Largest height of a drawing in units of `CANVAS`, and its smallest width in SVG units, which holds a line of text."""
+"""Largest height of a drawing in units of `CANVAS`, and its smallest width in SVG units, which
+holds a line of text.
+"""
 
 SYMBOLS = {
     FOUND: ("M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0 -9 0Z", "found"),
@@ -37,8 +42,8 @@ SYMBOLS = {
     "not confirmed": ("M-5 4L0 -5L5 4", "doubt"),
     "inconsistent": ("M-5 -5L5 5M-5 5L5 -5", "wrong"),
 }
-"""SVG path and CSS class of every match result. Green and filled: found; yellow: not visible or no texture; orange: the search
-failed; red: found at a place that contradicts the other points.
+"""SVG path and CSS class of every match result. Green and filled: found; yellow: not visible or no
+texture; orange: the search failed; red: found at a place that contradicts the other points.
 """
 
 ERROR_CLASSES = ((1.0, "within1"), (2.0, "within2"), (3.0, "within3"), (math.inf, "beyond3"))
@@ -47,7 +52,9 @@ ERROR_CLASSES = ((1.0, "within1"), (2.0, "within2"), (3.0, "within3"), (math.inf
 
 @dataclass(frozen=True)
 class Frame:
-    """Image of ``width`` x ``height`` pixels in a drawing. The centre of pixel (0, 0) is half a pixel from the corner."""
+    """Image of ``width`` x ``height`` pixels in a drawing. The centre of pixel (0, 0) is half a
+    pixel from the corner.
+    """
 
     width: float
     height: float
@@ -83,7 +90,9 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Arrows:
-    """n arrows in pixels of a frame: vectors ``by`` (n, 2) from ``start`` (n, 2), CSS classes and tooltips."""
+    """n arrows in pixels of a frame: vectors ``by`` (n, 2) from ``start`` (n, 2), CSS classes and
+    tooltips.
+    """
 
     start: Array
     by: Array
@@ -98,7 +107,9 @@ class Arrows:
 
 
 def magnification(frame: Frame, arrows: Arrows, drawn: float = 56.0) -> float:
-    """Magnification of arrows, 1, 2 or 5 times a power of ten: one arrow in ten is longer than about ``drawn`` SVG units."""
+    """Magnification of arrows, 1, 2 or 5 times a power of ten: one arrow in ten is longer than
+    about ``drawn`` SVG units.
+    """
     if arrows.longest <= 0.0:
         return 1.0
     wanted = drawn / (arrows.longest * frame.scale)
@@ -152,8 +163,8 @@ SCALE_ROOM = 50.0
 def error_classes(residual_px: Array, covariance_px2: Array) -> tuple[Array, list[str]]:
     """Residuals (n, 2) in units of their sigma, and their CSS classes; NaN is in the last class.
 
-    The measure is the root of half the squared Mahalanobis distance: its root mean square is 1 if the covariances (n, 2, 2)
-    are true.
+    The measure is the root of half the squared Mahalanobis distance: its root mean square is 1 if
+    the covariances (n, 2, 2) are true.
     """
     (a, b), (c, d) = np.moveaxis(covariance_px2, 0, -1)
     x, y = np.moveaxis(residual_px, -1, 0)

@@ -63,7 +63,9 @@ def _reasons(image: ImageVerdict) -> list[str]:
 
 
 def _places(image: ImageVerdict) -> Array:
-    """Pixels (n, 2) of the points in the corrected sensor, or in the given one without a correction."""
+    """Pixels (n, 2) of the points in the corrected sensor, or in the given one without a
+    correction.
+    """
     corrected = image.points.corrected_px
     return np.where(np.isfinite(corrected), corrected, image.matches.predicted_px)
 
@@ -78,7 +80,9 @@ def _titles(image: ImageVerdict) -> list[str]:
 
 
 def _arrows(image: ImageVerdict) -> Arrows:
-    """Residuals of the points found; without a pose, their offsets from the given sensor's prediction."""
+    """Residuals of the points found; without a pose, their offsets from the given sensor's
+    prediction.
+    """
     found = np.flatnonzero(image.matches.found)
     located = image.verdict == LOCATED
     by = (image.residual_px if located else image.matches.offset_px)[found]

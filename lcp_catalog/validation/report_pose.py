@@ -1,4 +1,6 @@
-"""The pose in the validation report: corrections of the sensor's position and attitude, and their uncertainty."""
+"""The pose in the validation report: corrections of the sensor's position and attitude, and their
+uncertainty.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The windows in the validation report: image and render side by side, map and histogram of their correlation, offsets.
+"""The windows in the validation report: image and render side by side, map and histogram of their
+correlation, offsets.
 
 The histogram follows figure 4 of Pivovarchuk et al. (2026).
 """
@@ -40,7 +41,9 @@ MODES = {
     "swipe": "swipe",
     "correlation": "correlation",
 }
-"""Views of image, render and correlation, and their names; "swipe" needs a script and is hidden without one."""
+"""Views of image, render and correlation, and their names; "swipe" needs a script and is hidden
+without one.
+"""
 
 LIMITS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 """Limits between the colours of correlation."""
@@ -55,7 +58,9 @@ COLOURS = (
     (160, 218, 57),
     (253, 231, 37),
 )
-"""Colours of correlation, dark to light, legible with colour blindness (viridis); one more than `LIMITS`."""
+"""Colours of correlation, dark to light, legible with colour blindness (viridis); one more than
+`LIMITS`.
+"""
 
 BINS_BELOW, BINS_ABOVE, BIN = 10, 50, 0.02
 """Bins of the histogram below and above 0, and their width: from -0.2 to 1."""
@@ -112,7 +117,9 @@ def _layers(
 
 
 def _pairs(windows: WindowFigures, images: Array, renders: Array) -> dict[str, Any]:
-    """Some patches (k, rows, cols) as image and render, from the lowest to the highest median correlation."""
+    """Some patches (k, rows, cols) as image and render, from the lowest to the highest median
+    correlation.
+    """
     w = windows.compared
     assert w.patch is not None
     patches = np.unique(w.patch)
@@ -193,7 +200,9 @@ def correlation_pixels(windows: WindowComparison) -> NDArray[np.uint8]:
 
 
 def correlation_map(frame: Frame, windows: WindowComparison, address: str) -> Markup:
-    """The image of `correlation_pixels` in a frame: each pixel covers one step around the centre of its window."""
+    """The image of `correlation_pixels` in a frame: each pixel covers one step around the centre of
+    its window.
+    """
     rest = (windows.size - windows.step) / 2.0
     left, top = (float(at.min()) + rest for at in (windows.col, windows.row))
     wide, high = (float(at.max() - at.min() + windows.step) for at in (windows.col, windows.row))
@@ -224,7 +233,9 @@ def colour_scale() -> Markup:
 
 
 def bin_shares(correlation: ArrayLike) -> Array:
-    """Share of all values in each bin (a, b] from -0.2 to 1. The first bin includes lower values; NaN is in no bin."""
+    """Share of all values in each bin (a, b] from -0.2 to 1. The first bin includes lower values;
+    NaN is in no bin.
+    """
     values = np.asarray(correlation, dtype=np.float64)
     known = values[np.isfinite(values)]
     index = np.ceil(known / BIN).astype(np.int64) + BINS_BELOW - 1

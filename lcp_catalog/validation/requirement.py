@@ -1,11 +1,13 @@
-"""Requirements on a validation, like ``share_above_0_9>=0.85 and points_found>=20``, checked against ``report.json``.
+"""Requirements on a validation, like ``share_above_0_9>=0.85 and points_found>=20``, checked
+against ``report.json``.
 
     requirement = term { ("and" | ",") term }
     term        = name (">=" | ">" | "<=" | "<" | "==" | "!=") value
 
-A name is a path in an image's entry of ``report.json`` (``windows.share_above_0_9``) or the end of one. Of several paths with
-the same end the shortest applies (``share_above_0_9`` is that of all windows, not of the textured half). Every image must
-satisfy every term. A figure that was not measured satisfies none.
+A name is a path in an image's entry of ``report.json`` (``windows.share_above_0_9``) or the end of
+one. Of several paths with the same end the shortest applies (``share_above_0_9`` is that of all
+windows, not of the textured half). Every image must satisfy every term. A figure that was not
+measured satisfies none.
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ _BETWEEN = re.compile(r",|\band\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Term:
-    """Comparison of ``path``, one of `NUMBERS` or `VERDICT`, with a value; ``text`` as the user wrote it."""
+    """Comparison of ``path``, one of `NUMBERS` or `VERDICT`, with a value; ``text`` as the user
+    wrote it.
+    """
 
     path: str
     symbol: str
@@ -89,16 +93,22 @@ class Requirement:
 
     @classmethod
     def parse(cls, text: str) -> Requirement:
-        """Parse the text of a requirement. ConfigError for an invalid term and for an unknown or ambiguous name."""
+        """Parse the text of a requirement. ConfigError for an invalid term and for an unknown or
+        ambiguous name.
+        """
         return cls(tuple(_term(part) for part in _BETWEEN.split(text)))
 
     @property
     def needs_known_pose(self) -> bool:
-        """True if a term needs the position error, which is measured only if the true position is known."""
+        """True if a term needs the position error, which is measured only if the true position is
+        known.
+        """
         return any(term.path.startswith(_ERROR) for term in self.terms)
 
     def failures(self, document: Mapping[str, Any]) -> list[str]:
-        """One line per failed term and image of ``report.json``; empty if all are satisfied. Without an image, one line."""
+        """One line per failed term and image of ``report.json``; empty if all are satisfied.
+        Without an image, one line.
+        """
         if not document["images"]:
             return ["no image was validated"]
         told = (term.failure(image) for image in document["images"] for term in self.terms)

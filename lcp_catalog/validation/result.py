@@ -30,12 +30,16 @@ VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
 """Possible results of an image."""
 
 DIGITS = 10
-"""Significant digits of a figure in JSON and CSV; the last bits of a double differ between processors."""
+"""Significant digits of a figure in JSON and CSV; the last bits of a double differ between
+processors.
+"""
 
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """Properties of an image before the search. ``name`` has no folder; angles refer to the image centre; NaN: unknown."""
+    """Properties of an image before the search. ``name`` has no folder; angles refer to the image
+    centre; NaN: unknown.
+    """
 
     name: str
     width_px: int = 0
@@ -56,7 +60,9 @@ class ImageFacts:
 
 @dataclass(frozen=True, eq=False)
 class PointFigures:
-    """Identifiers and places of the rows of `Matches`. Pixels are (column, row) of the original image."""
+    """Identifiers and places of the rows of `Matches`. Pixels are (column, row) of the original
+    image.
+    """
 
     point_id: NDArray[np.int64]  # (n,)
     longitude_deg: Array  # (n,) east, 0..360
@@ -93,11 +99,12 @@ class WindowFigures:
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Images for the report, None where there are none. Values have any gain and offset; NaN marks missing pixels.
+    """Images for the report, None where there are none. Values have any gain and offset; NaN marks
+    missing pixels.
 
-    ``photo`` (rows, cols) holds the means of blocks of ``photo_factor`` x ``photo_factor`` pixels of the image.
-    ``ground_image`` and ``ground_render`` (rows, cols) are on the grid of the windows; if patches were compared, they are
-    (k, rows, cols), and the windows refer to them.
+    ``photo`` (rows, cols) holds the means of blocks of ``photo_factor`` x ``photo_factor`` pixels
+    of the image. ``ground_image`` and ``ground_render`` (rows, cols) are on the grid of the
+    windows; if patches were compared, they are (k, rows, cols), and the windows refer to them.
     """
 
     photo: AnyArray | None = None
@@ -115,7 +122,9 @@ class PoseFigures:
 
     @property
     def position_axes_m(self) -> Array:
-        """1 sigma along the principal axes of the position covariance, descending; 3 axes for a camera, 2 for a map."""
+        """1 sigma along the principal axes of the position covariance, descending; 3 axes for a
+        camera, 2 for a map.
+        """
         variances = np.linalg.eigvalsh(self.pose.covariance[:3, :3])[::-1]
         return np.sqrt(np.maximum(variances, 0.0))
 
@@ -132,8 +141,8 @@ class PoseFigures:
         return self.pose.sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])[0]
 
     def figures(self) -> dict[str, Any]:
-        """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position variances, the expected root mean
-        square of the position error.
+        """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position
+        variances, the expected root mean square of the position error.
         """
         pose, error = self.pose, self.error
         names = pose.sensor.corrections
@@ -193,8 +202,8 @@ class ImageVerdict:
 
     @cached_property
     def residual_px(self) -> Array:
-        """Position found minus prediction of the corrected sensor (n, 2), also for rejected matches; NaN for points not found and
-        without a pose.
+        """Position found minus prediction of the corrected sensor (n, 2), also for rejected
+        matches; NaN for points not found and without a pose.
         """
         return np.asarray(self.matches.found_px - self.points.corrected_px)
 
@@ -262,7 +271,9 @@ class ImageVerdict:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """A whole validation: its images, facts of the catalogue (``name``, ``points`` ...), and the options."""
+    """A whole validation: its images, facts of the catalogue (``name``, ``points`` ...), and the
+    options.
+    """
 
     images: tuple[ImageVerdict, ...]
     catalog: Mapping[str, Any]
@@ -301,8 +312,8 @@ def plain(value: Any) -> Any:
 
 
 def _light(check: SunCheck | None) -> dict[str, Any] | None:
-    """Check of the Sun direction: as stated, and turned clockwise or raised. ``law``: reflectance model of the renders, if it
-    differs from that of the search.
+    """Check of the Sun direction: as stated, and turned clockwise or raised. ``law``: reflectance
+    model of the renders, if it differs from that of the search.
     """
     if check is None:
         return None

@@ -67,8 +67,8 @@ class ImageFiles:
 
 @dataclass(frozen=True)
 class Validation:
-    """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are the true ones. ``faint``: search
-    with the options `position_fix.FAINT`.
+    """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are
+    the true ones. ``faint``: search with the options `position_fix.FAINT`.
     """
 
     catalog_path: Path
@@ -129,8 +129,8 @@ class Result:
 def validate(request: Validation, progress: Progress | None = None) -> Result:
     """Validate a catalogue with every image in turn.
 
-    Raises the library's errors for a catalogue or DEM that cannot be read and for missing files. Errors in an image, its camera
-    file or its Sun are results of that image.
+    Raises the library's errors for a catalogue or DEM that cannot be read and for missing files.
+    Errors in an image, its camera file or its Sun are results of that image.
     """
     for files in request.files:
         files.require()
@@ -156,7 +156,9 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
 
 
 def told_apart(files: Sequence[ImageFiles]) -> list[str]:
-    """Unique names of images: file names, with as many of their folders as needed; repeated files are numbered."""
+    """Unique names of images: file names, with as many of their folders as needed; repeated files
+    are numbered.
+    """
     names = [file.image.name for file in files]
     for depth in range(2, max(len(file.image.parts) for file in files) + 1):
         twice = {name for name, count in Counter(names).items() if count > 1}

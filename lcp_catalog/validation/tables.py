@@ -21,16 +21,17 @@ POINT_COLUMNS = (
     "correlation", "second_correlation", "back_px", "reason",
     "residual_column_px", "residual_row_px", "pixel_m",
 )  # fmt: skip
-"""One row per point. The angle of the major axis is from the column direction (right) towards the row direction (down), 0..180.
-Residuals are the position found minus the prediction of the corrected sensor.
+"""One row per point. The angle of the major axis is from the column direction (right) towards the
+row direction (down), 0..180. Residuals are the position found minus the prediction of the corrected
+sensor.
 """
 
 WINDOW_COLUMNS = (
     "image", "point_id", "row", "column", "longitude_deg", "latitude_deg",
     "correlation", "contrast", "offset_column_cells", "offset_row_cells",
 )  # fmt: skip
-"""One row per window: the point of its patch if patches were compared, its first cell on the grid, its centre, the contrast of
-the render, and the offset of the image from the render in cells.
+"""One row per window: the point of its patch if patches were compared, its first cell on the grid,
+its centre, the contrast of the render, and the offset of the image from the render in cells.
 """
 
 
@@ -87,8 +88,8 @@ def _window_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
 
 
 def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:
-    """Error ellipses of covariances (n, 2, 2): 1 sigma along the major and minor axis (n, 2), and the angle of the major axis in
-    degrees from right towards down (n,), 0..180; NaN for NaN.
+    """Error ellipses of covariances (n, 2, 2): 1 sigma along the major and minor axis (n, 2), and
+    the angle of the major axis in degrees from right towards down (n,), 0..180; NaN for NaN.
     """
     known = np.isfinite(covariance_px2).all(axis=(1, 2))
     sigma, angle = np.full((known.size, 2), np.nan), np.full(known.size, np.nan)

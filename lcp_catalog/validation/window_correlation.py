@@ -1,11 +1,12 @@
 """Centred normalised correlation of image and render in windows of 16 x 16 cells.
 
-Pivovarchuk et al. (2026) assess renders by the histogram of these correlations, its mode, and the share above 0.9. Correlation
-is independent of gain and offset; nothing else is fitted, and every window with enough valid cells counts. Arrays are (rows,
-cols) on one grid of the terrain.
+Pivovarchuk et al. (2026) assess renders by the histogram of these correlations, its mode, and the
+share above 0.9. Correlation is independent of gain and offset; nothing else is fitted, and every
+window with enough valid cells counts. Arrays are (rows, cols) on one grid of the terrain.
 
-Each window is centred by its own weighted means first. Integral images would be faster for overlapping windows, but lose the
-digits that low-contrast terrain needs: its contrast is a thousandth of its brightness.
+Each window is centred by its own weighted means first. Integral images would be faster for
+overlapping windows, but lose the digits that low-contrast terrain needs: its contrast is a
+thousandth of its brightness.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ MODE_BIN = 0.005
 class WindowComparison:
     """The n windows of a comparison, row by row from north to south.
 
-    ``shift_px`` is the offset of the whole image from the render, in cells (right, down). If ``offset`` is "removed", it was
-    removed before the comparison; if "kept", it was not estimated and is (0, 0).
+    ``shift_px`` is the offset of the whole image from the render, in cells (right, down). If
+    ``offset`` is "removed", it was removed before the comparison; if "kept", it was not estimated
+    and is (0, 0).
     """
 
     size: int
@@ -67,7 +69,9 @@ class WindowComparison:
 
     @property
     def mode(self) -> float:
-        """Centre of the fullest bin of width `MODE_BIN`, the highest of several; NaN without windows."""
+        """Centre of the fullest bin of width `MODE_BIN`, the highest of several; NaN without
+        windows.
+        """
         if not self.count:
             return float("nan")
         counts, edges = self.histogram(MODE_BIN)
@@ -94,7 +98,9 @@ class WindowComparison:
         return replace(self, **{name: a[chosen] for name, a in kept.items() if a is not None})
 
     def map(self, shape: tuple[int, int]) -> Array:
-        """Correlations on the grid (rows, cols), NaN without a window; the last of overlapping windows."""
+        """Correlations on the grid (rows, cols), NaN without a window; the last of overlapping
+        windows.
+        """
         drawn = np.full(shape, np.nan)
         for row, col, value in zip(self.row, self.col, self.correlation, strict=True):
             drawn[row : row + self.size, col : col + self.size] = value
@@ -113,12 +119,14 @@ def compare(
     offset: Literal["kept", "removed"] = "kept",
     search_px: int = 0,
 ) -> WindowComparison:
-    """Correlations of an image and a render (rows, cols) in windows of ``size`` x ``size`` cells at a spacing of ``step`` cells.
+    """Correlations of an image and a render (rows, cols) in windows of ``size`` x ``size`` cells at
+    a spacing of ``step`` cells.
 
-    ``weight`` (rows, cols) 0..1, default 1; cells that are NaN in either count as 0. Windows with a mean weight below
-    ``least_valid`` are left out. ``offset``: "removed" first removes one common shift of the whole image (`common_shift`).
-    ``search_px``: search radius of the offset of each window; the correlations do not use these offsets. ValueError for shapes
-    or sizes that do not fit.
+    ``weight`` (rows, cols) 0..1, default 1; cells that are NaN in either count as 0. Windows with a
+    mean weight below ``least_valid`` are left out. ``offset``: "removed" first removes one common
+    shift of the whole image (`common_shift`). ``search_px``: search radius of the offset of each
+    window; the correlations do not use these offsets. ValueError for shapes or sizes that do not
+    fit.
     """
     a, b, w = _checked(image, render, weight, size, step)
     if offset not in ("kept", "removed"):
@@ -147,10 +155,11 @@ def of_patches(
     step: int = STEP,
     least_valid: float = LEAST_VALID,
 ) -> WindowComparison:
-    """Correlations of n patches (n, rows, cols), each an image and a render on the nodes of the patch.
+    """Correlations of n patches (n, rows, cols), each an image and a render on the nodes of the
+    patch.
 
-    ``row`` and ``col`` refer to the patch; ``patch`` is its index. A patch smaller than a window is one window; ``size`` is then
-    its side. Offsets are not removed. ValueError for other shapes.
+    ``row`` and ``col`` refer to the patch; ``patch`` is its index. A patch smaller than a window is
+    one window; ``size`` is then its side. Offsets are not removed. ValueError for other shapes.
     """
     a, b = np.asarray(images, dtype=np.float64), np.asarray(renders, dtype=np.float64)
     if a.ndim != 3:
@@ -178,10 +187,11 @@ def of_patches(
 def common_shift(
     image: Array, render: Array, weight: Array, *, size: int = SIZE, reach_px: int = 4
 ) -> tuple[float, float]:
-    """Offset of an image from a render in cells (right, down): the maximum of the mean correlation of the windows within
-    ``reach_px``, interpolated by the quadratic through its neighbours.
+    """Offset of an image from a render in cells (right, down): the maximum of the mean correlation
+    of the windows within ``reach_px``, interpolated by the quadratic through its neighbours.
 
-    The error of the interpolation is below 0.05 cells for images smoothed to their cells (a test measures it).
+    The error of the interpolation is below 0.05 cells for images smoothed to their cells (a test
+    measures it).
     """
     scores = np.full((2 * reach_px + 1, 2 * reach_px + 1), -np.inf)
     for (i, j), place in moves(reach_px):
