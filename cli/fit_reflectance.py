@@ -1,4 +1,4 @@
-"""``lcp fit-reflectance``: goniometer measurements in, a reflectance model out."""
+"""``lcp fit-reflectance``: fit a reflectance model to goniometer measurements."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     default=2.0,
     show_default=True,
     metavar="C",
-    help="Weight of smooth curves over the incidence against small errors; 0 fits every incidence "
-    "by itself.",
+    help="Weight of smooth curves over the incidence, relative to small errors; 0 fits every "
+    "incidence alone.",
 )
 @click.option(
     "--albedo",
     type=Number(1e-6, 1.0),
     default=None,
     metavar="A",
-    help="Directional-hemispherical reflectance, the same at every incidence: how bright the "
-    "surface is where only relative values were measured; default: 0.12.",
+    help="Directional-hemispherical reflectance of the surface, the same at every incidence; only for "
+    "relative measurements. Default: 0.12.",
 )
 @click.option(
     "--refractive-index",
@@ -46,7 +46,7 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     default=(1.5, 0.0),
     show_default=True,
     metavar="N K",
-    help="Complex refractive index of a facet.",
+    help="Complex refractive index N + iK of a facet.",
 )
 @click.option(
     "--polarisation",
@@ -55,7 +55,7 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     default=(0.0, 0.0),
     show_default=True,
     metavar="D XI",
-    help="Degree of polarisation of the light, 0..1, and angle of the electric vector to the plane "
+    help="Polarisation of the light: degree 0..1, and angle between the electric vector and the plane "
     "of incidence, degrees.",
 )
 @click.option(
@@ -63,13 +63,18 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     type=click.Choice(["specular", "none"]),
     default="specular",
     show_default=True,
-    help="Take the intensities of an incidence relative to the specular direction, or as they are.",
+    help="Divide the intensities of each incidence by that of the specular direction, or use them "
+    "unchanged.",
 )
-@click.option("--name", metavar="TEXT", help="The model's name; default: that of MODEL.toml.")
 @click.option(
-    "--chart", metavar="CHART.svg", help="Also draw measurements and model, one polar plot each."
+    "--name", metavar="TEXT", help="Name of the model. Default: the file name of MODEL.toml."
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@click.option(
+    "--chart",
+    metavar="CHART.svg",
+    help="Also write polar charts of measurements and model, one for each incidence.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @depfile_option
 @overwrite_option
 def command(
@@ -83,9 +88,9 @@ def command(
 ) -> None:
     """Fit the two-component facet model to goniophotometer measurements of a surface.
 
-    GONIOMETER.csv has the columns incidence_deg, emission_deg (signed: the source's side positive, the specular direction at
-    -incidence), optionally azimuth_deg, and one of intensity, brightness, radiance_factor. MODEL.toml is what
-    `--reflectance facet:MODEL.toml` takes. See docs/facet-model.md.
+    GONIOMETER.csv has the columns incidence_deg, emission_deg (signed: positive on the side of the
+    source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
+    brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
     """
     from lcp_catalog.atomic_files import check_output
     from lcp_catalog.photometry.facet_fit import fit_reflectance
@@ -99,7 +104,9 @@ def command(
         check_output(chart, overwrite)
     measurements = read_measurements(goniometer)
     if measurements.absolute and flags["albedo"] is not None:
-        raise click.UsageError("--albedo: a radiance_factor column says how bright the surface is")
+        raise click.UsageError(
+            "--albedo: not with a radiance_factor column, which gives the brightness of the surface"
+        )
     with progress("fit") as update:
         fit = fit_reflectance(measurements, progress=update, **_settings(output, **flags))
     _write(fit, measurements, goniometer, output, chart, depfile, overwrite)
@@ -107,7 +114,7 @@ def command(
         json.dumps(_document(fit, measurements), indent=2) if as_json else _text(fit, measurements)
     )
     click.echo(text)
-    click.echo(f"{output}: use it as --reflectance facet:{output}", err=True)
+    click.echo(f"{output}: use it with --reflectance facet:{output}", err=True)
 
 
 def _distinct(*names: str | None) -> None:
@@ -125,7 +132,7 @@ def _settings(
     normalize: str,
     name: str | None,
 ) -> dict[str, Any]:
-    """Flags as arguments of `fit_reflectance`; usage errors name the flag."""
+    """Arguments of `fit_reflectance` from the options; usage errors name the option."""
     from lcp_catalog.errors import ConfigError
     from lcp_catalog.photometry.facet_model import Optics
 
@@ -151,7 +158,7 @@ def _write(
     depfile: str | None,
     overwrite: bool,
 ) -> None:
-    """Everything, or nothing when one of them cannot be written."""
+    """Write all files, or none of them if one cannot be written."""
     from contextlib import ExitStack
 
     from lcp_catalog.atomic_files import depfile_text, write_aside

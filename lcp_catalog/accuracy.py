@@ -171,10 +171,10 @@ def accuracy(tier: str | None = None, tolerance: float | None = None) -> Accurac
     if tolerance is None:
         name = DEFAULT_TIER if tier is None else tier
         if name not in TIERS:
-            raise ConfigError(f"no accuracy {name!r}; there are {', '.join(TIERS)}")
+            raise ConfigError(f"no accuracy {name!r}; valid names: {', '.join(TIERS)}")
         return TIERS[name]
     if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise ConfigError(f"a tolerance is a share, 0 or more, not {tolerance}")
+        raise ConfigError(f"a tolerance must be 0 or more, not {tolerance}")
     if tolerance == 0.0:
         return TIERS["reference"]
     fitting = next(row for row in TIERS.values() if row.node_error <= tolerance)

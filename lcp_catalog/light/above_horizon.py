@@ -13,16 +13,17 @@ from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .sources import Lighting, Source
 
-_ROUNDING_DEG = 1e-9  # of the Sun's elevation: one on the horizon is not below it
+_ROUNDING_DEG = 1e-9  # tolerance in elevation: a source on the horizon counts as above it
 
 
 def light_above_horizon(terrain: Terrain, light: Lighting) -> Lighting:
-    """The light, its sources without irradiance where they stand below the horizon of even the
-    area's highest node, a disc with its upper limb; SunError where all do and there is no sky.
+    """Return the light with irradiance 0 for every source that is below the horizon of all nodes of
+    the area; a disc is below with its upper limb. SunError if no source is left and there is no
+    sky.
 
-    Seen from a height h above the lowest ground around, the horizon of a sphere of that ground dips
-    by acos(R / (R + h)). Beyond the terrain there is nothing: without this a set Sun would light its
-    border from below.
+    The horizon is that of a sphere through the lowest surrounding terrain: from a height h above
+    it, the horizon dips by acos(R / (R + h)). The terrain ends at its border; without this test a
+    source below the horizon would illuminate the border from below.
     """
     step = max(1, max(terrain.field.shape) // 256)
     lowest_m = _lowest_m(terrain, step)
@@ -33,19 +34,19 @@ def light_above_horizon(terrain: Terrain, light: Lighting) -> Lighting:
     if light.sky is None and all(source.irradiance == 0.0 for source in sources):
         first = light.first
         raise SunError(
-            f"the {first.name} stands {-_above_deg(terrain, first, lowest_m, 1):.2f} deg below the "
-            f"horizon of the area's highest ground: nothing is lit; state another {first.name}"
+            f"the {first.name} is {-_above_deg(terrain, first, lowest_m, 1):.2f} deg below the horizon of "
+            f"the area's highest terrain, so nothing is lit; state another {first.name}"
         )
     return replace(light, sources=tuple(sources))
 
 
 def _is_set(terrain: Terrain, source: Source, lowest_m: float, step: int) -> bool:
-    """Whether a source stands below every horizon; few nodes are asked where they say no."""
+    """True if a source is below every horizon; a coarse sample of nodes is tested first."""
     return all(_above_deg(terrain, source, lowest_m, every) < 0 for every in (step, 1))
 
 
 def _lowest_m(terrain: Terrain, step: int) -> float:
-    """Least distance of the terrain's nodes from the Moon's centre."""
+    """Least distance of the terrain's nodes from the Moon's centre, metres."""
     all_around = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.field.whole, step))
     radius = np.linalg.norm(all_around, axis=-1)
     lowest_m = float(np.nanmin(radius)) if np.isfinite(radius).any() else np.nan
@@ -56,7 +57,7 @@ def _lowest_m(terrain: Terrain, step: int) -> float:
 
 
 def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> float:
-    """Greatest elevation of a source's upper limb above the dipped horizon of the core's nodes; NaN
+    """Greatest elevation of a source's upper limb above the horizon of the core's nodes, deg; NaN
     without heights.
     """
     limb = (math.degrees(source.disc.radius_rad) if source.disc else 0.0) + _ROUNDING_DEG
@@ -64,7 +65,7 @@ def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> 
 
 
 def _sun_above_horizon_deg(terrain: Terrain, sun: Direction, lowest_m: float, step: int) -> float:
-    """Greatest elevation of the Sun above the dipped horizon of the core's nodes; NaN without
+    """Greatest elevation of a direction above the horizon of the core's nodes, deg; NaN without
     heights.
     """
     places = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core, step))

@@ -1,14 +1,16 @@
-"""The Earth as a second light: where it stands in a place's sky, how large and how bright it is.
+"""The Earth as a light source: its direction, its size and its brightness.
 
-Position: ERFA's moon98 (Meeus 1998) turned into the Moon's frame by the rotation that `sun` uses. Light
-time and aberration cancel but for the Moon's motion about the Earth while light is under way (1.3 s,
-0.0002 deg), which is in it. Brightness: Mallama and Hilton 2018 ("Computing apparent planetary magnitudes for
-The Astronomical Almanac", Astronomy and Computing 25): V = 5 log10(r d) - 3.99 - 1.060e-3 a + 2.054e-4 a^2
-for phase angles a up to 170 deg, and the geometric albedo 0.434 that belongs to it. Clouds make the Earth
-5 to 10 % brighter or dimmer from day to day; no season or place under the Moon is modelled.
+Position: ERFA's moon98 (Meeus 1998), rotated into the Moon's frame by `sun.ephemeris`. Light time
+and aberration cancel except for the Moon's motion about the Earth during the light time (1.3 s,
+0.0002 deg), which is included.
 
-The Earth is a disc of one brightness all over. A crescent's light comes from beside its middle: at half phase
-from 0.4 deg off, at most from its limb, 0.95 deg.
+Brightness: Mallama and Hilton 2018 ("Computing apparent planetary magnitudes for The Astronomical
+Almanac", Astronomy and Computing 25): V = 5 log10(r d) - 3.99 - 1.060e-3 a + 2.054e-4 a^2 for phase
+angles a up to 170 deg, and the corresponding geometric albedo 0.434. Clouds change the Earth's
+brightness by 5 to 10 % from day to day; seasons and the visible hemisphere are not modelled.
+
+The Earth is a disc of uniform brightness. The light of a crescent comes from beside the disc's
+centre: 0.4 deg from it at half phase, at most 0.95 deg (the limb).
 """
 
 from __future__ import annotations
@@ -34,21 +36,23 @@ EARTH_RADIUS_M = 6_371_000.0
 """Mean radius (IUGG)."""
 
 EARTH_ALBEDO = 0.434
-"""Geometric albedo in V, Mallama and Hilton 2018; theirs is the Sun's V of -26.75 that makes V(1, 0) = -3.99 of it."""
+"""Geometric albedo in V, Mallama and Hilton 2018; with their V of the Sun, -26.75, it gives V(1, 0)
+= -3.99."""
 
 MEAN_DISTANCE_M = 384_400e3
-"""Between the centres of Earth and Moon, where no instant says it."""
+"""Distance between the centres of Earth and Moon if no time is stated."""
 
 LAST_PHASE_DEG = 170.0
-"""Beyond, the phase function is not from data: it goes on as it does here."""
+"""Greatest phase angle of the measured phase function; beyond, it is extrapolated with its last
+slope."""
 
 _J2000 = 2451545.0
 
 
 @dataclass(frozen=True, eq=False)
 class Earth:
-    """Where the Earth and the Sun stand: MCMF positions (3,), metres; the Sun's may be a direction
-    (``sun_distance_m`` inf).
+    """MCMF position of the Earth (3,), metres, and the direction and distance of the Sun;
+    ``sun_distance_m`` is inf if only the direction is known.
     """
 
     position_mcmf_m: Array
@@ -56,7 +60,7 @@ class Earth:
     sun_distance_m: float = math.inf
 
     def phase_rad(self, place_mcmf_m: ArrayLike = (0.0, 0.0, 0.0)) -> float:
-        """Angle at the Earth between the Sun and a place on the Moon; 0: the Earth is full."""
+        """Angle at the Earth between the Sun and a place on the Moon; 0 for a full Earth."""
         to_sun = self.sun_direction_mcmf
         if math.isfinite(self.sun_distance_m):
             to_sun = to_sun - self.position_mcmf_m / self.sun_distance_m
@@ -65,7 +69,7 @@ class Earth:
         return math.atan2(across, float(to_sun @ to_place))
 
     def source(self, frame: EnuFrame, as_disc: bool = False) -> Source:
-        """The Earth in the sky of a frame's origin; irradiance relative to the Sun's there."""
+        """The Earth as seen from a frame's origin; irradiance relative to the Sun's there."""
         place = frame.origin_mcmf_m
         towards = self.position_mcmf_m - place
         distance_m = float(np.linalg.norm(towards))
@@ -80,7 +84,7 @@ class Earth:
 
 
 def phase_function(phase_rad: float) -> float:
-    """Brightness at a phase angle over that of the full Earth."""
+    """Brightness at a phase angle relative to the full Earth."""
     phase_deg = min(math.degrees(phase_rad), LAST_PHASE_DEG)
     fainter_mag = phase_deg * (-1.060e-3 + 2.054e-4 * phase_deg)
     beyond = math.degrees(phase_rad) - phase_deg
@@ -89,14 +93,14 @@ def phase_function(phase_rad: float) -> float:
 
 
 def earth_over_sun(phase_rad: float, distance_m: float) -> float:
-    """Irradiance by the Earth over that by the Sun, of surfaces held square to each, where both are as far
-    from the Sun: p phase(a) (R / d)^2.
+    """Irradiance by the Earth relative to that by the Sun, of surfaces perpendicular to each, if
+    both are equally far from the Sun: p phase(a) (R / d)^2.
     """
     return EARTH_ALBEDO * phase_function(phase_rad) * (EARTH_RADIUS_M / distance_m) ** 2
 
 
 def earth_at(time: Times) -> Earth:
-    """The Earth and the Sun at an instant; SunError for what is no time."""
+    """The Earth and the Sun at a time; SunError for an invalid time."""
     jd1, jd2 = instants(time).terrestrial()
     moon = erfa.moon98(jd1, jd2)
     delay_day = np.linalg.norm(moon["p"], axis=-1) * (erfa.AULT / erfa.DAYSEC)
@@ -108,8 +112,8 @@ def earth_at(time: Times) -> Earth:
 
 
 def mean_earth(sun_direction_mcmf: ArrayLike) -> Earth:
-    """The Earth without librations, over longitude 0, latitude 0 at its mean distance, with a Sun that is
-    stated by its direction alone.
+    """The Earth without librations, at its mean distance above longitude 0, latitude 0, with a Sun
+    given by its direction alone.
     """
     position = np.array([MEAN_DISTANCE_M, 0.0, 0.0])
     return Earth(position, np.asarray(sun_direction_mcmf, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""Which light a render asks for besides or instead of the Sun: a panorama, the Earth."""
+"""An environment map with its bright sources, as a scene uses it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """A panorama that lights a scene, and what was found in it. ``split``: as found; ``used``: as it
-    lights, which differs where its Sun was scaled.
+    """An environment map (panorama) that lights a scene. ``split``: its sources and remainder as
+    found; ``used``: the same after the strongest source was scaled, if that was requested.
     """
 
     panorama: Panorama
@@ -33,7 +33,9 @@ class Environment:
         search: SourceSearch | None = None,
         sun_sky_ratio: float | None = None,
     ) -> Environment:
-        """Read and split; ImageError for what is no panorama, or has no Sun to scale."""
+        """Read a panorama and find its sources; ImageError for a file that is not a panorama, or
+        has no source to scale.
+        """
         return cls.of(read_panorama(path, azimuth_deg), search, sun_sky_ratio, (Path(path),))
 
     @classmethod
@@ -44,7 +46,7 @@ class Environment:
         sun_sky_ratio: float | None = None,
         files: tuple[Path, ...] = (),
     ) -> Environment:
-        """The same of a panorama that is at hand."""
+        """Find the sources of a panorama in memory."""
         split = split_sources(panorama, search)
         used = split if sun_sky_ratio is None else split.with_ratio(sun_sky_ratio)
         found = cls(panorama, split, used, files)
@@ -57,19 +59,19 @@ class Environment:
 
     @property
     def in_factors(self) -> Panorama:
-        """What a camera sees of it, luminance over what lights the scene: radiance factors over pi. A
-        scaled Sun is shown as it was photographed.
+        """Panorama as a background: luminance in radiance factors over pi. A scaled source keeps
+        its original luminance here.
         """
         return self.panorama.times(1.0 / self.used.power_above)
 
     @property
     def report(self) -> dict[str, Any]:
-        """For tags and ``--explain``."""
+        """Values for tags and ``--explain``."""
         return report(self.panorama, self.split, self.used)
 
     @property
     def sentence(self) -> str:
-        """The report in a line."""
+        """`report` as one line of text."""
         found = self.report
         sources = "; ".join(
             f"{one['azimuth_deg']:.2f} deg az {one['elevation_deg']:.2f} deg el "

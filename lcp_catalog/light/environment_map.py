@@ -1,10 +1,9 @@
-"""An environment as one equirectangular image: how bright it is in every direction.
+"""Environment maps: luminance in all directions as one equirectangular image.
 
-The image is twice as wide as high. Its top row is the zenith of the area's east-north-up frame, its
-bottom row the nadir; its middle looks towards ``azimuth_deg`` (clockwise from north; 0: north), and
-what lies right of the middle lies clockwise of it: for azimuth 0 the quarter right of the middle is
-the east. A pixel has one luminance all over its rectangle of azimuth and elevation; integrals over
-it are exact.
+The image is twice as wide as high. The top row is at the zenith of the area's east-north-up frame,
+the bottom row at the nadir. The middle column is at ``azimuth_deg``, clockwise from north; azimuth
+increases to the right. Luminance is constant within a pixel's rectangle of azimuth and elevation;
+integrals over pixels are exact.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Panorama:
-    """Luminance (rows, 2 rows), any linear unit, and where its middle looks. ImageError for another
-    shape, for luminance that is negative or not finite, and for one that is 0 everywhere.
+    """Luminance (rows, 2 rows) in any linear unit, and the azimuth of the middle column. ImageError
+    for another shape, for luminance that is negative or not finite, and if it is 0 everywhere.
     """
 
     luminance: Array
     azimuth_deg: float = 0.0
     name: str = "panorama"
     encoded: bool = False
-    """Whether it came from samples encoded for a display, which cannot hold a Sun."""
+    """True if the samples were encoded for a display, which cuts off a Sun's luminance."""
 
     def __post_init__(self) -> None:
         luminance = np.ascontiguousarray(self.luminance, dtype=np.float64)
@@ -48,9 +47,9 @@ class Panorama:
         if not np.isfinite(luminance).all() or (luminance < 0.0).any():
             raise ImageError(f"{self.name}: luminance must be finite and 0 or more")
         if not luminance.any():
-            raise ImageError(f"{self.name}: the panorama is black: it lights nothing")
+            raise ImageError(f"{self.name}: the panorama is black")
         if not math.isfinite(self.azimuth_deg):
-            raise ImageError(f"{self.name}: no azimuth: {self.azimuth_deg}")
+            raise ImageError(f"{self.name}: invalid azimuth {self.azimuth_deg}")
         object.__setattr__(self, "luminance", luminance)
 
     @property
@@ -68,29 +67,31 @@ class Panorama:
 
     @cached_property
     def elevations(self) -> Array:
-        """Of the rows' middles, radians (rows,), from the zenith down."""
+        """Elevations of the rows' centres, radians (rows,), from the zenith down."""
         return np.asarray(math.pi / 2.0 - (np.arange(self.rows) + 0.5) * self.pixel_rad)
 
     @cached_property
     def azimuths(self) -> Array:
-        """Of the columns' middles, radians (cols,), clockwise from north, not reduced."""
+        """Azimuths of the columns' centres, radians (cols,), clockwise from north, not reduced to
+        one turn.
+        """
         return self.column_azimuth(np.arange(self.cols) + 0.5)
 
     def column_azimuth(self, place: ArrayLike) -> Array:
-        """Azimuth (radians) of places counted in columns from the image's left edge."""
+        """Azimuth (radians) of positions in columns from the image's left edge."""
         turn = math.radians(self.azimuth_deg) - math.pi
         return np.asarray(place, dtype=np.float64) * self.pixel_rad + turn
 
     @cached_property
     def solid_angles(self) -> Array:
-        """Of a pixel of each row, sr (rows,): (sin upper - sin lower) x width."""
+        """Solid angle of a pixel of each row, sr (rows,): (sin upper - sin lower) x width."""
         half = 0.5 * self.pixel_rad
         return 2.0 * np.cos(self.elevations) * math.sin(half) * self.pixel_rad
 
     @cached_property
     def levels(self) -> Array:
-        """Integral of the sine of elevation over a pixel of each row, sr (rows,): what a
-        horizontal plane sees of it, seen from above; negative under the horizon.
+        """Integral of the sine of elevation over a pixel of each row, sr (rows,): its contribution
+        to a horizontal plane; negative below the horizon.
         """
         sine = np.sin(2.0 * self.elevations) * math.sin(self.pixel_rad)
         return 0.5 * sine * self.pixel_rad
@@ -106,8 +107,8 @@ class Panorama:
 
     @cached_property
     def above(self) -> Array:
-        """Share of each row above the horizontal plane, (rows,): 1 or 0, and 1/2 of the middle row
-        of an odd number.
+        """Share of each row above the horizontal plane, (rows,): 1 or 0, and 1/2 for the middle row
+        of an odd number of rows.
         """
         return np.clip(0.5 * self.rows - np.arange(self.rows), 0.0, 1.0)
 
@@ -124,16 +125,20 @@ class Panorama:
 
     @cached_property
     def horizontal_irradiance(self) -> float:
-        """Of a horizontal plane, from above: integral of luminance times the sine of elevation."""
+        """Irradiance of a horizontal plane from above: integral of luminance times the sine of
+        elevation.
+        """
         half = 0.5 * self.pixel_rad
-        middle = 0.5 * math.sin(half) ** 2 * self.pixel_rad  # what half a row over 0 gives
+        middle = (
+            0.5 * math.sin(half) ** 2 * self.pixel_rad
+        )  # contribution of a half row above the horizon
         levels = np.where(self.above == 0.5, middle, self.levels * (self.above == 1.0))
         return float(self.luminance.sum(axis=1) @ levels)
 
     @property
     def middle_above(self) -> Array:
         """Unit direction (3,) to the centroid of the power above the horizontal plane; the zenith
-        where that is nowhere.
+        if the centroid is undefined.
         """
         rows = np.arange((self.rows + 1) // 2)
         along = self.luminance[rows] @ np.stack([np.sin(self.azimuths), np.cos(self.azimuths)], 1)
@@ -146,17 +151,17 @@ class Panorama:
 
     @property
     def dynamic_range(self) -> float:
-        """Brightest pixel over the dimmest that is not black."""
+        """Greatest luminance over the least luminance above 0."""
         return _range(self.luminance)
 
     @property
     def dynamic_range_above(self) -> float:
-        """The same above the horizon; NaN where all is black there."""
+        """Dynamic range above the horizon; NaN if all of that is black."""
         return _range(self.luminance[: self.rows // 2])
 
     def at(self, directions: ArrayLike) -> Array:
-        """Luminance (...) in directions (..., 3), linear between pixel middles; over the poles the
-        nearest row goes on.
+        """Luminance (...) in directions (..., 3), linear between pixel centres; constant beyond the
+        first and the last row's centres.
         """
         east, north, up = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
         azimuth = np.arctan2(east, north) - self.azimuths[0]
@@ -172,17 +177,18 @@ class Panorama:
         return np.asarray(upper * (1.0 - y) + lower * y)
 
     def times(self, factor: float) -> Panorama:
-        """Of another unit."""
+        """The same with luminance multiplied by a factor."""
         return replace(self, luminance=self.luminance * factor)
 
 
 def read_panorama(path: Path | str, azimuth_deg: float = 0.0) -> Panorama:
-    """The panorama in an image file (`image_file.read_picture`); ImageError for what is none."""
+    """Panorama of an image file (`hdr_image.read_picture`); ImageError for a file that is not a
+    panorama.
+    """
     picture = read_picture(path)
     if picture.encoded:
         log.warning(
-            "%s: its samples are encoded for a display and were taken as sRGB: bright sources in it "
-            "are cut off at white",
+            "%s: 8 or 16 bit samples, decoded as sRGB: luminance of bright sources is cut off at white",
             picture.name,
         )
     return Panorama(picture.luminance, azimuth_deg, picture.name, picture.encoded)

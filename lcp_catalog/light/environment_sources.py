@@ -1,13 +1,14 @@
-"""Bright sources of a panorama, cut out and replaced by parallel light of the same power.
+"""Bright sources of an environment map, replaced by parallel light of the same power.
 
 After Voloboy, Galaktionov, Kopylov and Shapiro 2006 ("Calculation of sunlight set by an image of
-high dynamic range", section 2.3): the sky is cut into segments of 45 x 45 deg; three coefficients
-say what is a source. What the paper leaves open is settled here: thresholds are multiples of a
-segment's mean; means are taken anew once a source is out, so that a strong lamp does not hide a weak
-one; and no pixel within the radius of a source begins another, whatever segment it lies in, so that
-a source on a border is found once. The circle that holds a source starts around its brightest pixel
-and moves to the centroid of what it holds until it stays, or would lose that pixel: of a lamp as bright
-all over, or a Sun cut off at white, the brightest pixel is any.
+high dynamic range", section 2.3): the sky is divided into segments of 45 x 45 deg, and three
+coefficients define a source. The paper leaves some points open. Here, thresholds are multiples of a
+segment's mean luminance. The means are computed again after each source is removed, so that a
+strong source does not hide a weak one. A pixel within the radius of a source cannot start another
+source, even in another segment, so that a source on a border is found once. The circle around a
+source starts at its brightest pixel and moves to the centroid of the light inside it, until it
+stops or would lose that pixel; for a source of uniform luminance, or a Sun cut off at white, the
+brightest pixel is arbitrary.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from .environment_map import Panorama
 log = logging.getLogger(__name__)
 
 MOST_SOURCES = 32
-"""No more are taken out, brightest first; what else is bright stays in the remainder."""
+"""Greatest number of sources, in order of luminance; other bright regions stay in the remainder."""
 
 SEGMENT_DEG = 45.0
 
@@ -38,12 +39,12 @@ _SHIFTS = 20
 
 @dataclass(frozen=True)
 class SourceSearch:
-    """The three coefficients. ``threshold``: a source's brightest pixel is more than so many times
-    its segment's mean luminance; ``radius_deg``: its pixels lie so near to that one, or nearer;
-    ``minimum``: they are brighter than so many times that mean, to which they are cut.
+    """Coefficients of a source. ``threshold``: its brightest pixel exceeds this multiple of the
+    segment's mean luminance. ``radius_deg``: greatest distance of its pixels from its centre.
+    ``minimum``: its pixels exceed this multiple of that mean, and are reduced to it.
 
-    A clear sky by the CIE's formula without its Sun stays below 4 (tests), a lamp 15 deg wide in a
-    dark room is 9 times its segment's mean.
+    For comparison: the CIE clear sky without its Sun stays below 4 (checked by a test); a lamp 15
+    deg wide in a dark room has 9 times its segment's mean.
     """
 
     threshold: float = 6.0
@@ -55,17 +56,18 @@ class SourceSearch:
         known = all(math.isfinite(number) for number in numbers)
         if not (known and 1.0 <= self.minimum <= self.threshold and 0.0 < self.radius_deg <= 45.0):
             raise ImageError(
-                "sources of a panorama: T R M must have 1 <= M <= T and 0 < R <= 45 deg, not "
+                "sources of a panorama: T R M must satisfy 1 <= M <= T and 0 < R <= 45 deg, not "
                 f"{self.threshold:g} {self.radius_deg:g} {self.minimum:g}"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class BrightSource:
-    """Parallel light that stands for a bright region: unit ENU direction (3,) to the centroid of
-    its power, and its power, which is the irradiance of a surface held square to it.
+    """Parallel light in place of a bright region: unit ENU direction (3,) to the centroid of its
+    power, and its power, i.e. the irradiance of a surface perpendicular to it.
 
-    ``width_rad``: the region's radius, of the disc of as many steradians; ``pixels``: how many were cut.
+    ``width_rad``: radius of a disc with the region's solid angle; ``pixels``: number of pixels of
+    the region.
     """
 
     direction: Array
@@ -78,7 +80,7 @@ class BrightSource:
         return self.power * float(self.direction[2])
 
     def describe(self, unit: float) -> dict[str, Any]:
-        """For a report; the power as a share of a unit."""
+        """Values for a report; the power as a share of ``unit``."""
         azimuth, elevation = azimuth_elevation(self.direction)
         return {
             "azimuth_deg": float(azimuth),
@@ -91,7 +93,7 @@ class BrightSource:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """A panorama as sources, the most powerful first, and what remains of it."""
+    """Sources of an environment map, the most powerful first, and the remainder."""
 
     sources: tuple[BrightSource, ...]
     remainder: Panorama
@@ -99,18 +101,18 @@ class Split:
 
     @property
     def power(self) -> float:
-        """Of sources and remainder over the whole sphere."""
+        """Power of the sources and the remainder over the whole sphere."""
         return self.remainder.power + math.fsum(source.power for source in self.sources)
 
     @property
     def power_above(self) -> float:
-        """The same above the horizontal plane."""
+        """Power of the sources and the remainder above the horizontal plane."""
         return self.remainder.power_above + math.fsum(source.power for source in self.sources)
 
     @property
     def sun_sky_ratio(self) -> float:
-        """Irradiance of a horizontal plane by the most powerful source, over that by all the rest of
-        the sky; 0 without sources.
+        """Irradiance of a horizontal plane by the most powerful source, relative to that by the
+        rest of the sky; 0 without sources.
         """
         if not self.sources:
             return 0.0
@@ -119,23 +121,23 @@ class Split:
         return levels[0] / rest if rest > 0.0 else math.inf
 
     def with_ratio(self, ratio: float) -> Split:
-        """The most powerful source scaled until `sun_sky_ratio` is as wanted (CIE clear sky: 4; the
-        paper's section 4). ImageError without a source, or a sky to compare it with.
+        """The same with the most powerful source scaled to a `sun_sky_ratio` (CIE clear sky: 4;
+        section 4 of the paper). ImageError without a source or without a sky.
         """
         if not (math.isfinite(ratio) and ratio > 0.0):
-            raise ImageError(f"the Sun over the sky is a positive number, not {ratio:g}")
+            raise ImageError(f"the ratio of Sun to sky must be positive, not {ratio:g}")
         before = self.sun_sky_ratio
         if not 0.0 < before < math.inf:
             lacks = "no bright source was found" if before == 0.0 else "its sky is black"
-            raise ImageError(f"{self.remainder.name}: {lacks}: nothing to scale")
+            raise ImageError(f"{self.remainder.name}: {lacks}, so there is nothing to scale")
         sun = self.sources[0]
         scaled = replace(sun, power=sun.power * (ratio / before))
         return replace(self, sources=(scaled, *self.sources[1:]))
 
 
 def report(panorama: Panorama, found: Split, used: Split) -> dict[str, Any]:
-    """What was found in a panorama and what lights the scene (``used``: after any scaling); powers as
-    shares of all that comes from above the horizontal plane.
+    """Values for a report: sources as found (``found``) and as they light the scene (``used``,
+    after any scaling). Powers are shares of the power above the horizontal plane.
     """
     unit = used.power_above
     return {
@@ -154,21 +156,23 @@ def report(panorama: Panorama, found: Split, used: Split) -> dict[str, Any]:
 
 
 def split_sources(panorama: Panorama, search: SourceSearch | None = None) -> Split:
-    """Sources of the panorama's upper half and the rest; the sum of their powers is the panorama's,
-    to rounding.
+    """Sources of the panorama's upper half, and the remainder. The sum of their powers is the
+    panorama's power, to rounding.
     """
     search = search or SourceSearch()
     work = _Search(panorama, search)
     found = list(work.run())
     found.sort(key=lambda source: -source.power)
     if len(found) == MOST_SOURCES:
-        log.warning("%s: only the %d brightest sources are taken out", panorama.name, MOST_SOURCES)
+        log.warning(
+            "%s: more bright sources; only the brightest %d are used", panorama.name, MOST_SOURCES
+        )
     return Split(tuple(found), work.remainder(), search)
 
 
 class _Search:
-    """Luminance of the upper half as it is cut, which pixels are spoken for, and each segment's
-    mean and brightest pixel that is not.
+    """State of the search: luminance of the upper half after each removal, the pixels that may not
+    start a source, and each segment's mean and brightest free pixel.
     """
 
     def __init__(self, panorama: Panorama, search: SourceSearch) -> None:
@@ -176,12 +180,12 @@ class _Search:
         self.light = panorama.luminance.copy()
         upper = panorama.rows // 2, panorama.cols
         self.solid = panorama.solid_angles[: upper[0], None]
-        self.spoken_for, self.cut = np.zeros(upper, np.bool_), np.zeros(upper, np.bool_)
+        self.claimed, self.cut = np.zeros(upper, np.bool_), np.zeros(upper, np.bool_)
         self.segments = list(_segments(panorama))
         self.state = [self._look(part) for part in self.segments]
 
     def run(self) -> Iterator[BrightSource]:
-        """Sources, the one with the brightest pixel first."""
+        """Sources, in the order of their brightest pixels."""
         for _ in range(MOST_SOURCES):
             bright = [
                 (peak, k)
@@ -197,17 +201,19 @@ class _Search:
         return replace(self.panorama, luminance=self.light)
 
     def _look(self, part: tuple[slice, slice]) -> tuple[float, float, tuple[int, int]]:
-        """Mean luminance of a segment, and its brightest pixel not spoken for, with its place."""
+        """Mean luminance of a segment, its greatest luminance among the free pixels, and that
+        pixel.
+        """
         light = self.light[part]
         solid = self.solid[part[0]]
         mean = float((light * solid).sum() / (solid.sum() * light.shape[1]))
-        free = np.where(self.spoken_for[part], -1.0, light)
+        free = np.where(self.claimed[part], -1.0, light)
         row, col = np.unravel_index(int(free.argmax()), free.shape)
         place = int(row) + part[0].start, int(col) + part[1].start
         return mean, float(free[row, col]), place
 
     def _taken_out(self, row: int, col: int, floor: float) -> BrightSource:
-        """Cut the source around a pixel down to a luminance."""
+        """Remove the source around a pixel: reduce its pixels to a luminance."""
         panorama, peak = self.panorama, _direction(self.panorama, row, col)
         centre, reach = peak, math.radians(self.how.radius_deg)
         for _ in range(_SHIFTS):
@@ -221,7 +227,7 @@ class _Search:
             if settled or direction @ peak < math.cos(reach):
                 break
             centre = direction
-        self.spoken_for[band] |= near
+        self.claimed[band] |= near
         self.light[rows, cols] = floor
         self.cut[rows, cols] = True
         for k, (down, across) in enumerate(self.segments):
@@ -232,7 +238,7 @@ class _Search:
         return BrightSource(direction, float(excess @ solid), width, len(rows))
 
     def _near(self, centre: Array) -> tuple[slice, Mask]:
-        """Rows, and which of their pixels lie within the radius of a direction."""
+        """A range of rows, and a mask of their pixels within the radius of a direction."""
         panorama, reach = self.panorama, math.radians(self.how.radius_deg)
         elevation = math.asin(min(1.0, float(centre[2])))
         first = (0.5 * math.pi - elevation - reach) / panorama.pixel_rad
@@ -242,8 +248,8 @@ class _Search:
 
 
 def _segments(panorama: Panorama) -> Iterator[tuple[slice, slice]]:
-    """The rows and columns of each 45 x 45 deg of the upper half, none of them empty; a pixel belongs
-    to where its middle lies.
+    """Rows and columns of each segment of 45 x 45 deg in the upper half, without empty segments; a
+    pixel belongs to the segment of its centre.
     """
     upper, cols = panorama.rows // 2, panorama.cols
     middle = math.ceil(SEGMENT_DEG / 180.0 * panorama.rows - 0.5)
@@ -260,7 +266,7 @@ def _direction(panorama: Panorama, row: int, col: int) -> Array:
 
 
 def _cosines(panorama: Panorama, band: slice, direction: Array) -> Array:
-    """Of the angles between a direction and the pixels of some rows, (rows, cols)."""
+    """Cosines of the angles between a direction and the pixels of some rows, (rows, cols)."""
     elevation = panorama.elevations[band, None]
     along = direction[0] * np.sin(panorama.azimuths) + direction[1] * np.cos(panorama.azimuths)
     return np.asarray(np.cos(elevation) * along + np.sin(elevation) * direction[2])

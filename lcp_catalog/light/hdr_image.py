@@ -1,9 +1,9 @@
-"""Pictures as light: read by OpenCV, brought to linear luminance.
+"""Linear luminance of image files, read by OpenCV.
 
-Float samples (Radiance, PFM, TIFF) are taken as linear. Integer samples (PNG, JPEG, TIFF of 8 or 16
-bits) are taken as encoded for a display and decoded with the sRGB curve (IEC 61966-2-1); they hold
-no more than 3294 : 1 (8 bits). Luminance is that of Rec. 709 primaries, 0.2126 R + 0.7152 G + 0.0722 B;
-a Radiance file's own PRIMARIES, EXPOSURE and COLORCORR are not looked at: they scale, or tint.
+Float samples (Radiance, PFM, TIFF) are linear. Integer samples (PNG, JPEG, TIFF with 8 or 16 bits)
+are decoded as sRGB (IEC 61966-2-1); their dynamic range is at most 3294 : 1 for 8 bits. Luminance
+is that of Rec. 709 primaries, 0.2126 R + 0.7152 G + 0.0722 B. PRIMARIES, EXPOSURE and COLORCORR of
+a Radiance file are ignored: they only scale or tint.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _TAIL = 1024
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Linear luminance (rows, cols); ``encoded``: it came from samples encoded for a display, whose
-    white is 1.
+    """Linear luminance (rows, cols). ``encoded``: True if the samples were encoded for a display;
+    white is 1 then.
     """
 
     luminance: Array
@@ -38,8 +38,8 @@ class Picture:
 
 
 def read_picture(path: Path | str) -> Picture:
-    """The luminance of an image file; ImageError for one that is not there, not readable, negative
-    or not finite. An alpha channel is left aside.
+    """Luminance of an image file; an alpha channel is ignored. ImageError for a file that is
+    missing, unreadable, negative or not finite.
     """
     name = Path(path).name
     samples = _samples(path)
@@ -58,8 +58,8 @@ def read_picture(path: Path | str) -> Picture:
 
 
 def resized(values: Array, shape: tuple[int, int]) -> Array:
-    """Values on another raster of the same extent: averages where it is coarser, linear between
-    pixel centres where it is finer.
+    """Values on another raster of the same extent: area means if it is coarser, linear between
+    pixel centres if it is finer.
     """
     if values.shape == shape:
         return values
@@ -69,7 +69,7 @@ def resized(values: Array, shape: tuple[int, int]) -> Array:
 
 
 def _samples(path: Path | str) -> NDArray[Any]:
-    """What OpenCV reads, (rows, cols) or (rows, cols, channels)."""
+    """Samples as OpenCV reads them, (rows, cols) or (rows, cols, channels)."""
     try:
         with open(path, "rb") as file:
             start = file.read(2)
@@ -77,18 +77,18 @@ def _samples(path: Path | str) -> NDArray[Any]:
             end = file.read()
     except OSError as error:
         raise ImageError(f"{path}: {error.strerror or error}") from error
-    # OpenCV fills what is missing of a JPEG with grey and says nothing
+    # OpenCV silently fills the missing part of a truncated JPEG with grey
     cut_short = start == b"\xff\xd8" and b"\xff\xd9" not in end
     samples = None if cut_short else _decoded(path)
     if samples is None:
         hint = "; OpenEXR is not built in: convert to .hdr, .pfm or float .tif"
         exr = os.fspath(path).lower().endswith(".exr")
-        raise ImageError(f"{path}: no whole picture that OpenCV reads{hint if exr else ''}")
+        raise ImageError(f"{path}: not a complete image that OpenCV can read{hint if exr else ''}")
     return samples
 
 
 def _decoded(path: Path | str) -> NDArray[Any] | None:
-    """None for what OpenCV cannot read; what it would say of that on stderr, our error says."""
+    """None for a file that OpenCV cannot read; OpenCV's own messages are suppressed."""
     logging = cv2.utils.logging
     before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
@@ -112,4 +112,4 @@ def _require_light(path: Path | str, plane: NDArray[Any]) -> None:
         raise ImageError(f"{path}: {bad} samples are not finite")
     below = int(np.count_nonzero(plane < 0))
     if below:
-        raise ImageError(f"{path}: {below} samples are negative; light is not")
+        raise ImageError(f"{path}: {below} samples are negative")

@@ -1,13 +1,14 @@
-"""The light of a panorama's remainder on terrain, by samples of equal power.
+"""Light of an environment map's remainder (the sky) on terrain, by samples of equal power.
 
-Importance sampling, stratified: azimuth is cut into strata of equal power, each stands for one
-azimuth, the median of its power; elevations follow each stratum's own power, their order shifted from
-stratum to stratum (van der Corput), so that no two strata sample alike. Every sample has the same
-irradiance, the power over their number. All elevations of an azimuth share one pass over the terrain
-(`shadows.occluded_sweep`): in draft and standard a draft, whose wrong nodes cost less than the samples
-leave, above that an exact one. No random numbers: the same panorama gives the same bits.
+Stratified importance sampling: azimuth is divided into strata of equal power, and each stratum is
+represented by the azimuth of its median power. The elevations of a stratum follow its own
+distribution of power, with an offset that differs between strata (van der Corput sequence), so that
+no two strata have the same elevations. Every sample has the same irradiance: the power over the
+number of samples. All elevations of an azimuth share one pass over the terrain
+(`terrain.occlusion.occluded_sweep`). There are no random numbers: the same panorama gives the same
+bits.
 
-What lies below the horizontal plane of the panorama is a picture of ground: it lights nothing.
+The part of the panorama below the horizontal plane is an image of terrain and lights nothing.
 """
 
 from __future__ import annotations
@@ -33,28 +34,28 @@ from ..terrain.terrain import Terrain
 from .environment_map import Panorama
 
 BETWEEN_NODES_RMS = 0.009
-"""The same of what draft and standard add between nodes, where a camera's pixels see the ground: there a point
-sees as much of the sky as its triangle's nodes do.
-"""
+"""Additional rms error of draft and standard in a camera's plane, as a share of the mean radiance:
+the visible sky is interpolated between the nodes of a triangle."""
 
 SKY_FLOOR_RAD = math.radians(1.0)
-"""Beyond an area's own cells no terrain is looked for that stays lower: a uniform sky gives sin^2 = 0.03 % of
-its light to a plain from below that.
-"""
+"""Terrain beyond the area's own cells that stays below this elevation is ignored: a uniform sky
+sends sin^2 = 0.03 % of its light to a plane from below it."""
 
 _BLOCK_NODES = 1 << 22
 
 
 def sky_rms(accuracy: Accuracy, in_camera_plane: bool = False) -> float:
-    """What the samples, and in a camera's plane what lies between nodes, may cost."""
+    """Bound on the rms error of the samples, in a camera's plane with that of the interpolation
+    between nodes.
+    """
     between = in_camera_plane and accuracy.sky_tier == "draft"
     return math.hypot(accuracy.sky_rms, BETWEEN_NODES_RMS if between else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SkySamples:
-    """Directions that stand for a sky: azimuths (a,) and elevations (a, e), radians; ``irradiance``
-    of each, of a surface held square to it.
+    """Directions that represent a sky: azimuths (a,) and elevations (a, e), radians; ``irradiance``
+    of each on a surface perpendicular to it.
     """
 
     azimuths: Array
@@ -65,17 +66,17 @@ class SkySamples:
         return self.elevations.size
 
     def directions(self, azimuth: int) -> Array:
-        """Unit ENU vectors (e, 3) of one azimuth's samples."""
+        """Unit ENU vectors (e, 3) of the samples at one azimuth."""
         return direction_enu_rad(self.azimuths[azimuth], self.elevations[azimuth])
 
 
 def samples_of(panorama: Panorama, accuracy: Accuracy) -> SkySamples:
-    """As many as the tier takes."""
+    """Samples in the number of an accuracy tier."""
     return sky_samples(panorama, *accuracy.sky_directions)
 
 
 def sky_samples(panorama: Panorama, azimuths: int, elevations: int) -> SkySamples:
-    """Samples of equal power of what stands above the horizontal plane; none of a black sky."""
+    """Samples of equal power above the horizontal plane; empty for a black sky."""
     power = panorama.luminance * (panorama.solid_angles * panorama.above)[:, None]
     total = float(power.sum())
     if not total > 0.0:
@@ -104,8 +105,8 @@ def sky_at_nodes(
     accuracy: Accuracy,
     shadows: bool = True,
 ) -> NDArray[np.float32]:
-    """Radiance of the core's nodes under the sky alone, (rows, cols), for those that face the view;
-    NaN without a normal. ``shadows=False``: terrain hides nothing of the sky.
+    """Radiance (rows, cols) of the core's nodes under the sky alone, for nodes that face the view;
+    NaN without a normal. ``shadows=False``: terrain hides no part of the sky.
     """
     row0, row1, col0, col1 = terrain.core
     out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
@@ -143,9 +144,9 @@ def sky_at_points(
     accuracy: Accuracy,
     shadows: bool = True,
 ) -> Array:
-    """The same at ENU points (n, 3) of the surface, with their normals and directions to the camera
-    (n, 3), (n,). In draft and standard what a point sees of the sky is interpolated between the nodes
-    around it, else traced from the point itself.
+    """Radiance (n,) at ENU points (n, 3) of the surface, with their normals and their directions to
+    the camera (n, 3). In draft and standard, the visible sky is interpolated between the
+    surrounding nodes; otherwise it is traced from each point.
     """
     total = np.zeros(len(points_m))
     if not len(points_m):
@@ -173,12 +174,12 @@ def sky_at_points(
 
 
 def _planes(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Components of normals (rows, cols, 3), each a raster."""
+    """Components of normals (rows, cols, 3) as one raster each."""
     return np.ascontiguousarray(np.moveaxis(normals, -1, 0))
 
 
 def _cameras(view: View, points_m: Array) -> Array:
-    """Directions to the camera: one for all (1, 3), or of each point (..., 3) its own (n, 3)."""
+    """Directions to the camera: one for all (1, 3), or one for each point (n, 3)."""
     towards = view.directions(points_m) if view.direction is None else view.direction
     return np.ascontiguousarray(towards, dtype=np.float64).reshape(-1, 3)
 
@@ -186,8 +187,8 @@ def _cameras(view: View, points_m: Array) -> Array:
 def _over_nodes(
     terrain: Terrain, samples: SkySamples, window: Window, hiding: Accuracy | None
 ) -> Iterator[tuple[Array, NDArray[np.uint8]]]:
-    """Azimuth by azimuth: directions (e, 3) and what terrain keeps from the window's nodes,
-    (e, rows, cols); None: nothing.
+    """For each azimuth: directions (e, 3), and a mask (e, rows, cols) of the nodes of the window
+    from which terrain hides them; without ``hiding`` nothing is hidden.
     """
     row0, row1, col0, col1 = window
     nothing = np.zeros((samples.elevations.shape[1], row1 - row0, col1 - col0), dtype=np.uint8)
@@ -200,13 +201,15 @@ def _over_nodes(
 
 
 def _span(places: Array, count: int) -> tuple[int, int]:
-    """First node, and the one behind the last, of the cells that hold some places."""
+    """First node, and the node after the last, of the cells that hold some positions."""
     first = min(max(math.floor(float(places.min())), 0), count - 2)
     return first, min(max(math.floor(float(places.max())) + 2, first + 2), count)
 
 
 def _places(sums: Array, shares: Array) -> Array:
-    """Where running sums (n + 1,), linear between their steps, come to shares of the last."""
+    """Positions where running sums (n + 1,), linear between their steps, reach shares of the last
+    one.
+    """
     goals = shares * sums[-1]
     step = np.clip(np.searchsorted(sums, goals, side="right") - 1, 0, sums.size - 2)
     size = sums[step + 1] - sums[step]
@@ -215,7 +218,7 @@ def _places(sums: Array, shares: Array) -> Array:
 
 
 def _between(power: Array, left: float, right: float) -> Array:
-    """Power of each row between two places counted in columns, (rows,)."""
+    """Power of each row between two positions in columns, (rows,)."""
     first, last = math.floor(left), min(math.floor(right), power.shape[1] - 1)
     if first == last:
         return np.asarray(power[:, first] * (right - left))
@@ -225,8 +228,8 @@ def _between(power: Array, left: float, right: float) -> Array:
 
 
 def _elevation(panorama: Panorama, rows: Array) -> Array:
-    """Elevations (radians) at places counted in rows from the zenith, by solid angle within a row,
-    of which only what stands above the plane counts.
+    """Elevations (radians) at positions in rows from the zenith, by solid angle within a row; only
+    the part of a row above the horizontal plane counts.
     """
     row = np.minimum(rows.astype(np.int64), panorama.rows - 1)
     upper = np.sin(panorama.elevations[row] + 0.5 * panorama.pixel_rad)
@@ -235,7 +238,7 @@ def _elevation(panorama: Panorama, rows: Array) -> Array:
 
 
 def _van_der_corput(number: int) -> float:
-    """The digits of a number to the base 2, mirrored at the point."""
+    """Van der Corput sequence: the binary digits of a number, mirrored at the point."""
     out, digit = 0.0, 0.5
     while number:
         out += digit * (number & 1)

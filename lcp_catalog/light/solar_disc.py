@@ -1,9 +1,9 @@
-"""The finite Sun: the share of the limb-darkened solar disc that stands above the terrain's horizon.
+"""The finite Sun: visible share of the limb-darkened solar disc above the terrain's horizon.
 
-The disc is cut into vertical strips of equal width. One exact horizon is found for each strip, at
-the azimuth of the strip's middle (its flux's centroid), and the flux of the strip above that height
-is exact: a horizon that is level across the disc costs one strip and no error. Only nodes that may
-lie in a penumbra get horizons. Directions are unit ENU vectors, angles radians.
+The disc is divided into vertical strips of equal width. For each strip, one exact horizon is
+computed at the azimuth of its centre (the centroid of its flux); the flux of the strip above that
+height is exact. A horizon that is level across the disc needs one strip and has no error. Only
+nodes that may lie in a penumbra need horizons. Directions are unit ENU vectors, angles are radians.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from ..terrain.heightfield import Heightfield, Window
 from ..terrain.horizons import Nodes, Points, on_rim
 
 TRACE = 1e-5
-"""A share smaller than this is none: three times what the tables' steps can make of none."""
+"""Shares below this are set to 0 (and above 1 - TRACE to 1): three times the error of a share of 0
+from the tables' steps."""
 
 FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
 """Without a number of strips in the tier: strips are doubled from the first number until no share changes by
@@ -35,48 +36,54 @@ FIRST_STRIPS, MOST_STRIPS, CONVERGED = 16, 256, 1e-4
 """
 
 STEEP_RAD = math.radians(88.0)
-"""Nearer to the zenith, vertical planes fan out over the disc: there it is sampled by directions."""
+"""Above this elevation, vertical planes fan out over the disc; it is sampled by directions instead.
+"""
 
 LEAN_MAX = 0.4
-"""So is a large disc from where on its limbs' planes lean so far (the Earth's: 87.5 deg)."""
+"""A large disc is sampled by directions, too, if the planes of its limbs lean more than this (the
+Earth's disc: above 87.5 deg)."""
 
 CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
 class SolarDisc:
-    """A disc of angular radius ``radius_rad``, the Sun's or the Earth's, and its limb darkening."""
+    """Disc of the Sun or the Earth: angular radius ``radius_rad`` and limb darkening. ValueError
+    for a radius of 0 or less, or of 2 deg or more.
+    """
 
     radius_rad: float = SOLAR_RADIUS_RAD
     limb_darkening: LimbDarkening = VISIBLE
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius_rad < math.radians(2.0):
-            raise ValueError(f"a disc has a radius below two degrees, not {self.radius_rad} rad")
+            raise ValueError(
+                f"the radius of a disc must be between 0 and 2 deg, not {self.radius_rad} rad"
+            )
 
 
 MEAN_SUN = SolarDisc()
 
 
 def radius_at(distance_m: float) -> float:
-    """Angular radius of the solar disc from a distance in metres: asin(R / d), with the R that
-    `SOLAR_RADIUS_RAD` means at one astronomical unit. ValueError inside the Sun.
+    """Angular radius of the solar disc at a distance in metres: asin(R / d), where R gives
+    `SOLAR_RADIUS_RAD` at one astronomical unit. ValueError inside the Sun.
     """
     ratio = math.sin(SOLAR_RADIUS_RAD) * ASTRONOMICAL_UNIT_M / distance_m
     if not 0.0 < ratio < 1.0:
-        raise ValueError(f"the Sun is not {distance_m} m away")
+        raise ValueError(f"invalid distance to the Sun: {distance_m} m")
     return math.asin(ratio)
 
 
 def penumbra_m(
     distance_m: ArrayLike, elevation_rad: float, radius_rad: float = SOLAR_RADIUS_RAD
 ) -> Array:
-    """Horizontal width of the penumbra that an edge throws on level ground, metres.
+    """Horizontal width of the penumbra of an edge on level terrain, metres.
 
-    The edge stands H = d tan(e) above the ground where the shadow of the disc's middle ends, d
-    metres off. Its upper and lower limb's shadows end at H cot(e + r) and H cot(e - r):
-    w = d tan(e) sin(2 r) / (sin(e - r) sin(e + r)), nearly 2 r d / (sin(e) cos(e)). Infinite where
-    the disc touches the horizontal plane or stands below it. Relief of height H: d = H / tan(e).
+    The edge is at the height H = d tan(e) above the terrain, at the distance d from the shadow of
+    the disc's centre. The shadows of its upper and lower limb end at H cot(e + r) and H cot(e - r):
+    w = d tan(e) sin(2 r) / (sin(e - r) sin(e + r)), approximately 2 r d / (sin(e) cos(e)). Infinite
+    if the disc touches the horizontal plane or is below it. For relief of height H, d = H / tan(e).
     """
     distance = np.asarray(distance_m, dtype=np.float64)
     if elevation_rad <= radius_rad:
@@ -113,11 +120,11 @@ class _Sun:
         return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
 
     def planes(self, cut: Strips) -> tuple[Array, Array]:
-        """What `horizon.node_horizons` wants of the strips' vertical planes (k, 4), and each
-        strip's tangent of a unit slope in the middle plane (k,).
+        """Vertical planes (k, 4) of the strips for `horizon.node_horizons`, and each strip's
+        tangent of a unit slope in the central plane (k,).
 
-        A vertical plane turned by t from the disc's middle meets the tangent plane at height y at
-        the elevation tan(h) = cos(t) tan(e + atan(y tan r)).
+        A vertical plane at the angle t from the disc's centre meets the tangent plane at height y
+        at the elevation tan(h) = cos(t) tan(e + atan(y tan r)).
         """
         turn = np.arctan(self.radius * cut.middle / math.cos(self.elevation))
         out, tangents = np.empty((turn.size, 4)), np.empty(turn.size)
@@ -133,13 +140,13 @@ class _Sun:
         return out, tangents
 
     def limits(self, gradient: float) -> tuple[float, float]:
-        """Elevations in the middle's azimuth: a horizon not above the first hides nothing of the
-        disc, one above the second all of it, where no skyline rises or falls faster than
-        ``gradient``.
+        """Two elevations at the azimuth of the disc's centre: a horizon below the first hides
+        nothing of the disc, a horizon above the second hides all of it, for skylines that are not
+        steeper than ``gradient``.
 
-        A skyline's tangent of elevation changes with azimuth by at most the surface's steepest
-        gradient: for a fixed distance s, d(h / s) / d(azimuth) is the slope across. So the disc is
-        clear of a horizon T where T + gradient |t| stays below its limb at every turn t.
+        The tangent of a skyline's elevation changes with azimuth by at most the steepest gradient
+        of the surface: at a fixed distance s, d(h / s) / d(azimuth) is the slope across. So the
+        disc is clear of a horizon T if T + gradient |t| is below its limb at every angle t.
         """
         around = np.linspace(0.0, 2.0 * math.pi, 1441)
         ahead = self.directions(np.stack([np.cos(around), np.sin(around)], axis=-1) * (1.0 + 1e-4))
@@ -152,10 +159,10 @@ class _Sun:
 
 
 def _share(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
-    """By ``count`` strips."""
+    """Visible share by ``count`` strips."""
     lean = sun.radius * math.tan(sun.elevation)
     if count < FIRST_STRIPS:
-        lean = round(lean, 2)  # worth less than 5e-4 of a share, and most Suns share their tables
+        lean = round(lean, 2)  # changes a share by less than 5e-4, and most Suns share their tables
     cut = strips(sun.disc.limb_darkening, count, lean)
     planes, tangents = sun.planes(cut)
     out = np.empty(len(observers))
@@ -172,7 +179,7 @@ def _share(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
 
 
 def _converged(observers: Nodes | Points, sun: _Sun) -> Array:
-    """By as many strips as it takes."""
+    """Visible share by as many strips as convergence needs."""
     out = _share(observers, sun, FIRST_STRIPS)
     open_, count = np.arange(len(observers)), FIRST_STRIPS
     while open_.size and count < MOST_STRIPS:
@@ -185,7 +192,7 @@ def _converged(observers: Nodes | Points, sun: _Sun) -> Array:
 
 
 def _sampled(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
-    """By directions of equal flux."""
+    """Visible share by directions of equal flux."""
     out = np.zeros(len(observers))
     for direction in sun.directions(sun.disc.limb_darkening.samples(count)):
         out += ~observers.occluded(direction)
@@ -205,14 +212,16 @@ def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
     for first in range(0, len(observers), CHUNK):
         part = slice(first, first + CHUNK)
         out[part] = rule(observers[part])
-    # what the tables leave of nothing is nothing, and all is all: lit means more than no light
+    # rounding of the tables must not light a dark node
     out[out < TRACE] = 0.0
     out[out > 1.0 - TRACE] = 1.0
     return out
 
 
 def disc_directions(direction: ArrayLike, disc: SolarDisc, accuracy: Accuracy) -> Array:
-    """Unit ENU vectors (n, 3) of equal flux over a disc around a direction, as many as the tier takes."""
+    """Unit ENU vectors (n, 3) of equal flux over a disc around a direction; n is a setting of the
+    tier.
+    """
     points = disc.limb_darkening.samples(accuracy.disc_directions)
     return _sun(direction, disc, 1.0).directions(points)
 
@@ -230,12 +239,12 @@ def sunlit_share(
     disc: SolarDisc = MEAN_SUN,
     far: FarTerrain | None = None,
 ) -> NDArray[np.float32]:
-    """Share of the disc's flux above the terrain's horizon at each node of the window, float32
-    (rows, cols), 0..1; ``sun`` (3,): towards the disc's middle.
+    """Visible share of the disc's flux above the terrain's horizon at each node of the window,
+    float32 (rows, cols), 0..1; ``sun`` (3,): direction to the disc's centre.
 
-    Cast shadow only, as in `Heightfield.occluded_nodes`: nodata is 1. Rms error against
-    ``reference``: `Accuracy.disc_rms`. ``far``: terrain beyond the field. ValueError for no direction or a
-    window that is not inside.
+    Cast shadow only, as in `Heightfield.occluded_nodes`; 1 for nodata. Rms error relative to
+    ``reference``: `Accuracy.disc_rms`. ``far``: terrain beyond the field. ValueError for an invalid
+    direction or a window outside the field.
     """
     row0, row1, col0, col1 = field.checked_window(window)
     source = _sun(sun, disc, field.gsd_m)
@@ -245,10 +254,10 @@ def sunlit_share(
     gradient = field.steepest_tangent
     lowest = source.elevation - disc.radius_rad
     if far is not None:
-        # at a level's inner edge the skyline's distance changes with azimuth, too: by its tangent
+        # at the inner edge of a level the distance of the skyline changes with azimuth, too
         gradient = max(gradient, far.steepest_tangent) + math.tan(max(lowest, 0.0))
     elif not field.has_holes and lowest > 0.0 and gradient < math.tan(lowest):
-        return out  # a convex area without holes shows no horizon steeper than its steepest facet
+        return out  # no horizon of an area without holes is steeper than its steepest facet
     if accuracy.shadows == "rays" or source.steep:
         undecided = np.isfinite(field.z_m[row0:row1, col0:col1])
     else:
@@ -271,10 +280,11 @@ def share_at_points(
     disc: SolarDisc = MEAN_SUN,
     far: FarTerrain | None = None,
 ) -> Array:
-    """The same at points (n, 3) of the surface (a camera's hits), float64 (n,).
+    """Visible share at points (n, 3) of the surface, such as the hits of a camera's rays, float64
+    (n,).
 
-    Points within 1 mm of the surface are put on it (`Heightfield.occluded_points`), those further
-    below see nothing; NaN and points off the raster see all.
+    Points within 1 mm of the surface are moved onto it (`Heightfield.occluded_points`). The share
+    is 0 for points further below, and 1 for NaN and for points outside the raster.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
     source = _sun(sun, disc, field.gsd_m)

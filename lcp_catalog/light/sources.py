@@ -1,5 +1,5 @@
-"""What lights a scene: one source or several, each a point far away or a disc, and a sky between
-them, all as directions in the frame of the terrain.
+"""Light on a scene: one or more sources (points at infinity or discs) and a sky, all as directions
+in the frame of the terrain.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from .environment_sources import Split
 from .solar_disc import MEAN_SUN, SolarDisc
 
 _NEVER_UP_RAD = math.radians(9.0)
-"""The horizon of the Moon's highest ground (10.8 km) over a sphere of its lowest (-9.1 km) dips by 8.7 deg."""
+"""Greatest depression of a visible source. The horizon of the Moon's highest terrain (10.8 km) over
+a sphere of its lowest (-9.1 km) dips by 8.7 deg."""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Parallel light, or a disc of it far away.
+    """Parallel light, or a distant disc.
 
-    direction (3,): unit ENU vector from the surface to its middle. irradiance: of a surface held
-    square to it, relative to what `Lighting` calls one. disc: its size and limb darkening; None is
-    a point.
+    direction: from the surface to the disc's centre. irradiance: of a surface perpendicular to it,
+    relative to the unit of its `Lighting`. disc: size and limb darkening; None: a point.
     """
 
     direction: Direction
@@ -38,11 +38,11 @@ class Source:
 
     @property
     def radius_rad(self) -> float:
-        """Of its disc; 0 of a point."""
+        """Angular radius of the disc; 0 for a point."""
         return 0.0 if self.disc is None else self.disc.radius_rad
 
     def describe(self) -> dict[str, Any]:
-        """For tags and ``--explain``; angles in the terrain's frame."""
+        """Values for tags and ``--explain``; angles in the terrain's frame."""
         found: dict[str, Any] = {
             "name": self.name,
             "azimuth_deg": self.direction.azimuth_deg,
@@ -54,8 +54,8 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """All that lights a scene. The bands that speak of one light (sunlit, incidence, phase) speak
-    of the first source. ``sky``: luminance, of a unit in which irradiance is that of the sources.
+    """Sources and sky of a scene. The bands ``sunlit``, ``incidence`` and ``phase`` refer to the
+    first source. ``sky``: luminance in the unit of the sources' irradiance.
     """
 
     sources: tuple[Source, ...]
@@ -63,17 +63,17 @@ class Lighting:
 
     @classmethod
     def of_sun(cls, direction: Direction | ArrayLike, disc: SolarDisc | bool = False) -> Lighting:
-        """A lone Sun of irradiance one: a point, the mean disc (True), or a stated one."""
+        """The Sun alone with irradiance 1: a point, the mean disc (True), or a given disc."""
         size = disc if isinstance(disc, SolarDisc) else MEAN_SUN if disc else None
         return cls((Source(Direction.of(direction), disc=size),))
 
     @classmethod
     def of_panorama(cls, split: Split) -> Lighting:
-        """Sources and sky of a panorama; one is the integral of its luminance over the sphere above
-        the horizontal plane.
+        """Sources and sky of an environment map. The unit is the integral of its luminance over the
+        sphere above the horizontal plane.
 
-        Where no source was found the first is one without irradiance, in the middle of the sky's
-        light: bands that speak of one light have something to speak of.
+        If no source was found, the first source has irradiance 0 and lies at the centroid of the
+        sky's light, so that bands of the first source are defined.
         """
         unit = split.power_above
         sources = [
@@ -86,18 +86,18 @@ class Lighting:
 
     @property
     def first(self) -> Source:
-        """The source that the bands speak of."""
+        """Source that the bands refer to."""
         return self.sources[0]
 
     @property
     def others(self) -> tuple[Source, ...]:
-        """All but the first."""
+        """All sources but the first."""
         return self.sources[1:]
 
     @property
     def lowest_tangent(self) -> float:
-        """Tangent of the elevation of the lowest limb of all sources; of those that may be up, where
-        any may.
+        """Tangent of the lowest elevation of a limb, over the sources that may be above the horizon
+        (over all sources if none may be).
         """
         limbs = [source.direction.elevation_rad - source.radius_rad for source in self.sources]
         tops = [source.direction.elevation_rad + source.radius_rad for source in self.sources]
@@ -105,10 +105,10 @@ class Lighting:
         return math.tan(max(min(up or limbs), -math.pi / 2.0))
 
     def with_source(self, source: Source) -> Lighting:
-        """One more, after the others."""
+        """The same with one more source at the end."""
         return replace(self, sources=(*self.sources, source))
 
     def describe(self) -> dict[str, Any]:
-        """For tags and ``--explain``."""
+        """Values for tags and ``--explain``."""
         found: dict[str, Any] = {"sources": [source.describe() for source in self.sources]}
         return found | ({"sky_irradiance": self.sky.power_above} if self.sky else {})

@@ -1,4 +1,4 @@
-"""The Sun of a request: angles, an instant, or the subsolar point."""
+"""The Sun of a request: angles, a time, or the subsolar point."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 
 @dataclass(frozen=True)
 class SunChoice:
-    """How the Sun is stated: angles at the area's centre, an instant, or the subsolar point;
-    nothing: the camera's own.
+    """The Sun, stated by its angles at the area's centre, by a time, or by the subsolar point.
+    Without any of them the camera file's Sun applies.
     """
 
     azimuth_deg: float | None = None
@@ -26,7 +26,7 @@ class SunChoice:
     subsolar_deg: tuple[float, float] | None = None
 
     def direction_mcmf(self, frame: EnuFrame, camera: Camera | None) -> Array:
-        """Unit MCMF direction to the Sun from a frame's origin; SunError when none is stated."""
+        """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""
         if self.azimuth_deg is not None and self.elevation_deg is not None:
             return ephemeris.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
         if self.time_utc is not None:
@@ -37,17 +37,19 @@ class SunChoice:
             return ephemeris.direction_from_position(frame, camera.sun_position_mcmf_m)
         if camera is not None and camera.time_utc is not None:
             return ephemeris.sun_direction_at(camera.time_utc)
-        raise SunError("no Sun is stated, and the camera has none of its own")
+        raise SunError("no Sun: none is stated, and the camera file has none")
 
     def instant(self, camera: Camera | None) -> str | None:
-        """The time that is stated, or the camera's where no Sun is."""
+        """Time of the Sun, UTC: the stated time, or the camera's time if no Sun is stated; else
+        None.
+        """
         if self.time_utc is not None or self._is_direction:
             return self.time_utc
         return None if camera is None else camera.time_utc
 
     def disc(self, frame: EnuFrame, camera: Camera | None) -> SolarDisc:
-        """The Sun's disc by its distance, where a position or an instant says that; else the mean
-        one.
+        """Solar disc at the Sun's distance if a position or a time gives the distance; else the
+        mean disc.
         """
         position = None if camera is None else camera.sun_position_mcmf_m
         if self.time_utc is None and not self._is_direction and position is not None:

@@ -1,4 +1,6 @@
-"""The Sun over a place among its terrain: the horizon under it, and how much of its disc stands above that."""
+"""Sun tables of a place within its terrain: the horizon below the Sun, and the visible share of its
+disc.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from ..terrain.terrain import Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 
 _LOWEST_DEG = -7.0
-"""Deeper than this below the horizontal no summit of the Moon sees the horizon (6.4 deg from 10.8 km)."""
+"""Below this elevation no summit of the Moon sees the horizon (6.4 deg of dip at 10.8 km)."""
 
 
 def sun_over_ground(
@@ -33,13 +35,14 @@ def sun_over_ground(
     above_m: float = 0.0,
     gsd_m: float | None = None,
 ) -> SunTable:
-    """`sun_table` of a place ``above_m`` over the ground of a DEM, with ``horizon_deg`` and ``terrain_share``.
+    """`sun_table` of a place ``above_m`` metres over the terrain, with ``horizon_deg`` and
+    ``terrain_share``.
 
-    Terrain is seen on cells of ``gsd_m`` (none: the DEM's own) near by, on coarser ones beyond
-    (`surroundings`). ``AreaError`` where the DEM has no height.
+    Nearby terrain has cells of ``gsd_m`` (None: the DEM's own); distant terrain has coarser cells
+    (`surroundings`). AreaError if ``above_m`` is negative or the DEM has no height there.
     """
     if above_m < 0.0:
-        raise AreaError(f"{above_m:g} m above the ground is under it")
+        raise AreaError(f"invalid height above the terrain: {above_m:g} m")
     if gsd_m is None:
         gsd_m = native_gsd_m(dems, Area(lon_deg, lat_deg, 1e-3))
     height, index = dems.heights(lon_deg, lat_deg, gsd_m)
@@ -56,7 +59,9 @@ def sun_over_ground(
 
 
 def among_terrain(table: SunTable, terrain: Terrain, above_m: float) -> SunTable:
-    """A table with the horizon and the share of the disc over it, seen from ``above_m`` over the origin of a terrain's frame."""
+    """Return a table with the horizon and the visible share of the disc, seen from ``above_m``
+    metres over the terrain at the origin of its frame.
+    """
     ground = terrain.field.heights_at(0.0, 0.0)
     point = np.array([[0.0, 0.0, float(ground) + above_m]])
     observer = Points(terrain.field, point, terrain.far)
@@ -73,7 +78,9 @@ def among_terrain(table: SunTable, terrain: Terrain, above_m: float) -> SunTable
 
 
 def _planes(azimuth_rad: Array, gsd_m: float) -> tuple[Array, Array]:
-    """Vertical planes (k, 4) of `horizons` from the nadir up, and metres along each for a unit of its direction."""
+    """Vertical planes (k, 4) for `horizons`, from the nadir up, and metres along each for a unit of
+    its direction (k,).
+    """
     planes, lengths = np.empty((azimuth_rad.size, 4)), np.empty(azimuth_rad.size)
     for k, azimuth in enumerate(azimuth_rad):
         du, dv, _, _ = scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)

@@ -1,1 +1,1 @@
-"""Laws of reflection, their published parameters, and maps of albedo."""
+"""Reflectance models (laws), their published parameters, and albedo maps."""

@@ -1,7 +1,9 @@
-"""How bright the ground is, from a map: a factor on what the law of reflection says (docs/albedo.md).
+"""Albedo maps: relative brightness of the surface, as a factor on the radiance of the reflectance
+model.
 
-The factor is the map's value over a reference, its own mean over the ground unless stated. Values are resampled exactly like
-heights (`layers`): area means where a cell is coarser than the map's pixels, the same interpolation where it is finer.
+The factor is the map's value over a reference, by default the map's mean over the surface. Values
+are resampled like heights (`dem.tiles`): area means for cells coarser than the map's pixels, cubic
+convolution for finer cells.
 """
 
 from __future__ import annotations
@@ -35,17 +37,18 @@ from .albedo_raster import AlbedoPixels, mean_value, open_pixels
 log = logging.getLogger(__name__)
 
 _UNIT = 1024.0
-"""Factors are sampled in 1/1024: means along a row are summed in steps of 1/8192 (`kernels.resample`)."""
+"""Factors are sampled in units of 1/1024: sums along a row have steps of 1/8192
+(`kernels.resampling.heights`)."""
 
 _BLOCK_ROWS = 256
 _SAMPLE_NODES = 256
-"""A side of the sample of an area's nodes over which contrast and coverage are measured."""
+"""Side of the sample of an area's nodes for contrast and coverage."""
 
 
 @dataclass(frozen=True)
 class Cover:
-    """Of an area: the share of it that a map covers, least and greatest factor, and their contrast:
-    standard deviation over mean. Without any cover the figures are NaN.
+    """Coverage of an area by a map: covered share, least and greatest factor, and contrast
+    (standard deviation over mean). Without coverage the figures are NaN.
     """
 
     share: float
@@ -55,7 +58,7 @@ class Cover:
 
     @classmethod
     def of(cls, factors: Array, there: NDArray[np.bool_]) -> Cover:
-        """Of the factors (NaN: none) at places that are there."""
+        """Coverage by factors (NaN: missing) at the places where ``there`` is True."""
         found = factors[there & np.isfinite(factors)]
         if not found.size:
             return cls(0.0)
@@ -66,28 +69,30 @@ class Cover:
 
 @dataclass(frozen=True)
 class AlbedoMap:
-    """A map of relative brightness. Picklable, small; pixels are read where they are asked for."""
+    """A map of relative brightness. Small and picklable; pixels are read when they are needed."""
 
     pixels: AlbedoPixels
     reference: float
-    """The value whose factor is 1."""
+    """Value whose factor is 1."""
     reference_is_mean: bool
-    """Whether it is the map's own mean, or was stated."""
+    """True if the reference is the map's own mean."""
 
     @classmethod
     def open(
         cls, path: Path | str, encoding: str | None = None, reference: float | None = None
     ) -> AlbedoMap:
-        """A raster that GDAL reads, in a lunar CRS (cylindrical, polar stereographic or degrees), by
-        its first band; ``encoding`` is one of `choices.ENCODINGS` (None: linear, with a warning for what
-        looks like a picture). ``AlbedoError`` says what cannot be used.
+        """The first band of a raster that GDAL reads, in a lunar CRS (cylindrical, polar
+        stereographic or degrees); ``encoding`` is one of `choices.ENCODINGS` (None: linear, with a
+        warning for a probable display image). AlbedoError if it cannot be used.
 
         Without a ``reference`` every pixel is read once for the mean.
         """
         if encoding is not None and encoding not in ENCODINGS:
-            raise AlbedoError(f"no albedo encoding {encoding!r}; there are {', '.join(ENCODINGS)}")
+            raise AlbedoError(
+                f"no albedo encoding {encoding!r}; valid names: {', '.join(ENCODINGS)}"
+            )
         if reference is not None and not 0.0 < reference < math.inf:
-            raise AlbedoError(f"an albedo reference of {reference:g} is none; it must be above 0")
+            raise AlbedoError(f"invalid albedo reference {reference:g}; it must be above 0")
         pixels = open_pixels(Path(path), encoding)
         value = mean_value(pixels) if reference is None else float(reference)
         raster = replace(pixels.raster, unit=_UNIT / value)
@@ -95,7 +100,7 @@ class AlbedoMap:
 
     @property
     def name(self) -> str:
-        """The file's name, without folders."""
+        """File name without folders."""
         return self.pixels.path.name
 
     @property
@@ -105,22 +110,22 @@ class AlbedoMap:
 
     @property
     def gsd_m(self) -> float:
-        """Width of its pixels at true scale."""
+        """Width of a pixel at true scale, metres."""
         return self.pixels.gsd_m
 
     @property
     def bounds(self) -> Bounds:
-        """The box of longitudes and latitudes around the map."""
+        """Bounds of the map in longitude and latitude."""
         return self.pixels.grid.bounds
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that GDAL reads the map from: of a virtual raster also those it stands for."""
+        """Every file that GDAL reads for the map, including the sources of a virtual raster."""
         found = (Path(name) for name in open_dataset(self.pixels.path).files)
         return tuple(dict.fromkeys((self.pixels.path, *(path for path in found if path.is_file()))))
 
     def describe(self) -> dict[str, Any]:
-        """What a result says of its albedo; no folders."""
+        """Values for a result's metadata; without folders."""
         how = "mean of the map" if self.reference_is_mean else "stated"
         return {
             "name": self.name,
@@ -130,7 +135,7 @@ class AlbedoMap:
         }
 
     def provenance(self) -> dict[str, Any]:
-        """`describe`, with name, size and SHA-256 of every file it was read from."""
+        """`describe`, with name, size and SHA-256 of every file."""
         return self.describe() | {"files": file_facts(self.files)}
 
     def __str__(self) -> str:
@@ -143,8 +148,8 @@ class AlbedoMap:
         return Layer((self.pixels,))
 
     def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> Array:
-        """Factors at places on cells of a width, of the arguments' broadcast shape; NaN where the
-        map has nothing. Never negative: cubic convolution may dip below 0 beside bright ground.
+        """Factors at places on cells of a width, in the arguments' broadcast shape; NaN outside the
+        map. Negative values of cubic convolution beside bright terrain are set to 0.
         """
         lon, lat = np.broadcast_arrays(
             np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
@@ -153,7 +158,9 @@ class AlbedoMap:
         return np.maximum(found, 0.0).reshape(lon.shape) / _UNIT
 
     def at_enu(self, frame: EnuFrame, points_m: ArrayLike, gsd_m: float) -> Array:
-        """Factors at ENU points (..., 3) of a frame, (...); NaN where there is no point or no map."""
+        """Factors (...) at ENU points (..., 3) of a frame; NaN for a missing point and outside the
+        map.
+        """
         points = np.asarray(points_m, dtype=np.float64)
         x, y, z = (np.ascontiguousarray(points[..., k]).ravel() for k in range(3))
         lon, lat = np.empty(x.size), np.empty(x.size)
@@ -162,8 +169,8 @@ class AlbedoMap:
         return self.at(np.degrees(lon), np.degrees(lat), gsd_m).reshape(points.shape[:-1])
 
     def known_nodes(self, terrain: Terrain) -> Float32:
-        """Factors at the core window's nodes, (rows, cols); NaN where the map, or the ground, has
-        nothing.
+        """Factors (rows, cols) at the nodes of the core window; NaN without a height or outside the
+        map.
         """
         field, (row0, row1, col0, col1) = terrain.field, terrain.core
         out = np.empty((row1 - row0, col1 - col0), np.float32)
@@ -174,16 +181,16 @@ class AlbedoMap:
         return out
 
     def at_nodes(self, terrain: Terrain) -> Float32:
-        """Factors at the core window's nodes, (rows, cols); 1 where the map has nothing."""
+        """Factors (rows, cols) at the nodes of the core window; 1 outside the map."""
         return neutral(self.known_nodes(terrain))
 
     def at_points(self, terrain: Terrain, points: Array) -> Float32:
-        """Factors at ENU points (n, 3) of the surface, (n,); 1 where the map has nothing."""
+        """Factors (n,) at ENU points (n, 3) of the surface; 1 outside the map."""
         return neutral(self.at_enu(terrain.frame, points, terrain.field.gsd_m).astype(np.float32))
 
     def patch(self, frame: EnuFrame, z_m: Float32, gsd_m: float) -> Float32:
-        """Factors at the nodes of a square patch around a frame's origin, (n, n); row 0 is north,
-        column 0 west. NaN where the map has nothing.
+        """Factors (n, n) at the nodes of a square patch around a frame's origin; row 0 is north,
+        column 0 west. NaN outside the map.
         """
         step = (np.arange(len(z_m)) - len(z_m) // 2) * gsd_m
         x, y = np.meshgrid(step, -step)
@@ -192,14 +199,14 @@ class AlbedoMap:
     # -- what it covers
 
     def cover(self, terrain: Terrain) -> Cover:
-        """Of a sample of the core's nodes that have a height."""
+        """Coverage of the core's nodes with a height, by a sample of them."""
         step = max(1, max(terrain.product_index.shape) // _SAMPLE_NODES)
         points = nodes_enu(terrain.field, terrain.core, step)
         factors = self.at_enu(terrain.frame, points, terrain.field.gsd_m)
         return Cover.of(factors, np.isfinite(points[..., 2]))
 
     def cover_of(self, area: Area, gsd_m: float) -> Cover:
-        """Of a lattice of places on the sphere, before there is a terrain."""
+        """Coverage of an area without a terrain, by a lattice of places on the sphere."""
         x0, x1, y0, y1 = area.extent_m
         side = 129
         x, y = np.meshgrid(np.linspace(x0, x1, side), np.linspace(y0, y1, side))
@@ -210,17 +217,17 @@ class AlbedoMap:
         return Cover.of(self.at(lon, lat, gsd_m), inside)
 
     def check_cover(self, cover: Cover, where: object) -> Cover:
-        """The cover again; ``AlbedoError`` when it is none or black, a warning when it is not whole."""
+        """Return the coverage; AlbedoError if it is empty or black, a warning if it is partial."""
         if cover.share == 0.0:
             raise AlbedoError(
                 f"{self.pixels.path}: does not cover the area ({where}); it covers {self.bounds}"
             )
         if cover.highest == 0.0:
-            raise AlbedoError(f"{self.pixels.path}: is 0 all over the area ({where})")
+            raise AlbedoError(f"{self.pixels.path}: is 0 everywhere in the area ({where})")
         if cover.share < 1.0:
             log.warning(
-                "%s: does not cover %.2g %% of the area; the factor is 1 there, and an edge in "
-                "brightness runs along the map's",
+                "%s: does not cover %.2g %% of the area; the factor is 1 there, which makes an edge in "
+                "brightness at the map's border",
                 self.pixels.path,
                 max(100.0 * (1.0 - cover.share), 0.01),
             )
@@ -228,5 +235,5 @@ class AlbedoMap:
 
 
 def neutral(factors: Float32) -> Float32:
-    """Factors with 1 for what is not known."""
+    """Factors with 1 in place of NaN."""
     return np.where(np.isnan(factors), np.float32(1.0), factors)

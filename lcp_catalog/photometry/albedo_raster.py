@@ -1,4 +1,4 @@
-"""Pixels of a brightness map: linear values of its first band, and their mean by area on the surface."""
+"""Pixels of an albedo map: linear values of its first band, and their mean by area on the surface."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ class Brightness:
 
     raster: Raster
     encoding: str
-    full: float  # the code that means 1 in a display image
-    masked: bool  # an alpha band or a mask of the file says what is there
+    full: float  # code of full scale in a display image
+    masked: bool  # True if an alpha band or a mask marks missing pixels
     unit: float = 1.0
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[np.float32]:
-        """Values of a window inside the raster, float32, NaN where there are none."""
+        """Values of a window inside the raster, float32; NaN for missing pixels."""
         return (self.linear(row0, row1, col0, col1) * self.unit).astype(np.float32)
 
     def linear(self, row0: int, row1: int, col0: int, col1: int) -> Array:
-        """The map's own values, decoded; ``AlbedoError`` for one that no brightness has."""
+        """Decoded values of the map; AlbedoError for a value that is invalid as a brightness."""
         samples = self.raster.samples(row0, row1, col0, col1)
         values = self.raster.heights_of(samples)
         if self.masked:
@@ -56,23 +56,21 @@ class Brightness:
             wrong = values < 0.0
             if wrong.any():
                 raise AlbedoError(
-                    f"{self.raster.path}: has the value {values[wrong][0]:g}, and brightness is "
-                    "never below 0: this is a DEM, or its value for missing data is not declared "
-                    "(gdal_translate -a_nodata)"
+                    f"{self.raster.path}: has the value {values[wrong][0]:g}, but brightness is "
+                    "never below 0. Either this is a DEM, or its value for missing data is not "
+                    "declared (gdal_translate -a_nodata)"
                 )
             wrong = values > self.full
         if self.encoding == "srgb" and wrong.any():
             raise AlbedoError(
-                f"{self.raster.path}: has the value {values[wrong][0]:g}; the codes of a display "
-                f"image end at {self.full:g}: take --albedo-encoding linear"
+                f"{self.raster.path}: has the value {values[wrong][0]:g}; but the codes of a display "
+                f"image end at {self.full:g}; use --albedo-encoding linear"
             )
 
 
 @dataclass(frozen=True)
 class AlbedoPixels(Gridded):
-    """One map: its file, its grid and its values. Picklable; the file is opened again where it
-    arrives.
-    """
+    """One map: its file, its grid and its values. Picklable; each process opens the file again."""
 
     path: Path
     grid: Grid
@@ -80,15 +78,15 @@ class AlbedoPixels(Gridded):
 
     @property
     def identity(self) -> Hashable:
-        """What the values depend on: the file, and how it is read."""
+        """Key of the values: the file and the decoding."""
         return (super().identity, self.raster.encoding, self.raster.unit)
 
 
 def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
-    """The first band of a raster with a lunar CRS; ``AlbedoError`` says what is wrong with it.
+    """The first band of a raster with a lunar CRS; AlbedoError if it cannot be used.
 
-    Without an ``encoding`` the values are taken as linear, with a warning where they look like
-    those of a display image.
+    Without an ``encoding`` the values are linear, with a warning if they look like those of a
+    display image.
     """
     if not path.is_file():
         kind = "is a folder, not an albedo map" if path.is_dir() else "there is no such file"
@@ -103,13 +101,13 @@ def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
     plain = scale == 1.0 and offset == 0.0
     if encoding == "srgb" and not plain:
         raise AlbedoError(
-            f"{path}: has a scale and an offset, which the codes of a display image have not: "
-            "take --albedo-encoding linear"
+            f"{path}: has a scale and an offset, unlike the codes of a display image; "
+            "use --albedo-encoding linear"
         )
     if encoding is None and plain and dataset.dtypes[0] == "uint8":
         log.warning(
-            "%s: 8-bit samples are taken as linear brightness; where they are those of a picture "
-            "for the eye, say --albedo-encoding srgb",
+            "%s: 8-bit samples are read as linear brightness; if they are codes of a display image, "
+            "use --albedo-encoding srgb",
             path,
         )
     nodata = dataset.nodatavals[0]
@@ -122,8 +120,8 @@ def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
 
 
 def mean_value(pixels: AlbedoPixels) -> float:
-    """Mean of the values that are there, by their area on the ground; ``AlbedoError`` when there
-    are none, or nothing but 0. Every pixel is read once, in strips.
+    """Mean of the valid values, weighted by area on the surface; AlbedoError if there are none or
+    all are 0. Every pixel is read once, in strips.
     """
     total = weight = 0.0
     grid = pixels.grid
@@ -135,16 +133,18 @@ def mean_value(pixels: AlbedoPixels) -> float:
         total += _by_area(grid, rows, columns, values)
         weight += _by_area(grid, rows, columns, there)
     if weight == 0.0:
-        raise AlbedoError(f"{pixels.path}: holds no value at all; every pixel is missing")
+        raise AlbedoError(f"{pixels.path}: every pixel is missing")
     if total == 0.0:
-        raise AlbedoError(f"{pixels.path}: every value is 0; this is no map of brightness")
+        raise AlbedoError(f"{pixels.path}: every value is 0")
     return total / weight
 
 
 def _by_area(
     grid: Grid, rows: tuple[int, int], columns: tuple[int, int], values: NDArray[Any]
 ) -> float:
-    """Sum of a window's values, each times its pixel's area; those of a cylinder's row are alike."""
+    """Sum of a window's values, each times its pixel's area; on a cylindrical map, all pixels of a
+    row have the same area.
+    """
     row = np.arange(*rows)[:, None]
     if grid.pole:
         return float(np.sum(grid.cell_weight(np.arange(*columns)[None, :], row) * values))
@@ -153,7 +153,7 @@ def _by_area(
 
 def _grid(dataset: Any, path: Path) -> Grid:
     if dataset.crs is None or dataset.transform.is_identity:
-        raise AlbedoError(f"{path}: has no map projection; a map of the Moon is wanted")
+        raise AlbedoError(f"{path}: has no map projection; a map of the Moon is needed")
     try:
         return Grid.from_wkt(
             dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
@@ -163,11 +163,13 @@ def _grid(dataset: Any, path: Path) -> Grid:
 
 
 def _refuse_heights(dataset: Any, path: Path) -> None:
-    """What says of itself that it is a DEM; a DEM that does not has heights below the sphere."""
+    """AlbedoError if the file is declared as a DEM; other DEMs are recognised by their negative
+    heights.
+    """
     unit, offset = (dataset.units[0] or "").strip().lower(), float(dataset.offsets[0])
     known = facts_of(product_name(path.stem)).family != "unknown"
     if known or unit in _LENGTHS or offset in (MOON_RADIUS_M, MOON_RADIUS_M / 1e3):
-        raise AlbedoError(f"{path}: holds heights; an albedo map of brightness is wanted")
+        raise AlbedoError(f"{path}: contains heights; a map of brightness is needed")
 
 
 def _refuse_colours(dataset: Any, path: Path) -> None:
@@ -175,15 +177,15 @@ def _refuse_colours(dataset: Any, path: Path) -> None:
     colours = [name for name in names if name in _COLOURS]
     if colours:
         raise AlbedoError(
-            f"{path}: is a colour image ({', '.join(dict.fromkeys(colours))}); albedo is one band "
-            f"of brightness: make one first (gdal_translate "
+            f"{path}: is a colour image ({', '.join(dict.fromkeys(colours))}); an albedo map has one "
+            f"band of brightness; make one first (gdal_translate "
             f"{'-expand gray' if 'palette' in colours else '-b 1'})"
         )
     more = [name for name in names[1:] if name != "alpha"]
     if more:
-        log.warning("%s: has %d bands; the first is taken", path, len(more) + 1)
+        log.warning("%s: has %d bands; the first is used", path, len(more) + 1)
 
 
 def _masked(dataset: Any) -> bool:
-    """Whether something besides the samples' values says what is missing."""
+    """True if a mask or an alpha band marks missing pixels."""
     return any(flag.name in ("per_dataset", "alpha") for flag in dataset.mask_flag_enums[0])

@@ -1,4 +1,6 @@
-"""MODEL.toml: a facet model as a person can read it, with what it was fitted to. Reading gives exactly what was written."""
+"""MODEL.toml: a facet model as readable text, with the data of its fit. Reading returns exactly the
+values that were written.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ _PLAIN = ("largest_emission_deg", "albedo")
 
 @dataclass(frozen=True)
 class FacetFile:
-    """A model, and what is known of where it comes from (plain TOML: numbers, texts, lists, tables)."""
+    """A facet model, and the data of its fit (plain TOML: numbers, texts, lists, tables)."""
 
     model: FacetModel
     fit: Mapping[str, Any] = field(default_factory=dict)
@@ -45,13 +47,13 @@ class FacetFile:
 
     @classmethod
     def from_toml(cls, text: str) -> FacetFile:
-        """ConfigError that says what is wrong."""
+        """Parse TOML text; ConfigError for an invalid document."""
         try:
             document = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise ConfigError(f"not TOML: {error}") from error
         if document.pop("format", None) != FORMAT:
-            raise ConfigError(f"no facet model: it must say format = {FORMAT!r}")
+            raise ConfigError(f"not a facet model: format = {FORMAT!r} is missing")
         fit = document.pop("fit", {})
         if not isinstance(fit, dict):
             raise ConfigError("[fit] must be a table")
@@ -59,7 +61,7 @@ class FacetFile:
 
 
 def load_model(path: Path | str) -> FacetFile:
-    """Read a MODEL.toml; ConfigError that names it."""
+    """Read a MODEL.toml; the ConfigError of an invalid file names it."""
     try:
         return FacetFile.from_toml(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -71,26 +73,28 @@ def load_model(path: Path | str) -> FacetFile:
 
 
 def facet_model(which: str = "") -> FacetModel:
-    """What follows ``facet:``, a table of the paper or a MODEL.toml; nothing is table 3. ConfigError when it is neither."""
+    """Model for the text after ``facet:``, a table of the paper or a MODEL.toml; without a text,
+    table 3. ConfigError if it is neither.
+    """
     path = model_path(which)
     return load_model(path).model if path else named_model(which or DEFAULT)
 
 
 def model_path(which: str) -> Path | None:
-    """The file that follows ``facet:``; None where no file is meant."""
+    """File for the text after ``facet:``; None if the text is the name of a table."""
     if which in NAMED or not (which.lower().endswith(".toml") or Path(which).is_file()):
         return None
     return Path(which)
 
 
 def law_file(spec: str) -> Path | None:
-    """The file that a law of reflection is read from, if it is one: ``facet:MODEL.toml``."""
+    """File of a reflectance model, if it has one: ``facet:MODEL.toml``."""
     law, _, which = spec.partition(":")
     return model_path(which) if law == "facet" and which else None
 
 
 def nodes_table(nodes: tuple[Node, ...]) -> dict[str, list[float]]:
-    """One list a parameter, one value a node."""
+    """One list for each parameter, one value for each node."""
     return {name: [float(getattr(node, name)) for node in nodes] for name in Node._fields}
 
 
@@ -98,7 +102,9 @@ def _model(document: dict[str, Any]) -> FacetModel:
     known = {f.name for f in fields(FacetModel)}
     unknown = sorted(set(document) - known)
     if unknown:
-        raise ConfigError(f"unknown key {', '.join(unknown)}; there are {', '.join(sorted(known))}")
+        raise ConfigError(
+            f"unknown key {', '.join(unknown)}; valid keys: {', '.join(sorted(known))}"
+        )
     if not isinstance(document.get("name"), str):
         raise ConfigError("name must be a text")
     plain = {name: _number(name, document[name]) for name in _PLAIN if name in document}
@@ -120,7 +126,9 @@ def _group(name: str, kind: type, document: dict[str, Any]) -> dict[str, float]:
         raise ConfigError(f"[{name}] must be a table")
     unknown = sorted(set(table) - set(known))
     if unknown:
-        raise ConfigError(f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(known)}")
+        raise ConfigError(
+            f"[{name}] has no key {', '.join(unknown)}; valid keys: {', '.join(known)}"
+        )
     return {key: _number(f"{name}.{key}", value) for key, value in table.items()}
 
 

@@ -1,11 +1,15 @@
-"""The facet model of measurements: each incidence by itself, then all of them as smooth curves over cos(incidence).
+"""Fit of the facet model to measurements: each incidence alone, then all of them with smooth curves
+over cos(incidence).
 
-After Labunets, Borzov, Akhmetov 2019 (see `facet`): Nelder-Mead on the relative error, eq. (4), at every incidence; then, for
-one parameter after the other, Nelder-Mead over its nodes on D = D1 + C D2: how much the errors grow, against how much the curves
-(shape-preserving cubics, held beyond the nodes; angles in degrees) lose in length, eq. (6).
+After Labunets, Borzov, Akhmetov 2019 (see `facet_model`): first Nelder-Mead on the relative error,
+eq. (4), at every incidence. Then, for one parameter after the other, Nelder-Mead over its nodes on
+D = D1 + C D2: the relative growth of the errors, and the relative change in length of the curves
+(shape-preserving cubics, constant beyond the nodes; angles in degrees), eq. (6).
 
-The starts are ours: over a grid of the four parameters that are not linear, with the two weights by least squares; the best few
-are refined. No chance: the same measurements give the same model.
+The starting points are not from the paper: over a grid of the four nonlinear parameters, the two
+weights follow by least squares, and the best points are refined. There are no random numbers: the
+same measurements give the same model. The slopes of the cubics come from the kernels: scipy's
+`PchipInterpolator` gives the same slopes to 1e-15, but takes 200 times as long per curve.
 """
 
 from __future__ import annotations
@@ -40,9 +44,9 @@ from .goniometer import Measurements, Sample
 Progress = Callable[[int, int], None]
 
 WEIGHT = 2.0
-"""The paper's C: a weak preference (Saaty) for smooth curves."""
+"""C of the paper: a weak preference (on Saaty's scale) for smooth curves."""
 INTERVALS = 100
-"""The paper's N, over 0 <= cos(incidence) <= 1."""
+"""N of the paper: intervals over 0 <= cos(incidence) <= 1."""
 
 BOUNDS = {
     "w_b": (0.0, 1e3),
@@ -52,7 +56,7 @@ BOUNDS = {
     "shift_d_deg": (-30.0, 30.0),
     "sigma_d": (0.2, 5.0),
 }
-"""Where the fit looks; within `facet.LIMITS`."""
+"""Bounds of the fit; within `facet_model.LIMITS`."""
 
 _STARTS = {
     "shift_b_deg": (0.0, 10.0, 25.0, 45.0),
@@ -61,20 +65,20 @@ _STARTS = {
     "sigma_d": (0.8, 1.0, 1.25),
 }
 _REFINED = 3
-"""How many of the best starts are followed. Of 88 noisy incidences one start alone misses the minimum in 4, by up to 60 % of the
-error; 3 in none that 5 finds.
+"""Number of starting points that are refined. For 88 noisy incidences, one starting point alone
+misses the minimum in 4, by up to 60 % of the error; three find the minimum of five in all of them.
 """
 _STEPS = np.array([0.2, 3.0, 0.05, 0.1, 2.0, 0.05])
-"""First simplex of an incidence's fit: w_b and w_d as shares of themselves, the rest as they are."""
+"""First simplex of the fit of an incidence: w_b and w_d relative, the others absolute."""
 _SWEEPS = 10
 _GAIN = 1e-3
-"""A sweep over the six curves that gains less in D is the last one."""
+"""Least gain in D of a sweep over the six curves; after a smaller gain the fit ends."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model with what it cost: errors of eq. (4) (shares, not per cent) one an incidence, of the nodes fitted each by
-    itself and of the smooth curves'; D1 and D2 between the two.
+    """A fitted model with its errors, eq. (4), as shares, one for each incidence: of the nodes
+    fitted alone, and of the smooth curves; D1 and D2 compare the two.
     """
 
     model: FacetModel
@@ -89,20 +93,20 @@ class Fit:
 
     @property
     def d(self) -> float:
-        """D1 + C D2, 0 or less: what was gained."""
+        """D1 + C D2; 0 or less."""
         return self.d1 + self.weight * self.d2
 
 
 @dataclass(frozen=True)
 class _Task:
-    """Samples, and the law's constants (`facet.constants`) that the fit keeps."""
+    """Samples, and the constants of the model (`facet_model.constants`) that the fit keeps."""
 
     samples: tuple[Sample, ...]
     head: Array
 
     @cached_property
     def directions(self) -> list[Array]:
-        """Cosine and sine of emission, then of azimuth, (n, 4) a sample."""
+        """Cosine and sine of emission, then of azimuth, (n, 4) for each sample."""
         angles = [np.radians([s.emission_deg, s.azimuth_deg]) for s in self.samples]
         return [np.stack([np.cos(t), np.sin(t), np.cos(p), np.sin(p)], axis=1) for t, p in angles]
 
@@ -121,7 +125,7 @@ class _Task:
 
     @cached_property
     def cosines(self) -> Array:
-        """Falling, as the incidence rises."""
+        """Cosines of the incidences, (n,), in the order of the samples (decreasing)."""
         return np.cos(np.radians([sample.incidence_deg for sample in self.samples]))
 
 
@@ -136,10 +140,12 @@ def fit_reflectance(
     normalize: bool = True,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit a model to measurements. Relative ones are taken relative to the specular direction of their incidence
-    (``normalize``), and the model's ``albedo`` says how bright it is; absolute ones (I/F) keep their own level.
+    """Fit a model to measurements.
 
-    MeasurementError when an incidence has nothing around its specular direction.
+    Relative measurements are divided by the value in the specular direction of their incidence
+    (``normalize``), and ``albedo`` sets the brightness of the model. Absolute measurements (I/F)
+    set the brightness themselves. ``weight``: C. ``progress``: called with the steps done and their
+    total. MeasurementError if an incidence has no measurement around its specular direction.
     """
     optics, shadowing = optics or Optics(), shadowing or Shadowing()
     told = progress or (lambda done, total: None)
@@ -172,7 +178,7 @@ def fit_reflectance(
 
 
 def fit_table(fit: Fit, measurements: Measurements) -> dict[str, Any]:
-    """What is known of a fit besides its model, as plain TOML or JSON."""
+    """Data of a fit beside its model, as plain TOML or JSON."""
     return {
         "software": f"lcp {__version__}",
         "source": measurements.name,
@@ -192,23 +198,25 @@ def fit_table(fit: Fit, measurements: Measurements) -> dict[str, Any]:
 
 
 def fit_file(fit: Fit, measurements: Measurements) -> FacetFile:
-    """The model with all that is known of it, as it is written."""
+    """The model with the data of its fit, as written to MODEL.toml."""
     return FacetFile(fit.model, fit_table(fit, measurements))
 
 
 def fit_sample(task: _Task, which: int) -> Array:
-    """The six parameters of one incidence by itself, (6,)."""
+    """The six parameters of one incidence fitted alone, (6,)."""
     found = [_refined(task, which, start) for start in _starts(task, which)]
     return min(found, key=lambda row: task.error(which, row.tolist()))
 
 
 def d1(errors: Array, before: Array) -> float:
-    """Relative growth of the summed errors."""
+    """Relative growth of the sum of the errors."""
     return float((errors - before).sum()) / _whole(before)
 
 
 def d2(cosines: Array, table: Array, before: Array) -> float:
-    """Relative change of the curves' lengths, summed over the parameters; tables (n, 6), angles in degrees."""
+    """Relative change of the curves' lengths, summed over the parameters; tables (n, 6), angles in
+    degrees.
+    """
     return sum(
         curve_length(cosines, new) / curve_length(cosines, old) - 1.0
         for new, old in zip(table.T, before.T, strict=True)
@@ -216,14 +224,16 @@ def d2(cosines: Array, table: Array, before: Array) -> float:
 
 
 def curve_length(cosines: Array, values: Array) -> float:
-    """Length of a parameter's curve, eq. (6), over cosines of incidence that fall; (n,) both."""
+    """Length of a parameter's curve, eq. (6), over decreasing cosines of incidence; (n,) both."""
     return float(kernel.curve_length(cosines[::-1], values[::-1], INTERVALS))
 
 
 def regularise(
     task: _Task, alone: Array, weight: float, told: Callable[[int], None] = lambda done: None
 ) -> tuple[Array, int]:
-    """Smooth curves (n, 6) for the parameters of incidences fitted alone, and how many sweeps it took."""
+    """Smooth curves (n, 6) through the parameters of incidences fitted alone, and the number of
+    sweeps.
+    """
     table, before = alone.copy(), task.errors(alone)
     if len(alone) < 2 or weight <= 0.0:
         return table, 0
@@ -243,7 +253,7 @@ def regularise(
 def _smoothed(
     task: _Task, table: Array, k: int, before: Array, weight: float, lengths: list[float]
 ) -> Array:
-    """The nodes of one parameter that lessen D, the others as they stand."""
+    """Nodes of parameter k that minimise D, with the other parameters fixed."""
     others, total, cosines = table.copy(), _whole(before), task.cosines
 
     def loss(column: Array) -> float:
@@ -258,12 +268,12 @@ def _smoothed(
 
 
 def _whole(errors: Array) -> float:
-    """Sum of errors; of exact fits, what they are to be weighed against."""
+    """Sum of errors, with a small floor for exact fits."""
     return max(float(errors.sum()), 1e-9 * len(errors))
 
 
 def _starts(task: _Task, which: int) -> list[Array]:
-    """The best of the grid, weights by least squares with none negative."""
+    """Best points of the grid, with weights by non-negative least squares."""
     sample = task.samples[which]
     data = sample.intensity
 
@@ -328,7 +338,7 @@ def _nelder_mead(
 
 
 def _nodes(samples: Sequence[Sample], table: Array) -> tuple[Node, ...]:
-    """Rows as nodes, within what a model may hold."""
+    """Rows as nodes, clipped to `facet_model.LIMITS`."""
     limits = np.array([LIMITS[name] for name in PARAMETERS])
     rows = np.clip(table, limits[:, 0], limits[:, 1]).tolist()
     return tuple(Node(s.incidence_deg, *row) for s, row in zip(samples, rows, strict=True))

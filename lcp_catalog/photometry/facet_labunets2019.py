@@ -1,15 +1,18 @@
-"""The paper's tables 1 to 3 (a paint coating, near infrared) as named facet models, and what can be rebuilt of what our text of
-it has lost. Source: see `facet`; the reasoning and its figures: docs/facet-model.md.
+"""Tables 1 to 3 of Labunets et al. 2019 (a paint coating, near infrared) as named facet models,
+with reconstructed values where the available text of the paper has lost them. Source: see
+`facet_model`.
 
-Three things are ours. *The weights*: with them as factors of R(gamma)/R(0), as eq. (1) has it, the tables miss the paper's own
-normalisation I_rel(psi, -psi) = 1 by factors of 1.4 to 25; as factors of R(gamma) they meet it to 0.09. So the tables' w_B is
-taken times R(0). *The refractive index*, which the paper does not print: 1.46, the least squares of that normalisation over all
-twelve rows (1 sigma 0.02). *The shadowing*: our defaults.
+Three choices are not from the paper. *The weights*: as factors of R(gamma)/R(0), as in eq. (1), the
+tables miss the paper's normalisation I_rel(psi, -psi) = 1 by factors of 1.4 to 25; as factors of
+R(gamma) they meet it to 0.09. So w_B of the tables is multiplied by R(0). *The refractive index*,
+which the paper does not print: 1.46, the least squares of that normalisation over all twelve rows
+(1 sigma 0.02). *The shadowing*: the defaults of `facet_model.Shadowing`.
 
-Of table 2 the text has lost the columns of psi, dpsi and w_B. The angles follow from the ends of the garbled rows: they are those
-of table 3. w_B is table 3's at 0, 40, 60, 70 deg, where the error is unchanged by the regularisation (5.63, 2.21, 3.76, 4.49 %) and
-so is every other parameter. At 10, 20, 30 and 50 deg (`TABLE_2_LOST`) it is lost; table 3's stands in its place. The printed D2
-says that the curve of w_B grew by 0.5 % in length only.
+The available text of table 2 lacks the columns psi, dpsi and w_B. The angles follow from the ends
+of the damaged rows: they are those of table 3. At 0, 40, 60, 70 deg w_B is that of table 3, because
+the regularisation changes neither the error there (5.63, 2.21, 3.76, 4.49 %) nor any other
+parameter. At 10, 20, 30 and 50 deg (`TABLE_2_LOST`) w_B is lost; the value of table 3 replaces it.
+According to the printed D2, the curve of w_B grew by only 0.5 % in length.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ TABLE_2 = (
     (70, 1.427, 5, 0.095, 0.501, 3, 0.950),
 )
 TABLE_2_LOST = (10, 20, 30, 50)
-"""Incidences at which the w_B of `TABLE_2` is table 3's for want of its own."""
+"""Incidences at which w_B of `TABLE_2` is replaced by that of table 3."""
 
 TABLE_3 = (
     (0, 2.439, 50, 0.250, 1.050, -9, 0.820),
@@ -55,7 +58,7 @@ DEFAULT = "labunets-2019-table-3"
 
 
 def _model(name: str, rows: tuple[tuple[float, ...], ...]) -> FacetModel:
-    """A table as a model; its w_B multiplies R, ours R / R(0)."""
+    """A table as a model; w_B of the tables multiplies R, that of the model R / R(0)."""
     nodes = tuple(Node(psi, w_b * OPTICS.at_normal, *rest) for psi, w_b, *rest in rows)
     return FacetModel(name, nodes, OPTICS)
 
@@ -70,7 +73,9 @@ NAMED = {
 
 @cache
 def named_model(name: str) -> FacetModel:
-    """A table's model; ConfigError for a name that is none."""
+    """Model of a table; ConfigError for an unknown name."""
     if name not in NAMED:
-        raise ConfigError(f"no facet model {name!r}; there are {', '.join(NAMED)}, or a MODEL.toml")
+        raise ConfigError(
+            f"no facet model {name!r}; valid names: {', '.join(NAMED)}, or a MODEL.toml"
+        )
     return _model(name, NAMED[name])

@@ -1,12 +1,14 @@
-"""The two-component facet model of a measured surface: what a law of it consists of, and its numbers for the kernels.
+"""The two-component facet model of a measured surface: its parameters, and its numbers for the
+kernels.
 
-L. V. Labunets, A. B. Borzov, I. M. Akhmetov, "Regularised parametric model of the indicatrix of the brightness coefficient of
-a rough surface" (in Russian), Opticheskii Zhurnal 86 (10), 20-29, 2019, doi 10.17586/1023-5086-2019-86-10-20-29. What follows
-the paper, what is ours and what it leaves open: docs/facet-model.md. Angles are degrees here and radians in the kernels.
+L. V. Labunets, A. B. Borzov, I. M. Akhmetov, "Regularised parametric model of the indicatrix of the
+brightness coefficient of a rough surface" (in Russian), Opticheskii Zhurnal 86 (10), 20-29, 2019,
+doi 10.17586/1023-5086-2019-86-10-20-29. Angles are degrees here and radians in the kernels.
 
-The paper's intensities are relative to the specular one of the same incidence: how bright the surface is from incidence to
-incidence is lost. A model's ``albedo`` (directional-hemispherical reflectance, the same at every incidence) stands for it, or
-``levels``, where absolute values were measured.
+The paper's intensities are relative to the specular intensity of the same incidence, so the
+variation of brightness with incidence is lost. A model's ``albedo`` (directional-hemispherical
+reflectance, the same at every incidence) replaces it, or ``levels`` if absolute values were
+measured.
 """
 
 from __future__ import annotations
@@ -26,15 +28,15 @@ from ..errors import ConfigError
 from ..kernels.photometry import facet as kernel
 
 ALBEDO = 0.12
-"""Of the Moon's kind, as the Lambert law here has it; a measured surface wants its own."""
+"""Default albedo, that of the Lambert model here, typical of the Moon."""
 
 LARGEST_EMISSION_DEG = 80.0
-"""Where the paper's measurements end (its figure 3)."""
+"""Greatest emission angle of the paper's measurements (figure 3)."""
 
 _QUADRATURE, _PER_SIGMA = (40, 500), 5.0
-"""Least and most nodes of a quadrature over emission and over half a turn of azimuth, and how many
-there are for a lobe of scale 1: the reflectance is within 0.5 % of the albedo (test_facet).
-"""
+"""Least and greatest number of nodes of a quadrature over emission and over half a turn of azimuth,
+and the number for a lobe of scale 1. The reflectance is within 0.5 % of the albedo (checked by a
+test)."""
 
 
 def _require(condition: bool, text: str) -> None:
@@ -48,8 +50,9 @@ def _check_finite(group: Any) -> None:
 
 
 class Node(NamedTuple):
-    """The six parameters at one angle of incidence (the paper's U): weight, shift and scale of the directional lobe, then of
-    the diffuse one. A positive shift of the first moves it beyond the specular direction; of the second, away from the source.
+    """The six parameters at one angle of incidence (U in the paper): weight, shift and scale of the
+    directional lobe, then of the diffuse lobe. A positive shift moves the directional lobe beyond
+    the specular direction, and the diffuse lobe away from the source.
     """
 
     incidence_deg: float
@@ -72,13 +75,14 @@ LIMITS = {
     "shift_d_deg": (-40.0, 40.0),
     "sigma_d": (0.05, 20.0),
 }
-"""What a node may hold; beyond these a lobe is narrower than the quadrature resolves, or none of the paper's kind."""
+"""Limits of a node's values; beyond them a lobe is too narrow for the quadrature, or unlike those
+of the paper."""
 
 
 @dataclass(frozen=True)
 class Optics:
-    """A facet's complex refractive index n + i kappa, and the light's polarisation: degree D_P and angle xi of the electric
-    vector to the plane of incidence.
+    """Complex refractive index n + i kappa of a facet, and polarisation of the light: degree D_P,
+    and angle xi of the electric vector to the plane of incidence. ConfigError for invalid values.
     """
 
     n: float = 1.5
@@ -90,22 +94,23 @@ class Optics:
         _check_finite(self)
         _require(0.1 <= self.n <= 100.0, f"refractive index n must lie in 0.1..100, not {self.n}")
         _require(0.0 <= self.kappa <= 100.0, f"kappa must lie in 0..100, not {self.kappa}")
-        _require(self.at_normal > 1e-9, "refractive index 1 reflects nothing")
-        _require(0.0 <= self.polarisation <= 1.0, "polarisation is a degree, 0..1")
+        _require(self.at_normal > 1e-9, "a surface of refractive index 1 reflects no light")
+        _require(0.0 <= self.polarisation <= 1.0, "polarisation must lie in 0..1")
 
     @property
     def at_normal(self) -> float:
-        """R(0), without polarisation, which does not matter there."""
+        """R(0), which does not depend on polarisation."""
         return ((self.n - 1.0) ** 2 + self.kappa**2) / ((self.n + 1.0) ** 2 + self.kappa**2)
 
 
 @dataclass(frozen=True)
 class Shadowing:
-    """Constants of eq. (3). The paper does not print its own. These are OURS: the least squares of P_S, P_M and P over the
-    shadows counted on Gaussian profiles of rms slope 0.25 (rms error 0.013 of a probability, 0.043 at most), the slope at which
-    the paper's own tables give I_rel(psi, -psi) = 1. Recipe: docs/facet-model.md, tests/twins_facet.py.
+    """Constants of eq. (3). The paper does not print its constants. These are the least squares of
+    P_S, P_M and P over shadows counted on Gaussian profiles of rms slope 0.25 (rms error 0.013 of a
+    probability, 0.043 at most), the slope at which the paper's tables give I_rel(psi, -psi) = 1.
+    The recipe is in tests/helpers/twins_facet.py.
 
-    For another rms slope s, sigma_p = 0.127 s^2.
+    For another rms slope s, sigma_p = 0.127 s^2. ConfigError for invalid values.
     """
 
     sigma_c: float = 0.43
@@ -115,8 +120,10 @@ class Shadowing:
 
     def __post_init__(self) -> None:
         _check_finite(self)
-        _require(self.sigma_c >= 0.0 and self.sigma_p >= 0.0, "sigma_c, sigma_p are not negative")
-        _require(self.u_p >= -1.0 and self.v_p > 0.0, "u_p must be at least -1, v_p positive")
+        _require(
+            self.sigma_c >= 0.0 and self.sigma_p >= 0.0, "sigma_c and sigma_p must not be negative"
+        )
+        _require(self.u_p >= -1.0 and self.v_p > 0.0, "u_p must be at least -1 and v_p positive")
 
 
 def _check_node(node: Node) -> None:
@@ -133,11 +140,13 @@ def _check_node(node: Node) -> None:
 
 @dataclass(frozen=True)
 class FacetModel:
-    """A measured surface: nodes by rising incidence, optics, shadowing, and how bright it is.
+    """A measured surface: nodes by increasing incidence, optics, shadowing, and brightness.
+    ConfigError for invalid values.
 
-    Between the nodes the parameters are shape-preserving cubics over cos(incidence), beyond them they are held; beyond
-    ``largest_emission_deg`` the brightness is held (eq. 2 falls to 0 or rises steeply there, where nobody has measured).
-    ``levels``: the brightness coefficient that I_rel / cos(theta) = 1 stands for, one a node; none: see ``albedo``.
+    Between the nodes the parameters are shape-preserving cubics over cos(incidence); beyond them
+    they are constant. Beyond ``largest_emission_deg`` the brightness is constant (eq. 2 falls to 0
+    or rises steeply there, without measurements). ``levels``: the brightness coefficient for I_rel
+    / cos(theta) = 1, one for each node; None: see ``albedo``.
     """
 
     name: str
@@ -149,23 +158,23 @@ class FacetModel:
     levels: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        _require(len(self.nodes) > 0, "a facet model wants at least one angle of incidence")
+        _require(len(self.nodes) > 0, "a facet model needs at least one angle of incidence")
         for node in self.nodes:
             _check_node(node)
         angles = [node.incidence_deg for node in self.nodes]
         _require(
             all(b - a >= 0.01 for a, b in itertools.pairwise(angles)),
-            "angles of incidence must rise",
+            "angles of incidence must increase",
         )
         _require(5.0 <= self.largest_emission_deg <= 89.0, "largest_emission_deg must lie in 5..89")
         _require(0.0 < self.albedo <= 1.0, f"albedo must lie in 0..1, not {self.albedo}")
         if self.levels is not None:
-            _require(len(self.levels) == len(self.nodes), "levels wants one value a node")
+            _require(len(self.levels) == len(self.nodes), "levels needs one value for each node")
             _require(all(0.0 < v < 1e3 for v in self.levels), "levels must be positive")
 
     @cached_property
     def law(self) -> Array:
-        """The model's numbers as `kernels.facet` wants them, (n,)."""
+        """Numbers of the model in the order of `kernels.photometry.facet`, (n,)."""
         start = self._curved
         emissions, weights, azimuths = self._rule()
         cosines = 1.0 - np.linspace(0.0, 1.0, kernel.TABLE) ** 2
@@ -188,13 +197,17 @@ class FacetModel:
     def intensity(
         self, incidence_deg: float, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0
     ) -> Array:
-        """I_rel of eq. (1) in directions of one shape; theta = +incidence, phi = 0 is back at the source."""
+        """I_rel of eq. (1) in directions of one shape; theta = +incidence, phi = 0 is the direction
+        to the source.
+        """
         return lobes(self.parameters(incidence_deg), self._head, theta_deg, phi_deg)
 
     def brightness(
         self, incidence_deg: float, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0
     ) -> Array:
-        """Brightness coefficient r of eq. (2); not held at grazing emission, infinite or 0/0 at 90 deg."""
+        """Brightness coefficient r of eq. (2), without the limit at grazing emission; infinite or
+        0/0 at 90 deg.
+        """
         return self.intensity(incidence_deg, theta_deg, phi_deg) / np.cos(np.radians(theta_deg))
 
     def reflectance(self, incidence_deg: ArrayLike) -> Array:
@@ -218,15 +231,15 @@ class FacetModel:
         return np.concatenate([self._head, self._curves()])
 
     def _curves(self) -> Array:
-        """Nodes over rising cosine, then values and slopes of each parameter."""
+        """Nodes over increasing cosine, then values and slopes of each parameter."""
         cosines, columns = curves(self.nodes)
         return np.concatenate(
             [cosines, *(np.concatenate([v, kernel.pchip_slopes(cosines, v)]) for v in columns)]
         )
 
     def _absolute(self, cosines: Array, whole: Array) -> Array:
-        """The measured levels over the cosine; no more light than came."""
-        assert self.levels is not None  # the caller has looked
+        """Measured levels over the cosine, limited to a reflectance of 1."""
+        assert self.levels is not None  # checked by the caller
         nodes, values = curves(self.nodes)[0], np.array(self.levels[::-1])
         slopes = kernel.pchip_slopes(nodes, values)
         level = [kernel.hermite(nodes, values, slopes, c) for c in cosines]
@@ -234,7 +247,7 @@ class FacetModel:
 
     def _rule(self) -> tuple[Array, Array, int]:
         """Emission cosines, weights and a number of azimuths that resolve the narrowest lobe:
-        Gauss-Legendre in the angle up to where the brightness is held, one node for the rest.
+        Gauss-Legendre in the angle up to the greatest measured emission, one node for the rest.
         """
         least, most = _QUADRATURE
         narrowest = min(node.sigma_b for node in self.nodes)
@@ -248,7 +261,7 @@ class FacetModel:
 
 
 def constants(optics: Optics, shadowing: Shadowing) -> Array:
-    """The head of a law without what its nodes say."""
+    """First numbers of the model, without those of its nodes."""
     head = np.zeros(kernel.HEAD)
     twice = 2.0 * math.radians(optics.polarisation_angle_deg)
     head[kernel.INDEX_N], head[kernel.INDEX_K] = optics.n, optics.kappa
@@ -260,7 +273,7 @@ def constants(optics: Optics, shadowing: Shadowing) -> Array:
 
 
 def lobes(node: Node, head: Array, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.0) -> Array:
-    """I_rel of eq. (1) under a node's own incidence and parameters, in directions of one shape."""
+    """I_rel of eq. (1) for a node's own incidence and parameters, in directions of one shape."""
     theta, phi = np.broadcast_arrays(np.radians(theta_deg), np.radians(phi_deg))
     out = np.empty(theta.size)
     psi, *row = node_radians(node)
@@ -269,8 +282,8 @@ def lobes(node: Node, head: Array, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.
 
 
 def shadowing_share(shadowing: Shadowing, incidence_deg: float, theta_deg: ArrayLike) -> Array:
-    """P of eq. (3) in the plane of incidence: the share of the facets that mirror the light there
-    which are neither shadowed nor masked.
+    """P of eq. (3) in the plane of incidence: share of the facets in specular position that are
+    neither shadowed nor masked.
     """
     head = constants(Optics(), shadowing)
     psi, angles = math.radians(incidence_deg), np.radians(theta_deg)
@@ -298,6 +311,6 @@ def node_radians(node: Node) -> tuple[float, ...]:
 
 
 def curves(nodes: Sequence[Node]) -> tuple[Array, Array]:
-    """Cosines of incidence, rising (n,), and the parameters at them in radians (6, n)."""
+    """Cosines of incidence, increasing (n,), and the parameters at them in radians (6, n)."""
     rows = np.array([node_radians(node) for node in reversed(nodes)])
     return np.cos(rows[:, 0]), np.ascontiguousarray(rows[:, 1:].T)

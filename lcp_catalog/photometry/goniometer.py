@@ -1,15 +1,17 @@
-"""Goniophotometer measurements from a CSV: what a surface sends where, under each angle of incidence.
+"""Goniophotometer measurements from a CSV file: reflected light by direction for each angle of
+incidence.
 
-One header line and one line a measurement; lines that begin with ``#`` are remarks. Columns, in any order:
-``incidence_deg`` (0..90); ``emission_deg``, signed in the plane of incidence: positive on the source's side, the specular
-direction at -incidence (the paper's sign); optionally ``azimuth_deg`` (-180..180, default 0) of a direction out of that plane,
-counted from the source; and one of
+One header line, then one line for each measurement; lines that begin with ``#`` are comments.
+Columns, in any order: ``incidence_deg`` (0..90); ``emission_deg``, signed in the plane of
+incidence: positive on the side of the source, the specular direction at -incidence (the paper's
+sign); optionally ``azimuth_deg`` (-180..180, default 0) of a direction out of that plane, counted
+from the source; and one of
 
-- ``intensity``: luminous or radiant intensity, in any unit (Lambert's falls as the cosine of emission);
-- ``brightness``: brightness coefficient or radiance, in any unit (Lambert's is constant);
-- ``radiance_factor``: I/F = pi L / E, absolute, E square to the source (Lambert's is A cos(incidence)).
+- ``intensity``: luminous or radiant intensity, in any unit (Lambert: proportional to the cosine of emission);
+- ``brightness``: brightness coefficient or radiance, in any unit (Lambert: constant);
+- ``radiance_factor``: I/F = pi L / E, absolute, E perpendicular to the source (Lambert: A cos(incidence)).
 
-Separated by comma, semicolon or tab; with the last two a decimal comma is understood.
+The separator is a comma, a semicolon or a tab; with the last two, a decimal comma is accepted.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from ..errors import MeasurementError
 
 QUANTITIES = ("intensity", "brightness", "radiance_factor")
 LEAST_POINTS = 7
-"""One more than the model has parameters."""
+"""One more than the number of the model's parameters."""
 
 _RANGES = {
     "incidence_deg": (0.0, 89.9),
@@ -37,14 +39,16 @@ _RANGES = {
 }
 _SEPARATORS = ";\t,"
 _LEVEL_DEG = 0.5
-"""So near to the plane of incidence counts as in it."""
+"""Greatest distance from the plane of incidence of a direction that counts as in it."""
 _GAP_DEG = 20.0
-"""No value is interpolated across more."""
+"""Greatest gap across which values are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The measurements of one incidence: signed emission, azimuth (degrees) and intensity, (n,) each, divided by ``level``."""
+    """Measurements of one incidence: signed emission, azimuth (degrees) and intensity divided by
+    ``level``, (n,) each.
+    """
 
     incidence_deg: float
     emission_deg: Array
@@ -56,20 +60,22 @@ class Sample:
         return len(self.intensity)
 
     def scaled(self) -> Sample:
-        """The same relative to the specular direction, where the intensity is 1. MeasurementError when nothing was measured
-        on both sides of it, or no light.
+        """The same relative to the intensity in the specular direction. MeasurementError if it was
+        not measured on both sides of that direction, or is 0.
         """
         value = self.in_plane(-self.incidence_deg)
         if value is None or not value > 0.0:
             raise MeasurementError(
                 f"incidence {self.incidence_deg:g} deg: no intensity around the specular direction, emission "
-                f"{-self.incidence_deg:g}; measure there, or take the intensities as they are (--normalize none)"
+                f"{-self.incidence_deg:g}; measure there, or use --normalize none"
             )
         where = self.incidence_deg, self.emission_deg, self.azimuth_deg
         return Sample(*where, self.intensity / value, self.level * value)
 
     def in_plane(self, emission_deg: float) -> float | None:
-        """Intensity in a direction of the plane of incidence, linear between neighbours; None without close ones."""
+        """Intensity in a direction of the plane of incidence, linear between its neighbours; None
+        without close neighbours.
+        """
         emission, values = self.level_values()
         k = int(np.searchsorted(emission, emission_deg))
         if k < len(emission) and emission[k] == emission_deg:
@@ -79,7 +85,9 @@ class Sample:
         return float(np.interp(emission_deg, emission[k - 1 : k + 1], values[k - 1 : k + 1]))
 
     def level_values(self) -> tuple[Array, Array]:
-        """Signed emissions, rising, and intensities of what lies in the plane of incidence."""
+        """Signed emissions, increasing, and intensities of the measurements in the plane of
+        incidence.
+        """
         front = np.abs(self.azimuth_deg) <= _LEVEL_DEG
         back = np.abs(np.abs(self.azimuth_deg) - 180.0) <= _LEVEL_DEG
         emission = np.where(back, -self.emission_deg, self.emission_deg)[front | back]
@@ -89,7 +97,9 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """A whole file: one sample an incidence, rising; which quantity it held; its name and checksum."""
+    """A file: one sample for each incidence, increasing; the measured quantity; the file's name and
+    checksum.
+    """
 
     samples: tuple[Sample, ...]
     quantity: str
@@ -98,7 +108,7 @@ class Measurements:
 
     @property
     def largest_emission_deg(self) -> float:
-        """As far from the normal as anything was measured."""
+        """Greatest measured emission angle."""
         return max(float(np.abs(sample.emission_deg).max()) for sample in self.samples)
 
     @property
@@ -107,7 +117,9 @@ class Measurements:
 
 
 def read_measurements(path: Path | str) -> Measurements:
-    """Read and check a CSV. MeasurementError, one line, that names file and line."""
+    """Read and check a CSV file. The message of a MeasurementError is one line with the file and
+    the line number.
+    """
     try:
         raw = Path(path).read_bytes()
         text = raw.decode("utf-8-sig")
@@ -124,14 +136,14 @@ def read_measurements(path: Path | str) -> Measurements:
 
 
 def _table(text: str) -> tuple[str, Array]:
-    """Which quantity was measured, and rows (n, 4): incidence, emission, azimuth, value."""
+    """The measured quantity, and rows (n, 4): incidence, emission, azimuth, value."""
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise MeasurementError("empty; the first line must name the columns")
+        raise MeasurementError("the file is empty; the first line must name the columns")
     separator = max(_SEPARATORS, key=lines[0][1].count)
     header = [name.strip().lower() for name in _cells(lines[0][1], separator)]
     columns, quantity = _columns(header)
@@ -142,14 +154,16 @@ def _table(text: str) -> tuple[str, Array]:
 
 
 def _columns(header: list[str]) -> tuple[dict[str, int], str]:
-    """Where each column that matters stands, the azimuth maybe nowhere."""
+    """Position of each required column and of the azimuth, if it exists; and the measured quantity."""
     for name in ("incidence_deg", "emission_deg"):
         if name not in header:
-            raise MeasurementError(f"no column {name}; there are {', '.join(header)}")
+            raise MeasurementError(f"no column {name}; the columns are {', '.join(header)}")
     found = [name for name in QUANTITIES if name in header]
     if len(found) != 1:
         said = f"both {found[0]} and {found[1]}" if found else f"none ({', '.join(header)})"
-        raise MeasurementError(f"wants one column of {', '.join(QUANTITIES)}; there is {said}")
+        raise MeasurementError(
+            f"one column of {', '.join(QUANTITIES)} is needed; the file has {said}"
+        )
     twice = [name for name in (*_RANGES, *found) if header.count(name) > 1]
     if twice:
         raise MeasurementError(f"column {twice[0]} appears twice")
@@ -187,12 +201,12 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _samples(quantity: str, rows: Array) -> Iterator[Sample]:
-    """Samples by rising incidence, as intensities."""
+    """Samples by increasing incidence, as intensities."""
     for incidence in np.unique(rows[:, 0]):
         _, emission, azimuth, values = rows[rows[:, 0] == incidence].T
         if len(values) < LEAST_POINTS:
             raise MeasurementError(
-                f"incidence {incidence:g} deg has {len(values)} measurements; a fit of six parameters wants {LEAST_POINTS}"
+                f"incidence {incidence:g} deg has {len(values)} measurements; a fit of six parameters needs {LEAST_POINTS}"
             )
         if not values.any():
             raise MeasurementError(f"incidence {incidence:g} deg: every value is 0")

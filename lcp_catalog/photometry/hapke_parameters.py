@@ -1,12 +1,15 @@
 """Published parameters of Hapke's model for the Moon, as named sets.
 
-All come from H. Sato, M. S. Robinson, B. Hapke, B. W. Denevi and A. K. Boyd, "Resolved Hapke parameter maps of the Moon", JGR
-Planets 119 (2014) 1775, doi:10.1002/2013JE004580, and its archived product, the LROC WAC parameter maps (PDS
-LRO-L-LROC-5-RDR, WAC_HAPKEPARAMMAP): fits of 1 deg cells, 70 N to 70 S, of 66 000 images. The fit's own limits: incidence below 75
-deg, emission below 30, phase below 97; roughness the same everywhere (23.657 deg in the product, 23.4 in the paper), no coherent
-backscatter, no porosity (K = 1). We did not have the paper or the product: the numbers were read in documents of others that quote
-them, named below. Where an equation of the paper is used, it is given: (2) c = 3.29 exp(-17.4 b^2) - 0.908, and (4)
-B_S0 = (2.459 w + 0.078) / (w p(0)) at 643 nm.
+Source: H. Sato, M. S. Robinson, B. Hapke, B. W. Denevi and A. K. Boyd, "Resolved Hapke parameter
+maps of the Moon", JGR Planets 119 (2014) 1775, doi:10.1002/2013JE004580, and its archived product,
+the LROC WAC parameter maps (PDS LRO-L-LROC-5-RDR, WAC_HAPKEPARAMMAP): fits of 1 deg cells, 70 N to
+70 S, of 66 000 images. Limits of the fit: incidence below 75 deg, emission below 30, phase below
+97; constant roughness (23.657 deg in the product, 23.4 in the paper), no coherent backscatter, no
+porosity (K = 1).
+
+Neither the paper nor the product was available: the numbers were taken from documents that quote
+them, as stated for each set. Equations of the paper are quoted where they are used: (2) c = 3.29
+exp(-17.4 b^2) - 0.908, and (4) B_S0 = (2.459 w + 0.078) / (w p(0)) at 643 nm.
 """
 
 from __future__ import annotations
@@ -19,15 +22,16 @@ from ..kernels.photometry.hapke import COT_SMOOTH
 
 _THETA_DEG = 23.657
 _DENSEST = 1.209 ** (-1.5)
-"""Filling factor at which the porosity factor has its pole, 0.752."""
+"""Filling factor at the pole of the porosity factor, 0.752."""
 
 
 @dataclass(frozen=True)
 class HapkeSet:
-    """Parameters of Hapke (2012): single-scattering albedo ``w``; ``b`` and ``c`` of the double Henyey-Greenstein function, the
-    lobe of (1 + c)/2 backward; amplitude and width of shadow hiding ``b_s0``, ``h_s`` and of coherent backscatter ``b_c0``,
-    ``h_c``; ``filling`` factor of the particles; mean slope ``theta_bar_deg`` of the roughness. ConfigError for values outside the
-    model.
+    """Parameters of Hapke (2012): single-scattering albedo ``w``; ``b`` and ``c`` of the double
+    Henyey-Greenstein function, in which the lobe (1 + c)/2 is backward; amplitude and width of
+    shadow hiding ``b_s0``, ``h_s`` and of coherent backscatter ``b_c0``, ``h_c``; ``filling``
+    factor of the particles; mean slope ``theta_bar_deg`` of the roughness. ConfigError for values
+    outside the model.
     """
 
     name: str
@@ -46,7 +50,7 @@ class HapkeSet:
         inside = {
             "w": 0.0 < self.w <= 1.0,
             "b": 0.0 <= self.b < 1.0,
-            "c": abs(self.c) <= 1.0 or self._lobes_above_nothing(),
+            "c": abs(self.c) <= 1.0 or self._is_positive(),
             "b_s0, h_s": self.b_s0 >= 0.0 and self.h_s >= 0.0,
             "b_c0, h_c": self.b_c0 >= 0.0 and self.h_c >= 0.0,
             "filling": 0.0 <= self.filling < _DENSEST,
@@ -56,14 +60,16 @@ class HapkeSet:
             if not holds:
                 raise ConfigError(f"Hapke parameters {self.name!r}: {parameter} is out of range")
 
-    def _lobes_above_nothing(self) -> bool:
-        """Whether p(g) is nowhere negative although one lobe is: then its other end is the least."""
+    def _is_positive(self) -> bool:
+        """True if p(g) is not negative anywhere although one lobe is; its minimum is then at an
+        end.
+        """
         if not (0.0 <= self.b < 1.0 and math.isfinite(self.c)):
             return False
         return min(self.phase(1.0), self.phase(-1.0)) >= 0.0
 
     def phase(self, cos_g: float) -> float:
-        """p(g), mean 1 over the sphere."""
+        """p(g); its mean over the sphere is 1."""
         spread, b = 1.0 - self.b**2, self.b
         behind, ahead = 1.0 + b * b - 2.0 * b * cos_g, 1.0 + b * b + 2.0 * b * cos_g
         return 0.5 * spread * ((1.0 + self.c) / behind**1.5 + (1.0 - self.c) / ahead**1.5)
@@ -78,7 +84,7 @@ class HapkeSet:
 
     @property
     def law(self) -> tuple[float, ...]:
-        """The numbers in the order of `kernels.hapke`."""
+        """Numbers in the order of `kernels.photometry.hapke`."""
         tan = math.tan(math.radians(self.theta_bar_deg))
         root = math.sqrt(1.0 - self.w)
         parameters = (self.w, self.b, self.c, self.b_s0, self.h_s, self.b_c0, self.h_c)
@@ -88,12 +94,14 @@ class HapkeSet:
 
 
 def backward_share(b: float) -> float:
-    """c of a b, the hockey stick: Sato et al. (2014), eq. 2, after Hapke (2012b)."""
+    """Parameter c as a function of b (the hockey stick relation): Sato et al. (2014), eq. 2, after
+    Hapke (2012b).
+    """
     return 3.29 * math.exp(-17.4 * b * b) - 0.908
 
 
 def _from_trends(name: str, w: float, b: float, h_s: float, source: str) -> HapkeSet:
-    """A set at 643 nm whose c and B_S0 follow from the paper's trends, equations 2 and 4."""
+    """A set at 643 nm with c and B_S0 from the paper's trends, equations 2 and 4."""
     bare = HapkeSet(name, w, b, backward_share(b), 0.0, h_s)
     surge = (2.459 * w + 0.078) / (w * bare.phase(1.0))
     return HapkeSet(name, w, b, backward_share(b), surge, h_s, source=source)
@@ -141,11 +149,11 @@ SETS = {
 }
 
 DEFAULT_SET = "wac-643"
-"""The typical Moon; what a map of relative albedo is to be multiplied with."""
+"""Typical surface of the Moon; the one to multiply with a map of relative albedo."""
 
 
 def hapke_set(name: str) -> HapkeSet:
-    """A set by name; ConfigError for a name that is none."""
+    """Set of a name; ConfigError for an unknown name."""
     if name not in SETS:
-        raise ConfigError(f"no Hapke parameters {name!r}; there are {', '.join(SETS)}")
+        raise ConfigError(f"no Hapke parameters {name!r}; valid names: {', '.join(SETS)}")
     return SETS[name]

@@ -1,13 +1,13 @@
-"""Which law of reflection a scene needs: what a cheaper one costs there against Hapke's.
+"""Choice of the reflectance model of a scene, by the error of a cheaper model relative to Hapke's.
 
-The cost is the rms of what is left of Hapke's image when the other law's is laid over it with the
-best gain and offset, as a share of the mean signal: sqrt(1 - r^2) of the contrast, r the correlation
-of the two images. A navigator correlates, so gain and offset cost nothing; the rest is noise to it,
-and adds (in squares) to the noise that an image has anyway, 0.13 to 0.2 of the mean signal where it
-was measured (`PointConfig.image_noise`). The images are those of random relief: facets
-whose slopes are normally distributed, the same in every direction, all lit and seen ones taken
-(shadows are the same under any law). Where one image looks at many phases (a wide camera), one gain
-and offset serve them all.
+The error is the rms residual of Hapke's image after a fit of the other model's image with a free
+gain and offset, as a share of the mean signal: sqrt(1 - r^2) of the contrast, where r is the
+correlation of the two images. Image correlation is not affected by gain and offset; it sees the
+residual as noise, which adds (in squares) to the noise of an image, 0.13 to 0.2 of the mean signal
+where it was measured (`PointConfig.image_noise`). The images show random relief: facets with
+normally distributed slopes, isotropic, restricted to those that are lit and visible (shadows are
+the same under any model). If one image has many phase angles (a wide camera), one gain and offset
+apply to all of them.
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from ..choices import AUTO_LAW, LAWS_BY_COST
 from .laws import Reflectance, radiance_under, reflectance_model
 
 SLOPE_RMS = math.tan(math.radians(8.0))
-"""Rms slope in one direction where no terrain is known. Measured on GLD100 over 118 and 474 m: 6.0
-deg (Taurus-Littrow) to 8.1 deg (far-side highlands)."""
+"""Rms slope in one direction if no terrain is known. Measured on GLD100 over 118 and 474 m: 6.0 deg
+(Taurus-Littrow) to 8.1 deg (far-side highlands)."""
 
 _QUADRATURE = 31
-_NO_CONTRAST = 1e-24  # a variance that is rounding
+_NO_CONTRAST = 1e-24  # a variance below this is rounding
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a law costs against another: ``left_over`` of the mean signal in the worst image, whose
-    ``contrast`` is the standard deviation over the mean; it has phases ``phase_deg`` and incidences
-    ``incidence_deg`` (lowest, highest) on level ground; ``images`` were tried.
+    """Error of a reflectance model relative to another: ``left_over``, the residual as a share of
+    the mean signal in the worst image. ``contrast``: standard deviation over mean of that image;
+    ``phase_deg``, ``incidence_deg``: its lowest and highest angles on level terrain; ``images``:
+    number of images compared.
     """
 
     left_over: float
@@ -45,7 +46,7 @@ class Cost:
 
     @property
     def correlation(self) -> float:
-        """Of the worst image under the two laws; 1 where there is nothing to see."""
+        """Correlation of the worst image under the two models; 1 without contrast."""
         share = self.left_over / self.contrast if self.contrast > 0.0 else 0.0
         return math.sqrt(max(0.0, 1.0 - share**2))
 
@@ -57,8 +58,8 @@ def cost(
     cameras: Array,
     slope_rms: float = SLOPE_RMS,
 ) -> Cost:
-    """The worst of images (k, n): suns, cameras (k, n, 3) are unit vectors from level ground, n
-    pairs of them in one image.
+    """Error of a model in the worst of some images. suns, cameras (k, n, 3): unit vectors from
+    level terrain for k images with n pairs each; ``slope_rms``: tangent.
     """
     up, down = _facets(slope_rms)
     worst = Cost(-1.0, 0.0, (0.0, 0.0), (0.0, 0.0), len(suns))
@@ -88,8 +89,8 @@ def _left_over(
     normals: Array,
     share: Array,
 ) -> tuple[float, float]:
-    """What is left of one image of facets under pairs of Sun and camera, and its contrast, both as
-    shares of its mean.
+    """Residual of one image of facets under pairs of Sun and camera, and its contrast, both as
+    shares of the mean.
     """
     ours, theirs, weights = [], [], []
     for sun, camera in zip(suns, cameras, strict=True):
@@ -97,7 +98,7 @@ def _left_over(
         seen, lit = normals[looked], np.ones(int(looked.sum()), dtype=np.bool_)
         ours.append(radiance_under(seen, sun, camera, lit, model))
         theirs.append(radiance_under(seen, sun, camera, lit, judge))
-        # facets of equal share of the ground fill an image in proportion to their area as seen
+        # the projected area of a facet is its weight in an image
         weights.append(share[looked] * (seen @ camera) / seen[:, 2])
     a, b, w = (np.concatenate(part) for part in (ours, theirs, weights))
     if not (w * b).sum() > 0.0:
@@ -114,8 +115,9 @@ def _ends(values: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Choice:
-    """The law of a scene: the one ``asked`` for, or chosen; what Lommel-Seeliger costs there
-    (``cost``), and the law itself (``own``), against Hapke; and the tier's limit.
+    """The reflectance model of a scene, requested (``asked``) or chosen; the error of
+    Lommel-Seeliger (``cost``) and of the model itself (``own``) relative to Hapke; and the tier's
+    limit.
     """
 
     model: Reflectance
@@ -126,7 +128,7 @@ class Choice:
 
     @property
     def reason(self) -> str:
-        """In words, for the plan."""
+        """The choice in words, for the scene plan."""
         low, high = self.cost.phase_deg
         phase = f"{low:.0f} deg" if high - low < 1.0 else f"{low:.0f} to {high:.0f} deg"
         text = (
@@ -151,7 +153,7 @@ def choose(
     slope_rms: float = SLOPE_RMS,
     asked: Reflectance | None = None,
 ) -> Choice:
-    """The law that was asked for; else the cheapest of `LAWS_BY_COST` whose cost is within
+    """Return the requested model, or the cheapest of `LAWS_BY_COST` whose error is within
     `Accuracy.law_residual`. Directions as in `cost`.
     """
     laws = [reflectance_model(name) for name in LAWS_BY_COST]
@@ -164,5 +166,5 @@ def choose(
 
 
 def named(spec: str) -> Reflectance | None:
-    """The law of a name; None for `AUTO_LAW`. ConfigError for a name that is none."""
+    """Model of a name; None for `AUTO_LAW`. ConfigError for an unknown name."""
     return None if spec == AUTO_LAW else reflectance_model(spec)

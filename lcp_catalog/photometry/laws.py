@@ -1,16 +1,18 @@
-"""The laws of reflection, as radiance factor I/F (the radiance relative to a perfect white surface lit
-head-on), by name.
+"""Reflectance models by name, as radiance factor I/F: radiance relative to that of a perfect white
+Lambert surface under normal illumination.
 
-mu0 and mu are the cosines of incidence and emission; g, the phase, is the angle between the
-directions to the source and to the camera, never their sum. docs/reflectance.md has figures.
+mu0 and mu are the cosines of incidence and emission. The phase g is the angle between the
+directions to the source and to the camera.
 
-``lommel-seeliger``: w/4 mu0 / (mu0 + mu), isotropic scattering, single-scattering albedo w = 0.21 (Hapke 2012,
-*Theory of Reflectance and Emittance Spectroscopy*, ch. 8 and 10). Without a phase function: right
-relatively within an image whose phase varies little, not between images. ``lommel-seeliger:rolo``
-has that of the Moon's disc. ``lambert``: A mu0, A = 0.12. ``lunar-lambert``: McEwen (1996),
-f(g) (2 L mu0 / (mu0 + mu) + (1 - L) mu0), L a cubic in g; f of Yokota et al. (2011). ``minnaert``: A mu0 (mu0 mu)^(k-1), Minnaert
-(1941), k = 0.5 or what follows the colon; cosines below sin 2 deg count as that. ``hapke``: Hapke (2012), `hapke_sets`.
-``facet``: a measured surface as two lobes, Labunets et al. (2019), `facet`; a table of the paper or a MODEL.toml.
+``lommel-seeliger``: w/4 mu0 / (mu0 + mu), isotropic scattering, single-scattering albedo w = 0.21
+(Hapke 2012, *Theory of Reflectance and Emittance Spectroscopy*, ch. 8 and 10). Without a phase
+function it is valid for relative values within an image of nearly constant phase, not between
+images. ``lommel-seeliger:rolo`` has the phase function of the Moon's disc. ``lambert``: A mu0, A =
+0.12. ``lunar-lambert``: McEwen (1996), f(g) (2 L mu0 / (mu0 + mu) + (1 - L) mu0), L a cubic in g; f
+of Yokota et al. (2011). ``minnaert``: A mu0 (mu0 mu)^(k-1), Minnaert (1941), k = 0.5 or the value
+after the colon; cosines below sin 2 deg are raised to that. ``hapke``: Hapke (2012),
+`hapke_parameters`. ``facet``: a measured surface as two lobes, Labunets et al. (2019),
+`facet_model`; a table of the paper or a MODEL.toml.
 """
 
 from __future__ import annotations
@@ -38,16 +40,16 @@ SINGLE_SCATTERING_ALBEDO = 0.21
 LAMBERT_ALBEDO = 0.12
 MINNAERT_ALBEDO = 0.12
 MINNAERT_K = 0.5
-"""The exponent that leaves the disc even at opposition, as the Moon's is."""
+"""Exponent for which the disc has uniform brightness at opposition, as the Moon's disc has."""
 MINNAERT_FLOOR = math.sin(math.radians(2.0))
-"""mu^(k-1) has a pole at grazing angles, where the law was never meant to hold. With this floor no
-k sends back more light than arrives."""
+"""Lower bound of the cosines: mu^(k-1) has a pole at grazing angles. With this bound the reflected
+light does not exceed the incident light for any k."""
 
 
 @dataclass(frozen=True)
 class Reflectance:
-    """A law of reflection: the name that was asked for, without folders; the law's code and its
-    numbers; the file they were read from.
+    """A reflectance model: its name as requested, without folders; its code and its numbers; and
+    the file of the numbers, if any.
     """
 
     name: str
@@ -57,12 +59,12 @@ class Reflectance:
 
     @cached_property
     def numbers(self) -> Array:
-        """The law's numbers as the kernels want them, (n,)."""
+        """Numbers of the model for the kernels, (n,)."""
         return np.array(self.law, dtype=np.float64)
 
     @classmethod
     def of_hapke(cls, parameters: HapkeSet) -> Reflectance:
-        """Hapke's law with any parameters."""
+        """Hapke's model with given parameters."""
         return cls(f"hapke:{parameters.name}", kernel.HAPKE, parameters.law)
 
 
@@ -87,7 +89,7 @@ def _minnaert(which: str) -> tuple[int, tuple[float, ...]]:
     except ValueError:
         k = math.nan
     if not 0.0 <= k <= 1.0:
-        raise ConfigError(f"minnaert:K wants an exponent from 0 to 1, not {which!r}")
+        raise ConfigError(f"minnaert:K needs an exponent from 0 to 1, not {which!r}")
     return kernel.MINNAERT, (MINNAERT_ALBEDO, k, MINNAERT_FLOOR)
 
 
@@ -112,16 +114,16 @@ _LAWS = dict(zip(REFLECTANCE_MODELS, _READERS, strict=True))
 
 
 def reflectance_model(spec: str) -> Reflectance:
-    """The law of a name, with what may follow a colon: ``hapke:wac-643-mare``, ``minnaert:0.7``.
-    ConfigError for a name that is none.
+    """Model of a name with an optional parameter set after a colon: ``hapke:wac-643-mare``,
+    ``minnaert:0.7``. ConfigError for an unknown name.
     """
     name, colon, which = spec.partition(":")
     if name not in _LAWS:
         raise ConfigError(
-            f"no reflectance model {name!r}; there are {', '.join(REFLECTANCE_MODELS)}"
+            f"no reflectance model {name!r}; valid names: {', '.join(REFLECTANCE_MODELS)}"
         )
     if colon and not which:
-        raise ConfigError(f"{spec}: nothing follows the colon")
+        raise ConfigError(f"{spec}: no parameter set after the colon")
     file = law_file(spec)
     return Reflectance(f"{name}:{file.name}" if file else spec, *_LAWS[name](which), file)
 
@@ -132,11 +134,11 @@ DEFAULT_MODEL = reflectance_model(DEFAULT_LAW)
 def radiance_factor(
     model: Reflectance, incidence: ArrayLike, emission: ArrayLike, phase: ArrayLike
 ) -> Array:
-    """I/F of a lit and seen facet by its angles in radians, broadcast against each other; 0 where
-    the incidence is 90 deg or more.
+    """I/F of a lit and visible facet by its angles in radians, broadcast against each other; 0 for
+    an incidence of 90 deg or more.
 
-    A phase that no azimuth gives (below |i - e| or above i + e) counts as the nearest that one gives
-    where a law asks for the azimuth.
+    For models that depend on the azimuth, a phase that is impossible (below |i - e| or above i + e)
+    is replaced by the nearest possible one.
     """
     angles = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (incidence, emission, phase)))
     mu0, mu, cos_g = (np.cos(np.ascontiguousarray(a).ravel()) for a in angles)
@@ -145,7 +147,7 @@ def radiance_factor(
 
 
 class Photometry(NamedTuple):
-    """Radiance factor and photometric angles (radians), one array each, of one shape."""
+    """Radiance factor and photometric angles (radians), arrays of one shape."""
 
     radiance: Array
     incidence: Array
@@ -161,11 +163,11 @@ def photometry(
     seen: NDArray[np.bool_],
     model: Reflectance = DEFAULT_MODEL,
 ) -> Photometry:
-    """Radiance and angles of points: normals (..., 3), directions to the Sun (3,) and to the camera
-    (3,) or (..., 3).
+    """Radiance factor and angles of points: normals (..., 3), directions to the Sun (3,) and to the
+    camera (3,) or (..., 3).
 
-    Radiance is 0 where seen but not lit and NaN where not seen; everything is NaN where the normal
-    is.
+    Radiance is 0 for points that are visible but not lit, and NaN for points that are not visible.
+    All values are NaN without a normal.
     """
     rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
     bands = kernel.shade_points(*rays, np.ravel(lit), np.ravel(seen), model.code, model.numbers)
@@ -179,7 +181,7 @@ def radiance_under(
     lit: NDArray[np.bool_],
     model: Reflectance = DEFAULT_MODEL,
 ) -> Array:
-    """The radiance alone, (...), of points that are seen; shapes as in `photometry`. 0 where not
+    """Radiance factor (...) of visible points; shapes as in `photometry`. 0 for points that are not
     lit.
     """
     rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
@@ -188,8 +190,8 @@ def radiance_under(
 
 
 class NodeBands(NamedTuple):
-    """Bands of nodes (rows, cols), float32, angles in degrees; which nodes lean towards the first
-    light (``lit_side``) and towards the camera (``near_side``), bool.
+    """Bands of nodes (rows, cols), float32, angles in degrees. ``lit_side``, ``near_side``: True
+    for nodes that face the first light and the camera.
     """
 
     radiance: NDArray[np.float32]
@@ -206,13 +208,12 @@ def bands_of_nodes(
     camera: Array,
     model: Reflectance = DEFAULT_MODEL,
 ) -> NodeBands:
-    """`photometry` of nodes under parallel lights and one parallel view, in single precision and ten
-    times as fast.
+    """`photometry` of nodes under parallel lights and one parallel view, in single precision and
+    ten times as fast.
 
     normals (rows, cols, 3); lights: direction (3,) and weight (rows, cols), the irradiance times
-    the share of it that arrives, or, of a lone point of irradiance 1, a mask of the nodes that it
-    reaches; camera (3,). The angles are those to the first light. On the far side the radiance has
-    no meaning.
+    the share that arrives; camera (3,). The angles refer to the first light. The radiance of nodes
+    that face away from the camera is 0, not NaN.
     """
     planes = planes_of(normals)
     shape = normals.shape[:2]

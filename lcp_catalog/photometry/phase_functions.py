@@ -1,5 +1,5 @@
-"""Published phase functions of the Moon that go with Lommel-Seeliger's law and with the lunar-Lambert law, as numbers of
-those laws.
+"""Published phase functions of the Moon for the models of Lommel-Seeliger and lunar-Lambert, as
+numbers of these models.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from ..kernels.photometry.laws import even_sphere, mixture, two_lobes
 
 @dataclass(frozen=True)
 class SurfacePhase:
-    """Yokota et al. (2011): reflectance ``r30`` at incidence and phase 30 deg, emission 0, and the phase function
-    (1 + B0 / (1 + tan(g/2)/h)) times a double Henyey-Greenstein function of ``c`` and ``asymmetry``, the lobe of (1 - c)/2
-    backward.
+    """Yokota et al. (2011): reflectance ``r30`` at incidence and phase 30 deg, emission 0, and the
+    phase function (1 + B0 / (1 + tan(g/2)/h)) times a double Henyey-Greenstein function of ``c``
+    and ``asymmetry``, in which the lobe (1 - c)/2 is backward.
     """
 
     r30: float
@@ -36,15 +36,17 @@ SURFACES = {
     "sp-mid": SurfacePhase(0.064, 1.347, 0.0565, -0.053, 0.227, f"middle albedo {_SELENE}"),
     "sp-high": SurfacePhase(0.094, 1.087, 0.0850, -0.183, 0.210, f"high albedo {_SELENE}"),
 }
-"""For the lunar-Lambert law with McEwen's L(g), with which they were fitted; phase 5 to 85 deg."""
+"""For the lunar-Lambert model with McEwen's L(g), with which they were fitted; phase 5 to 85 deg.
+"""
 
 DEFAULT_SURFACE = "sp-mid"
 
 
 @dataclass(frozen=True)
 class DiscPhase:
-    """Kieffer and Stone (2005), eq. 10, without libration and with the Sun's longitude 0: ln A of the disc's reflectance is
-    sum a_i g^i (radians) + d1 exp(-g/p1) + d2 exp(-g/p2) + d3 cos((g - p3)/p4) (degrees).
+    """Kieffer and Stone (2005), eq. 10, without libration and with the Sun's longitude 0: the
+    logarithm of the disc's reflectance is sum a_i g^i (radians) + d1 exp(-g/p1) + d2 exp(-g/p2) +
+    d3 cos((g - p3)/p4) (degrees).
     """
 
     a: tuple[float, float, float, float]
@@ -60,18 +62,21 @@ DISCS = {
         d=(0.37141, -0.13514, 0.01248),
         p=(4.06054, 12.8802, -30.5858, 16.7498),
         last_deg=97.0,
-        source="H. H. Kieffer, T. C. Stone, AJ 129 (2005) 2887, table 4, 665.1 nm; coefficients read in a plot of J. Hollan's, who "
+        source="H. H. Kieffer, T. C. Stone, AJ 129 (2005) 2887, table 4, 665.1 nm; coefficients from a plot by J. Hollan, who "
         "has them from T. Stone. Measured from 1.55 to 97 deg of phase",
     )
 }
-"""For Lommel-Seeliger's law: a sphere of it is as bright as the Moon's disc was measured, up to the last measured phase."""
+"""For Lommel-Seeliger's model: a sphere has the measured brightness of the Moon's disc, up to the
+last measured phase."""
 
 
 def surface_law(name: str) -> tuple[float, ...]:
-    """Numbers of the lunar-Lambert law: scale, B0, h, c, asymmetry. ConfigError for no such name."""
+    """Numbers of the lunar-Lambert model: scale, B0, h, c, asymmetry. ConfigError for an unknown
+    name.
+    """
     if name not in SURFACES:
         raise ConfigError(
-            f"no lunar-Lambert phase function {name!r}; there are {', '.join(SURFACES)}"
+            f"no lunar-Lambert phase function {name!r}; valid names: {', '.join(SURFACES)}"
         )
     found = SURFACES[name]
     shape = (found.b0, found.h, found.c, found.asymmetry)
@@ -82,14 +87,14 @@ def surface_law(name: str) -> tuple[float, ...]:
 
 
 def disc_law(name: str) -> tuple[float, ...]:
-    """Numbers of Lommel-Seeliger's law with a disc's phase function, as `kernels.reflectance.even_sphere` wants them. ConfigError
-    for no such name.
+    """Numbers of Lommel-Seeliger's model with the phase function of a disc, in the order of
+    `kernels.photometry.laws.even_sphere`. ConfigError for an unknown name.
 
-    Beyond the last measured phase the logarithm of the factor goes on straight.
+    Beyond the last measured phase the logarithm of the factor is extrapolated linearly.
     """
     if name not in DISCS:
         raise ConfigError(
-            f"no Lommel-Seeliger phase function {name!r}; there are {', '.join(DISCS)}"
+            f"no Lommel-Seeliger phase function {name!r}; valid names: {', '.join(DISCS)}"
         )
     found = DISCS[name]
     last, step = math.radians(found.last_deg), 1e-5

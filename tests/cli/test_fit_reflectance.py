@@ -56,7 +56,7 @@ def test_a_model_that_renders(csv, capsys):
     out, err = capsys.readouterr()
     assert len(out.splitlines()) == 4
     assert "D1" in out
-    assert err == "paint.toml: use it as --reflectance facet:paint.toml\n"
+    assert err == "paint.toml: use it with --reflectance facet:paint.toml\n"
     whole = load_model("paint.toml")
     assert whole.model.name == "paint"
     assert whole.model.albedo == 0.3
@@ -138,13 +138,13 @@ def test_replaced_only_when_told(csv, capsys):
         (
             ["paint.csv", "--refractive-index", "1", "0"],
             2,
-            "--refractive-index: refractive index 1 reflects nothing",
+            "--refractive-index: a surface of refractive index 1 reflects no light",
         ),
         (["paint.csv", "--polarisation", "2", "0"], 2, "--polarisation"),
         (["paint.csv", "--c", "-1"], 2, "--c"),
         (["paint.csv", "--albedo", "0"], 2, "--albedo"),
         (["paint.csv", "--chart", "m.toml"], 2, "must be different files"),
-        (["absolute.csv", "--albedo", "0.2"], 2, "--albedo: a radiance_factor column"),
+        (["absolute.csv", "--albedo", "0.2"], 2, "--albedo: not with a radiance_factor column"),
         (["gap.csv"], 1, "no intensity around the specular direction"),
         (["short.csv"], 1, "short.csv: incidence 20 deg has 5 measurements"),
         (["paint.csv", "--chart", "no/m.svg"], 1, "does not exist"),

@@ -156,7 +156,7 @@ def test_a_set_sun_lights_no_border_from_below(frame):
     seen = np.asarray(found.visible, bool)
     assert found.radiance[seen] == pytest.approx(expected.radiance[seen], rel=1e-6)
     assert (found.sunlit == 0).all()
-    with pytest.raises(SunError, match=r"the Sun stands .* deg below"):
+    with pytest.raises(SunError, match=r"the Sun is .* deg below"):
         render_enu(terrain, Lighting((sun,)), nadir_view(), **how)
 
 

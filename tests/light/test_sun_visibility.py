@@ -60,7 +60,7 @@ def test_the_place_stands_on_the_ground(range_dem) -> None:
     assert found.place.height_m == pytest.approx(float(ridge(np.array(4.9), 0.0)) + 10.0, abs=5.0)
     with pytest.raises(AreaError, match="no DEM has a height at longitude 30"):
         sun_over_ground(dems, 30.0, 0.0, "2024-01-01", gsd_m=400.0)
-    with pytest.raises(AreaError, match="under it"):
+    with pytest.raises(AreaError, match="invalid height"):
         sun_over_ground(dems, 0.0, 0.0, "2024-01-01", -1.0)
 
 

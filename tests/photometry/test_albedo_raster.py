@@ -147,21 +147,25 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
     "text": (lambda p: p.write_text("hello") and p, {}, "not an albedo map that can be read"),
     "heights": (lambda p: _plain(p, ONES * -2300.0), {}, "has the value -2300.*this is a DEM"),
     "undeclared missing": (lambda p: _plain(p, ONES * -3.4e38), {}, "a_nodata"),
-    "a DEM by its unit": (lambda p: _metres(_plain(p, ONES)), {}, "holds heights"),
-    "a DEM by its name": (lambda p: _plain(p.with_name("LDEM_64.tif"), ONES), {}, "holds heights"),
+    "a DEM by its unit": (lambda p: _metres(_plain(p, ONES)), {}, "contains heights"),
+    "a DEM by its name": (
+        lambda p: _plain(p.with_name("LDEM_64.tif"), ONES),
+        {},
+        "contains heights",
+    ),
     "a LOLA product by its offset": (
         lambda p: _plain(p, ONES, offset=1737400.0),
         {},
-        "holds heights",
+        "contains heights",
     ),
     "black": (lambda p: _plain(p, ONES * 0.0), {}, "every value is 0"),
-    "empty": (lambda p: _plain(p, ONES, nodata=1.0), {}, "holds no value at all"),
+    "empty": (lambda p: _plain(p, ONES, nodata=1.0), {}, "every pixel is missing"),
     "colours": (lambda p: _colours(p, 3), {}, r"colour image \(red, green, blue\).*-b 1"),
     "a palette": (lambda p: _colours(p, 1, True), {}, r"colour image \(palette\).*-expand gray"),
     "no map": (lambda p: _plain(p, ONES, crs=None), {}, "no map projection"),
     "Mars": (lambda p: _plain(p, ONES, crs="+proj=eqc +R=3396190"), {}, "Moon's sphere"),
     "a sinusoid": (lambda p: _plain(p, ONES, crs="+proj=sinu +R=1737400"), {}, "not supported"),
-    "codes over 1": (lambda p: _plain(p, ONES * 1.5), {"encoding": "srgb"}, "end at 1: take"),
+    "codes over 1": (lambda p: _plain(p, ONES * 1.5), {"encoding": "srgb"}, "end at 1; use"),
     "scaled codes": (lambda p: _plain(p, ONES, scale=2.0), {"encoding": "srgb"}, "scale and an"),
     "another encoding": (lambda p: _plain(p, ONES), {"encoding": "gamma"}, "linear, srgb"),
     "no reference": (lambda p: _plain(p, ONES), {"reference": 0.0}, "must be above 0"),
@@ -193,4 +197,4 @@ def test_several_bands_give_their_first_and_a_warning(
     with rasterio.open(tmp_path / "wac.tif", "w", **kind, crs=EQC, transform=where) as file:
         file.write(np.arange(1, 8, dtype=np.float32)[:, None, None] * np.ones((7, 9, 9), "f4"))
     assert AlbedoMap.open(tmp_path / "wac.tif").reference == 1.0
-    assert "has 7 bands; the first is taken" in caplog.text
+    assert "has 7 bands; the first is used" in caplog.text

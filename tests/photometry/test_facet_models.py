@@ -200,7 +200,7 @@ def test_names():
         ({"albedo": 0.0}, "albedo"),
         ({"albedo": 1.5}, "albedo"),
         ({"largest_emission_deg": 90.0}, "largest_emission_deg"),
-        ({"levels": (1.0, 2.0)}, "one value a node"),
+        ({"levels": (1.0, 2.0)}, "one value for each node"),
         ({"levels": (0.0,)}, "positive"),
     ],
 )

@@ -89,12 +89,12 @@ GOOD = table(lambda i, e: 1.0)
         ("incidence_deg,emission_deg,intensity\n", "no measurements"),
         (
             GOOD.replace("incidence_deg", "psi"),
-            "no column incidence_deg; there are psi, emission_deg",
+            "no column incidence_deg; the columns are psi, emission_deg",
         ),
         (GOOD.replace("emission_deg", "theta"), "no column emission_deg"),
         (
             GOOD.replace("intensity", "value"),
-            "one column of intensity, brightness, radiance_factor; there is none",
+            "one column of intensity, brightness, radiance_factor is needed; the file has none",
         ),
         (GOOD.replace("intensity", "intensity,brightness", 1), "both intensity and brightness"),
         (GOOD.replace("intensity", "intensity,intensity", 1), "appears twice"),
@@ -107,7 +107,7 @@ GOOD = table(lambda i, e: 1.0)
         (GOOD.replace("30,0,1.0", "30,-90,1.0"), "line 7: emission_deg -90 is not within"),
         (
             "\n".join(GOOD.splitlines()[:7]),
-            "incidence 30 deg has 6 measurements; a fit of six parameters wants 7",
+            "incidence 30 deg has 6 measurements; a fit of six parameters needs 7",
         ),
         (table(lambda i, e: 0), "incidence 30 deg: every value is 0"),
     ],

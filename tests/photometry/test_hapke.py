@@ -294,6 +294,6 @@ def test_parameters_outside_the_model(wrong, named):
 def test_unknown_sets():
     with pytest.raises(ConfigError, match=r"'moon'.*wac-643, wac-643-mare"):
         hapke_set("moon")
-    with pytest.raises(ConfigError, match="nothing follows"):
+    with pytest.raises(ConfigError, match="no parameter set after"):
         reflectance_model("hapke:")
     assert reflectance_model("hapke").law == reflectance_model("hapke:wac-643").law

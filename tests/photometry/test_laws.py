@@ -244,7 +244,7 @@ def test_unknown_models():
         ("minnaert:x", "0 to 1"),
         ("lunar-lambert:x", "sp-low, sp-mid, sp-high"),
         ("lommel-seeliger:x", "rolo"),
-        ("lambert:", "nothing follows"),
+        ("lambert:", "no parameter set after"),
     ):
         with pytest.raises(ConfigError, match=named):
             reflectance_model(spec)
