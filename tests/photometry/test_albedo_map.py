@@ -254,7 +254,7 @@ class TestCover:
         terrain = terrain_from_area(DemSet.open([ball]), Area(20.0, 0.0, 200.0), 5000.0)
         with pytest.raises(AlbedoError, match=r"does not cover the area \(here\); it covers longitude 30\.\.40"):  # fmt: skip
             half.check_cover(half.cover(terrain), "here")
-        with pytest.raises(AlbedoError, match="is 0 all over"):
+        with pytest.raises(AlbedoError, match="is 0 everywhere"):
             half.check_cover(Cover(1.0, 0.0, 0.0, 0.0), "here")
 
     def test_a_whole_cover_says_nothing(

@@ -163,7 +163,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
     "colours": (lambda p: _colours(p, 3), {}, r"colour image \(red, green, blue\).*-b 1"),
     "a palette": (lambda p: _colours(p, 1, True), {}, r"colour image \(palette\).*-expand gray"),
     "no map": (lambda p: _plain(p, ONES, crs=None), {}, "no map projection"),
-    "Mars": (lambda p: _plain(p, ONES, crs="+proj=eqc +R=3396190"), {}, "Moon's sphere"),
+    "Mars": (lambda p: _plain(p, ONES, crs="+proj=eqc +R=3396190"), {}, "not the Moon's"),
     "a sinusoid": (lambda p: _plain(p, ONES, crs="+proj=sinu +R=1737400"), {}, "not supported"),
     "codes over 1": (lambda p: _plain(p, ONES * 1.5), {"encoding": "srgb"}, "end at 1; use"),
     "scaled codes": (lambda p: _plain(p, ONES, scale=2.0), {"encoding": "srgb"}, "scale and an"),
