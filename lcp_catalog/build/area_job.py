@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +46,7 @@ class AreaJob:
     region: Area
     gsd_m: float
     config: BuildConfig
-    dem_paths: tuple[Path, ...]
+    dems: DemSet
     choice: Choice
     albedo: AlbedoMap | None = None
 
@@ -79,16 +78,15 @@ class AreaResult:
 
 def run_area(job: AreaJob) -> AreaResult:
     """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
-    dems = DemSet.open(job.dem_paths, job.config.dem.product_order)
-    sweep = area_sweep(job, dems)
+    sweep = area_sweep(job)
     core = _Core(job, sweep.terrain, _halo(job))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
-    return AreaResult(_evaluated(job, dems, core, sweep, rows, cols), sweep.plan)
+    return AreaResult(_evaluated(job, core, sweep, rows, cols), sweep.plan)
 
 
-def area_sweep(job: AreaJob, dems: DemSet) -> Sweep:
+def area_sweep(job: AreaJob) -> Sweep:
     """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
-    terrain, beyond = _terrain(job, dems, _halo(job))
+    terrain, beyond = _terrain(job, _halo(job))
     conditions = Conditions.at(job.task.lat_deg, job.config)
     brightness = job.albedo.known_nodes(terrain) if job.albedo else None
     albedo = _albedo_decision(job.albedo, terrain, brightness)
@@ -114,12 +112,12 @@ def _halo(job: AreaJob) -> int:
     return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
 
 
-def _terrain(job: AreaJob, dems: DemSet, halo: int) -> tuple[Terrain, Decision]:
+def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
     """The area with its halo as the core, the terrain around it that can hide it from a view or
     shadow it under the lowest Sun, at most as far away as is configured; and what the plan says of
     that.
     """
-    place = (dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
+    place = (job.dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
     limit_m = job.config.model.ring_max_km * 1e3
     view_rad = np.radians(90.0 - max(job.config.view.off_nadir_deg))
     view_m = (
@@ -189,7 +187,6 @@ def _find(
 
 def _evaluated(
     job: AreaJob,
-    dems: DemSet,
     core: _Core,
     sweep: Sweep,
     rows: NDArray[np.int64],
@@ -200,7 +197,7 @@ def _evaluated(
     whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
     lon, lat = core.lon[rows, cols], core.lat[rows, cols]
-    found = _patches(dems, lon, lat, job)
+    found = _patches(lon, lat, job)
     if found.albedo is not None and sweep.brightness is not None:
         known = _known_alike(sweep.brightness, rows, cols, half, found.albedo)
         rows, cols, lon, lat, found = (
@@ -274,7 +271,7 @@ class _Found:
         return _Found(self.z_m[some], self.elevation_m[some], self.product[some], albedo)
 
 
-def _patches(dems: DemSet, lon: Array, lat: Array, job: AreaJob) -> _Found:
+def _patches(lon: Array, lat: Array, job: AreaJob) -> _Found:
     """Each candidate's fragment, with the brightness of the same nodes."""
     size = job.config.points.patch_nodes
     z = np.empty((len(lon), size, size), dtype=np.float32)
@@ -282,7 +279,7 @@ def _patches(dems: DemSet, lon: Array, lat: Array, job: AreaJob) -> _Found:
     elevation = np.empty(len(lon))
     product = np.empty(len(lon), dtype=np.int16)
     for i, (o, a) in enumerate(zip(lon, lat, strict=True)):
-        patch = sample_patch(dems, float(o), float(a), size, job.gsd_m)
+        patch = sample_patch(job.dems, float(o), float(a), size, job.gsd_m)
         z[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
         if albedo is not None and job.albedo is not None:
             albedo[i] = job.albedo.patch(patch.frame, patch.z_m, job.gsd_m)

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,7 @@ FIELD_PIXELS = 1024
 
 def assemble(
     config: BuildConfig,
-    dem_paths: tuple[Path, ...],
+    dems: DemSet,
     region: Area,
     gsd_m: float,
     results: Mapping[str, AreaResult],
@@ -47,7 +46,6 @@ def assemble(
     """Choose the points among the areas' candidates (by the area's name) and fill every variable of
     the catalogue; ``model``: the reflectance model of all images.
     """
-    dems = DemSet.open(dem_paths, config.dem.product_order)
     everything = joined([result.candidates for result in results.values()])
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))

@@ -45,7 +45,7 @@ class Build:
     """A build that is decided down to its areas, and not yet run."""
 
     config: BuildConfig
-    dem_paths: tuple[Path, ...]
+    dems: DemSet
     region: Area
     gsd_m: float
     jobs: tuple[AreaJob, ...]
@@ -55,8 +55,7 @@ class Build:
     @classmethod
     def plan(cls, dem_paths: Sequence[Path | str], config: BuildConfig) -> Build:
         """Cut the region into areas. AreaError if the region has none."""
-        paths = tuple(Path(path) for path in dem_paths)
-        dems = DemSet.open(paths, config.dem.product_order)
+        dems = DemSet.open(dem_paths, config.dem.product_order)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
         gsd_m = config.area.gsd_m or native_gsd_m(dems, region)
@@ -69,20 +68,23 @@ class Build:
         albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
-        given = (grid, region, gsd_m, config, paths, choice, albedo)
+        given = (grid, region, gsd_m, config, dems, choice, albedo)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, paths, region, gsd_m, jobs, choice, albedo)
+        return cls(config, dems, region, gsd_m, jobs, choice, albedo)
 
     @property
     def files(self) -> list[Path]:
         """Every file that the build reads, but its configuration."""
-        dems = [path for dem in DemSet.open(self.dem_paths).dems for path in dem.files]
         law = law_file(self.config.model.reflectance)
-        return [*dems, *(self.albedo.files if self.albedo else ()), *([law] if law else ())]
+        return [
+            *self.dems.files,
+            *(self.albedo.files if self.albedo else ()),
+            *([law] if law else ()),
+        ]
 
     def fingerprint(self) -> str:
         """What decides the areas' content: version, configuration, and every file's bytes."""
-        sources = DemSet.open(self.dem_paths).sources()
+        sources = self.dems.sources()
         config = replace(self.config, model=self.config.model.portable).to_toml()
         facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
         facts += [self.albedo.provenance()] if self.albedo else []
@@ -186,7 +188,7 @@ def run_build(
         )
     catalog = assemble(
         build.config,
-        build.dem_paths,
+        build.dems,
         build.region,
         build.gsd_m,
         whole,

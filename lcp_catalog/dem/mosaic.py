@@ -290,11 +290,16 @@ class DemSet:
             parts = None if parts is None else np.nan_to_num(parts / sum_of_weights)
         return height, index, parts
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that heights are read from, labels included, each once, in the given order."""
+        return tuple(dict.fromkeys(path for dem in self.dems for path in dem.files))
+
     def sources(self) -> list[dict[str, Any]]:
         """Name, size and SHA-256 of every file that heights come from, labels included; no folders,
         in the given order.
         """
-        return file_facts(dict.fromkeys(path for dem in self.dems for path in dem.files))
+        return file_facts(self.files)
 
 
 def height_at(dem: Dem, lon_deg: float, lat_deg: float) -> float | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..geometry import rotations
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +34,8 @@ def sun_of_tables(path: Path, isis: Mapping[str, Any]) -> Array | None:
         return None
     j2000 = sun.mean(axis=0)
     constant = isis["Table_BodyRotation"].get("ConstantRotation", np.eye(3).ravel())
-    fixed = np.array([_rotation(turn) @ j2000 for turn in turns]).mean(axis=0)
+    turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    fixed = rotations.turned(turns, j2000).mean(axis=0)
     position = 1e3 * np.array(constant, dtype=np.float64).reshape(3, 3) @ fixed
     if not 1e11 < np.linalg.norm(position) < 2e11:
         log.warning(
@@ -55,15 +57,3 @@ def _table(path: Path, table: Mapping[str, Any], columns: tuple[str, ...]) -> Ar
     if values.size == 0 or values.size != count * len(names):
         raise ValueError(f"table {table.get('Name')} is cut short")
     return values.reshape(count, -1)[:, [names.index(name) for name in columns]].astype(np.float64)
-
-
-def _rotation(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a unit quaternion, scalar first, in NAIF's sense (q2m)."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

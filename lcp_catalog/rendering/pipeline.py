@@ -140,7 +140,7 @@ def prepare(request: Request) -> Scene:
 
 def prepare_terrain(request: Request) -> HeightfieldScene:
     """The scene of a request on its DEM's terrain; ``request.surface`` is not "sphere"."""
-    dems = DemSet.open(request.dem_paths, request.product_order)
+    dems = request.dems
     area, grows = area_of(request, dems)
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
@@ -198,7 +198,7 @@ def _ground(
 
 def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ...]:
     """Every file that a render reads, once, except the camera's."""
-    files = [path for dem in dems.dems for path in dem.files]
+    files = list(dems.files)
     files += [model.file] if model.file else []
     for asked in (request.albedo, request.environment, request.backdrop):
         files += asked.files if asked else ()
@@ -215,8 +215,8 @@ def _prepare_sphere(request: Request) -> SphereScene:
     gsd_m: float | None = None
     files: tuple[Path, ...] = ()
     if request.dem_paths:
-        dems = DemSet.open(request.dem_paths, request.product_order)
-        files = tuple(dict.fromkeys(path for dem in dems.dems for path in dem.files))
+        dems = request.dems
+        files = dems.files
         if request.area is None and not (request.in_camera_plane and request.view.camera):
             request = replace(request, area=area_of(request, dems)[0])
         gsd_m = min(dem.gsd_m for dem in dems.dems)

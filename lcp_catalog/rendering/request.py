@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from ..accuracy import TIERS, Accuracy
@@ -12,6 +13,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
 from ..choices import SURFACES
+from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
@@ -77,10 +79,17 @@ class Request:
     environment: Environment | None = None
     earthshine: bool = False
     backdrop: Backdrop | None = None
+    opened: DemSet | None = None
+    """The files of ``dem_paths``, where they are open already."""
 
     def __post_init__(self) -> None:
         if self.gsd_m is not None and not 0.0 < self.gsd_m < math.inf:
             raise AreaError(f"invalid cell size {self.gsd_m:g} m: --gsd must be positive")
+
+    @cached_property
+    def dems(self) -> DemSet:
+        """The DEM files as one DEM. DemError or LabelError for a file that cannot be opened."""
+        return self.opened or DemSet.open(self.dem_paths, self.product_order)
 
     def lighting(self, frame: EnuFrame) -> Lighting:
         """The light sources in a frame's axes: the environment map alone, or the Sun and, with

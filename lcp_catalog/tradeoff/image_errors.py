@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..arrays import Mask
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import Conditions, RenderedImage, Sweep
-from ..dem.mosaic import DemSet
 from ..threads import limit_threads
 
 REFERENCE = "reference"
@@ -117,7 +116,7 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
     build has none.
     """
     job = jobs[REFERENCE]
-    exact = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+    exact = area_sweep(job)
     conditions = exact.conditions
     if not (conditions.off_nadir_deg == 0.0).any():
         conditions = dataclasses.replace(

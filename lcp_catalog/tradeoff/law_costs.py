@@ -21,7 +21,6 @@ from ..arrays import Array
 from ..build.area_job import AreaJob, area_sweep
 from ..build.sweep import RenderedImage, Sweep
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
-from ..dem.mosaic import DemSet
 from ..photometry.laws import reflectance_model
 from ..threads import limit_threads
 from ..validation.window_correlation import compare
@@ -87,7 +86,7 @@ def compare_models(job: AreaJob) -> ModelChanges:
     """
     found = ModelChanges()
     with limit_threads(1):
-        sweep = area_sweep(job, DemSet.open(job.dem_paths, job.config.dem.product_order))
+        sweep = area_sweep(job)
         sweeps = {
             law: dataclasses.replace(sweep, model=reflectance_model(law)) for law in LAWS_BY_COST
         }

@@ -19,7 +19,6 @@ from ..accuracy import DEFAULT_TIER, TIERS
 from ..build.area_job import AreaJob, run_area
 from ..build.run import Build
 from ..build.sweep import Conditions
-from ..dem.mosaic import DemSet
 from ..errors import ConfigError
 from ..geometry.frames import lonlat_to_mcmf
 from .image_errors import REFERENCE, ImageChanges, Picture, compare_images
@@ -205,10 +204,9 @@ def _rows(
 def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
     """The compared areas and conditions in plain values."""
     config = build.config
-    dems = DemSet.open(build.dem_paths, config.dem.product_order)
     conditions = [Conditions.at(job.task.lat_deg, config) for job in chosen]
     return {
-        "dems": [source["name"] for source in dems.sources()],
+        "dems": [source["name"] for source in build.dems.sources()],
         "region": {
             "center_lon": build.region.lon_deg,
             "center_lat": build.region.lat_deg,

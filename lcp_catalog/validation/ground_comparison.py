@@ -9,7 +9,6 @@ offset of each window.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +21,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import View, sensor_view
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
+from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.frames import mcmf_to_lonlat
 from ..images.image import Image
@@ -79,7 +79,7 @@ class GroundComparison:
 
 def against_dem(
     photo: Image,
-    dem_paths: Sequence[Path | str],
+    dems: DemSet,
     model: Reflectance,
     accuracy: Accuracy,
     choice: WindowChoice = WindowChoice(),
@@ -91,7 +91,7 @@ def against_dem(
     The effective resolution is estimated at the DEM's posting. Cells finer than the posting are
     rendered at their own size.
     """
-    request = dem_request(photo, dem_paths, model, accuracy, albedo)
+    request = dem_request(photo, dems, model, accuracy, albedo)
     scene = prepare_terrain(request)
     resolution = of_terrain(scene.terrain)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
@@ -108,7 +108,7 @@ def against_dem(
         offset=choice.offset, search_px=SEARCH_CELLS,
     )  # fmt: skip
     lon, lat = _places(nodes, pair, found)
-    names = ", ".join(Path(path).name for path in dem_paths)
+    names = ", ".join(dem.path.name for dem in dems.dems)
     told = resolution.how if choice.gsd_m is None else f"cell size as given; {resolution.how}"
     return GroundComparison(
         found,
@@ -132,7 +132,7 @@ def rendered_cell_m(posting_m: float, target_m: float) -> float:
 
 def dem_request(
     photo: Image,
-    dem_paths: Sequence[Path | str],
+    dems: DemSet,
     model: Reflectance,
     accuracy: Accuracy,
     albedo: AlbedoMap | None = None,
@@ -150,7 +150,8 @@ def dem_request(
     if not isinstance(sensor, Camera) or photo.sun_position_mcmf_m is None:
         sun = SunChoice(subsolar_deg=subsolar(photo))
     return Request(
-        dem_paths,
+        [dem.path for dem in dems.dems],
+        opened=dems,
         sun=sun,
         view=view,
         model=model,

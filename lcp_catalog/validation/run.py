@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,11 @@ class Validation:
     def law(self) -> Reflectance:
         return self.model or reflectance_model(VALIDATION_LAW)
 
+    @cached_property
+    def dems(self) -> DemSet | None:
+        """The DEM files as one DEM; None without files."""
+        return DemSet.open(self.dem_paths) if self.dem_paths else None
+
     def described(self) -> dict[str, Any]:
         """The options for the report, without folders."""
         sun = {name: value for name, value in vars(self.sun).items() if value is not None}
@@ -134,8 +140,7 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
     """
     for files in request.files:
         files.require()
-    if request.dem_paths:
-        DemSet.open(request.dem_paths, ())
+    _ = request.dems  # a file that is no DEM ends it before any image is read
     catalog = open_catalog(request.catalog_path)
     images, pictures = [], []
     sources = [request.catalog_path]
@@ -209,8 +214,8 @@ def _ground(
     """Comparison of the image with renders, or the reason why there is none."""
     how = request.law, request.accuracy, request.windows
     try:
-        if request.dem_paths:
-            return against_dem(photo, request.dem_paths, *how, request.albedo), ""
+        if request.dems:
+            return against_dem(photo, request.dems, *how, request.albedo), ""
         return against_patches(photo, catalog, points_in_view(catalog, photo.sensor), *how), ""
     except LcpError as error:
         log.info("%s: windows: %s", photo.name, error)

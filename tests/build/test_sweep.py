@@ -26,7 +26,6 @@ from lcp_catalog.build.run import Build
 from lcp_catalog.build.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.cameras.view import View, oblique_view
 from lcp_catalog.choices import REFLECTANCE_MODELS
-from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.decisions import Decision
@@ -66,7 +65,7 @@ def rough(seed=1, scale=30.0):
 def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> None:
     """All Suns and views, every reflectance model, every tier that a render shades in float32."""
     job = build.jobs[0]
-    given = area_sweep(job, DemSet.open(job.dem_paths))
+    given = area_sweep(job)
     for tier in ("draft", "standard", "high"):
         for model in map(reflectance_model, REFLECTANCE_MODELS):
             sweep = dataclasses.replace(given, accuracy=TIERS[tier], model=model)

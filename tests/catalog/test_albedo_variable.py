@@ -30,7 +30,6 @@ from lcp_catalog.build.run import Build, run_build
 from lcp_catalog.catalog import summary
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.catalog.report import render_report
-from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import (
     AlbedoError,
     AreaFailedError,
@@ -112,8 +111,8 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
 def test_the_images_are_those_without_times_the_factor(built: tuple[Build, Path]) -> None:
     """At every node: the closed form at the node's own longitude and latitude, over the reference."""
     job = built[0].jobs[0]
-    lit = area_sweep(job, DemSet.open(job.dem_paths))
-    bare = area_sweep(dataclasses.replace(job, albedo=None), DemSet.open(job.dem_paths))
+    lit = area_sweep(job)
+    bare = area_sweep(dataclasses.replace(job, albedo=None))
     terrain = lit.terrain
     row0, row1, col0, col1 = terrain.core
     field = terrain.field

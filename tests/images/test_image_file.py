@@ -202,12 +202,16 @@ def test_an_image_that_is_cut_short(tmp_path: Path) -> None:
 
 def test_complex_samples(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene("float32").astype(np.complex64))
-    refused("samples are complex64; supported are integers and floats", path, files.camera_over(SHAPE))
+    refused(
+        "samples are complex64; supported are integers and floats", path, files.camera_over(SHAPE)
+    )
 
 
 def test_an_image_of_another_size_than_its_cameras(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
-    refused(r"has 60 x 40 pixels, but its camera camera has 40 x 60", path, files.camera_over((60, 40)))
+    refused(
+        r"has 60 x 40 pixels, but its camera camera has 40 x 60", path, files.camera_over((60, 40))
+    )
 
 
 def test_no_geometry_and_no_sun(tmp_path: Path) -> None:

@@ -119,6 +119,6 @@ def test_it_is_located_from_a_wrong_position(photo, catalog, seed) -> None:
 def test_the_whole_image_looks_like_the_dem(photo) -> None:
     """Rendered as each line saw it; in the cells of the DEM's true resolution a few windows only."""
     choice = WindowChoice(16, 16, 300.0)
-    found = against_dem(photo, [HADLEY_DEM], LAW, TIERS["standard"], choice).windows
+    found = against_dem(photo, DemSet.open([HADLEY_DEM]), LAW, TIERS["standard"], choice).windows
     assert found.count >= 12
     assert found.share_above(0.95) > 0.9

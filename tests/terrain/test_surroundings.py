@@ -238,7 +238,7 @@ def test_a_build_sees_it(range_dem) -> None:
         points=PointConfig(patch_nodes=9, search_m=400.0),
     )
     job = Build.plan((range_dem,), config).jobs[0]
-    sweep = area_sweep(job, DemSet.open(job.dem_paths))
+    sweep = area_sweep(job)
     assert sweep.far is not None
     behind, above = (image.radiance for image in sweep.images())
     assert (behind == 0.0).all()

@@ -13,6 +13,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf, patch_terrain
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
@@ -69,7 +70,7 @@ def test_a_patch_as_terrain_lies_where_its_nodes_are(catalog) -> None:
 
 def test_every_window_has_its_place(photo) -> None:
     """The middle of a window, projected into the image, is the middle of its corners' pixels; cells are as asked."""
-    found = against_dem(photo, [HADLEY], LAW, STANDARD, WindowChoice(16, 16, 300.0))
+    found = against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 300.0))
     places = lonlat_to_mcmf(found.longitude_deg, found.latitude_deg)
     assert found.windows.gsd_m == 300.0
     assert photo.sensor.in_image(photo.sensor.project(places)).mean() > 0.95
@@ -97,7 +98,9 @@ def sharp(monkeypatch):
 @pytest.mark.parametrize("gsd_m", [240.0, 118.45, 80.0])
 def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
     """80 m: finer than the DEM, which is then rendered as fine."""
-    windows = against_dem(photo, [HADLEY], LAW, STANDARD, WindowChoice(16, 16, gsd_m)).windows
+    windows = against_dem(
+        photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, gsd_m)
+    ).windows
     assert windows.gsd_m == gsd_m
     assert windows.count > 30
     assert windows.share_above(0.95) > 0.95
@@ -111,7 +114,7 @@ def test_an_offset_of_the_whole_image_is_removed_where_it_is_asked_for(
     east = PLACE.direction_to_mcmf([1.0, 0.0, 0.0])
     wrong = photo.with_sensor(camera.moved([*(480.0 * east), 0.0, 0.0, 0.0]))
     windows = against_dem(
-        wrong, [HADLEY], LAW, STANDARD, WindowChoice(16, 8, 240.0, remove_offset=True)
+        wrong, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 8, 240.0, remove_offset=True)
     ).windows
     assert windows.offset == "removed"
     assert windows.shift_px == pytest.approx((2.0, 0.0), abs=0.15)
@@ -136,12 +139,14 @@ def test_renders_are_twice_as_fine_as_windows_where_the_dem_is(posting_m, target
 
 def test_what_the_dem_has_smoothed_away_the_image_loses_too(photo) -> None:
     """An image made from the DEM has lost it already, and is smoothed once more: less alike than to the sharp render, yet alike."""
-    windows = against_dem(photo, [HADLEY], LAW, STANDARD, WindowChoice(16, 16, 240.0)).windows
+    windows = against_dem(
+        photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 240.0)
+    ).windows
     assert 0.6 < windows.share_above(0.95) < 0.95
 
 
 def test_without_a_size_cells_are_those_of_the_true_resolution(photo) -> None:
-    found = against_dem(photo, [HADLEY], LAW, STANDARD)
+    found = against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD)
     assert (
         700.0 < found.windows.gsd_m < 1300.0
     )  # GLD100's published 1 to 1.5 km, and half of a wave of 2 km
@@ -152,7 +157,10 @@ def test_under_another_sun_it_is_another_image(photo) -> None:
     turned = PLACE.direction_to_mcmf(direction_enu(160.0, 25.0))
     other = Image("turned", photo.signal, photo.weight, photo.sensor, sun_direction_mcmf=turned)
     choice = WindowChoice(16, 16, 240.0)
-    assert against_dem(other, [HADLEY], LAW, STANDARD, choice).windows.share_above(0.9) < 0.3
+    assert (
+        against_dem(other, DemSet.open([HADLEY]), LAW, STANDARD, choice).windows.share_above(0.9)
+        < 0.3
+    )
 
 
 def test_patches_are_the_image_too(photo, catalog) -> None:
@@ -225,10 +233,10 @@ def test_no_patch_in_the_image_is_said(photo, catalog) -> None:
 
 
 def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
-    kept = dem_request(photo, [HADLEY], LAW, STANDARD)
+    kept = dem_request(photo, DemSet.open([HADLEY]), LAW, STANDARD)
     assert np.allclose(kept.sun.direction_mcmf(PLACE, kept.view.camera), SUN, atol=1e-9)
     stated = Image("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
-    by_flag = dem_request(stated, [HADLEY], LAW, STANDARD)
+    by_flag = dem_request(stated, DemSet.open([HADLEY]), LAW, STANDARD)
     assert np.allclose(by_flag.sun.direction_mcmf(PLACE, by_flag.view.camera), SUN, atol=1e-9)
     lon, lat = subsolar(stated)
     assert np.allclose(lonlat_to_mcmf(lon, lat) / 1737400.0, SUN)
