@@ -133,3 +133,13 @@ def test_every_page_is_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = [p.relative_to(ROOT / "docs").as_posix() for p in PAGES if p.parent != ROOT]
     assert [page for page in pages if page not in navigation] == []
+
+
+def test_the_api_page_documents_every_public_name() -> None:
+    import lcp_catalog
+
+    page = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"^::: lcp_catalog\.(\w+)$", page, re.M)) | {"__version__"}
+    assert documented == set(lcp_catalog.__all__)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"\blcp\.(\w+)\(", readme)) <= documented
