@@ -229,7 +229,7 @@ SPOILT = {
     "sun_elevation": (7, 95.0, "sun_elevation: not in 0..90"),
     "view_altitude": (0, -1.0, "view_altitude: not above 0"),
     "view": (0, 4, "view: is not 0, 1, 2"),
-    "patch_row": (0, 0, "patch_row: does not count from the patch's centre"),
+    "patch_row": (0, 0, "patch_row: is not counted from the patch's centre"),
     "overview/y": (0, -1e9, "overview/y: is not strictly falling"),
     "coverage/status": (0, 77, "coverage/status: has no meaning"),
 }
