@@ -139,10 +139,10 @@ def test_finite_positive_and_reciprocal(spec, incidence, emission, azimuth):
 
 
 @EACH
-@pytest.mark.parametrize("incidence", [0.0, 30.0, 60.0, 80.0, 88.0, 89.9])
-def test_no_law_sends_back_more_than_arrives(spec, incidence):
-    share = hemispherical_albedo(reflectance_model(spec), math.radians(incidence))
-    assert 0.0 < share < 1.0
+def test_reflected_light_is_less_than_incident_light(spec):
+    for incidence in (0.0, 30.0, 60.0, 80.0, 88.0, 89.9):
+        share = hemispherical_albedo(reflectance_model(spec), math.radians(incidence))
+        assert 0.0 < share < 1.0, incidence
 
 
 def test_hemispherical_albedos_in_closed_form():
