@@ -222,9 +222,9 @@ def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
     assert 3 <= len(lines) <= 7
 
 
-@pytest.mark.parametrize(
-    ("value", "k"),
-    [
+def test_colours_change_at_their_limits() -> None:
+    boxes = re.findall(r'<rect fill="(rgb[^"]*)"', report_windows.colour_scale())
+    classes = [
         (-1.0, 0),
         (0.0, 0),
         (0.01, 1),
@@ -236,12 +236,10 @@ def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
         (0.91, 6),
         (0.951, 7),
         (1.0, 7),
-    ],
-)
-def test_colours_change_at_their_limits(value: float, k: int) -> None:
-    assert report_windows.correlation_class(value) == k
-    boxes = re.findall(r'<rect fill="(rgb[^"]*)"', report_windows.colour_scale())
-    assert boxes[k] == f"rgb{report_windows.COLOURS[k]}"
+    ]
+    for value, k in classes:
+        assert report_windows.correlation_class(value) == k
+        assert boxes[k] == f"rgb{report_windows.COLOURS[k]}"
 
 
 def test_the_map_has_one_pixel_a_window() -> None:

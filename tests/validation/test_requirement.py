@@ -35,8 +35,8 @@ def leaves(value: Any, path: str = "") -> dict[str, Any]:
     return found
 
 
-def test_every_number_of_an_image_may_be_demanded(document: dict[str, Any]) -> None:
-    """All single figures but counts of reasons and the corrections themselves; yes and no are none."""
+def test_every_number_of_an_image_may_be_required(document: dict[str, Any]) -> None:
+    """All single numbers except counts of reasons, corrections, and booleans."""
     left_out = ("not_found.", "pose.correction.", "pose.sigma.")
     numbers = {
         path
@@ -46,30 +46,28 @@ def test_every_number_of_an_image_may_be_demanded(document: dict[str, Any]) -> N
     assert numbers == set(NUMBERS)
 
 
-@pytest.mark.parametrize("path", NUMBERS)
-def test_a_whole_path_means_itself(path: str) -> None:
-    assert Requirement.parse(f"{path}>=1").terms[0].path == path
-    assert Requirement.parse(f"images.{path} >= 1").terms[0].path == path
+def test_a_whole_path_refers_to_itself() -> None:
+    for path in NUMBERS:
+        assert Requirement.parse(f"{path}>=1").terms[0].path == path
+        assert Requirement.parse(f"images.{path} >= 1").terms[0].path == path
 
 
-@pytest.mark.parametrize(
-    ("name", "path"),
-    [
-        ("share_above_0_9", "windows.share_above_0_9"),
-        ("textured.share_above_0_9", "windows.textured.share_above_0_9"),
-        ("points_found", "points_found"),
-        ("position_error_m", "pose.position_error_m"),
-        ("mode", "windows.mode"),
-        ("p05", "correlation.p05"),
-        ("count", "windows.count"),
-        ("elevation_deg", "sun.elevation_deg"),
-    ],
-)
-def test_the_end_of_a_path_is_enough(name: str, path: str) -> None:
-    assert Requirement.parse(f"{name}<1").terms[0].path == path
+def test_the_end_of_a_path_is_enough() -> None:
+    paths = {
+        "share_above_0_9": "windows.share_above_0_9",
+        "textured.share_above_0_9": "windows.textured.share_above_0_9",
+        "points_found": "points_found",
+        "position_error_m": "pose.position_error_m",
+        "mode": "windows.mode",
+        "p05": "correlation.p05",
+        "count": "windows.count",
+        "elevation_deg": "sun.elevation_deg",
+    }
+    for name, path in paths.items():
+        assert Requirement.parse(f"{name}<1").terms[0].path == path
 
 
-def test_a_name_of_several_figures_lists_them() -> None:
+def test_an_ambiguous_name_lists_the_paths() -> None:
     with pytest.raises(ConfigError) as said:
         Requirement.parse("median>0.9")
     for path in ("offset_px.median", "offset_m.median", "correlation.median", "windows.median"):
@@ -77,26 +75,23 @@ def test_a_name_of_several_figures_lists_them() -> None:
     assert "\n" not in str(said.value)
 
 
-@pytest.mark.parametrize(
-    "name", ["shares", "pose", "ove_0_9", "windows", "images", "p0", "size_px"]
-)
-def test_an_unknown_name_lists_what_there_is(name: str) -> None:
-    with pytest.raises(
-        ConfigError, match=f"unknown name {name}; known names: verdict, points_in_view"
-    ):
-        Requirement.parse(f"{name}>=0")
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    for name in ("shares", "pose", "ove_0_9", "windows", "images", "p0", "size_px"):
+        said = f"unknown name {name}; known names: verdict, points_in_view"
+        with pytest.raises(ConfigError, match=said):
+            Requirement.parse(f"{name}>=0")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", " ", "mode", "mode>", ">0.9", "mode=0.9", "mode=>0.9", "mode>0.9,", "mode>0.9 or count>3",
+INVALID = ("", " ", "mode", "mode>", ">0.9", "mode=0.9", "mode=>0.9", "mode>0.9,", "mode>0.9 or count>3",
      "mode>0.9 count>3", "mode>nan", "mode>85%", "mode>__import__('os')", "(mode>0.9)", "mode>0.9 and and count>1",
-     "verdict>located", "verdict==lost", "1<mode<2"],
-)  # fmt: skip
-def test_what_is_no_condition_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"^--require: .") as said:
-        Requirement.parse(text)
-    assert "\n" not in str(said.value)
+     "verdict>located", "verdict==lost", "1<mode<2")  # fmt: skip
+
+
+def test_invalid_conditions_are_refused() -> None:
+    for text in INVALID:
+        with pytest.raises(ConfigError, match=r"^--require: .") as said:
+            Requirement.parse(text)
+        assert "\n" not in str(said.value)
 
 
 @given(
@@ -105,7 +100,7 @@ def test_what_is_no_condition_is_refused(text: str) -> None:
     st.floats(-1e6, 1e6) | st.sampled_from([0.0, 0.25, 16.0, 948.0]),
     st.floats(-1e6, 1e6) | st.sampled_from([0.0, 0.25, 16.0, 948.0]),
 )
-def test_conditions_are_pythons_own(path: str, symbol: str, found: float, wanted: float) -> None:
+def test_conditions_agree_with_python(path: str, symbol: str, found: float, wanted: float) -> None:
     entry: dict[str, Any] = {"image": "a.png", "points_found": 3, "windows": {"reason": ""}}
     *_, last = names = path.split(".")[1:]
     entry["windows"] |= {names[0]: {last: found}} if len(names) > 1 else {last: found}
@@ -151,14 +146,14 @@ def test_an_unknown_place_says_so(document: dict[str, Any]) -> None:
     assert "(the true position is unknown)" in said
 
 
-def test_a_verdict_may_be_demanded(document: dict[str, Any]) -> None:
+def test_a_verdict_may_be_required(document: dict[str, Any]) -> None:
     assert Requirement.parse("verdict==located").terms[0].path == VERDICT
     assert len(Requirement.parse("verdict==located").failures(document)) == 2
     assert Requirement.parse("verdict == 'not this place'").failures(only(document, 1)) == []
     assert Requirement.parse("verdict!=located and count==0").failures(only(document, 1)) == []
 
 
-def test_no_image_holds_nothing(document: dict[str, Any]) -> None:
+def test_without_an_image_every_requirement_fails(document: dict[str, Any]) -> None:
     none = document | {"images": []}
     assert Requirement.parse("count>=0").failures(none) == ["no image was validated"]
 
