@@ -1,4 +1,4 @@
-"""The page: nothing outside it, real pictures."""
+"""The catalogue page: no outside references, real images; its drawings."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Apollo 15 frames in windows: the image on the DEM's own cells beside renders, and what is held against each other.
-
-Nothing is fitted to a frame but its camera (before, see the data's provenance) and each window's gain and offset. The
-photographs are pictures of film for the eye; `SRGB` decodes them by the standard's fixed curve, which no frame has a say in.
+"""Apollo 15 frames in windows: the image on the DEM's cells, renders, and yardsticks. Nothing is
+fitted to a frame but its camera (in advance, see the provenance of the data) and the gain and
+offset of each window. The photographs are scans of film for display; `SRGB` decodes them by the
+standard's curve, without a fit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LAW = "lunar-lambert"
 
 
 def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Image:
-    """A frame; its border of `MARGIN_PX` pixels, where the film's notches are, weighs nothing."""
+    """A frame; its border of `MARGIN_PX` pixels, with the notches of the film, has no weight."""
     with rasterio.open(image) as file:
         codes = file.read(1).astype(np.float64)
     values = decode_srgb(codes / 255.0) if encoding == SRGB else codes
@@ -46,7 +46,7 @@ def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Image:
 
 @dataclass(eq=False)
 class Ground:
-    """One frame and its ground on cells of ``gsd_m`` (None: the DEM's own)."""
+    """One frame and its terrain on cells of ``gsd_m`` (None: those of the DEM)."""
 
     image: Path
     camera: Path
@@ -64,7 +64,9 @@ class Ground:
         return cls(image, folder / f"{key}_camera.json", folder / dem, albedo, gsd_m)
 
     def rendered_for(self, target_m: float) -> Ground:
-        """The same ground on the cells that `lcp validate` renders on for windows on cells of ``target_m``."""
+        """The same terrain on the cells that `lcp validate` renders for windows on cells of
+        ``target_m``.
+        """
         cell_m = rendered_cell_m(self.scene.gsd_m, target_m)
         if cell_m == self.scene.gsd_m:
             return self
@@ -102,7 +104,7 @@ class Ground:
         return {}
 
     def radiance(self, law: str = LAW, albedo: bool = True, shadows: bool = True) -> np.ndarray:
-        """At the core's nodes under a law, or one of `YARDSTICKS`."""
+        """Image of the core's nodes under a reflectance model or one of `YARDSTICKS`."""
         if law in YARDSTICKS:
             values = self._yardstick(law)
         elif not shadows:
@@ -122,7 +124,7 @@ class Ground:
         return np.where(lit, factor * shot.sunlit, np.where(shot.visible, 0.0, np.nan))
 
     def pair(self, target_m: float, render: np.ndarray, encoding: str = SRGB, **how: float) -> Pair:
-        """Image and render on cells, the image with the DEM's own point spread."""
+        """Image and render on cells, the image with the DEM's point spread."""
         seen = self.ortho(encoding)
         spread = {"dem_fwhm_m": self.resolution.point_spread_m} | how
         gsd_m = self.scene.gsd_m

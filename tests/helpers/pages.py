@@ -1,4 +1,4 @@
-"""Pages as a browser would meet them: elements that nest, addresses, pictures."""
+"""HTML pages as parsed by a browser: nesting, addresses, images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ VOID = {"meta", "img", "br", "link", "input", "hr"}
 
 
 class Page(HTMLParser):
-    """Checks that elements nest, and collects every address the page names."""
+    """Parser that checks the nesting of elements and collects addresses and ids."""
 
     def __init__(self) -> None:
         super().__init__()

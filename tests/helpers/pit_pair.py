@@ -1,5 +1,5 @@
-"""The real pair of the pit in Mare Tranquillitatis: a NAC orthoimage of half a metre, and a NAC DTM of 2 m in 256 steps of the same
-ground. What tests and `benchmarks/nac_pair.py` share.
+"""The real pair of the pit in Mare Tranquillitatis: a NAC orthoimage of half a metre, and a NAC DTM
+of 2 m in 256 steps of the same ground. What tests and `benchmarks/nac_pair.py` share.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ PAIR = Path("images") / "nac-tranqpit1-pair"
 STEP_M = 119.0 / 255.0
 GSD_M = 2.0
 PIT_MARGIN_M = 20.0
-"""Ground so near the hole is left out of the registration: both files have it, and it would be found, not the ground."""
+"""Distance around the hole that is excluded from the registration: both files contain the hole,
+which would dominate.
+"""
 
 REACH_M = 12.0
 BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,60", "--view", "0:0", "--noise", "0.005",
@@ -36,7 +38,7 @@ BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,6
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The DTM, as it came or smoothed, rendered: radiance (rows, cols) and where its nodes lie."""
+    """Render of the DTM, original or smoothed: radiance (rows, cols) and positions of its nodes."""
 
     scene: HeightfieldScene
     radiance: np.ndarray
@@ -50,7 +52,7 @@ class Ground:
 
 
 def dtm(folder: Path) -> tuple[np.ndarray, rasterio.CRS, rasterio.Affine]:
-    """Heights as they came, metres, NaN in the hole."""
+    """Original heights, metres, NaN in the hole."""
     with rasterio.open(folder / "tranqpit1_dtm_2m.tif") as file:
         heights = file.read(1).astype(np.float64)
         heights[heights == file.nodata] = np.nan
@@ -74,7 +76,7 @@ def on_ground(photo: Image, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def far_from_hole(ground: Ground, weight: np.ndarray) -> np.ndarray:
-    """Nodes that have both, not beside the hole or the border."""
+    """Nodes valid in both, not beside the hole or the edge."""
     there = (np.isfinite(ground.radiance) & (weight > 0.9)).astype(np.uint8)
     side = 2 * round(PIT_MARGIN_M / GSD_M) + 1
     return cv2.erode(there, np.ones((side, side), np.uint8), borderValue=0) > 0
@@ -85,14 +87,18 @@ def orthoimage(folder: Path, sun: SunChoice) -> Image:
 
 
 def build_catalog(dem: Path, path: Path) -> Path:
-    """`lcp build-catalog` of the DTM under Suns like the image's, for an image that hardly differs from its render."""
+    """`lcp build-catalog` of the DTM for Suns near that of the image, and for images nearly equal
+    to their renders.
+    """
     lcp = [str(Path(sys.executable).with_name("lcp")), "build-catalog", str(dem), "-o", str(path)]
     subprocess.run([*lcp, *BUILD], check=True, capture_output=True)
     return path
 
 
 def highest(scores: np.ndarray, step_m: float) -> np.ndarray:
-    """Column and row, metres from the middle, of a peak by a paraboloid through its 3 x 3; NaN at the border."""
+    """Column and row of a peak, metres from the centre, by a paraboloid through 3 x 3 values; NaN
+    at the edge.
+    """
     rows, cols = scores.shape
     i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
     if not (0 < i < rows - 1 and 0 < j < cols - 1):
@@ -106,7 +112,9 @@ def highest(scores: np.ndarray, step_m: float) -> np.ndarray:
 
 
 def window_scores(image: np.ndarray, ground: Ground, keep: np.ndarray, side: int) -> np.ndarray:
-    """(n, shifts, shifts): correlations of windows of the render with the image around them, those without a hole."""
+    """Correlations (n, shifts, shifts) of windows of the render with the image around them, for
+    windows without gaps.
+    """
     found = []
     reach = round(REACH_M / GSD_M)
     rows, cols = image.shape
@@ -122,15 +130,16 @@ def window_scores(image: np.ndarray, ground: Ground, keep: np.ndarray, side: int
 
 
 def offset_of(scores: np.ndarray) -> np.ndarray:
-    """By how many metres (east, north) the image's ground lies from where its map puts it: where the windows correlate best on
-    average. What is seen right of and below its place lies west and north of where the map has it.
+    """Offset (east, north) in metres of the image's terrain from its place on the map: the maximum
+    of the windows' mean correlation. An offset to the right and down in the image is one to the
+    west and north of the map.
     """
     right, down = highest(scores.mean(axis=0), GSD_M)
     return np.array([-right, down])
 
 
 def at_scale(values: np.ndarray, there: np.ndarray, factor: int) -> np.ndarray:
-    """Means of blocks of factor x factor, NaN where fewer than 0.7 of one are there."""
+    """Means of blocks of factor x factor, NaN where less than 0.7 of a block is valid."""
     rows, cols = (n // factor for n in values.shape)
     cut = np.s_[: rows * factor, : cols * factor]
     blocks = (rows, factor, cols, factor)

@@ -1,4 +1,4 @@
-"""A small build of made craters, and tiers of it with injected faults: what the tests of `lcp trade` share."""
+"""A small build of synthetic craters with injected errors of tiers, for the tests of `lcp trade`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CONFIG = BuildConfig(
 
 
 def cratered_dem(folder: Path) -> Path:
-    """Craters on 114 km around 1 E 9 N, with a hole of nodata."""
+    """Craters on 114 km around 1 E 9 N, with a gap of nodata."""
     heights = synthetic.cratered(240, GSD_M, seed=3)
     heights[100:103, 90:96] = -32768.0
     west, north = 1.0 - 120 / 64, 9.0 + 120 / 64
@@ -50,7 +50,9 @@ def cratered_dem(folder: Path) -> Path:
 
 
 def faulty(monkeypatch: pytest.MonkeyPatch, flips: Any, tier: str = "draft") -> None:
-    """Every tier traces exactly, but ``tier`` has the shadow of the nodes of ``flips(azimuth, dark)`` the other way round."""
+    """Exact tracing in every tier, except that ``tier`` has the inverted shadow at the nodes of
+    ``flips(azimuth, dark)``.
+    """
 
     def wrong(
         field: Any, azimuth: float, elevations: Any, accuracy: Any, window: Any, far: Any
@@ -72,7 +74,9 @@ def tiers(build: Build) -> dict[str, Any]:
 
 
 def candidates(places: list[tuple[float, float]], states: list[list[int]]) -> list[Any]:
-    """Fields of candidates with one view, one azimuth and as many elevations as there are states; sigma 10 m a condition."""
+    """Fields of candidates with one view, one azimuth and as many elevations as states; sigma 10 m
+    per condition.
+    """
     count = len(places)
     shape = (1, len(states[0]) if states else 2, 1)
     evaluation = Evaluation.empty(count, shape)

@@ -1,4 +1,6 @@
-"""Made-up verdicts for tests: a camera over the Moon, points found with known errors, windows of noise."""
+"""Synthetic validation results for tests: a camera above the Moon, points with known errors,
+windows of noise.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ MOVED = np.array([300.0, -200.0, 400.0, 5e-4, -4e-4, 3e-4])
 
 
 def camera() -> Camera:
-    """Above 0 E, 0 N, looking straight down; right is east."""
+    """Above 0 E, 0 N, looking down; right is east."""
     rotation = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
     place = np.array([MOON_RADIUS_M + ALTITUDE_M, 0.0, 0.0])
     middle = ((WIDTH - 1) / 2.0, (HEIGHT - 1) / 2.0)
@@ -32,14 +34,14 @@ def camera() -> Camera:
 
 
 def ground(pixels: np.ndarray) -> np.ndarray:
-    """Where pixels (n, 2) of the camera meet a plane 1 km below the sphere's top, (n, 3)."""
+    """Intersections of the rays of pixels (n, 2) with a plane 1 km below the sphere's top, (n, 3)."""
     start, ahead = camera().looks(pixels)
     return start + ahead * ((MOON_RADIUS_M - 1e3 - start[:, :1]) / ahead[:, :1])
 
 
 def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
-    """Points at random pixels, all reasons among them, and where they are, (n, 3). What was found is off the true pixel by its
-    own covariance.
+    """Random points with all match results, and their positions (n, 3). Found pixels differ from
+    the true ones by their covariance.
     """
     dice = np.random.default_rng(seed)
     true = dice.uniform([5.0, 5.0], [WIDTH - 6.0, HEIGHT - 6.0], (n, 2))
@@ -63,7 +65,7 @@ def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
 
 
 def solved(found: Matches, places: np.ndarray) -> Pose:
-    """The given camera corrected by what was found."""
+    """The given camera, corrected by the points found."""
     use = found.found
     prior = Uncertainty(600.0, 1e-3)
     chosen = (places[use], found.found_px[use], found.covariance_px2[use])
@@ -79,8 +81,8 @@ def on_map() -> Pose:
 
 
 def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
-    """A photo of the camera's size in blocks of 2 x 2; an image and a render of the ground that differ by noise, each with a
-    hole, and with something bright in the image where the render has its own.
+    """Images for a report: blocks of 2 x 2 pixels; image and render of terrain that differ by
+    noise, each with gaps and bright spots.
     """
     dice = np.random.default_rng(seed)
     render = np.cumsum(dice.normal(size=(rows, cols)), axis=1)
@@ -96,7 +98,7 @@ def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:
 
 
 def windows(shown: Pictures) -> result.WindowFigures:
-    """Of the ground's pictures."""
+    """Window figures of the terrain images in ``shown``."""
     found = compare(shown.ground_image, shown.ground_render, gsd_m=948.0, search_px=2)
     return figures_of(found)
 
@@ -109,7 +111,7 @@ def figures_of(found: WindowComparison) -> result.WindowFigures:
 def image(
     name: str = "frame.png", n: int = 60, located: bool = True, seed: int = 0
 ) -> result.ImageVerdict:
-    """A verdict with a pose and windows, or one without."""
+    """A result with a pose and windows, or without."""
     found, places = matches(n, seed)
     pose, error, corrected = None, None, np.full((n, 2), np.nan)
     if located:
@@ -152,7 +154,7 @@ def image(
 
 
 def nothing(name: str = "blank.png") -> result.ImageVerdict:
-    """An image that says nothing, with no point in view."""
+    """An image with no point in view."""
     empty, pairs = np.empty(0), np.empty((0, 2))
     none = Matches(
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
@@ -162,6 +164,6 @@ def nothing(name: str = "blank.png") -> result.ImageVerdict:
 
 
 def whole() -> result.Verdict:
-    """Three images: located, elsewhere, nothing."""
+    """Three images: located, not this place, cannot say."""
     images = (image(), image("other.png", located=False), nothing())
     return result.Verdict(images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None})

@@ -1,4 +1,4 @@
-"""Pictures of a page: means by area, grey by percentiles, holes."""
+"""Greyscale images: area means, stretch by percentiles, gaps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcp_catalog.plots.greyscale import DARK, LIGHT, PIXELS_MAX, SIDE_MAX, grey,
 
 
 def by_area(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Twin of `shrunk`: every new pixel sums the parts of the old ones that it covers, one by one."""
+    """Twin of `shrunk`: every new pixel sums the covered parts of the old pixels, one by one."""
     out = np.full(shape, np.nan)
     (rows, cols), (high, wide) = (
         values.shape,
@@ -82,7 +82,7 @@ def test_grey_runs_from_dark_to_light() -> None:
 
 @given(st.floats(0.01, 100.0), st.floats(-100.0, 100.0))
 def test_gain_and_offset_make_no_difference(gain: float, offset: float) -> None:
-    """Two pictures of one ground look the same, also where one of them ends in something bright."""
+    """Two images of the same terrain look the same, even if one has a bright edge."""
     dice = np.random.default_rng(5)
     image = dice.normal(size=(40, 40))
     other = gain * image + offset

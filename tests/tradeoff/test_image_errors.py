@@ -1,4 +1,4 @@
-"""``compare_images``: injected faults come back as what they are, judged by the stacked images."""
+"""``compare_images``: injected errors are counted correctly, compared with stacked images."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 @dataclasses.dataclass
 class Twin:
-    """The same area's images, stacked: what the sums of `compare_images` are judged by."""
+    """Images of the same area, stacked: the reference for the sums of `compare_images`."""
 
     sweeps: dict[str, Sweep]
 
@@ -38,7 +38,7 @@ class Twin:
         return np.stack([i.radiance for i in self.sweeps[tier].images(views=(view,))])
 
     def lit(self, tier: str) -> tuple[np.ndarray, np.ndarray]:
-        """Lit and known, each (Suns, rows, cols), from shadows and normals alone."""
+        """Lit and valid, each (Suns, rows, cols), from shadows and normals alone."""
         sweep = self.sweeps[tier]
         lit = []
         for azimuth in range(2):
@@ -53,7 +53,7 @@ class Twin:
 def test_flipped_nodes_are_the_error_that_is_reported(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the flipped nodes those that face the Sun change from lit to dark or back; nothing else does."""
+    """Of the flipped nodes those that face the Sun change their state; no other node does."""
     faulty(monkeypatch, one_in_a_hundred)
     changes, picture = compare_images(tiers(build))
     twin = Twin.of(build)
@@ -102,7 +102,9 @@ def near_an_edge(dark: np.ndarray, reach: int) -> np.ndarray:
 def test_errors_at_a_shadows_edge_are_told_from_others(
     build: Build, near: bool, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Edges are those of the lit ground: flipped are nodes two from one, or nodes with none within five."""
+    """Edges are those of the lit terrain; the flipped nodes are two nodes from an edge, or have
+    none within five.
+    """
     exact, known = Twin.of(build).lit("reference")
     lit = {0: exact[:2], 1: exact[2:]}  # by azimuth: east, west
 
@@ -137,7 +139,7 @@ def test_occlusion_that_differs_is_counted(build: Build, monkeypatch: pytest.Mon
 
 
 def test_the_bounds_hold_where_nothing_is_wrong(build: Build) -> None:
-    """The tiers as they are: none beyond its bound, high and reference without an error."""
+    """The real tiers: none exceeds its bound; high and reference have no error."""
     changes, _ = compare_images(tiers(build))
     assert changes["high"].wrong == changes["high"].misseen == 0
     for tier, change in changes.items():

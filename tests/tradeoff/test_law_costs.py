@@ -1,4 +1,4 @@
-"""Windows of one image against those of another, by NumPy's own correlation."""
+"""Window correlations of two images, compared with NumPy's own correlation."""
 
 import numpy as np
 import pytest

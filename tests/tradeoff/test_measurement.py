@@ -1,4 +1,4 @@
-"""``measure_trade``: the whole way from a build to the document, the page and the files."""
+"""``measure_trade``: from a build to the document, the page and the files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 @pytest.fixture(scope="module")
 def trade(build: Build) -> Trade:
-    """With a draft that is wrong at one node in ten; in this process."""
+    """With a draft tier that is wrong at one node in ten; in this process."""
     patch = pytest.MonkeyPatch()
     faulty(patch, lambda azimuth, dark: np.random.default_rng(5).random(dark.shape) < 0.1)
     try:
@@ -89,7 +89,9 @@ def test_the_document_is_the_contracts(trade: Trade) -> None:
 def test_seconds_are_medians_and_tiers_take_turns(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A clock that says what the calls say: the warm-up never counts, and each round begins with another tier."""
+    """A clock with known readings: the warm-up does not count, and each round begins with another
+    tier.
+    """
     calls: list[tuple[str, str]] = []
     empty = Candidates(*candidates([], []))
 
@@ -127,7 +129,7 @@ def test_areas_are_spread(build: Build) -> None:
 
 
 def test_the_middle_comes_first_then_what_is_far_away_and_slivers_last() -> None:
-    """Five areas on the equator around 2.1 E, of which the middle one is cut to a tenth."""
+    """Five areas on the equator around 2.1 E; the middle one is cut to a tenth."""
     tasks = [
         SimpleNamespace(lon_deg=lon, lat_deg=0.0, window=SimpleNamespace(shape=(rows, 10)))
         for lon, rows in ((0.0, 10), (1.0, 10), (2.0, 1), (3.0, 10), (4.5, 10))

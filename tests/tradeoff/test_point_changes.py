@@ -15,7 +15,9 @@ from lcp_catalog.tradeoff.point_changes import compare_points
 
 
 def test_lost_gained_and_moved_points_by_hand() -> None:
-    """Spacing 16 km. A stays, B is lost, C moves by one cell, D is gained; E is a candidate in both and a point in neither."""
+    """Spacing 16 km. A stays, B is lost, C moves by one cell, D is gained; E is a candidate in both
+    and chosen in neither.
+    """
     a, b, c, c2, d, e = (0.0, 0.0), (3.0, 0.0), (6.0, 0.0), (6.02, 0.0), (9.0, 0.0), (12.0, 0.0)
     off = EVALUATED
     before = Candidates(

@@ -1,4 +1,4 @@
-"""The page of ``lcp trade`` from rows by hand: its advice, its front, its pictures."""
+"""The page of ``lcp trade`` from given rows: recommendations, Pareto front, images."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[
 
 
 def named(sentences: list[str]) -> list[str]:
-    """The word after each sentence's first colon."""
+    """The word after the first colon of each sentence."""
     return [re.findall(r": (\w+)", sentence)[0] for sentence in sentences]
 
 

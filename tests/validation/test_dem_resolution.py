@@ -1,4 +1,6 @@
-"""What DEMs resolve: made ground with a known point spread, noise or interpolation, and real products."""
+"""Effective resolution of DEMs: synthetic terrain with a known point spread, noise or
+interpolation, and real products.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,19 @@ from lcp_catalog.validation.point_spread import SIGMA_PER_FWHM
 
 GSD_M = 100.0
 HALF_WAVE = np.pi * SIGMA_PER_FWHM / np.sqrt(2.0 * np.log(2.0))
-"""Half the wave whose height a Gaussian halves, in its full widths: exp(-2 (pi s / wave)^2) = 1/2. It is 1.13."""
+"""Half of the wavelength that a Gaussian halves, in units of its full width: exp(-2 (pi s /
+wave)^2) = 1/2. It is 1.13.
+"""
 
 
 LEVEL, WAVE_M = 5.6e-5, 10e3
-"""Power times k^4 at waves of 10 km: what GLD100 has of far-side highlands."""
+"""Power times k^4 at waves of 10 km, as in the far-side highlands of GLD100."""
 
 
 def ground(rows, cols, exponent, seed, fwhm_m=0.0, gsd_m=GSD_M):
-    """Heights of the spectrum LEVEL k^-4 (k WAVE_M)^(4 - exponent) through a Gaussian; not periodic."""
+    """Heights with the spectrum LEVEL k^-4 (k WAVE_M)^(4 - exponent), smoothed by a Gaussian; not
+    periodic.
+    """
     rng = np.random.default_rng(seed)
     shape = (2 * rows, 2 * cols)
     down, across = (np.fft.fftfreq(n, gsd_m) for n in shape)
@@ -41,8 +47,8 @@ def ground(rows, cols, exponent, seed, fwhm_m=0.0, gsd_m=GSD_M):
 @settings(deadline=None, max_examples=4, derandomize=True)
 @given(st.floats(3.2, 4.4), st.floats(220.0, 900.0), st.integers(0, 10_000))
 def test_a_known_point_spread_is_found(exponent, fwhm_m, seed):
-    """On 320 x 260 nodes, whatever the law of the ground in the range of the Moon's: within an eighth (the
-    worst of 120 was 11 % off).
+    """On 320 x 260 nodes, whatever the law of the ground in the range of the Moon's: within an
+    eighth (the worst of 120 was 11 % off).
     """
     found = true_resolution(ground(320, 260, exponent, seed, fwhm_m), GSD_M)
     assert found.resolution_m == pytest.approx(HALF_WAVE * fwhm_m, rel=0.125)
@@ -85,8 +91,8 @@ def test_cells_that_are_means_of_their_ground_have_their_posting():
 @pytest.mark.parametrize("how", [cv2.INTER_LINEAR, cv2.INTER_CUBIC])
 @pytest.mark.parametrize("times", [3, 4])
 def test_oversampling_adds_nothing(how, times):
-    """A DEM of 400 m that was interpolated onto finer nodes resolves 400 m; what interpolation makes up of shorter waves is taken
-    for ground to a sixth.
+    """A DEM of 400 m that was interpolated onto finer nodes resolves 400 m; what interpolation
+    makes up of shorter waves is taken for ground to a sixth.
     """
     fine = cv2.resize(
         ground(220, 220, 4.0, 3, gsd_m=400.0), None, fx=times, fy=times, interpolation=how
@@ -96,7 +102,9 @@ def test_oversampling_adds_nothing(how, times):
 
 @pytest.mark.parametrize("noise_m", [10.0, 30.0])
 def test_noise_that_outweighs_the_ground_limits_it(noise_m):
-    """White noise s has the power s^2 step^2 at every wave, the ground LEVEL k^-4: equal at k = (LEVEL / s^2 step^2)^(1/4)."""
+    """White noise s has the power s^2 step^2 at every wave, the terrain LEVEL k^-4: equal at k =
+    (LEVEL / s^2 step^2)^(1/4).
+    """
     z = ground(360, 360, 4.0, 2)
     equal = (LEVEL / (noise_m * GSD_M) ** 2) ** 0.25
     noisy = z + np.random.default_rng(0).normal(scale=noise_m, size=z.shape)
@@ -107,14 +115,16 @@ def test_noise_that_outweighs_the_ground_limits_it(noise_m):
 
 
 def test_rounding_to_metres_is_the_noise_that_it_is():
-    """A step of 1 m is 0.29 m of noise; it leaves a smooth DEM's resolution alone."""
+    """A step of 1 m is 0.29 m of noise; it does not change the resolution of a smooth DEM."""
     z = ground(320, 320, 4.0, 5, 400.0)
     found = true_resolution(np.round(z), GSD_M)
     assert found.resolution_m == pytest.approx(HALF_WAVE * 400.0, rel=0.12)
 
 
 def test_lines_of_a_cylinder_far_from_the_equator():
-    """Nodes half as far apart along the parallel: the same ground gives the same answer, and the posting is the wider step."""
+    """Nodes at half the distance along the parallel: the same terrain has the same resolution, and
+    the posting is the larger step.
+    """
     z = ground(300, 600, 4.0, 8, 500.0, gsd_m=50.0)[::2]
     found = true_resolution(z[:, :600], (100.0, 50.0))
     assert found.posting_m == 100.0
@@ -163,7 +173,9 @@ def test_what_cannot_tell_says_so(heights):
 
 
 def test_cells_so_wide_that_the_moons_own_law_bends_cannot_tell(ldem_4):
-    """LDEM_4: waves of 15 km and more; they fall with k^-2, which is no fault of the DEM."""
+    """LDEM_4: waves of 15 km and more; their spectrum falls with k^-2, which is not an effect of
+    the DEM.
+    """
     z = np.fromfile(ldem_4 / "LDEM_4.IMG", "<i2").reshape(720, 1440)[240:480] * 0.5
     found = true_resolution(z, 7580.8)
     assert found.resolution_m == 7580.8
@@ -180,7 +192,9 @@ def test_steps_that_are_none_are_refused(gsd):
 
 
 def test_gld100_resolves_about_a_kilometre():
-    """Its authors: 'real' resolution 1 to 1.5 km (Scholten et al. 2012, J. Geophys. Res. 117, E00H17), on cells of 118 m."""
+    """Published resolution: 1 to 1.5 km (Scholten et al. 2012, J. Geophys. Res. 117, E00H17), on
+    cells of 118 m.
+    """
     dems = DemSet.open([HADLEY])
     found = of_terrain(terrain_from_area(dems, Area(3.4, 26.0, (120.0, 100.0))))
     assert found.posting_m < 119.0
@@ -188,7 +202,7 @@ def test_gld100_resolves_about_a_kilometre():
 
 
 def test_the_cells_of_the_same_ground_hardly_matter():
-    """118 m, or 237 m: what is there is the same."""
+    """The resolution is the same at 118 m and at 237 m."""
     dems = DemSet.open([HADLEY])
     area = Area(3.4, 26.0, 100.0)
     fine, coarse = (of_terrain(terrain_from_area(dems, area, gsd)) for gsd in (None, 237.0))

@@ -1,4 +1,6 @@
-"""The parts of what tells a DEM's resolution: the spectrum, its bins, the fit and its interval, against closed forms and lstsq."""
+"""Parts of the resolution estimate: spectrum, bins, fit and interval, compared with closed forms
+and lstsq.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ K = np.geomspace(1e-4, 4.5e-3, 33)
 
 
 def law(k, amplitude=5.6e-5, exponent=4.0, cut=math.inf, shape=0, noise=0.0):
-    """The docstring's P(k)."""
+    """P(k) of the module's docstring."""
     passed = (1.0 / (1.0 + 3.0 * (k / cut) ** 4), np.exp(-math.log(4.0) * (k / cut) ** 2))[shape]
     return amplitude * k**-exponent * passed + noise
 
@@ -37,7 +39,7 @@ def test_white_heights_have_the_power_of_their_variance_and_a_plane_has_none():
 
 
 def test_what_leaks_from_a_wave_falls_with_its_tenth_power():
-    """A Hann window squared: 10 octaves of power an octave; steeper than any DEM's own spectrum."""
+    """A squared Hann window: 10 octaves of power per octave, steeper than the spectrum of any DEM."""
     tile = np.broadcast_to(np.cos(2.0 * np.pi * 20.5 * np.arange(256) / 256), (256, 256))
     power = dem_resolution._power(tile)[0]
     for away in (10, 20, 40):
@@ -47,7 +49,9 @@ def test_what_leaks_from_a_wave_falls_with_its_tenth_power():
 
 @pytest.mark.parametrize("tiles", [1.0, 2.0, 5.0, 20.0])
 def test_a_bin_is_the_mean_of_noisy_powers(tiles):
-    """Powers of n tiles are Gamma(n) / n about their mean: the geometric mean lies below it by n / exp(digamma(n))."""
+    """The powers of n tiles are Gamma(n) / n about their mean: the geometric mean is below it by n
+    / exp(digamma(n)).
+    """
     rng = np.random.default_rng(1)
     k = rng.uniform(1.0, 8.0, 60_000)
     power = k**-3.0 * rng.gamma(tiles, 1.0 / tiles, k.size)
@@ -59,7 +63,9 @@ def test_a_bin_is_the_mean_of_noisy_powers(tiles):
 
 @pytest.mark.parametrize(("shape", "side", "tiles"), [((64, 64), 64, 1), ((64, 96), 64, 2), ((130, 70), 64, 3)])  # fmt: skip
 def test_waves_are_counted_once_within_the_tiles_bounds(shape, side, tiles):
-    """From three waves a tile to 0.95 of Nyquist's; a wave and its negative are one; half-overlapping tiles count half each."""
+    """From three waves per tile to 0.95 of Nyquist; a wave and its negative count once;
+    half-overlapping tiles count half each.
+    """
     step = 100.0
     found = dem_resolution.spectrum_of(np.random.default_rng(2).normal(size=shape), (step, step))
     f = np.fft.fftfreq(side, step)
@@ -76,7 +82,9 @@ def test_waves_are_counted_once_within_the_tiles_bounds(shape, side, tiles):
 
 
 def test_waves_longer_than_thirty_kilometres_are_left_out():
-    """The Moon's own spectrum bends there; where less than 2.5 times Nyquist's is left, nothing can be told."""
+    """Waves beyond `LAW_LONGEST_M` are not used; without a factor of 2.5 between the longest and
+    the shortest wave there is no estimate.
+    """
     rng = np.random.default_rng(3)
     z = rng.normal(size=(64, 64))
     assert dem_resolution.spectrum_of(z, (3000.0, 3000.0)).wavenumber[0] >= 1.0 / 30e3
@@ -107,8 +115,8 @@ def test_tiles_are_whole_and_hold_half_of_the_heights():
 @pytest.mark.parametrize("noise", [0.0, 2e4])
 @pytest.mark.parametrize("waves", [1e6, 30.0])
 def test_every_cut_is_fitted_by_least_squares(shape, noise, waves):
-    """With what is known of the exponent, 4 +- 0.3, as one more measurement, and a tenth that no law follows, by lstsq; a short
-    spectrum, whose exponent that decides, and a long one.
+    """By lstsq, with the prior of the exponent, 4 +- 0.3, as one more measurement and a model error
+    of a tenth; for a short spectrum, whose exponent depends on the prior, and a long one.
     """
     rng = np.random.default_rng(4)
     for k in (K, K[18:]):
@@ -141,7 +149,9 @@ def test_every_cut_is_fitted_by_least_squares(shape, noise, waves):
 @pytest.mark.parametrize("exponent", [3.6, 4.0, 4.4])
 @pytest.mark.parametrize("cut", [5e-4, 1.5e-3])
 def test_a_law_comes_back(shape, exponent, cut):
-    """Without noise, by the numbers alone: the cut to a step of the table, 2.2 %, and what the exponent's prior pulls."""
+    """Without noise: the cut to one step of the table, 2.2 %, and to the effect of the exponent's
+    prior.
+    """
     posting = 0.5 / 4.5e-3
     found = dem_resolution._fitted(
         spectrum(law(K, exponent=exponent, cut=cut, shape=shape)), posting, posting**2
@@ -165,7 +175,9 @@ def test_a_cut_beyond_nyquist_is_no_point_spread(times, sharp):
 
 
 def test_noise_is_what_is_flat_and_counts_where_it_outweighs_the_rest():
-    """A k^-4 = N at k = (A / N)^(1/4); its standard deviation is the root of N over the cell's area."""
+    """A k^-4 = N at k = (A / N)^(1/4); its standard deviation is the root of N over the cell's
+    area.
+    """
     cell = 100.0 * 50.0
     level = 5.6e-5 / 2e-3**4
     found = dem_resolution._fitted(spectrum(law(K, noise=level)), 100.0, cell)
@@ -182,7 +194,7 @@ def test_noise_is_what_is_flat_and_counts_where_it_outweighs_the_rest():
 
 
 def test_the_interval_is_where_the_misfit_is_one_more():
-    """Or as many times more as the best fit is worse than its freedom allows."""
+    """Or larger by the factor by which chi^2 of the best fit exceeds its degrees of freedom."""
     cuts = np.geomspace(1e-4, 1e-2, 300)
     away = np.log(cuts / 1e-3)
     profile = (away / np.where(away < 0.0, 0.2, 0.5)) ** 2
@@ -194,7 +206,9 @@ def test_the_interval_is_where_the_misfit_is_one_more():
 
 
 def test_a_resolution_is_as_sure_as_its_fit_and_as_areas_differ():
-    """The finest resolution of the interval goes with the highest cut; both sides are widened by a quarter, squares added."""
+    """The finest resolution of the interval belongs to the highest cut; both sides are widened by a
+    quarter, in quadrature.
+    """
     rng = np.random.default_rng(6)
     power = law(K, cut=1.6e-3, shape=0) * np.exp(0.3 * rng.normal(size=K.size))
     made = spectrum(power, 40.0)
@@ -212,7 +226,7 @@ def test_a_resolution_is_as_sure_as_its_fit_and_as_areas_differ():
 
 
 def test_what_lies_far_beyond_the_cut_has_no_say():
-    """A DEM's own filters show there, from four times the cut on."""
+    """The filters of a DEM appear there, from four times the cut on."""
     cut, posting = 3e-4, 0.5 / 4.5e-3
     power = law(K, cut=cut, shape=0)
     plain = dem_resolution._fitted(spectrum(power), posting, posting**2)
@@ -222,7 +236,9 @@ def test_what_lies_far_beyond_the_cut_has_no_say():
 
 
 def test_a_parallels_steps_are_as_wide_as_the_wider():
-    """Steps of 100 m down and 50 m across: the posting is 100 m, and waves are no shorter than its Nyquist's."""
+    """Steps of 100 m down and 50 m across: the posting is 100 m, and no wave is shorter than twice
+    that.
+    """
     z = np.random.default_rng(7).normal(size=(64, 64))
     found = dem_resolution.spectrum_of(z, (100.0, 50.0))
     assert found.wavenumber[-1] <= 0.95 * 0.5 / 100.0

@@ -1,4 +1,6 @@
-"""An image against the ground: places, light, albedo and cells, on made images of the sample's ground."""
+"""Images compared with renders: places, light, albedo and cells, on synthetic images of the
+sample's terrain.
+"""
 
 import itertools
 from dataclasses import replace
@@ -69,7 +71,9 @@ def test_a_patch_as_terrain_lies_where_its_nodes_are(catalog) -> None:
 
 
 def test_every_window_has_its_place(photo) -> None:
-    """The middle of a window, projected into the image, is the middle of its corners' pixels; cells are as asked."""
+    """The centre of a window, projected into the image, is the mean of the pixels of its corners;
+    cells are as given.
+    """
     found = against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 300.0))
     places = lonlat_to_mcmf(found.longitude_deg, found.latitude_deg)
     assert found.windows.gsd_m == 300.0
@@ -87,7 +91,7 @@ def test_every_window_has_its_place(photo) -> None:
 
 @pytest.fixture
 def sharp(monkeypatch):
-    """The DEM taken for as sharp as its cells: of an image made from it alone this is true."""
+    """Treat the DEM as sharp as its cells, which is true for an image made from it."""
 
     def as_posted(terrain):
         return replace(of_terrain(terrain), point_spread_m=0.0)
@@ -97,7 +101,7 @@ def sharp(monkeypatch):
 
 @pytest.mark.parametrize("gsd_m", [240.0, 118.45, 80.0])
 def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
-    """80 m: finer than the DEM, which is then rendered as fine."""
+    """80 m: finer than the DEM, which is then rendered at 80 m."""
     windows = against_dem(
         photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, gsd_m)
     ).windows
@@ -110,7 +114,9 @@ def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
 def test_an_offset_of_the_whole_image_is_removed_where_it_is_asked_for(
     photo, camera, sharp
 ) -> None:
-    """A camera that is thought 480 m too far east: two cells of 240 m. Windows are as far apart as they are asked to be."""
+    """A camera with a position error of 480 m to the east: two cells of 240 m. The spacing of the
+    windows is as given.
+    """
     east = PLACE.direction_to_mcmf([1.0, 0.0, 0.0])
     wrong = photo.with_sensor(camera.moved([*(480.0 * east), 0.0, 0.0, 0.0]))
     windows = against_dem(
@@ -138,7 +144,9 @@ def test_renders_are_twice_as_fine_as_windows_where_the_dem_is(posting_m, target
 
 
 def test_what_the_dem_has_smoothed_away_the_image_loses_too(photo) -> None:
-    """An image made from the DEM has lost it already, and is smoothed once more: less alike than to the sharp render, yet alike."""
+    """An image made from the DEM already lacks its detail and is smoothed again: less similar than
+    the sharp render, but similar.
+    """
     windows = against_dem(
         photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 240.0)
     ).windows
@@ -173,7 +181,7 @@ def test_patches_are_the_image_too(photo, catalog) -> None:
 
 
 def test_a_patch_that_lies_half_in_a_gap_is_left_out(photo, catalog) -> None:
-    """And every window keeps the point that it belongs to."""
+    """Every window keeps its point."""
     corner = photo.sensor.project(nodes_mcmf(catalog, [3])[0, 2, 2]).round().astype(int)
     weight = photo.weight.copy()
     weight[corner[1] - 3 : corner[1] + 4, corner[0] - 3 : corner[0] + 4] = 0.0
@@ -191,7 +199,9 @@ def test_of_patches_with_different_cells_the_most_common_are_taken() -> None:
 
 
 def test_a_window_lies_at_the_node_nearest_to_its_middle() -> None:
-    """Cells of 4 nodes, the first about node 1.5; windows of 5 cells begin at rows 0 and 3, columns 2 and 7."""
+    """Cells of 4 nodes, the first around node 1.5; windows of 5 cells begin at rows 0 and 3,
+    columns 2 and 7.
+    """
     lon, lat = np.meshgrid(np.linspace(10.0, 10.59, 60), np.linspace(20.0, 19.51, 50))
     found = SimpleNamespace(size=5, row=np.array([0, 3]), col=np.array([2, 7]))
     pair = SimpleNamespace(grid=Grid.over(lon.shape, 4.0))
@@ -202,7 +212,7 @@ def test_a_window_lies_at_the_node_nearest_to_its_middle() -> None:
 
 
 def test_a_patch_s_albedo_is_in_its_render(photo, catalog) -> None:
-    """A spot that is only in the catalogue's albedo takes the likeness away."""
+    """A spot that is only in the catalogue's albedo lowers the correlation."""
 
     row, col = np.mgrid[-16:17, -16:17]
     spots = 1.0 + 2.0 * (np.hypot(row - 4, col + 5) < 6)

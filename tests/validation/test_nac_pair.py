@@ -1,6 +1,6 @@
-"""A NAC orthoimage against renders of a DTM that came in steps: registered within 2 m, by windows and by a
-catalogue's points. The pair is not ours to ship: without the shared data these tests are skipped.
-docs/measurements/windows.md has the figures, `benchmarks/nac_pair.py` makes them.
+"""A NAC orthoimage compared with renders of a DTM with quantised heights: registered within 2 m, by
+windows and by the points of a catalogue. The pair may not be distributed: without the shared data
+these tests are skipped. The figures are from `benchmarks/nac_pair.py`.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def scores(photo: Image, ground: pit.Ground, side: int) -> np.ndarray:
 
 
 def in_place(found: np.ndarray) -> float:
-    """Mean correlation of windows where the map puts them."""
+    """Mean correlation of the windows at the map's own position."""
     middle = found.shape[1] // 2
     return float(found[:, middle, middle].mean())
 
@@ -95,7 +95,7 @@ def in_place(found: np.ndarray) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [16, 32])
 def test_registered_by_windows(photo: Image, grounds: dict[str, pit.Ground], side: int) -> None:
-    """And a map that is moved on purpose is found to be moved so."""
+    """A map that was shifted on purpose is found with that shift."""
     at = pit.offset_of(scores(photo, grounds["smooth"], side))
     assert np.hypot(*at) < WITHIN_M
     moved = photo.with_sensor(photo.sensor.moved(MOVED_M))
@@ -110,7 +110,9 @@ def test_registered_by_windows(photo: Image, grounds: dict[str, pit.Ground], sid
 def test_registered_by_all_points_together(
     photo: Image, catalog: Catalog, start: tuple[float, float], law: str
 ) -> None:
-    """Single points agree on nothing; together they lie where the windows do, whatever the law and wherever the map."""
+    """Single points do not agree; all points together agree with the windows, for every reflectance
+    model and map position.
+    """
     moved = photo.with_sensor(photo.sensor.moved(start))
     found = locate(catalog, moved, Uncertainty(5.0), reflectance_model(law))
     assert found.verdict == LOCATED
@@ -139,7 +141,9 @@ def test_turned_or_mirrored_it_is_no_place(photo: Image, catalog: Catalog, how: 
 
 @pytest.mark.slow
 def test_the_hole_in_both_files_decides_nothing(photo: Image, catalog: Catalog) -> None:
-    """Noise with the spectrum of ground about the image's own hole is no place; the ground away from the hole is."""
+    """Noise with the spectrum of terrain around the image's own hole is rejected; terrain away from
+    the hole is accepted.
+    """
     dice = np.random.default_rng(0)
     shape = photo.signal.shape
     waves = np.meshgrid(np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1]), indexing="ij")
@@ -160,7 +164,7 @@ def test_the_hole_in_both_files_decides_nothing(photo: Image, catalog: Catalog) 
 
 
 def from_hole_m(photo: Image, catalog: Catalog) -> np.ndarray:
-    """How far the catalogue's points lie from the hole's edge, (n,)."""
+    """Distance of the catalogue's points from the edge of the hole, (n,)."""
     column, row = np.round(photo.sensor.project(catalog.position_mcmf)).astype(int).T
     away = cv2.distanceTransform(photo.valid.astype(np.uint8), cv2.DIST_L2, 5)
     return 0.5 * away[row.clip(0, len(away) - 1), column.clip(0, away.shape[1] - 1)]
@@ -184,7 +188,9 @@ def test_smoothing_the_steps_pays(photo: Image, grounds: dict[str, pit.Ground]) 
 def test_it_is_shading_by_the_sun_where_it_stood(
     photo: Image, dems: dict[str, Path], grounds: dict[str, pit.Ground]
 ) -> None:
-    """Under a Sun that is turned by 90 deg nothing is left; from the other side light and dark change places."""
+    """With the Sun turned by 90 deg there is no correlation; from the opposite side light and dark
+    are exchanged.
+    """
     azimuth, elevation = (float(v) for v in azimuth_elevation(grounds["smooth"].scene.sun))
     right = in_place(scores(photo, grounds["smooth"], 32))
     assert right > 0.25

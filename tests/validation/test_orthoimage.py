@@ -1,4 +1,6 @@
-"""An image on the ground's grid, against closed forms: no shift, no gain, no loss, nothing from where nothing is."""
+"""Orthoimages compared with closed forms: no shift, no change of scale, no loss, no signal from
+missing pixels.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +77,7 @@ def pixels(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
 )  # fmt: skip
 @settings(deadline=None, max_examples=50)
 def test_the_mean_of_a_slope_is_its_value_in_the_middle(a, b, c, d, gx, gy):
-    """Whatever the parallelogram: no half pixel is lost on either axis."""
+    """For any parallelogram: no shift by half a pixel on either axis."""
     sensor = Flat((80, 90), ((a, b), (c, d)), (44.0, 39.0))
     nodes = plane(9, 9) - [4.0, 4.0, 0.0]
     col, row = pixels(80, 90)
@@ -90,8 +92,8 @@ def test_the_mean_of_a_slope_is_its_value_in_the_middle(a, b, c, d, gx, gy):
 
 @pytest.mark.parametrize(("wide", "tall"), [(1.0, 1.0), (2.4, 1.0), (3.0, 5.0), (7.0, 6.5)])
 def test_the_mean_of_a_square_has_the_cells_own_spread(wide, tall):
-    """col^2 over a cell: the middle's square, and a twelfth of the width's; of so many samples, less a twelfth of a sample's
-    width.
+    """col^2 over a cell: the middle's square, and a twelfth of the width's; of so many samples,
+    less a twelfth of a sample's width.
     """
     sensor = Flat((120, 120), ((wide, 0.0), (0.0, tall)), (8.0, 8.0))
     col, row = pixels(120, 120)
@@ -104,7 +106,9 @@ def test_the_mean_of_a_square_has_the_cells_own_spread(wide, tall):
 
 @pytest.mark.parametrize("turn_deg", [0.0, 25.0, 115.0, 250.0])
 def test_a_turned_cell_is_turned_the_right_way(turn_deg):
-    """col * row over a turned oblong: the middle's, and the oblong's own covariance; mirrored that would have the other sign."""
+    """col * row over a rotated rectangle: its value at the centre plus the covariance of the
+    rectangle; mirrored, the sign changes.
+    """
     turn = np.radians(turn_deg)
     right, down = np.array([5.0, 0.0]), np.array([0.0, 2.0])
     about = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -123,7 +127,9 @@ def test_a_turned_cell_is_turned_the_right_way(turn_deg):
 
 
 def test_what_is_finer_than_a_cell_is_averaged_out_and_not_aliased():
-    """A wave of 0.8 cells: its mean over a cell is sinc(1 / 0.8); picked at the nodes it would be a wave of 4 cells."""
+    """A wave of 0.8 cells: its mean over a cell is sinc(1 / 0.8); sampled at the nodes it would be
+    a wave of 4 cells.
+    """
     pixel_per_cell, wave = 10.0, 8.0
     sensor = Flat((200, 200), ((pixel_per_cell, 0.0), (0.0, pixel_per_cell)), (14.5, 14.5))
     col, _ = pixels(200, 200)
@@ -146,7 +152,7 @@ def test_where_cells_are_finer_than_pixels_quadratics_are_exact():
 
 @dataclass(frozen=True)
 class Curved(Flat):
-    """Columns grow with the square of x."""
+    """Columns increase with the square of x."""
 
     def project(self, points: Any) -> np.ndarray:
         x, y = np.moveaxis(np.asarray(points)[..., :2], -1, 0)
@@ -154,7 +160,9 @@ class Curved(Flat):
 
 
 def test_a_cell_reaches_half_way_to_both_its_neighbours():
-    """Where the scale changes, a footprint is as wide as its two sides' mean: x pixels at x; at the border as the one step."""
+    """Where the scale changes, a footprint is the mean of both sides wide: x pixels at x; one step
+    at the edge.
+    """
     sensor = Curved((60, 90), ((1.0, 0.0), (0.0, 1.0)))
     col, _ = pixels(60, 90)
     seen = orthorectify(photo_of(sensor, col**2), plane(12, 12))
@@ -165,8 +173,8 @@ def test_a_cell_reaches_half_way_to_both_its_neighbours():
 
 
 def test_where_cells_differ_the_narrowest_say_how_fine_the_image_is_kept():
-    """From 1 to 59 pixels wide: reduced by what suits the middle ones the narrow ones would be blurred. The typical side is the
-    middle one's.
+    """Widths from 1 to 59 pixels: a reduction for the median width would blur the narrow ones. The
+    typical side is the median.
     """
     sensor = Curved((300, 1900), ((1.0, 0.0), (0.0, 1.0)))
     col, _ = pixels(300, 1900)
@@ -186,7 +194,9 @@ def test_a_footprint_is_as_long_as_its_longer_side(wide, tall):
 
 
 def test_a_cell_of_very_many_pixels_is_the_mean_of_them_all():
-    """150 x 150 pixels of noise: picking some of them would err by more than the mean itself varies."""
+    """150 x 150 pixels of noise: a sample of them would have a larger error than the mean itself
+    varies.
+    """
     noise = np.random.default_rng(0).normal(size=(1200, 1200))
     sensor = Flat((1200, 1200), ((150.0, 0.0), (0.0, 150.0)), (74.5, 74.5))
     seen = orthorectify(photo_of(sensor, noise), plane(8, 8))
@@ -195,7 +205,9 @@ def test_a_cell_of_very_many_pixels_is_the_mean_of_them_all():
 
 
 def test_a_much_finer_image_is_reduced_without_a_shift():
-    """Footprints of 41 pixels: the image is reduced by 10 first; a slope keeps its values."""
+    """Footprints of 41 pixels: the image is first reduced by 10; a linear gradient keeps its
+    values.
+    """
     sensor = Flat((700, 700), ((41.0, 0.0), (0.0, 41.0)), (60.0, 60.0))
     col, row = pixels(700, 700)
     seen = orthorectify(photo_of(sensor, 2.0 * col - row), plane(14, 14))
@@ -249,7 +261,9 @@ def test_hidden_nodes_and_nodes_beyond_the_image_are_out():
 
 
 def test_a_pixel_reaches_half_a_pixel_beyond_its_middle():
-    """Nodes from -0.5 to 19.4: all of them lie in the image, the first and last beyond the middles of its border's pixels."""
+    """Nodes from -0.5 to 19.4: all are in the image, the first and last beyond the centres of its
+    edge pixels.
+    """
     sensor = Flat((20, 20), ((0.1, 0.0), (0.0, 0.1)), (-0.5, -0.5))
     seen = orthorectify(photo_of(sensor, np.full((20, 20), 7.0)), plane(200, 200))
     np.testing.assert_allclose(seen.signal[1:, 1:], 7.0, rtol=1e-6)
@@ -285,7 +299,9 @@ def test_what_is_no_grid_is_refused(shape):
 
 
 def over(lon: float, lat: float, tilt_deg: float, roll_deg: float) -> tuple[Camera, EnuFrame]:
-    """A camera 90 km over a place, 300 m a pixel, tilted towards the north-east and rolled about its axis."""
+    """A camera 90 km above a place, 300 m per pixel, tilted to the north-east and rolled about its
+    axis.
+    """
     frame = EnuFrame(lon, lat)
     tilt, roll = np.radians([tilt_deg, roll_deg])
     towards = np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0])
@@ -300,7 +316,7 @@ def over(lon: float, lat: float, tilt_deg: float, roll_deg: float) -> tuple[Came
 
 
 def on_sphere(camera: Camera) -> np.ndarray:
-    """Where each pixel's ray meets the sphere, (rows, cols, 3); all of them do."""
+    """Intersections of the pixels' rays with the sphere, (rows, cols, 3); all exist."""
     rows, cols = camera.shape
     col, row = pixels(rows, cols)
     rays = camera.rays(np.stack([col, row], axis=-1))
@@ -310,7 +326,7 @@ def on_sphere(camera: Camera) -> np.ndarray:
 
 
 def pattern(points: np.ndarray) -> np.ndarray:
-    """A function of the place in MCMF: waves of 9 to 17 km in three directions."""
+    """A function of MCMF position: waves of 9 to 17 km in three directions."""
     waves = ((9e3, (0.6, -0.3, 0.74)), (13e3, (-0.2, 0.95, 0.1)), (17e3, (0.5, 0.5, -0.7)))
     return sum(np.sin(2.0 * np.pi * points @ np.array(d) / length) for length, d in waves)
 
@@ -333,8 +349,8 @@ def ground(frame: EnuFrame, gsd_m: float) -> Terrain:
      (250.0, -70.0, 40.0, 265.0), (359.9, 0.1, 20.0, 333.0), (40.0, 89.0, 10.0, 120.0)],
 )  # fmt: skip
 def test_the_ground_is_where_it_is(lon, lat, tilt, roll, gsd_m):
-    """The image of a known pattern comes back as the pattern: no roll, hemisphere or cell size shifts it. The fit of pattern,
-    its slopes and a constant to the result gives the shift.
+    """The orthoimage of a known pattern is the pattern, without a shift for any roll, hemisphere or
+    cell size. The shift is estimated by a fit of the pattern, its slopes and a constant.
     """
     camera, frame = over(lon, lat, tilt, roll)
     terrain = ground(frame, gsd_m)
@@ -356,7 +372,7 @@ def test_the_ground_is_where_it_is(lon, lat, tilt, roll, gsd_m):
 
 
 def test_every_second_node_is_the_coarse_grids():
-    """A grid of half the cells: nodes that coincide see the same place, on a smaller cell."""
+    """A grid with half the cell size: coincident nodes see the same place with a smaller cell."""
     camera, frame = over(3.0, 26.0, 10.0, 30.0)
     photo = photo_of(camera, pattern(on_sphere(camera)))
     coarse, fine = (

@@ -1,4 +1,6 @@
-"""Do the points that the sample's catalogue calls usable look like the photograph? And more so than other places?"""
+"""Correlation of the sample catalogue's usable points with the photograph, compared with that of
+other places.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,11 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.slow
 def test_usable_points_look_like_the_photograph(tmp_path: Path) -> None:
-    """Sun of AS15-M-0414 at the centre: azimuth 96.5, elevation 13.7; the nearest cells are 90 and 105 at 15 deg.
+    """Sun of AS15-M-0414 at the centre: azimuth 96.5, elevation 13.7; the nearest cells are 90 and
+    105 at 15 deg.
 
-    Render and photograph are smoothed to the photograph's pixel. Nothing is fitted here; the camera was fitted to this DEM.
+    Render and photograph are smoothed to the photograph's pixel. Nothing is fitted here; the camera
+    was fitted to this DEM.
     """
     config = BuildConfig.from_toml(SAMPLE / "hadley.toml")
     build_catalog([DEM], config, tmp_path / "c.h5", jobs=2)

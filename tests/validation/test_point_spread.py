@@ -1,4 +1,6 @@
-"""Point spreads against closed forms: waves through a Gaussian, slopes between nodes, gaps, and equal sharpness."""
+"""Point spreads compared with closed forms: waves through a Gaussian, gradients between nodes,
+gaps, and equal sharpness.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ def grid(rows: int = 80, cols: int = 100) -> tuple[np.ndarray, np.ndarray]:
 
 
 def middles(of: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and rows of a grid's nodes among the finer ones."""
+    """Columns and rows of a grid's nodes in coordinates of the finer grid."""
     i, j = np.mgrid[: of.shape[0], : of.shape[1]].astype(float)
     return of.start_px + of.ratio * j, of.start_px + of.ratio * i
 
@@ -28,7 +30,7 @@ def test_the_width_of_a_gaussian_is_where_it_has_half_its_height():
 @settings(deadline=None, max_examples=40)
 @given(st.floats(1.6, 9.0), st.floats(8.0, 40.0), st.floats(0.0, 6.28), st.floats(1.0, 4.7))
 def test_a_wave_keeps_what_a_gaussian_lets_through(fwhm, wave, phase, ratio):
-    """exp(-2 (pi sigma / wave)^2) of its height, at its own place, whatever the ratio of the grids."""
+    """The amplitude is exp(-2 (pi sigma / wave)^2), without a shift, for any ratio of the grids."""
     x, y = grid()
     k = 2.0 * np.pi / wave
     values = np.cos(k * (0.8 * x + 0.6 * y) + phase)
@@ -55,7 +57,7 @@ def test_a_slope_is_left_as_it_is(fwhm, ratio, gx, gy):
 
 @pytest.mark.parametrize(("fwhm", "kept"), [(1.0, 0.785), (1.5, 0.994), (3.0, 1.0)])
 def test_a_narrow_gaussian_loses_what_the_docstring_says(fwhm, kept):
-    """The sampled kernel's own second moment."""
+    """Second moment of the sampled kernel."""
     x, _ = grid(20, 41)
     spot = (x == 20.0).astype(float)
     found, _ = spread(spot, np.ones(x.shape), fwhm)
@@ -72,7 +74,7 @@ def test_no_width_takes_the_nearest_node():
 
 
 def test_no_width_takes_the_nearest_of_nodes_that_lie_between():
-    """Nodes 1.5 apart, from 0.25 on: 0.25, 1.75, 3.25, 4.75 are nearest to 0, 2, 3, 5."""
+    """Nodes at a spacing of 1.5 from 0.25: 0.25, 1.75, 3.25, 4.75 are nearest to 0, 2, 3, 5."""
     x, y = grid(6, 6)
     found, _ = spread(x + 100.0 * y, np.ones(x.shape), 0.0, Grid.over(x.shape, 1.5))
     near = np.array([0.0, 2.0, 3.0, 5.0])
@@ -84,7 +86,9 @@ def test_no_width_takes_the_nearest_of_nodes_that_lie_between():
     [((23, 31), 1.0, 2.5), ((23, 31), 3.0, 7.0), ((40, 29), 2.2, 4.4), ((700, 5), 1.0, 6.0), ((900, 4), 2.5, 5.0)],
 )  # fmt: skip
 def test_means_are_sums_over_every_cell(shape, ratio, fwhm):
-    """A Gaussian to 5 sigma, its sum over all cells, there or not, made 1; weights; grids of more nodes than are done at once."""
+    """A Gaussian to 5 sigma, normalised over an unlimited grid; weights; grids with more nodes than
+    one block.
+    """
     rng = np.random.default_rng(0)
     values, weight = rng.normal(size=shape), rng.random(shape)
     coarse = Grid.over(shape, ratio)
@@ -146,7 +150,9 @@ def test_coarse_cells_lie_within_the_fine_ones(rows, cols, ratio):
 
 
 def test_image_and_render_become_equally_sharp():
-    """Ground whose render has lost what a DEM's Gaussian takes, and an image of all of it."""
+    """Terrain whose render lacks the detail that the DEM's Gaussian removes, and an image with all
+    detail.
+    """
     rng = np.random.default_rng(0)
     k = np.hypot(*np.meshgrid(np.fft.fftfreq(200), np.fft.fftfreq(200)))
     k[0, 0] = 1.0
@@ -168,7 +174,9 @@ def test_image_and_render_become_equally_sharp():
 
 @pytest.mark.parametrize("cell_fwhm", [1.5, 2.0])
 def test_both_get_the_point_spread_of_the_target_cells(cell_fwhm):
-    """Cells of 3: a Gaussian of so many of these, on the image that of the DEM besides; the squares of their widths add."""
+    """Cells of 3: a Gaussian in units of these, and for the image also that of the DEM; squares of
+    the widths add.
+    """
     x, _ = grid(150, 160)
     wave, ratio, dem = 40.0, 3.0, 6.0
     values = np.cos(2.0 * np.pi * x / wave)
@@ -196,7 +204,7 @@ def test_what_one_of_the_two_lacks_counts_in_neither():
 
 
 def test_a_pair_is_as_sure_as_the_less_sure_of_the_two():
-    """A small gap: the narrower point spread, the render's, sees more of it."""
+    """A small gap: the narrower point spread, that of the render, is affected more."""
     weight = np.ones((40, 40))
     weight[19:22, 19:22] = 0.0
     pair = paired(weight, weight, weight, gsd_m=1.0, target_m=1.0, dem_fwhm_m=9.0)

@@ -1,4 +1,4 @@
-"""The page of a validation: nothing outside it, every part where there is something to show, no text that becomes markup."""
+"""The validation page: no outside references, every part with data, no text that becomes markup."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import of_patches
 
 BYTES_MAX = 5_000_000
-"""Of a page, for each of its images."""
+"""Largest size of a page per image."""
 
 
 @pytest.fixture(scope="module")
@@ -26,14 +26,14 @@ def html() -> str:
 
 
 def alone(image: result.ImageVerdict, shown: Pictures | None = None) -> str:
-    """A page of one image; it parses."""
+    """A page of one image, checked for valid nesting."""
     html = render(result.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
     parsed(html)
     return html
 
 
 def texts(html: str) -> str:
-    """What a reader reads."""
+    """The visible text."""
     body = html[html.index("<body>") : html.index("<script>")]
     return re.sub(r"<[^>]*>", " ", body)
 
@@ -71,7 +71,9 @@ def test_the_pictures_are_those_given(html: str) -> None:
 
 
 def test_the_photo_covers_its_blocks(html: str) -> None:
-    """Half as many pixels, drawn over the whole image; a column that was no whole block stays bare."""
+    """Half as many pixels, drawn over the whole image; a column that is not a whole block stays
+    empty.
+    """
     *_, photo = re.findall(r'<image href="[^"]*" width="([\d.]+)" height="([\d.]+)"', html)
     assert photo == ("960.0", "720.0")
     image = verdicts.image()
@@ -81,7 +83,7 @@ def test_the_photo_covers_its_blocks(html: str) -> None:
 
 
 def test_points_are_marked_where_they_are() -> None:
-    """Where the corrected sensor has them; without a pose where the given one does."""
+    """At the prediction of the corrected sensor; without a pose at that of the given one."""
     for located in (True, False):
         image = verdicts.image(located=located)
         html = alone(image)
@@ -223,7 +225,7 @@ def test_every_class_has_a_rule(html: str) -> None:
 
 
 def test_ways_to_look_need_no_script(html: str) -> None:
-    """A radio button for each, the first one chosen, and a rule that shows what it says."""
+    """One radio button per view, the first checked, and a rule for each."""
     page = parsed(html)
     radios = [attrs for _, attrs in page.elements if attrs.get("type") == "radio"]
     assert [attrs["class"] for attrs in radios] == [
@@ -237,7 +239,7 @@ def test_ways_to_look_need_no_script(html: str) -> None:
 
 
 def test_what_is_chosen_outweighs_what_hides(html: str) -> None:
-    """Of two rules the one with more classes and states counts, then the one with more elements, then the later."""
+    """CSS specificity: first the number of classes and states, then of elements, then the order."""
     style = html[html.index("<style>") : html.index("</style>")]
     rules = re.findall(r"([^{}]+)\{[^{}]*visibility: (hidden|visible)(?!!)", style)
     ranks = [
@@ -276,7 +278,7 @@ def test_equal_verdicts_are_equal_pages(html: str) -> None:
 
 
 def test_large_pictures_do_not_make_large_pages() -> None:
-    """Noise packs worst."""
+    """Noise compresses worst."""
     dice = np.random.default_rng(8)
     noise = dice.normal(size=(1800, 2400)).astype(np.float32)
     html = alone(verdicts.image(), Pictures(noise, 1, noise, noise[::-1]))
@@ -294,7 +296,7 @@ def test_without_pictures_there_are_still_figures() -> None:
 
 
 def of_patches_alone(count: int) -> tuple[result.ImageVerdict, Pictures]:
-    """Patches with ever more noise."""
+    """Patches with increasing noise."""
     dice = np.random.default_rng(9)
     renders = dice.normal(size=(count, 36, 36))
     noise = dice.normal(size=renders.shape) * np.linspace(0.01, 2.0, count)[:, None, None]

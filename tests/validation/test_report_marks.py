@@ -1,4 +1,4 @@
-"""Drawings of matches and windows: what is drawn is where and as large as the figures say."""
+"""Drawings of matches and windows: positions and lengths agree with the figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STYLE = "".join((TEMPLATES / name).read_text("utf-8") for name in ("page.css", "
 
 
 def comparison(correlation: np.ndarray, **other: object) -> WindowComparison:
-    """Windows side by side in one row of the grid."""
+    """Adjoining windows in one row of the grid."""
     n = len(correlation)
     rows, ones = np.zeros(n, np.int64), np.ones(n)
     found = WindowComparison(
@@ -52,7 +52,7 @@ def test_pixels_are_drawn_where_they_are() -> None:
 
 
 def test_a_strip_is_no_taller_than_a_page() -> None:
-    """A tenth as wide as high, with room beside it for a line of text."""
+    """A tenth as wide as high, with a space beside it for a line of text."""
     frame = Frame(100, 1000)
     drawn = frame.drawing(frame.picture("data:,"), "strip", 40.0)
     assert 'viewBox="0 0 480.0 1480.0"' in drawn
@@ -260,7 +260,9 @@ def test_the_map_has_one_pixel_a_window() -> None:
     ("step", "left", "wide"), [(16, 16.0, 96.0), (8, 20.0, 88.0), (32, 8.0, 112.0)]
 )
 def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) -> None:
-    """Windows that begin at columns 16 to 96: each pixel covers one step around its window's middle."""
+    """Windows that begin at columns 16 to 96: each pixel covers one step around the centre of its
+    window.
+    """
     cols = np.arange(16, 97, step)
     ones = np.ones(len(cols))
     rows = np.zeros(len(cols), np.int64)

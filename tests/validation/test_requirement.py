@@ -1,4 +1,4 @@
-"""Conditions on a validation: read, refused, held against figures."""
+"""Requirements on a validation: parsing, errors, and comparison with figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lcp_catalog.validation.requirement import NUMBERS, OPERATORS, VERDICT, Requ
 
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
-    """Three images: located, elsewhere, nothing."""
+    """Three images: located, not this place, cannot say."""
     return verdicts.whole().document()
 
 

@@ -1,4 +1,4 @@
-"""The content of report.json: by the contract, as measured, and the same every time."""
+"""The content of report.json: its names, its values, and its reproducibility."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CONTRACT = {
     "windows": {"size", "count", "share_above_0_9", "share_above_0_7", "median", "mode"},
     "pose": {"position_error_m", "position_sigma_m"},
 }
-"""Of each image, as docs of the outside promise it."""
+"""Names in the entry of an image, as documented."""
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def refused(text: str) -> float:
 
 
 def read(whole: result.Verdict) -> dict:
-    """The text as a strict reader takes it."""
+    """The text read by a strict parser."""
     return json.loads(whole.to_json(), parse_constant=refused)
 
 
@@ -167,7 +167,7 @@ def test_a_map_has_two_axes_and_no_position() -> None:
 
 
 def test_a_scanner_stands_where_its_middle_line_saw() -> None:
-    """One whose place is 10 m further on with every line, 1 m to the side with every column."""
+    """A scanner that moves 10 m per line, and 1 m sideways per column."""
 
     def looks(pixel: list[float]) -> tuple[np.ndarray, np.ndarray]:
         column, row = pixel

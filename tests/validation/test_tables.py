@@ -1,4 +1,4 @@
-"""Tables of points and windows: read back by another reader."""
+"""Tables of points and windows, read back by another parser."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_windows_of_patches_say_whose_they_are() -> None:
 
 
 def test_tables_keep_to_rfc_4180() -> None:
-    """Lines end in CRLF; a comma, a quote or a line's end in a name does not break its row."""
+    """Lines end in CRLF; commas, quotes and line ends in names do not break rows."""
     name = 'a "b", c\nd.png'
     image = verdicts.image(name, n=5)
     for text, columns in (
@@ -119,7 +119,7 @@ def test_no_image_is_a_heading_alone() -> None:
 
 @given(st.floats(0.01, 50.0), st.floats(0.01, 1.0), st.floats(0.0, 179.0))
 def test_an_ellipse_is_its_covariance(major: float, ratio: float, angle_deg: float) -> None:
-    """From axes to a covariance and back, where the axes are told apart."""
+    """From axes to a covariance and back, where the axes differ."""
     minor, angle = major * ratio, math.radians(angle_deg)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     covariance = turn @ np.diag([major**2, minor**2]) @ turn.T

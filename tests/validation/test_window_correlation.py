@@ -1,4 +1,4 @@
-"""Windows against a plain loop, closed forms and shifts that are known."""
+"""Window correlations compared with a plain loop, closed forms and known shifts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcp_catalog.validation.window_correlation import compare, of_patches
 
 
 def rough(x, y, seed=0, longest=40.0):
-    """A band-limited surface (waves of 6 to 40 cells), known between its nodes."""
+    """A band-limited surface (waves of 6 to 40 cells), defined between its nodes."""
     rng = np.random.default_rng(seed)
     total = np.zeros(np.broadcast(x, y).shape)
     for _ in range(60):
@@ -27,7 +27,7 @@ def grid(rows=96, cols=128):
 
 
 def loop(image, render, weight, size, step, least):
-    """Twin: the definition, one window after the other, with numpy's own weighted covariance."""
+    """Twin: the definition, window by window, with NumPy's weighted covariance."""
     found = []
     for row in range(0, image.shape[0] - size + 1, step):
         for col in range(0, image.shape[1] - size + 1, step):
@@ -103,7 +103,7 @@ def test_the_least_share_decides_which_windows_count():
 
 
 def with_correlations(values):
-    """A comparison that has these correlations: two orthogonal patterns, mixed."""
+    """A comparison with given correlations: a mixture of two orthogonal patterns."""
     a = np.tile([1.0, -1.0], (16, 8))
     mixed = [c * a + np.sqrt(1.0 - c * c) * a.T for c in values]
     contrast = 1.0 + np.arange(len(values))

@@ -1,6 +1,8 @@
-"""The bars on real photographs: the share of all 16 x 16 windows of image and render that correlate above 0.9.
+"""The bars on real photographs: the share of all 16 x 16 windows of image and render that correlate
+above 0.9.
 
-Settings were chosen on AS15-M-0414 and AS15-M-0295; 0299, 0300 and 1134 were kept aside (docs/measurements/windows.md).
+Settings were chosen on AS15-M-0414 and AS15-M-0295; 0299, 0300 and 1134 were kept aside
+(docs/measurements/windows.md).
 """
 
 from __future__ import annotations
@@ -48,14 +50,16 @@ def test_another_place_is_not_this_one(shared_data):
 
 @pytest.fixture(scope="module")
 def sample():
-    """The sample's frame, without a map of albedo, its codes taken as brightness."""
+    """The sample's frame without an albedo map, its codes taken as brightness."""
     ground = Ground(PHOTO, CAMERA, DEM, gsd_m=237.0)
     return ground, ground.radiance(albedo=False)
 
 
 @pytest.mark.parametrize(("cell_fwhm", "least"), [(1.0, 0.77), (2.0, 0.74)])
 def test_the_sample_holds_its_own_bar(sample, cell_fwhm, least):
-    """No map, nothing decoded: half of the frame is smooth mare, whose brightness is albedo."""
+    """Without an albedo map and without decoding: half of the frame is smooth mare, whose
+    brightness is albedo.
+    """
     ground, render = sample
     found = ground.windows(TWICE_M, render, LINEAR, cell_fwhm=cell_fwhm)
     assert found.count >= 80
@@ -64,7 +68,7 @@ def test_the_sample_holds_its_own_bar(sample, cell_fwhm, least):
 
 
 def test_the_image_must_be_as_blunt_as_the_dem(sample):
-    """At the posting, the DEM's own point spread on the image is worth several points."""
+    """At the posting, applying the DEM's point spread to the image gains several per cent."""
     ground, render = sample
     as_it_is = ground.windows(GSD_M, render, LINEAR)
     sharp = ground.windows(GSD_M, render, LINEAR, dem_fwhm_m=0.0)
