@@ -1,4 +1,4 @@
-"""One camera said in three formats is one camera; which file is which; and what ``lcp render`` takes of them."""
+"""Camera files: one camera in three formats, recognition of the format, and use by ``lcp render``."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,9 @@ def camera_json(tmp_path):
 
 
 def isd_of(camera, model="FRAME", **changes):
-    """The same camera as an ISD: 50 mm, body-fixed and inertial axes alike, pixels counted from the first one's corner."""
+    """The same camera as an ISD: 50 mm, body-fixed axes equal to inertial ones, pixels counted from
+    the corner of the first one.
+    """
     quaternion = Rotation.from_matrix(camera.rotation_mcmf_to_camera).as_quat()[[3, 0, 1, 2]]
     scale = camera.focal_length_px / 50.0
     (cx, cy), (width, height) = camera.principal_point_px, camera.image_size_px
@@ -137,7 +139,7 @@ def dem(tmp_path_factory):
 
 
 def test_render_takes_them_all(dem, all_three, tmp_path):
-    """The same scene, pixel for pixel, through each; a .tsai has no Sun of its own."""
+    """Each file renders the same scene, pixel for pixel; a .tsai file has no Sun."""
     sun = ["--subsolar", "80", "0"]
     images = []
     for i, path in enumerate(all_three):

@@ -1,4 +1,4 @@
-"""Lenses against OpenCV, against mpmath, and against the numbers that usgscsm's own tests expect."""
+"""Lenses, compared with OpenCV, mpmath and the expected values of usgscsm's tests."""
 
 import json
 
@@ -73,8 +73,9 @@ def test_opencv_is_opencvs():
 
 
 def test_what_usgscsm_expects():
-    """Its tests/DistortionTests.cpp: RadTanInversionTest, KaguyaLism testRemoveCoeffs and testCoeffs, LroLrocNac
-    testLastDetectorSample, with their own tolerances (the second of TC's holds to the 1e-5 that they ask for).
+    """Expected values of its tests/DistortionTests.cpp: RadTanInversionTest, KaguyaLism
+    testRemoveCoeffs and testCoeffs, LroLrocNac testLastDetectorSample, with their tolerances (the
+    second one of TC holds to the 1e-5 used there).
     """
     radtan = OpenCV(0.000031, -0.000056, 1.3e-5, -1.7e-6, 2.9e-8)
     assert radtan.distort(np.array(5.0), np.array(6.0)) == pytest.approx(
@@ -90,8 +91,8 @@ def test_what_usgscsm_expects():
     assert (x, y) == pytest.approx((0.0, 17.6237922244), abs=1e-8)
 
 
-def test_usgs_radial_is_defined_from_landed_to_ideal():
-    """x = u (1 - k0 - k1 r^2 - k2 r^4) with 50 digits; its inverse by mpmath's root."""
+def test_usgs_radial_is_defined_from_distorted_to_ideal():
+    """x = u (1 - k0 - k1 r^2 - k2 r^4) with 50 digits; the inverse by mpmath's root finder."""
     mpmath.mp.dps = 50
     k0, k1, k2 = (mpmath.mpf(k) for k in (WAC.k0, WAC.k1, WAC.k2))
     u, v = mpmath.mpf(3.5), mpmath.mpf(-2.25)
@@ -103,7 +104,9 @@ def test_usgs_radial_is_defined_from_landed_to_ideal():
 
 
 def test_photometrix_and_brown_conrady_by_hand():
-    """ASP's manual (pinholemodels) in exact fractions, with the offset kept as its program does for Photometrix."""
+    """Formulas of ASP's manual (pinholemodels) in exact fractions, with the offset as in its
+    program for Photometrix.
+    """
     u, v = 11.0, -7.0
     x, y = u - 0.004, v + 0.191
     r2 = x * x + y * y
@@ -126,10 +129,10 @@ def test_where_lenses_fold():
     lens = OpenCV(k1=-0.5)
     turn = 1 / np.sqrt(1.5)
     assert lens.within(np.array([0.999, 1.001]) * turn, np.zeros(2)).tolist() == [True, False]
-    # each power by itself: r + k2 r^5 at (5 |k2|)^(-1/4), r + k3 r^7 at (7 |k3|)^(-1/6)
+    # each power alone: r + k2 r^5 at (5 |k2|)^(-1/4), r + k3 r^7 at (7 |k3|)^(-1/6)
     for lens, turn in ((OpenCV(k2=-0.5), 2.5**-0.25), (OpenCV(k3=-0.5), 3.5 ** (-1 / 6))):
         assert lens.within(np.zeros(2), np.array([0.999, 1.001]) * turn).tolist() == [True, False]
-    # radial: r - k1 r^3 turns at 1 / sqrt(3 k1), of which the ideal radius is 2/3 of that
+    # radial: r - k1 r^3 turns at 1 / sqrt(3 k1), where the ideal radius is 2/3 of that
     radial = UsgsRadial(0.0, 1e-3, 0.0)
     ideal = 2 / 3 / np.sqrt(3e-3)
     assert radial.within(np.array([0.999, 1.001]) * ideal, np.zeros(2)).tolist() == [True, False]
@@ -178,6 +181,6 @@ def test_one_point_without_an_answer_does_not_spoil_the_others():
         (SKEWED.to_json() | {"lens": {}}, "model"),
     ],
 )
-def test_what_is_no_lens(document, says):
+def test_refused_documents(document, says):
     with pytest.raises(ValueError, match=says):
         lens_from_json(document)

@@ -1,4 +1,4 @@
-"""Directions to pixels through a lens of other units and other axes, against the formula written out."""
+"""Directions to pixels through a lens of other units and axes, compared with the explicit formula."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def directions(n=40, seed=0):
 @given(matrices, st.booleans(), st.sampled_from([NoLens(), LENS, LroNac(1.8e-5)]))
 @settings(deadline=None)
 def test_any_detector(matrix, flipped, lens):
-    """pixel = origin + matrix landed(f x / z, f y / z), whatever the axes are turned to."""
+    """pixel = origin + matrix distorted(f x / z, f y / z), for any orientation of the axes."""
     focal, origin = 76.0, (11.5, -3.0)
     plane, axes = plane_of(lens, focal, matrix, origin, flipped=flipped)
     seen = directions()
@@ -42,7 +42,9 @@ def test_any_detector(matrix, flipped, lens):
 @given(st.floats(0.0, 6.28), st.booleans(), st.booleans())
 @settings(deadline=None)
 def test_columns_run_along_x(angle, mirrored, flipped):
-    """A square detector turned by any angle: its columns run along camera X, its rows along Y, or against it in a mirror image."""
+    """A square detector turned by any angle: columns run along camera X, rows along Y, or against
+    it in a mirror image.
+    """
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     plane, _ = plane_of(
         NoLens(),
@@ -76,4 +78,4 @@ def test_what_is_behind_or_past_the_fold_is_not_seen():
     assert np.isfinite(plane.directions(np.array([30.0, 0.0]))).all()
     assert np.isnan(
         plane.directions(np.array([90.0, 0.0]))
-    ).all()  # the lens bends nothing that far
+    ).all()  # the distortion is smaller than that

@@ -1,4 +1,4 @@
-"""Cameras and views: against cv2 and textbook geometry."""
+"""Framing cameras and views, compared with cv2 and elementary geometry."""
 
 import json
 
@@ -29,7 +29,7 @@ LENS = [-0.11, 0.03, 0.002, -0.0015, -0.004]
 
 
 def document(**changes):
-    """A camera 100 km over 10 E, 20 N that looks straight down, north up."""
+    """A camera 100 km above 10 E, 20 N that looks straight down, north up."""
     frame = EnuFrame(10.0, 20.0)
     base = {
         "position_mcmf_m": frame.to_mcmf([0, 0, 100e3]).tolist(),
@@ -96,8 +96,8 @@ def test_a_lens_that_cannot_be_undone_is_refused():
 
 
 def test_points_past_the_fold_of_the_lens_are_not_seen():
-    """r + k1 r^3 turns back at r = 1/sqrt(3 |k1|): what lies further out would land in the image
-    again.
+    """r + k1 r^3 has its maximum at r = 1/sqrt(3 |k1|): points further out would be projected into
+    the image again.
     """
     camera = camera_from_json(document(distortion=[-0.5, 0, 0, 0, 0]))
     far = EnuFrame(10.0, 20.0).to_mcmf([[141e3, 0, 0], [50e3, 0, 0]])
@@ -172,7 +172,9 @@ def test_a_camera_survives_its_own_json():
 
 
 def test_a_camera_with_a_lens_of_its_own_survives_its_json():
-    """What CAMERA.json's five numbers cannot say stands in ``lens``; ``distortion`` is then not there to be believed."""
+    """``lens`` holds what the five numbers of CAMERA.json cannot express; ``distortion`` is then
+    absent.
+    """
     lens = UsgsRadial(0.01, -0.02, 0.003)
     camera = camera_from_json(document(lens=lens.to_json()))
     assert camera.lens == lens
@@ -199,7 +201,9 @@ sixes = arrays(float, 6, elements=st.floats(-1.0, 1.0))
 @given(sixes, st.sampled_from([1.0, 1e-3, 1e-6]))
 @settings(deadline=None)
 def test_a_moved_camera(six, small):
-    """Shifted in MCMF, then turned about its own axes: by cv2's Rodrigues and written out."""
+    """Shifted in MCMF, then rotated about its own axes: compared with cv2's Rodrigues and with
+    explicit sums.
+    """
     camera = camera_from_json(document(distortion=LENS))
     correction = six * [5e3, 5e3, 5e3, 0.2 * small, 0.2 * small, 0.2 * small]
     moved = camera.moved(correction)
@@ -220,8 +224,8 @@ def test_a_moved_camera(six, small):
 
 
 def test_a_turn_about_each_axis_goes_the_right_way():
-    """R' = exp([turn]x) R turns the scene in the camera's axes: about x (right) what is ahead (z) goes up (-y), about y (down) it
-    goes right (x), about z (ahead) what is right goes down (y).
+    """R' = exp([turn]x) R rotates the scene in camera axes: about x (right) from ahead (z) to up
+    (-y), about y (down) from ahead to right (x), about z (ahead) from right to down (y).
     """
     camera = camera_from_json(document())
     ahead = camera.position_mcmf_m + 5e4 * camera.rotation_mcmf_to_camera[2]
@@ -249,8 +253,8 @@ def test_a_camera_looks_where_it_projects(seed):
 
 def test_footprint_of_a_small_image():
     bounds = footprint(camera_from_json(document()))
-    # flat-earth: 300 px of 250 m wide and 200 px high, 0.6 px and 0.8 px off the middle;
-    # the sphere falls away at the corners by up to 0.6 km of 100 km
+    # flat-earth: 300 px of 250 m wide and 200 px high, 0.6 px and 0.8 px from the centre;
+    # at the corners the sphere is up to 0.6 km below the plane, at a distance of 100 km
     metres_per_degree = np.radians(1.0) * MOON_RADIUS_M
     assert (bounds.north - bounds.south) * metres_per_degree == pytest.approx(50e3, rel=0.02)
     width = (bounds.east - bounds.west) * metres_per_degree * np.cos(np.radians(20.3))
@@ -273,7 +277,7 @@ def moon_from_afar(lon, lat, focal=100.0, distance=1e8, tilt_deg=0.0):
 
 
 def test_footprint_of_the_whole_disc():
-    """Seen from 100 000 km over the equator the disc ends acos(R/d) from its middle; it covers 3
+    """From 100 000 km above the equator the disc ends acos(R/d) from its centre; it covers 3
     pixels.
     """
     bounds = footprint(moon_from_afar(350.0, 0.0))
@@ -347,4 +351,4 @@ def test_visible_side():
     lon, lat = 100.0, 0.0
     point = lonlat_to_mcmf(lon, lat)
     assert central_angle_deg(0, 0, lon, lat) == pytest.approx(100.0)
-    assert camera.in_image(camera.project(point))  # projection alone does not know the limb
+    assert camera.in_image(camera.project(point))  # `project` does not test for the limb

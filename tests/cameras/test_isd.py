@@ -1,4 +1,6 @@
-"""ISD files: against usgscsm's own expectations, a twin written from the documentation, labels of the archives, and each other."""
+"""ISD files, compared with expected values of usgscsm, a twin written from the documentation,
+labels of the archives, and each other.
+"""
 
 import json
 import logging
@@ -41,7 +43,7 @@ def real(shared_data):
 
 
 def some_pixels(sensor, n=12, seed=0):
-    """Random ones, the corners of the image, and the middles of its corner pixels."""
+    """Random pixels, the corners of the image, and the centres of its corner pixels."""
     rows, cols = sensor.shape
     low, high = np.full(2, -0.5), np.array([cols, rows]) - 0.5
     inside = np.random.default_rng(seed).uniform(low, high, (n, 2))
@@ -49,11 +51,13 @@ def some_pixels(sensor, n=12, seed=0):
     return np.concatenate([inside, corners])
 
 
-# what usgscsm's own tests expect of its fixtures
+# expected values of usgscsm's tests for its fixtures
 
 
 def ground(sensor, line, sample, radius_m):
-    """Where usgscsm's imageToGround ends: the sphere, or the ray's nearest point to it."""
+    """Result of usgscsm's imageToGround: intersection with the sphere, or the nearest point of the
+    ray.
+    """
     (origin,), (ray,) = sensor.looks([[sample - 0.5, line - 0.5]])
     hit = on_sphere(origin, ray, radius_m)
     return origin - (origin @ ray) * ray if np.isnan(hit).any() else hit
@@ -90,7 +94,7 @@ def test_usgscsms_push_frame_camera():
     assert (camera.framelets, camera.lines) == (30, 12)
 
 
-# the real ones against the twin
+# real files, compared with the twin
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -102,12 +106,12 @@ def test_a_real_isd_against_the_twin(real, name):
     for (column, row), origin, ray in zip(pixels, origins, rays, strict=True):
         theirs = twin.ray(row + 0.5, column + 0.5)
         assert np.abs(origin - theirs[0]).max() < 1e-6  # metres
-        assert np.abs(ray - theirs[1]).max() < 5e-11  # of a line's tables' own rounding
+        assert np.abs(ray - theirs[1]).max() < 5e-11  # rounding of a line's tables
 
 
 @pytest.mark.parametrize("name", REAL)
 def test_ground_to_image_against_the_twin(real, name):
-    """The twin finds the line by bisection, and the framelet by trying them all."""
+    """The twin finds the line by bisection and the framelet by trying all of them."""
     sensor, twin = read_sensor(real[name]), TwinIsd(real[name])
     count = 3 if REAL[name] is PushFrame else 6
     rows, cols = sensor.shape
@@ -122,14 +126,14 @@ def test_ground_to_image_against_the_twin(real, name):
 
 @pytest.mark.parametrize("name", REAL)
 def test_ground_image_ground(real, name):
-    """At the corners and all over the image: what a pixel sees is seen in that pixel, or (framelets overlap) in another one
-    that sees the same.
+    """At the corners and all over the image: the surface point of a pixel projects to that pixel,
+    or (framelets overlap) to another one that sees the same point.
     """
     sensor = read_sensor(real[name])
     pixels = some_pixels(sensor, 400)
     ranges, points = sphere_intersection.hits(*sensor.looks(pixels))
     points, pixels = points[np.isfinite(ranges)], pixels[np.isfinite(ranges)]
-    assert len(points) > 80  # the Apollo frame looks past the limb
+    assert len(points) > 80  # part of the Apollo frame is beyond the limb
     again = sensor.project(points)
     assert np.isfinite(again).all()
     assert sensor.in_image(again[:400]).all() or REAL[name] is PushFrame
@@ -152,12 +156,13 @@ def test_the_sun_stands_over_the_moon(real, name):
     assert height == pytest.approx(1.496e11, rel=0.02)
 
 
-# against archives
+# compared with archives
 
 
 def test_corners_of_a_terrain_camera_image(real, shared_data):
-    """JAXA's label states where the corners of TC1S2B0_01_06691S820E0465 lie. Its ISD is body-fixed by IAU_MOON, which lies up to
-    155 m from the label's mean-Earth frame; a pixel of the image is 7 m, a swath 24 km.
+    """JAXA's label gives the corners of TC1S2B0_01_06691S820E0465. Its ISD is body-fixed by
+    IAU_MOON, which differs by up to 155 m from the label's mean-Earth frame; a pixel of the image
+    is 7 m, a swath 24 km.
     """
     label = (shared_data / "cameras" / "TC1S2B0_01_06691S820E0465_pds3.lbl").read_text()
     stated = {
@@ -172,8 +177,8 @@ def test_corners_of_a_terrain_camera_image(real, shared_data):
         place = lonlat_to_mcmf(stated[f"{corner}_LONGITUDE"], stated[f"{corner}_LATITUDE"])
         off.append(point - place)
         assert np.linalg.norm(off[-1]) < 155.0
-    assert np.linalg.norm(off[0] - off[1]) < 25.0  # both ends of the line are off alike
-    # the whole image has 4656 lines, of which the ISD describes 400: lines run on along its left edge
+    assert np.linalg.norm(off[0] - off[1]) < 25.0  # both ends of the line have the same offset
+    # the whole image has 4656 lines, of which the ISD describes 400: extrapolate along the left edge
     _, (first, last) = sphere_intersection.hits(*sensor.looks([[0, 0], [0, 399]]))
     lower = lonlat_to_mcmf(stated["LOWER_LEFT_LONGITUDE"], stated["LOWER_LEFT_LATITUDE"])
     along = (last - first) / np.linalg.norm(last - first)
@@ -183,10 +188,11 @@ def test_corners_of_a_terrain_camera_image(real, shared_data):
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_a_real_image_s_own_tables(shared_data):
-    """M143947267L with the tables that ISIS attached to it: geometry_computed.json beside it was worked out from the same tables
-    by other hands. Positions agree to 0.1 mm, lines to 1e-4; columns differ by one: there y = (s - 1 - 2548) pitch for the
-    sample s counted from 1, where ISIS (LroNarrowAngleCamera, detector origin 2548) and ALE have y = (s - 2548) pitch. What is
-    left, 0.0009, is a pitch of 0.007 mm against 1 / 142.857.
+    """M143947267L with the tables that ISIS attached: geometry_computed.json is an independent
+    evaluation of the same tables. Positions agree to 0.1 mm, lines to 1e-4. Columns differ by one:
+    there y = (s - 1 - 2548) pitch for the sample s counted from 1, where ISIS
+    (LroNarrowAngleCamera, detector origin 2548) and ALE have y = (s - 2548) pitch. The remaining
+    0.0009 is a pitch of 0.007 mm against 1 / 142.857.
     """
     folder = shared_data / "images" / "nac-m143947267l-spice"
     cube = folder / "M143947267L.cal.echo.crop.cub"
@@ -204,8 +210,8 @@ def test_a_real_image_s_own_tables(shared_data):
 
 
 def test_instants(real):
-    """M103595705LE's label: START_TIME 2009-07-30T12:20:38.185; AS15-M-1450's: 1971-08-01T14:58:03.78 (before 1972 SPICE leaves
-    0.5 s of UTC aside).
+    """M103595705LE's label: START_TIME 2009-07-30T12:20:38.185; AS15-M-1450's:
+    1971-08-01T14:58:03.78 (before 1972 SPICE omits 0.5 s of UTC).
     """
     one_line = read_sensor(real["lro_isis_isd"])
     assert one_line.time_utc == "2009-07-30T12:20:38.185Z"
@@ -214,8 +220,8 @@ def test_instants(real):
 
 @pytest.mark.parametrize("name", ["lrolrocwac_isd", "usgscsm_lroWacPushFrame"])
 def test_framelets_follow_on_one_another(real, name):
-    """The ground under one framelet goes on in the next, along its rows and with some overlap, as the instrument is run: rows,
-    order and times fit together (one of the two images holds its framelets in reverse).
+    """The surface under one framelet continues in the next one, with some overlap: rows, order and
+    times are consistent (one of the two images holds its framelets in reverse).
     """
     sensor = read_sensor(real[name])
     column, first = sensor.shape[1] / 2, sensor.lines * (sensor.framelets // 2)
@@ -233,8 +239,9 @@ def test_j2000_in_utc():
 
 
 def test_two_isds_of_one_image_agree(real):
-    """One from SPICE kernels, the other from a cube that ISIS attached tables to: their sensor frames point their lines opposite
-    ways, and the tables are thinned out in one; the first line lies within a hundredth of a pixel.
+    """One is from SPICE kernels, the other from a cube with tables by ISIS: their sensor frames
+    have lines in opposite directions, and one has reduced tables; the first line agrees within a
+    hundredth of a pixel.
     """
     kernels, cube = read_sensor(real["lrolroc_isd"]), read_sensor(real["lro_isis_isd"])
     points = sphere_intersection.hits(*cube.looks([[0.0, 0.0]]))[1]
@@ -242,8 +249,9 @@ def test_two_isds_of_one_image_agree(real):
 
 
 def test_an_apollo_camera_looks_along_minus_z(real):
-    """Its image is no mirror image: along a row and then along a column is clockwise, seen from above. (This ISD has the optical
-    axis in the image's upper left corner; most of the frame looks past the Moon.)
+    """The image is not mirrored: along a row and then along a column is clockwise, seen from above.
+    (This ISD has the optical axis in the upper left corner of the image; most of the frame is
+    beyond the Moon.)
     """
     camera = read_sensor(real["apollometric_isd"])
     middle = np.array([1000.0, 500.0])

@@ -1,4 +1,4 @@
-"""The fields of an ISD: their conventions one by one, and what is refused; all on small ones."""
+"""Fields of an ISD: their conventions one by one, and refused values; all on small documents."""
 
 import copy
 import logging
@@ -10,7 +10,7 @@ from helpers.isd_files import orbital_framer, orbital_line_scan, orbital_push_fr
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry import sphere_intersection
 
-# conventions, one by one, on a small ISD
+# conventions on a small ISD
 
 
 def pixel_of(document, point=(1e6, 300.0, 500.0)):
@@ -36,7 +36,7 @@ def test_units_and_frames():
     unstated = copy.deepcopy(plain)
     del unstated["instrument_position"]["unit"]
     assert pixel_of(unstated) == pytest.approx(pixel_of(plain), abs=1e-9)
-    # the body turned by 90 deg about z: what was along x is along -y in its axes
+    # the body rotated by 90 deg about z: x becomes -y in its axes
     turned = copy.deepcopy(plain)
     half = np.sqrt(0.5)
     turned["body_rotation"]["quaternions"] = [[half, 0, 0, half]]
@@ -64,7 +64,9 @@ def test_framelets_upside_down_and_in_reverse():
 
 
 def test_lines_of_several_rates():
-    """Lines 0..4 take 0.1 s, 5..9 take 0.2 s, the rest 0.05 s; a line is seen in the middle of its exposure."""
+    """Lines 0..4 take 0.1 s, 5..9 take 0.2 s, the rest 0.05 s; the time of a line is the middle of
+    its exposure.
+    """
     rates = [[0.5, -0.85, 0.1], [5.5, -0.35, 0.2], [10.5, 0.65, 0.05]]
     document = orbital_line_scan() | {"line_scan_rate": rates, "image_lines": 12}
     scanner = read(document)
@@ -76,7 +78,7 @@ def test_lines_of_several_rates():
     assert scanner.project(points)[:, 1] == pytest.approx(rows, abs=1e-7)
 
 
-# what is refused
+# refused values
 
 
 def broken(path, value, document=None, delete=True):
@@ -189,7 +191,7 @@ def everywhere(document, before=""):
     ("make", "turn"), [(orbital_framer, 0), (orbital_line_scan, 1), (orbital_push_frame, 2)]
 )
 def test_oddities_anywhere_are_read_or_refused_in_one_line(make, turn):
-    """Whatever stands in any one field (a third of the oddities in each kind): CameraError, or a sensor that answers."""
+    """An odd value in any field (a third of them of each kind): CameraError, or a working sensor."""
     sun = {"positions": [[1e11, 1e11, 0.0]], "ephemeris_times": [1000.0], "unit": "km"}
     whole = make() | {"sun_position": sun}
     whole["body_rotation"] |= {
@@ -240,7 +242,9 @@ def test_a_scanner_needs_more_than_one_attitude():
 
 
 def test_velocities_that_do_not_fit_are_left_aside(caplog):
-    """usgscsm's fixtures state 1050 km/s for an orbit that runs at 1 km/s: between the times positions alone count."""
+    """usgscsm's fixtures give 1050 km/s for an orbit with 1 km/s: between the times only positions
+    are used.
+    """
     with caplog.at_level(logging.WARNING):
         scanner = read(orbital_line_scan())
     assert "instrument_position.velocities do not fit" in caplog.text

@@ -1,11 +1,12 @@
-"""Map-projected images: pixels against closed forms (Snyder 1987, sphere) and against rasterio's own;
-copies round the Moon, poles, turned and south-up rasters, corrections.
+"""Map-projected images: pixels compared with closed forms (Snyder 1987, sphere) and rasterio;
+copies around the Moon, poles, rotated and south-up rasters, corrections.
 """
 
 from __future__ import annotations
 
 import math
 import pickle
+from itertools import product
 
 import numpy as np
 import pytest
@@ -20,18 +21,17 @@ from lcp_catalog.cameras.sensor import ON_MAP, Reduced, pixel_size_m
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
-# -- against closed forms and rasterio
+# -- compared with closed forms and rasterio
 
 
 @pytest.mark.parametrize("name", MAPS)
-@pytest.mark.parametrize("turn_deg", [0.0, 33.0, 180.0])
-def test_pixels_are_where_the_affine_puts_the_closed_form(name: str, turn_deg: float) -> None:
-    """Corner coordinates less half a pixel; heights do not matter."""
-    image = image_of(name, turn_deg=turn_deg)
+def test_pixels_are_where_the_affine_puts_the_closed_form(name: str) -> None:
+    """Corner coordinates minus half a pixel; heights have no influence."""
     lon, lat = places(name)
     x, y = MAPS[name][1](lon, lat)
-    col, row = ~Affine(*image.transform) * (x, y)
-    for height_m in (0.0, -4000.0, 9000.0):
+    for turn_deg, height_m in product((0.0, 33.0, 180.0), (0.0, -4000.0, 9000.0)):
+        image = image_of(name, turn_deg=turn_deg)
+        col, row = ~Affine(*image.transform) * (x, y)
         pixels = image.project(lonlat_to_mcmf(lon, lat, height_m))
         np.testing.assert_allclose(pixels, np.stack([col, row], -1) - 0.5, rtol=0, atol=1e-5)
 
@@ -56,7 +56,7 @@ def test_pixels_are_those_of_rasterio(name: str) -> None:
 def test_there_and_back(
     name: str, turn_deg: float, col: float, row: float, east: float, north: float, depth: float
 ) -> None:
-    """Anywhere along the line that a pixel looks along lies ground that it shows."""
+    """Every point on the ray of a pixel projects to the pixel."""
     image = image_of(name, turn_deg=turn_deg).moved((east, north))
     pixel = np.array([col * image.shape[1], row * image.shape[0]])
     origin, direction = image.looks(pixel)
@@ -67,7 +67,7 @@ def test_there_and_back(
 
 @pytest.mark.parametrize("edge", range(4))
 def test_an_image_reaches_half_a_pixel_beyond_its_centres(edge: int) -> None:
-    """The lower edges belong to it, the upper ones do not."""
+    """The lower edges belong to the image, the upper ones do not."""
     image = image_of("sinusoidal")
     rows, cols = image.shape
     inside = np.array(
@@ -116,11 +116,13 @@ def test_pixels_have_the_size_of_the_map() -> None:
         np.testing.assert_allclose(sizes, wanted, rtol=1e-6)
 
 
-# -- round the Moon
+# -- around the Moon
 
 
 def across_the_antimeridian(west_lon: float, lon0: float = 0.0) -> MapImage:
-    """10 x 10 deg from a longitude eastwards, a tenth of a degree a pixel, as a cylinder centred at lon0."""
+    """10 x 10 deg eastwards of a longitude, a tenth of a degree per pixel, in a cylindrical map
+    centred at lon0.
+    """
     metres = R * math.radians(0.1)
     wkt = projected("Equirectangular", standard_parallel_1=0, central_meridian=lon0)
     return MapImage(
@@ -186,7 +188,7 @@ def test_what_the_map_cannot_show_is_nan() -> None:
         _ = beyond.center_deg
 
 
-# -- figures of the Moon, and of others
+# -- bodies and reference ellipsoids
 
 
 def test_another_radius_keeps_longitude_and_latitude() -> None:
@@ -211,7 +213,7 @@ def test_maps_that_cannot_be_are_refused(change: dict[str, object], why: str) ->
         MapImage(geographic(), image_shape=(10, 10), **(good | change))  # type: ignore[arg-type]
 
 
-# -- from where it was seen
+# -- viewing directions
 
 
 def test_it_was_seen_from_above_unless_that_is_stated() -> None:
@@ -255,7 +257,7 @@ def test_seen_from_a_position() -> None:
     "name", ["cylindrical, true at 8, centred at 180", "orthographic", "north polar", "south polar"]
 )
 def test_ground_lies_where_the_correction_says(name: str) -> None:
-    """At the middle a shift of (300, -200) m puts what the map shows 300 m east and 200 m south of there."""
+    """At the centre a shift of (300, -200) m moves the surface 300 m east and 200 m south."""
     image = image_of(name)
     assert image.corrections == ON_MAP
     rows, cols = image.shape
@@ -268,8 +270,10 @@ def test_ground_lies_where_the_correction_says(name: str) -> None:
 
 
 @given(east=st.floats(-2e4, 2e4), north=st.floats(-2e4, 2e4))
-def test_a_correction_bends_nothing(east: float, north: float) -> None:
-    """Ground keeps its distances: the correction is a rotation of the sphere, by the arc that it says."""
+def test_a_correction_keeps_distances(east: float, north: float) -> None:
+    """Distances on the surface are kept: the correction is a rotation of the sphere by the given
+    arc.
+    """
     image = image_of("south polar")
     rng = np.random.default_rng(0)
     pixels = rng.uniform(0, 400, (6, 2))

@@ -1,4 +1,6 @@
-"""Line scanners and push-frame cameras made here, over a turning Moon, against plain geometry and trying everything."""
+"""Synthetic line scanners and push-frame cameras over a rotating Moon, compared with elementary
+geometry and exhaustive search.
+"""
 
 import numpy as np
 import pytest
@@ -19,11 +21,13 @@ from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.matching.consensus import agreeing
 from lcp_catalog.matching.pose import position_error, solve
 
-RATE = np.sqrt(4.9028e12 / (MOON_RADIUS_M + 100e3) ** 3)  # of a circular orbit 100 km up
+RATE = np.sqrt(4.9028e12 / (MOON_RADIUS_M + 100e3) ** 3)  # circular orbit at 100 km
 
 
 def flight(lat_deg=20.0, duration_s=40.0, wobble_rad=0.0, backwards=False):
-    """A polar orbit that crosses a latitude at t = 0, looking down, rows running along the flight (or against it)."""
+    """A polar orbit that crosses a latitude at t = 0, looking down, with rows along the flight (or
+    against it).
+    """
     times = np.linspace(-duration_s, duration_s, 81)
     a = np.radians(lat_deg) + RATE * times
     radius = MOON_RADIUS_M + 100e3
@@ -43,7 +47,7 @@ def flight(lat_deg=20.0, duration_s=40.0, wobble_rad=0.0, backwards=False):
 
 
 def line_scanner(rows=2000, cols=500, **how):
-    """Pixels of 10 m: 0.0065 s a line at 1.55 km/s over the ground."""
+    """Pixels of 10 m: 0.0065 s per line at 1.55 km/s over the surface."""
     times = 0.0065 * (np.arange(-BEYOND, rows + BEYOND) - rows / 2)
     focal = 1e4
     lens = OnPlane(((0.0, 70.0), (70.0, 0.0)), LroNac(1.81e-5), ((0.0, 1 / 70.0), (1 / 70.0, 0.0)))
@@ -58,7 +62,7 @@ def line_scanner(rows=2000, cols=500, **how):
 
 
 def push_frame(framelets=40, lines=14, overlap=4, **how):
-    """Pixels of 100 m, framelets of 14 rows, each 10 rows further on: 0.65 s."""
+    """Pixels of 100 m, framelets of 14 rows, each advanced by 10 rows: 0.65 s."""
     step = (lines - overlap) * 0.065
     return PushFrame(
         name="frames",
@@ -86,7 +90,7 @@ def grid(sensor, n=23):
 )
 @settings(max_examples=25, deadline=None)
 def test_a_line_scanner_finds_its_own_pixels(lat, wobble, backwards, six):
-    """Wherever it flies, shaking by up to a hundred pixels' widths a second, corrected or not."""
+    """At any place, with attitude changes of up to a hundred pixels per second, corrected or not."""
     scanner = line_scanner(lat_deg=lat, wobble_rad=wobble, backwards=backwards)
     scanner = scanner.moved(six * [500.0, 500, 500, 1e-2, 1e-2, 1e-2])
     pixels = grid(scanner)
@@ -101,7 +105,9 @@ def test_a_line_scanner_finds_its_own_pixels(lat, wobble, backwards, six):
 @given(arrays(float, 6, elements=st.floats(-1, 1)))
 @settings(max_examples=20, deadline=None)
 def test_all_lines_move_alike(six):
-    """A correction shifts every line's position and turns every line's axes as that of a framing camera would."""
+    """A correction shifts the position and turns the axes of every line like those of a framing
+    camera.
+    """
     scanner = line_scanner(wobble_rad=1e-4)
     correction = six * [5e3, 5e3, 5e3, 0.1, 0.1, 0.1]
     moved = scanner.moved(correction)
@@ -130,8 +136,9 @@ def test_two_corrections_add_up():
 
 
 def test_lines_before_the_first_and_after_the_last():
-    """Points up to `BEYOND` lines off still have their pixels, out of the image; those further off have none, nor what is above
-    the camera. (What the Moon itself hides is for others to know, as with framing cameras.)
+    """Points up to `BEYOND` lines outside have pixels outside the image; points further out have
+    none, and neither have points above the camera. (Like framing cameras, scanners do not test for
+    the limb.)
     """
     scanner = line_scanner()
     rows = np.array([-60.0, -1.0, 2000.5, 2060.0])
@@ -179,11 +186,13 @@ def test_many_points_are_taken_in_parts(make, monkeypatch):
         assert np.array_equal(one, other, equal_nan=True)
 
 
-# push frames
+# push-frame cameras
 
 
 def by_trying(camera, point):
-    """Every framelet's pixel of a point, in the rows of the image, and the one nearest its framelet's middle."""
+    """Pixel of a point in every framelet, in rows of the image, and the one nearest to its
+    framelet's middle.
+    """
     times = camera.first_s + camera.step_s * np.arange(camera.framelets)
     seen = camera.plane.pixels(camera.trajectory.seen(times, np.tile(point, (camera.framelets, 1))))
     off = np.abs(seen[:, 1] - (camera.lines - 1) / 2)
@@ -208,7 +217,7 @@ def test_framelets_against_trying_them_all(lat, wobble, backwards, reverse, seed
 
 
 def test_what_is_seen_twice_is_given_nearest_the_middle():
-    """Rows 0 and 13 of a framelet are seen again, nearer the middle, by its neighbours."""
+    """Rows 0 and 13 of a framelet appear again, nearer to the middle, in its neighbours."""
     camera = push_frame()
     for row, other in ((14 * 20 + 0.5, 19), (14 * 20 + 12.5, 21), (14 * 20 + 6.0, 20)):
         point = sphere_intersection.hits(*camera.looks([150.0, row]))[1]
@@ -227,9 +236,9 @@ def test_a_framelet_begins_half_a_row_before_its_first():
 
 
 def test_gaps_between_framelets_are_not_seen():
-    """Framelets 16 rows apart of which each sees 14: two rows of every sixteen are missing."""
+    """Framelets 16 rows apart with 14 rows each: two of sixteen rows are missing."""
     camera = push_frame(overlap=-2)
-    for share in (20.45, 20.5, 20.55):  # just after one, half way, just before the next
+    for share in (20.45, 20.5, 20.55):  # just after a framelet, halfway, just before the next
         time = camera.first_s + share * camera.step_s
         under = camera.trajectory.positions(np.array([time]))[0]
         under *= MOON_RADIUS_M / np.linalg.norm(under)
@@ -251,8 +260,8 @@ def test_beside_the_first_and_last_framelet():
     assert np.isnan(camera.project(1.3 * points)).all()
 
 
-def test_beside_where_it_was_found():
-    """In its own framelet every pixel comes back, also those whose ground `project` gives in another one."""
+def test_projection_in_the_framelet_of_the_found_pixel():
+    """In its own framelet every pixel is reproduced, also where `project` chooses another framelet."""
     camera = push_frame(wobble_rad=1e-3)
     pixels = grid(camera).reshape(-1, 2)
     points = sphere_intersection.hits(*camera.looks(pixels))[1]
@@ -267,12 +276,14 @@ def test_beside_where_it_was_found():
     )
 
 
-# what stands on them
+# poses, footprints and pixel sizes
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
-    """Half a kilometre off, every point found in any of the framelets that see it, to a tenth of a pixel."""
+    """Pose half a kilometre off; every point found, to a tenth of a pixel, in any framelet that
+    sees it.
+    """
     rng = np.random.default_rng(seed)
     camera = push_frame()
     pixels = rng.uniform([0.0, 14.0], [299.0, 545.0], (60, 2))
@@ -282,7 +293,9 @@ def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
     covariance = np.broadcast_to(0.01 * np.eye(2), (60, 2, 2))
     everything = np.ones(60, dtype=bool)
     pose = solve(given, points, found, covariance, Uncertainty(500.0, 2e-3), everything)
-    assert pose.normalised_error < 1.6  # 120 numbers less about 6: above by chance once in 20 000
+    assert (
+        pose.normalised_error < 1.6
+    )  # 120 numbers minus about 6: exceeded by chance once in 20 000
     assert position_error(pose, camera).squared < 18.0  # 3 expected, chance of more 4e-4
     assert np.abs(pose.residual_px).max() < 0.7  # 0.1 each axis, and no jump of three rows
     assert agreeing(camera, points, found, covariance, tolerance_px=0.5).all()
@@ -292,7 +305,7 @@ def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
 
 
 def test_footprints_of_scanners():
-    """The bounds hold what the pixels see, and not much more."""
+    """The bounds contain what the pixels see, with little margin."""
     for sensor in (line_scanner(), push_frame(lat_deg=-50.0, backwards=True)):
         bounds = footprint(sensor)
         lon, lat = sphere_intersection.lonlat(
@@ -319,7 +332,7 @@ def test_a_scanner_that_looks_away():
 
 
 def test_pixels_of_a_scanner_and_of_a_reduced_one():
-    """10 m at 100 km; ten of them are 100 m."""
+    """10 m at 100 km; ten pixels are 100 m."""
     scanner = line_scanner()
     points = sphere_intersection.hits(*scanner.looks([[250.0, 1000.0], [30.0, 60.0]]))[1]
     width = np.linalg.norm(
@@ -335,7 +348,7 @@ def test_pixels_of_a_scanner_and_of_a_reduced_one():
 
 
 def test_pixel_sizes_across_the_borders_of_framelets():
-    """A step of a metre that leads into another framelet is no slope: sizes are as smooth as the ground."""
+    """A step of a metre into another framelet is not a slope: sizes are as smooth as the surface."""
     camera = push_frame()
     rows = np.linspace(20.0, 540.0, 4001)
     points = sphere_intersection.hits(*camera.looks(np.stack([0 * rows + 150.0, rows], -1)))[1]

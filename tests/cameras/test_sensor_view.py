@@ -1,4 +1,6 @@
-"""A view whose points each have their own direction, against the camera that gives the same directions."""
+"""A view with its own direction for each point, compared with the camera that gives the same
+directions.
+"""
 
 import numpy as np
 import pytest
@@ -29,7 +31,7 @@ def terrain() -> Terrain:
 
 @pytest.fixture(scope="module")
 def camera():
-    """Near, so that directions differ by 20 deg over the area."""
+    """A near camera: directions differ by 20 deg over the area."""
     return looking_camera(FRAME, np.array([2e3, -3e3, 12e3]), 60.0, (12e3, 12e3))
 
 

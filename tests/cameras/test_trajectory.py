@@ -1,4 +1,4 @@
-"""Positions and attitudes out of tables, against scipy's splines and rotations."""
+"""Positions and attitudes from tables, compared with scipy's splines and rotations."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_positions_with_velocities_are_hermites():
 
 
 def test_positions_alone_are_lagranges_through_eight():
-    where = np.random.default_rng(5).normal(size=(len(TIMES), 3))  # rough: every node tells
+    where = np.random.default_rng(5).normal(size=(len(TIMES), 3))  # rough: every node matters
     track = Track(TIMES, where)
     for t in (-2.0, -1.2, 0.7, 2.6, 5.9):
         after = np.searchsorted(TIMES, t, side="right")
@@ -45,7 +45,7 @@ def test_positions_alone_are_lagranges_through_eight():
         expected = BarycentricInterpolator(TIMES[nodes], where[nodes])(t)
         assert np.abs(track.at(np.array([t]))[0] - expected).max() < 1e-11
     track = Track(TIMES, orbit(TIMES)[0])
-    # what is left is rounding: 2.3e-10 m at 1787 km, times the weights of uneven times
+    # the remainder is rounding: 2.3e-10 m at 1787 km, times the weights of uneven times
     assert np.abs(track.at(QUERIES) - orbit(QUERIES)[0]).max() < 1e-7
 
 
@@ -84,7 +84,9 @@ def test_rotations_turn_at_a_constant_rate_between_times():
 
 
 def test_a_trajectory_puts_them_together():
-    """To the camera: back from body-fixed to inertial axes, then to the camera's; and a correction at last."""
+    """Camera axes: from body-fixed to inertial axes, then to those of the camera, then the
+    correction.
+    """
     body, bodies = table(seed=2)
     pointing, pointings = table(seed=3)
     where, speed = orbit(TIMES)

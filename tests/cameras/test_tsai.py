@@ -1,4 +1,6 @@
-"""Cameras of the Ames Stereo Pipeline: against its manual's formulas, its own sample files and OpenCV."""
+"""Cameras of the Ames Stereo Pipeline, compared with the formulas of its manual, its sample files
+and OpenCV.
+"""
 
 import cv2
 import numpy as np
@@ -48,7 +50,7 @@ def read(content, shape=(3744, 5616)):
 
 
 def by_manual(lens=lambda x, y: (x, y), units=28.429):
-    """P = R Q + C; f Q / Q3 through a lens, plus the principal point, over the pitch."""
+    """P = R Q + C; f Q / Q3 through a lens, plus the principal point, divided by the pitch."""
     x, y, z = ((points() - PLACE) @ TO_WORLD).T
     u, v = lens(units * x / z, units * y / z)
     scale = 28.429 / units
@@ -65,7 +67,7 @@ def test_a_pinhole():
 
 
 def test_tsai_is_opencv():
-    """The manual's own sample, k3 last but by its name anywhere."""
+    """The sample of the manual, with k3 last; named values may be in any order."""
     camera = read(text(tsai("TSAI", **LENS)))
     assert camera.distortion.tolist() == [LENS[key] for key in ("k1", "k2", "p1", "p2", "k3")]
     f, cx, cy = (value / 0.0064 for value in (28.429, 17.9712, 11.9808))
@@ -78,7 +80,7 @@ def test_tsai_is_opencv():
 
 
 def test_photometrix_and_brown_conrady_in_millimetres():
-    """Both go from landed to ideal; the manual's formulas, solved here by fixed points."""
+    """Both go from distorted to ideal; the manual's formulas, solved by fixed-point iteration."""
     k = {"xp": 0.004, "yp": -0.191, "k1": 1.3e-5, "k2": -2e-8, "k3": -5e-11, "p1": 7e-6, "p2": 2e-6}
 
     def photometrix(x, y):
@@ -132,7 +134,7 @@ def test_oblong_pixels():
     ],
 )
 def test_directions_of_the_axes(directions, columns, rows):
-    """Each of u, v is one of the camera's axes, or its negative."""
+    """Each of u and v is an axis of the camera, or its negative."""
     u, v, w = directions
     camera = read(text(u_direction=u, v_direction=v, w_direction=w))
     middle = np.array([17.9712, 11.9808]) / 0.0064
@@ -142,7 +144,9 @@ def test_directions_of_the_axes(directions, columns, rows):
 
 
 def test_versions():
-    """VERSION_3 has no line PINHOLE; the oldest has no header and no pitch, and the lens has no name."""
+    """VERSION_3 has no line PINHOLE; the oldest version has no header and no pitch, and the lens
+    has no name.
+    """
     assert read(text(header="VERSION_3\n")).focal_length_px == pytest.approx(28.429 / 0.0064)
     old = text("k1 = -0.33\nk2 = 0.125\np1 = -0.0004\np2 = 0.0011", header="", pitch=None)
     camera = read(old)
@@ -214,7 +218,7 @@ ODD = ["", "x", "nan", "inf", "-1", "0", "1e300", "1 2 3 4", "1e308 1e308 1e308"
     "lens", ["NULL", tsai("TSAI", **LENS), tsai("Photometrix", xp=0, yp=0, **LENS)]
 )
 def test_oddities_anywhere_are_read_or_refused_in_one_line(lens):
-    """Whatever stands in any one line, or if it is gone: CameraError, or a camera that answers."""
+    """An odd value in any line, or a missing line: CameraError, or a working camera."""
     lines, said = text(lens).splitlines(), []
     for i, line in enumerate(lines):
         key = line.split("=")[0].strip()

@@ -1,5 +1,5 @@
-"""Small image files as their formats' own pages describe them: ISIS cubes, PDS3 images, GeoTIFFs, PNGs; a camera for them,
-and how they open as photos.
+"""Small image files by the specifications of their formats: ISIS cubes, PDS3 images, GeoTIFFs, PNGs;
+a camera for them, and the images that they open as.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ End_Object
 
 
 def write_pds3(path: Path, samples: np.ndarray, statements: str = "", image: str = "") -> Path:
-    """A PDS3 image with its label in front, records of one line each."""
+    """A PDS3 image with an attached label, records of one line each."""
     rows, cols = samples.shape
     record = 4096
     bits = 8 * samples.dtype.itemsize
@@ -188,7 +188,9 @@ END
 
 
 def write_pds4(path: Path, samples: np.ndarray, start: str, stop: str, target: str) -> Path:
-    """A PDS4 product, label (.xml) and numbers (.img): GDAL's, with its times and its target filled in."""
+    """A PDS4 product, label (.xml) and samples (.img): GDAL's label with times and target filled
+    in.
+    """
     write_image(path.with_suffix(".xml"), samples, driver="PDS4")
     text = path.with_suffix(".xml").read_text()
     for key, value in (("start_date_time", start), ("stop_date_time", stop)):
@@ -201,7 +203,7 @@ def write_pds4(path: Path, samples: np.ndarray, start: str, stop: str, target: s
 
 
 def scene(dtype: str = "uint8", low: float = 20.0, high: float = 220.0) -> np.ndarray:
-    """A bell of brightness well within its scale, (rows, cols)."""
+    """A bell-shaped brightness well within its scale, (rows, cols)."""
     rng = np.random.default_rng(3)
     bell = np.clip(rng.normal(0.5, 0.12, SHAPE), 0.0, 1.0)
     values = low + (high - low) * bell

@@ -9,8 +9,8 @@ from lcp_catalog.cameras.json_fields import JsonFields
 
 
 def fixture(model, **changes):
-    """What usgscsm's fixtures have in common. Their bodies are other ones: radii are the Moon's here, which only rays' ends know
-    of, and the test meets those with its own sphere.
+    """Common fields of usgscsm's fixtures. Their bodies differ: radii are the Moon's here, which
+    matters only for the ends of rays, and the test intersects those with its own sphere.
     """
     return {
         "name_model": f"USGS_ASTRO_{model}_SENSOR_MODEL",
@@ -76,8 +76,8 @@ def orbital_framer():
 
 
 def orbital_line_scan():
-    """tests/data/orbitalLineScan.json, a circular orbit rounded to eight digits as there; its quaternions (x, y, z, w, from
-    sensor to body) as those of instrument_pointing.
+    """tests/data/orbitalLineScan.json, a circular orbit rounded to eight digits as there; its
+    quaternions (x, y, z, w, from sensor to body) as those of instrument_pointing.
     """
     a = 0.1 * np.arange(16) / 1050.0
     positions = np.round(np.stack([1050 * np.cos(a), 0 * a, -1050 * np.sin(a)], -1), 8)
@@ -90,7 +90,9 @@ def orbital_line_scan():
 
 
 def constant_velocity_line_scan():
-    """tests/data/constVelocityLineScan.json, 10^5 times as large: its metres are those of a body of 10 m."""
+    """tests/data/constVelocityLineScan.json, enlarged 10^5 times: its metres are those of a body of
+    10 m.
+    """
     z = 16.0 - 4.0 * np.arange(9)
     positions = 1e5 * np.stack([np.full(9, 1000.0), 0 * z, z], -1)
     q = [0.707106781186547, 0.0, 0.707106781186547, 0.0]

@@ -12,7 +12,7 @@ from lcp_catalog.geometry.frames import EnuFrame
 
 HADLEY = EnuFrame(3.6, 26.1)
 DOWN = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-"""ENU to a camera that looks straight down, north up."""
+"""Rotation from ENU to a camera that looks straight down, north up."""
 
 
 def turned(angles_rad: np.ndarray) -> np.ndarray:
@@ -67,7 +67,9 @@ def noise(covariance: np.ndarray, dice: np.random.Generator) -> np.ndarray:
 
 
 def covariances(count: int, dice: np.random.Generator, sigma_px: float = 0.3) -> np.ndarray:
-    """Covariances (n, 2, 2) of places in an image: longer one way than the other, all ways round, of many sizes."""
+    """Covariances (n, 2, 2) of positions in an image: elongated, in all orientations, of many
+    sizes.
+    """
     angle = dice.uniform(0.0, np.pi, count)
     turn = np.stack([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(
         2, 0, 1
@@ -78,7 +80,9 @@ def covariances(count: int, dice: np.random.Generator, sigma_px: float = 0.3) ->
 
 @dataclass(frozen=True, eq=False)
 class PlainMap(FullSensor):
-    """A map of the tangent plane at a place, 100 m a pixel, 1000 pixels a side, its middle at the place."""
+    """A map of the tangent plane at a place, 100 m per pixel, 1000 pixels a side, centred at the
+    place.
+    """
 
     frame: EnuFrame = HADLEY
     east_m: float = 0.0

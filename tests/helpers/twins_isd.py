@@ -56,13 +56,13 @@ class TwinIsd:
 
     @property
     def z(self):
-        """+1 or -1: on which side of the sensor frame the Moon lies."""
+        """+1 or -1: the side of the sensor frame on which the Moon is."""
         return -np.sign(self.from_sensor(0.0).apply([0, 0, 1.0]) @ self.position(0.0))
 
     # optics: millimetres of the focal plane
 
     def ideal(self, x, y):
-        """Where light that landed there would have landed without the lens."""
+        """Ideal coordinates of distorted ones."""
         ((kind, value),) = self.d["optical_distortion"].items()
         if kind == "radial":
             k0, k1, k2 = value["coefficients"]
@@ -81,7 +81,7 @@ class TwinIsd:
         raise ValueError(kind)
 
     def landed(self, x, y):
-        """The inverse of `ideal`, by a general solver."""
+        """Inverse of `ideal`, by a general solver."""
         found = root(lambda p: np.subtract(self.ideal(*p), (x, y)), (x, y), tol=1e-13)
         return found.x
 
@@ -95,7 +95,7 @@ class TwinIsd:
         )
 
     def to_plane(self, line, sample):
-        """Landed millimetres of a line and sample of the detector's window."""
+        """Distorted millimetres of a line and sample of the detector's window."""
         rows, right = [], []
         for axis, value in (("line", line), ("sample", sample)):
             (c0, c1, c2), centre, start, summing = self._axis(axis)
@@ -104,7 +104,7 @@ class TwinIsd:
         return np.linalg.solve(rows, right)
 
     def of_plane(self, x, y):
-        """Line and sample of the window for landed millimetres."""
+        """Line and sample of the window of distorted millimetres."""
         out = []
         for axis in ("line", "sample"):
             (c0, c1, c2), centre, start, summing = self._axis(axis)
@@ -123,7 +123,9 @@ class TwinIsd:
         return self.position(t), ray / np.linalg.norm(ray)
 
     def window(self, t, point, lens=True):
-        """Line and sample of the window on which a body-fixed point falls at a time; roughly without the lens."""
+        """Line and sample of the window of a body-fixed point at a time; approximate without the
+        lens.
+        """
         x, y, z = self.from_sensor(t).inv().apply(point - self.position(t))
         x, y = self.focal * x / z, self.focal * y / z
         return self.of_plane(*(self.landed(x, y) if lens else (x, y)))
@@ -167,7 +169,7 @@ class TwinIsd:
         return self.look(0.0, line, sample)
 
     def _in_framelet(self, k, point):
-        """How far from its middle a framelet has a point; line and sample of the image."""
+        """Distance of a point from the middle of a framelet; line and sample of the image."""
         within, sample = self.window(self.framelet_time(k), point)
         if self.d["framelets_flipped"]:
             within = self.framelet_lines - within
@@ -192,15 +194,16 @@ class TwinIsd:
 
 
 def on_sphere(origin, ray, radius_m=MOON_M):
-    """Where a ray first meets a sphere; NaN if it does not."""
+    """First intersection of a ray with a sphere; NaN without one."""
     b = origin @ ray
     inside = b * b - origin @ origin + radius_m**2
     return origin + (-b - np.sqrt(inside)) * ray if inside > 0 else np.full(3, np.nan)
 
 
 def isd_of_cube(path, tables, lines, samples):
-    """An ISD document of an LRO NAC cube (cropped) with the tables that ISIS's spiceinit attached: from its label, by the
-    instrument kernels' figures (lro_lroc_v18.ti, lro_instrumentAddendum_v04.ti).
+    """An ISD document of an LRO NAC cube (cropped) with the tables that ISIS's spiceinit attached:
+    from its label and the constants of the instrument kernels (lro_lroc_v18.ti,
+    lro_instrumentAddendum_v04.ti).
     """
 
     def table(name, columns):

@@ -1,8 +1,8 @@
-"""A slow, plain twin of the Sun over the Moon: Meeus, Astronomical Algorithms, 2nd edition,
+"""A slow, simple twin of the Sun over the Moon: Meeus, Astronomical Algorithms, 2nd edition,
 chapters 25 (Sun), 47 (Moon, its largest terms) and 53 (optical and physical librations).
 
-Low precision theories of their own: no series, no rotation model and no code is shared with
-`lcp_catalog.sun.ephemeris`. Degrees throughout; good to about 0.01 deg.
+Independent theories of low precision: no series, rotation model or code is shared with
+`lcp_catalog.sun.ephemeris`. Degrees; accurate to about 0.01 deg.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def arguments(t: float) -> tuple[float, float, float, float, float, float]:
 
 
 def moon(t: float) -> tuple[float, float, float]:
-    """Longitude, latitude and distance in km, from the largest terms only: an error of 0.1 deg turns
-    the Sun over the Moon by 0.0003 deg.
+    """Longitude, latitude and distance in km, from the largest terms only: an error of 0.1 deg
+    turns the Sun over the Moon by 0.0003 deg.
     """
     mean, d, m, m1, f, _ = arguments(t)
     longitude = mean + (
@@ -79,9 +79,9 @@ def moon(t: float) -> tuple[float, float, float]:
 
 
 def physical(t: float, principal: bool) -> tuple[float, float, float]:
-    """Librations tau, rho and sigma; chapter 53. As printed they turn to the principal axes: the pair
-    -0.02245 sin F, +0.02244 cos F is the constant turn by 0.0224 deg about y (79 arcsec in DE421's
-    frame kernel) that the mean-Earth frame does not make.
+    """Librations tau, rho and sigma; chapter 53. As printed they refer to the principal axes: the
+    pair -0.02245 sin F, +0.02244 cos F is the constant turn by 0.0224 deg about y (79 arcsec in
+    DE421's frame kernel) that the mean-Earth frame does not have.
     """
     pair = 1.0 if principal else 0.0
     _, d, m, m1, f, node = arguments(t)

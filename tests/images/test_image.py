@@ -66,8 +66,8 @@ def scene():
 
 @pytest.fixture(scope="module")
 def smooth():
-    """The photograph, smoothed by a Gaussian whose full width at half maximum is two cells, the
-    shortest wave that cells hold.
+    """The image, smoothed by a Gaussian whose full width at half maximum is two cells, the shortest
+    wavelength on the grid.
     """
     camera = read_camera(CAMERA)
     pixel_m = (np.linalg.norm(camera.position_mcmf_m) - MOON_RADIUS_M) / camera.focal_length_px
@@ -78,7 +78,7 @@ def smooth():
 
 @pytest.fixture(scope="module")
 def ground(scene, smooth):
-    """The photograph at the nodes, the render, and which nodes are compared."""
+    """The image at the nodes, the render, and the mask of compared nodes."""
     camera, terrain = scene.camera, scene.terrain
     nodes = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
     column, row = np.moveaxis(camera.project(nodes).astype(np.float32), -1, 0)
@@ -95,7 +95,7 @@ def rendered(scene, sun=None, **options):
     return np.nan_to_num(render_enu(scene.terrain, sun, scene.view, **options).radiance)
 
 
-def test_the_render_is_the_photograph(ground):
+def test_render_correlates_with_the_image(ground):
     result = score(*ground)
     assert result.windows > 300
     assert result.above >= 0.65
@@ -139,10 +139,8 @@ def test_lit_from_behind_it_is_inverted(scene, ground):
     assert score(photo, opposite, compared).whole < -0.5
 
 
-def test_the_cameras_plane_is_the_photographs(smooth):
-    """The same in the camera's own plane, pixel by pixel: windows of 16 x 16 pixels, the same
-    margin.
-    """
+def test_camera_plane_of_the_render_is_that_of_the_image(smooth):
+    """Comparison in the camera's plane, pixel by pixel: windows of 16 x 16 pixels, the same margin."""
     request = Request(
         [DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)), in_camera_plane=True
     )

@@ -1,4 +1,4 @@
-"""Image files as photos: what took them, where the Sun stood; what is refused; and real files."""
+"""Images from files: sensor, Sun, refused files, and real files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lcp_catalog.images.image_file import ImageOptions, center_of, open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.sun.ephemeris import sun_direction_at
 
-# -- what took it
+# -- sensors
 
 
 def test_a_map_projected_image_is_its_own_sensor(tmp_path: Path) -> None:
@@ -258,7 +258,9 @@ def test_an_image_with_nothing_valid(tmp_path: Path) -> None:
 
 
 def test_frames_of_apollo(shared_data: Path) -> None:
-    """AS15-M-0414: 276 pixels at 255, where the codes below hold some 60 each; nothing is clipped below."""
+    """AS15-M-0414: 276 pixels at 255, where the codes below have about 60 each; no clipping at the
+    low end.
+    """
     folder = shared_data / "images" / "apollo15-metric-hadley"
     camera = read_camera(folder / "AS15-M-0414_camera.json")
     found = open_image(folder / "AS15-M-0414.png", camera)
@@ -274,12 +276,14 @@ def test_the_scanned_crop_has_a_palette_of_greys(shared_data: Path) -> None:
     camera = read_camera(folder / "AS15-M-1134_sub4crop_256ppd_camera.json")
     found = open_image(folder / "sub4-AS15-M-1134_crop.png", camera)
     assert found.saturated_share == pytest.approx(3201 / 640000)
-    assert (found.signal == 1.0).sum() == 3273  # a plateau of shadow, which counts
+    assert (found.signal == 1.0).sum() == 3273  # a plateau of shadow, which has full weight
     assert np.nanmax(found.signal) == 254.0
 
 
 def test_map_projected_frames_of_apollo_16(shared_data: Path) -> None:
-    """The corners of AS16-M-2804's map and the boom that its mask leaves out; geographic, 1280 m a pixel."""
+    """The corners of AS16-M-2804's map and the boom that its mask excludes; geographic, 1280 m per
+    pixel.
+    """
     folder = shared_data / "images" / "apollo16-metric-series" / "DIM_input_1280mpp_masked"
     found = open_image(folder / "AS16-M-2804.tif", None, NOON)
     assert found.missing_share == pytest.approx(0.2106, abs=2e-3)
@@ -291,7 +295,9 @@ def test_map_projected_frames_of_apollo_16(shared_data: Path) -> None:
 
 
 def test_cubes_of_the_nac_and_of_apollo(shared_data: Path) -> None:
-    """They are not on a map: their pixels are there for a camera of their size, with the Sun of their tables."""
+    """They are not map-projected: they open with a camera of their size, with the Sun of their
+    tables.
+    """
     images = shared_data / "images"
     for path, size in (
         (images / "nac-m143947267l-spice" / "M143947267L.cal.echo.crop.cub", 400),
@@ -305,7 +311,7 @@ def test_cubes_of_the_nac_and_of_apollo(shared_data: Path) -> None:
 
 
 def test_the_pit(shared_data: Path) -> None:
-    """Its middle, as published, lies in the hole that the orthoimage has there."""
+    """Its published centre is in the hole of the orthoimage."""
     path = shared_data / "images" / "nac-tranqpit1-pair" / "tranqpit1_ortho_M152662021_0p5m.tif"
     found = open_image(path, None, NOON)
     assert found.missing_share == pytest.approx(0.0444, abs=1e-4)
@@ -316,13 +322,13 @@ def test_the_pit(shared_data: Path) -> None:
 
 
 def test_a_cube_is_the_right_way_up(shared_data: Path) -> None:
-    """The cube of AS15-M-0299 is a window of the scan (its AlphaCube group: from sample 14396.5, line 4396.5 of
-    22900 x 22900), where the whole frame's picture has the same ground.
+    """The cube of AS15-M-0299 is a window of the scan (its AlphaCube group: from sample 14396.5,
+    line 4396.5 of 22900 x 22900); the image of the whole frame shows the same terrain there.
     """
     folder = shared_data / "images" / "apollo15-metric-farside"
     cube = open_image(folder / "AS15-M-0299_crop.cub", files.camera_over((500, 500), sun=False))
     whole = open_image(folder / "AS15-M-0299_SML.png", files.camera_over((1012, 1012)))
-    # one of the picture's pixels is 22.6 of the scan's, one of the cube's 16
+    # a pixel of the image is 22.6 pixels of the scan, one of the cube 16
     row, col = (np.arange(353) + 0.5) * 22900 / 1012 / 15.976 - 0.5, 636.0
     there = np.round(row).astype(int).clip(0, 499)
     small = cube.signal[np.ix_(there, there)]

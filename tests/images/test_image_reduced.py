@@ -1,4 +1,4 @@
-"""Photos at fewer pixels: means of blocks, with sensors that see the same ground."""
+"""Images at reduced resolution: means of blocks, with sensors that see the same terrain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lcp_catalog.images.image import Image
 
 
 def blocks(found: Image, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Block by block, pixel by pixel."""
+    """Means block by block, pixel by pixel."""
     rows, cols = (n // factor for n in found.signal.shape)
     signal, weight = np.full((rows, cols), np.nan), np.zeros((rows, cols))
     for row in range(rows):
@@ -36,7 +36,7 @@ def blocks(found: Image, factor: int) -> tuple[np.ndarray, np.ndarray]:
     shape=st.tuples(st.integers(7, 23), st.integers(7, 23)), factor=st.integers(1, 7),
     seed=st.integers(0, 2**32 - 1),
 )  # fmt: skip
-def test_reduced_photos_are_means_of_blocks(shape: tuple[int, int], factor: int, seed: int) -> None:
+def test_reduced_images_are_means_of_blocks(shape: tuple[int, int], factor: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     weight = rng.choice([0.0, 0.5, 1.0], shape).astype(np.float32)
     weight[: shape[0] // 2, : shape[1] // 2] = 0.0
@@ -51,7 +51,9 @@ def test_reduced_photos_are_means_of_blocks(shape: tuple[int, int], factor: int,
 
 @given(factor=st.integers(2, 6), seed=st.integers(0, 2**32 - 1))
 def test_reduced_sensors_see_the_same_ground(factor: int, seed: int) -> None:
-    """The middle of a block of pixels is the pixel of the reduced image: no half of one is lost."""
+    """The centre of a block of pixels is the pixel of the reduced image, without a shift of half a
+    pixel.
+    """
     camera = files.camera_over((50, 70))
     whole = Image(
         "x", np.zeros((50, 70), np.float32), np.ones((50, 70), np.float32), camera, np.ones(3)

@@ -1,4 +1,4 @@
-"""Which pixels of an image file count: masks, codes that mean no brightness, plateaus of saturation, frames of black."""
+"""Valid pixels of an image file: masks, special codes, plateaus of saturation, black margins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lcp_catalog.images.image_file import ImageOptions, open_image
 
 HOLE_SHARE = 200 / 2400
 
-# -- what is missing
+# -- missing samples
 
 
 def assert_hole(found: Image, samples: np.ndarray) -> None:
@@ -118,7 +118,7 @@ def test_too_bright_for_a_cube_is_saturated(tmp_path: Path, dtype: str, which: i
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_codes_of_cubes_are_brightness_elsewhere(tmp_path: Path, dtype: str) -> None:
-    """In a GeoTIFF 0 and 255 are values like others, as long as no plateau stands there."""
+    """In a GeoTIFF 0 and 255 are ordinary values unless they form a plateau."""
     samples = scene(dtype)
     samples[5, 5:7] = 0, 255
     found = opened(files.write_image(tmp_path / "a.tif", samples))
@@ -137,7 +137,9 @@ PDS3_CODES = {
 @pytest.mark.parametrize("how", ["16#", "number"])
 @pytest.mark.parametrize("dtype", PDS3_CODES)
 def test_codes_that_a_pds3_label_states(tmp_path: Path, dtype: str, how: str) -> None:
-    """As LROC's labels have them: bits of floats as 16#FF7FFFFB# or 4286578683. Not the codes of ISIS here: others."""
+    """As in labels of LROC: bits of floats as 16#FF7FFFFB# or 4286578683; here other codes than
+    those of ISIS.
+    """
     bits = (
         [0xC7000001 + i for i in range(5)] if dtype == "float32" else [-9995 + i for i in range(5)]
     )
@@ -154,7 +156,7 @@ def test_codes_that_a_pds3_label_states(tmp_path: Path, dtype: str, how: str) ->
 
 
 def test_zeros_of_pds3_bytes_are_brightness(tmp_path: Path) -> None:
-    """GDAL takes them for missing."""
+    """GDAL takes them as missing."""
     samples = scene()
     samples[5, 5] = 0
     found = opened(files.write_pds3(tmp_path / "a.img", samples))
@@ -208,7 +210,7 @@ def test_a_half_saturated_image(tmp_path: Path) -> None:
 
 
 def margin(samples: np.ndarray) -> np.ndarray:
-    """With a black frame around it, and a black shadow within."""
+    """The image with a black margin around it and a black shadow inside."""
     framed = samples.copy()
     framed[:6] = framed[-6:] = 0
     framed[:, :6] = framed[:, -6:] = 0
@@ -220,7 +222,7 @@ def margin(samples: np.ndarray) -> np.ndarray:
 def test_black_around_a_map_projected_image_is_missing(
     tmp_path: Path, mask: np.ndarray | None
 ) -> None:
-    """Also where the file has a mask that masks nothing; a shadow within is a shadow."""
+    """The same for a file with an empty mask; a shadow inside the image is a shadow."""
     path = files.write_image(tmp_path / "a.tif", margin(scene()), mask=mask, **MAP)
     found = open_image(path, None, NOON)
     inside = np.zeros(SHAPE, bool)
@@ -232,7 +234,7 @@ def test_black_around_a_map_projected_image_is_missing(
 
 @pytest.mark.parametrize("kind", ["camera", "nodata"])
 def test_black_at_the_edge_is_shadow_elsewhere(tmp_path: Path, kind: str) -> None:
-    """A frame of a camera has no filler; a map that says what is missing has said it."""
+    """A camera frame has no filler; a map with a declared nodata value has no other filler."""
     on_map = {} if kind == "camera" else {**MAP, "nodata": 255}
     path = files.write_image(tmp_path / "a.tif", margin(scene()), **on_map)
     found = opened(path) if kind == "camera" else open_image(path, None, NOON)

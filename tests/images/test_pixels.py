@@ -1,4 +1,4 @@
-"""What an image file's pixels say: samples of all kinds, bands, colours, palettes, codes of a display."""
+"""Pixels of image files: samples of all types, bands, colours, palettes, display codes."""
 
 from __future__ import annotations
 
@@ -84,14 +84,14 @@ def test_a_palette_is_looked_up(tmp_path: Path, grey: bool, dtype: str) -> None:
 
 
 def srgb(code: float) -> float:
-    """Light of a code of full scale 1, by IEC 61966-2-1."""
+    """Linear value of a code of full scale 1, by IEC 61966-2-1."""
     return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 @pytest.mark.parametrize("colours", [1, 3])
 def test_codes_of_a_display_are_decoded(tmp_path: Path, dtype: str, colours: int) -> None:
-    """Greys, also those that are written as colours; weights are those of the codes."""
+    """Grey images, also those stored as colours; the weights of colours apply to linear values."""
     full = np.iinfo(dtype).max
     samples = np.minimum(scene(dtype, 0.01 * full, 0.9 * full), np.array(0.6 * full, dtype=dtype))
     path = files.write_image(tmp_path / "a.png", [samples] * colours, driver="PNG")
@@ -179,8 +179,8 @@ def cut(path: Path, share: float) -> Path:
 
 @pytest.mark.parametrize("share", [0.3, 0.9, 0.98])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
-def test_a_png_that_is_cut_short(tmp_path: Path, dtype: str, share: float) -> None:
-    """GDAL 3.10 hands over the compressed bytes of one of 8 bits as samples, and says nothing."""
+def test_truncated_png(tmp_path: Path, dtype: str, share: float) -> None:
+    """GDAL 3.10 returns the compressed bytes of an 8-bit PNG as samples, without an error."""
     path = files.write_image(tmp_path / "a.png", scene(dtype), driver="PNG")
     assert opened(path).signal.shape == SHAPE
     refused("truncated|not a readable", cut(path, share), files.camera_over(SHAPE))
@@ -188,8 +188,8 @@ def test_a_png_that_is_cut_short(tmp_path: Path, dtype: str, share: float) -> No
 
 @pytest.mark.parametrize("lost", [1, 60, 1200])
 @pytest.mark.parametrize("kind", ["attached", "beside", "pds4"])
-def test_bare_numbers_that_are_cut_short(tmp_path: Path, kind: str, lost: int) -> None:
-    """The lost lines would be 0, which is shadow."""
+def test_truncated_uncompressed_files(tmp_path: Path, kind: str, lost: int) -> None:
+    """The missing lines would be 0, which is shadow."""
     samples, path = scene(), tmp_path / "PHOTO.IMG"
     if kind == "pds4":
         times = "2010-01-01T00:00:00Z", "2010-01-01T00:00:01Z"

@@ -1,4 +1,4 @@
-"""Special codes against ISIS's own table; plateaus against histograms that were clipped on purpose."""
+"""Special codes, compared with the table of ISIS; plateaus, compared with clipped histograms."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_reserved_codes_are_missing() -> None:
     ("kind", "first"), [("float32", 0xFF7FFFFB), ("float64", 0xFFEFFFFFFFFFFFFB)]
 )
 def test_codes_of_floats(kind: str, first: int) -> None:
-    """Bit patterns as ISIS prints them, and a large negative number that is none of them."""
+    """Bit patterns as ISIS prints them, and a large negative number that is not special."""
     unsigned, real = ("<I", "<f") if kind == "float32" else ("<Q", "<d")
     codes = [struct.unpack(real, struct.pack(unsigned, first + i))[0] for i in range(5)]
     samples = np.array([[*codes, -1e38, 0.0, np.nan, np.inf]], dtype=kind)
@@ -96,7 +96,7 @@ def test_what_is_clipped_above_is_a_plateau(seed: int, share: float, as_codes: b
 
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.01, 0.6))
 def test_both_ends_are_alike(seed: int, share: float) -> None:
-    """Upside down it says the same of the other end."""
+    """For negated samples the results of both ends are exchanged."""
     values = np.clip(bell(np.random.default_rng(seed), 0.0), None, 30.0 * share)
     there = np.ones(values.shape, bool)
     low, high = ends(values, there)
@@ -133,11 +133,11 @@ def test_two_values_are_no_plateau() -> None:
     assert ends(two, np.ones(two.shape, bool)) == (None, None)
 
 
-# -- the part that touches the edge
+# -- parts that touch the edge
 
 
 def flooded(mask: np.ndarray) -> np.ndarray:
-    """Pixel by pixel, from a list."""
+    """Flood fill pixel by pixel."""
     rows, cols = mask.shape
     reached = np.zeros_like(mask)
     todo = [

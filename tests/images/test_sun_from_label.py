@@ -1,4 +1,6 @@
-"""The Sun by an image's own label: tables of cubes built from a known Sun and rotation, real labels against NAIF's kernels."""
+"""The Sun of an image from its label: tables of cubes with a known Sun and rotation; real labels,
+compared with NAIF's kernels.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +90,7 @@ def test_a_cubes_sun_is_that_of_the_middle_of_its_exposure(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("damage", ["cut short", "not a number", "too near"])
-def test_damaged_tables_are_left_aside(
+def test_damaged_tables_are_ignored(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     sun = np.array([1.5e8, 0, 0]) * {"too near": 1e-3}.get(damage, 1.0)
@@ -125,7 +127,7 @@ def test_a_subsolar_point_in_a_cubes_label(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.direction(), wanted / np.linalg.norm(wanted), rtol=1e-12)
 
 
-# -- PDS3, PDS4, our own
+# -- PDS3, PDS4, renders
 
 
 @pytest.mark.parametrize(("start", "stop", "wanted"), [
@@ -136,7 +138,7 @@ def test_a_subsolar_point_in_a_cubes_label(tmp_path: Path) -> None:
     ('"UNK"', "2009-07-30T12:20:38", "2009-07-30T12:20:38Z"),
     ('"N/A"', '"N/A"', None),
     ("2009-07-13T17:33:17", "2016-11-29T05:48:19", None),  # a mosaic
-    ("2009-07-30T10:00:00", "2009-07-30T12:00:00", "2009-07-30T11:00:00Z"),  # as long as is taken
+    ("2009-07-30T10:00:00", "2009-07-30T12:00:00", "2009-07-30T11:00:00Z"),  # the longest span
     ("2009-07-30T10:00:00", "2009-07-30T12:00:01", None),
     ("yesterday", "2009-07-30T10:00:00", None),
     ("2009-02-30T10:00:00", '"N/A"', None),
@@ -255,8 +257,9 @@ def test_real_mosaics_have_no_sun(tmp_path: Path, shared_data: Path, name: str) 
 
 
 def test_the_sun_of_the_nac_cube(shared_data: Path) -> None:
-    """By its tables the subsolar point lies where an evaluation of the same tables by another hand has it (the image's
-    middle line), and within 0.003 deg of the product's own Sun at the middle of the whole strip.
+    """By its tables the subsolar point agrees with an independent evaluation of the same tables
+    (middle line of the image), and within 0.003 deg with the product's own Sun at the middle of the
+    whole strip.
     """
     folder = shared_data / "images" / "nac-m143947267l-spice"
     found = label_of(folder / "M143947267L.cal.echo.crop.cub")
@@ -268,7 +271,9 @@ def test_the_sun_of_the_nac_cube(shared_data: Path) -> None:
 
 
 def test_the_sun_of_the_apollo_cube(shared_data: Path) -> None:
-    """The position that the frame's camera file has from the same mission's tables, to 200 km in 150 million."""
+    """The position agrees with the frame's camera file, from the same mission's tables, to 200 km
+    in 150 million km.
+    """
     folder = shared_data / "images" / "apollo15-metric-farside"
     found = label_of(folder / "AS15-M-0299_crop.cub")
     given = json.loads((folder / "AS15-M-0299_camera.json").read_text())["sun_position_mcmf_m"]
@@ -277,7 +282,7 @@ def test_the_sun_of_the_apollo_cube(shared_data: Path) -> None:
 
 
 def test_the_sun_of_the_pit(shared_data: Path) -> None:
-    """By its time the Sun stands where NAIF's kernels put it."""
+    """By its time the direction of the Sun is that of NAIF's kernels."""
     path = shared_data / "images" / "nac-tranqpit1-pair" / "sun_geometry_computed.json"
     given = json.loads(path.read_text())
     lon, lat, _ = mcmf_to_lonlat(ImageLabel(time_utc=given["utc"]).direction())

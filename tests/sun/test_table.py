@@ -1,4 +1,4 @@
-"""The Sun over a place: against labels, spherical trigonometry and a sampled disc."""
+"""The Sun over a place, compared with labels, spherical trigonometry and a sampled disc."""
 
 import math
 
@@ -49,7 +49,7 @@ def test_the_geometry_of_an_isis_cube():
 @given(longitudes, latitudes, hours)
 def test_spherical_trigonometry_and_parallax(lon, lat, hour):
     """Zenith angle and azimuth from the triangle of place, pole and subsolar point; the parallax of
-    a near Sun by the plane triangle of the centre, the place and the Sun.
+    a near Sun from the plane triangle of centre, place and Sun.
     """
     when = moment(hour)
     found = sun_table.sun_table(EnuFrame(lon, lat), when)
@@ -81,8 +81,8 @@ def test_height_lowers_the_sun_by_its_parallax_only():
 
 
 def sampled_share(elevation_rad, radius_rad):
-    """Of rings of the disc: the arc of each that is up, weighted by its brightness; a cosine rule
-    each.
+    """Share from rings of the disc: the arc of each above the plane by the cosine rule, weighted by
+    brightness.
     """
     rho = radius_rad * np.sqrt((np.arange(20000) + 0.5) / 20000)  # of equal area, nearly
     mu = np.sqrt(1.0 - (np.sin(rho) / np.sin(radius_rad)) ** 2)
@@ -120,8 +120,8 @@ def test_the_discs_radius():
 
 @pytest.mark.parametrize("lon", [0.0, 77.0, -120.0, 359.5])
 def test_azimuth_at_the_poles(lon):
-    """Azimuth grows clockwise seen from above: at the north pole against the longitudes, at the
-    south pole with them. It is nought where the table says.
+    """Azimuth increases clockwise seen from above: against the longitudes at the north pole, with
+    them at the south pole. It is 0 at the meridian that the table gives.
     """
     time = "2022-09-10T00:00"
     sub_lon, sub_lat = subsolar_point(time)
