@@ -1,7 +1,7 @@
-"""One area of a build: terrain, images under every condition, candidates, and what each candidate is worth.
+"""One area of a build: its terrain, its images, and its candidates with their evaluation.
 
-``run_area`` is a pure function of its job; it runs in any process. All candidates are given back, usable or not: the choice between
-them is the build's, over all areas at once.
+`run_area` is a pure function of its job and runs in any process. It returns all candidates, usable or
+not: the build chooses among the candidates of all areas.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from .sweep import Conditions, Sweep, plan_area
 log = logging.getLogger(__name__)
 
 _CORNER_BORDER = 4
-"""Nodes beyond the search region that the corner detector's window reaches."""
+"""Nodes by which the corner detector's window extends beyond the search region."""
 
 
 @dataclass(frozen=True)
 class AreaJob:
-    """What a worker needs to know; small, so that it travels well."""
+    """The input of one area's computation; small and picklable."""
 
     task: AreaTask
     grid: AreaGrid
@@ -53,7 +53,7 @@ class AreaJob:
 
 @dataclass(frozen=True)
 class Candidates:
-    """All candidates of an area (or of many), one row each; shapes (n, ...)."""
+    """All candidates of one area or of several, one row each; shapes (n, ...)."""
 
     lon_deg: Array
     lat_deg: Array
@@ -62,7 +62,7 @@ class Candidates:
     product: NDArray[np.int16]  # index of the DEM
     evaluation: Evaluation
     albedo: NDArray[np.float32] | None = None
-    """(n, p, p) relative brightness of the patches' nodes, all NaN outside the map; None without a map."""
+    """(n, p, p) albedo factors of the patches' nodes, all NaN outside the map; None without a map."""
 
     def __len__(self) -> int:
         return len(self.lon_deg)
@@ -77,7 +77,7 @@ class AreaResult:
 
 
 def run_area(job: AreaJob) -> AreaResult:
-    """Evaluate one area. Raises the library's errors; an area without any heights gives no candidates."""
+    """Evaluate one area. Raises the library's errors; an area without heights has no candidates."""
     sweep = area_sweep(job)
     core = _Core(job, sweep.terrain, _halo(job))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
@@ -107,15 +107,14 @@ def _albedo_decision(
 
 
 def _halo(job: AreaJob) -> int:
-    """Nodes around the area that its points look at."""
+    """Width, in nodes, of the margin around the area that the evaluation of its points uses."""
     points = job.config.points
     return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
 
 
 def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
-    """The area with its halo as the core, the terrain around it that can hide it from a view or
-    shadow it under the lowest Sun, at most as far away as is configured; and what the plan says of
-    that.
+    """The terrain, its core the area with its halo, with the terrain around that can hide it from a view
+    or shadow it under the lowest Sun, up to the configured distance; and the decision about that.
     """
     place = (job.dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
     limit_m = job.config.model.ring_max_km * 1e3
@@ -131,7 +130,7 @@ def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
 
 
 class _Core:
-    """The window of an area's terrain: which of its nodes are the area's own, and where they lie on the Moon."""
+    """The core of an area's terrain: the positions of its nodes, and which of them belong to the area."""
 
     def __init__(self, job: AreaJob, terrain: Terrain, halo: int) -> None:
         self.terrain, self.frame, self.halo = terrain, terrain.frame, halo
@@ -149,7 +148,7 @@ class _Core:
         self.mine = mine & ~edge
 
     def _places(self, window: Window) -> tuple[Array, Array]:
-        """Longitude and latitude of every node of the window; over nodata those of the sphere."""
+        """Longitude and latitude of every node of the window; without a height those on the sphere."""
         r0, r1, c0, c1 = window
         field = self.terrain.field
         x, y = np.meshgrid(
@@ -162,7 +161,7 @@ class _Core:
 
     @property
     def origin(self) -> tuple[int, int]:
-        """The frame's own row and column of node [0, 0]: spacing cells are counted from the frame's origin."""
+        """Row and column of node [0, 0], counted from the frame's origin, as the spacing cells are."""
         window = self.terrain.window
         return window.row0 + self.terrain.core[0], window.col0 + self.terrain.core[2]
 
@@ -170,7 +169,7 @@ class _Core:
 def _find(
     sweep: Sweep, core: _Core, config: BuildConfig, gsd_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Corners of the area's own nodes that persist over the Suns, seen from the view nearest to straight above."""
+    """Corners at the area's own nodes that persist over the Suns, in the view nearest to straight down."""
     nadir = int(np.argmin(sweep.conditions.off_nadir_deg))
     persistence = Persistence(core.z.shape)
     for image in sweep.images(views=(nadir,)):
@@ -192,7 +191,7 @@ def _evaluated(
     rows: NDArray[np.int64],
     cols: NDArray[np.int64],
 ) -> Candidates:
-    """Evaluate the candidates in groups of like convergence, each under Suns turned to the group's own north."""
+    """Evaluate the candidates in groups of similar convergence, each with Suns turned to its own north."""
     half = job.config.points.half
     whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
@@ -230,7 +229,7 @@ def _has_whole_patch(
 
 
 def _turns(frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig) -> Array:
-    """Azimuth of each point's own north in the area's frame, radians, in steps of twice the direction tolerance; 0 within it."""
+    """Azimuth of each point's north in the area's frame, radians, rounded to twice the direction tolerance."""
     north = np.array([enu_rotation(o, a)[1] for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3)
     east_up = frame.direction_from_mcmf(north)
     turn = np.arctan2(east_up[:, 0], east_up[:, 1])
@@ -245,8 +244,8 @@ def _known_alike(
     half: int,
     patches: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
-    """Which patches lie wholly on a map of brightness, or wholly off it, as the area has them and as they are stored (n, p, p).
-    Where the map ends inside a patch the image has an edge that is not on the ground.
+    """True for patches (n, p, p) that are completely inside or completely outside the albedo map, both in
+    the area and as stored. The edge of the map inside a patch would be an edge in the image only.
     """
     known, alike = np.isfinite(brightness), np.empty(len(rows), dtype=np.bool_)
     for i, (r, c) in enumerate(zip(rows, cols, strict=True)):
@@ -258,7 +257,7 @@ def _known_alike(
 
 @dataclass(frozen=True)
 class _Found:
-    """Each candidate's fragment of the DEM in its own frame: (n, p, p), (n,), (n,), (n, p, p)."""
+    """The candidates' patches of the DEM, each in its own frame: (n, p, p), (n,), (n,), (n, p, p)."""
 
     z_m: NDArray[np.float32]
     elevation_m: Array
@@ -266,13 +265,13 @@ class _Found:
     albedo: NDArray[np.float32] | None
 
     def rows(self, some: NDArray[np.bool_]) -> _Found:
-        """Some of the candidates."""
+        """A selection of the candidates."""
         albedo = None if self.albedo is None else self.albedo[some]
         return _Found(self.z_m[some], self.elevation_m[some], self.product[some], albedo)
 
 
 def _patches(lon: Array, lat: Array, job: AreaJob) -> _Found:
-    """Each candidate's fragment, with the brightness of the same nodes."""
+    """The candidates' patches, with the albedo factors of the same nodes."""
     size = job.config.points.patch_nodes
     z = np.empty((len(lon), size, size), dtype=np.float32)
     albedo = np.empty_like(z) if job.albedo else None

@@ -1,7 +1,8 @@
-"""Which areas a build consists of.
+"""The areas of a build.
 
-Areas lie on a grid that is fixed on the Moon: rows of equal latitude, each cut into equal longitudes. It depends only on the
-cell size and the direction tolerance, so that the same ground has the same nodes in every build, and a point the same id.
+Areas lie on a grid that is fixed on the Moon: rows of equal latitude, each divided into equal
+longitudes. It depends only on the cell size and the direction tolerance, so a place has the same nodes
+and a point the same id in every build.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from ..terrain.area import Area, NodeWindow
 from .config import ModelConfig
 
 _SAMPLES = 49
-"""Places a side at which an area's box is compared with the region."""
+"""Sample points per side at which an area's box is compared with the region."""
 
 
 @dataclass(frozen=True)
 class AreaGrid:
-    """Rows of equal latitude; a row's columns are at most as wide, at its edge nearer the equator, as the row is high."""
+    """Rows of equal latitude. At the edge nearer the equator, columns are at most as wide as the row is high."""
 
     rows: int
 
     @classmethod
     def for_cell(cls, gsd_m: float, model: ModelConfig) -> AreaGrid:
-        """The coarsest grid whose areas keep half a diagonal below the direction tolerance and a side below the node limit."""
+        """The coarsest grid with half a diagonal below the direction tolerance and a side below the node limit."""
         by_direction = math.sqrt(2.0) * model.direction_tolerance_deg
         by_nodes = math.degrees(model.area_nodes_max * gsd_m / MOON_RADIUS_M)
         return cls(rows=math.ceil(180.0 / min(by_direction, by_nodes)))
@@ -41,7 +42,7 @@ class AreaGrid:
         return 180.0 / self.rows
 
     def columns(self, row: int) -> int:
-        """Areas in a row, counted from the south pole."""
+        """Number of areas in a row; rows are counted from the south pole."""
         south, north = self.latitudes(row)
         nearest = 0.0 if south < 0.0 < north else min(abs(south), abs(north))
         return max(1, math.ceil(360.0 * math.cos(math.radians(nearest)) / self.height_deg))
@@ -56,7 +57,7 @@ class AreaGrid:
         return column * width, south, (column + 1) * width, north
 
     def owner(self, lon_deg: Array, lat_deg: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column of the area that owns each place; every place has exactly one owner."""
+        """Row and column of the area that contains each place; every place belongs to exactly one area."""
         row = np.clip(
             np.floor((np.asarray(lat_deg) + 90.0) / self.height_deg).astype(np.int64),
             0,
@@ -90,10 +91,10 @@ class AreaTask:
 
 
 def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
-    """The areas that touch the region, from south to north and west to east.
+    """The areas that intersect the region, from south to north and west to east.
 
-    An area's part of the region is found from places all over its box, and from the region's own outline where it runs through it
-    (a sliver can slip between the box's places).
+    An area's part of the region is found from sample points in its box and on the region's outline (a
+    narrow part can lie between the points of the box).
     """
     outline = _outline(grid, region)
     rows, columns = grid.owner(*outline)
@@ -110,7 +111,7 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
 
 
 def _outline(grid: AreaGrid, region: Area) -> tuple[Array, Array]:
-    """Longitudes and latitudes along the region's edge, as close as the places inside a box."""
+    """Longitudes and latitudes along the region's outline, as dense as the sample points of a box."""
     x0, x1, y0, y1 = region.extent_m
     step_m = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1)
     along = np.linspace(0.0, 1.0, math.ceil(max(x1 - x0, y1 - y0) / step_m) + 2)
@@ -129,7 +130,7 @@ def _outline(grid: AreaGrid, region: Area) -> tuple[Array, Array]:
 
 
 def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
-    """Rows and columns whose boxes can meet the region's bounds, with one area to spare on every side."""
+    """Rows and columns whose boxes can intersect the region's bounds, with a margin of one area."""
     west, south, east, north = region.bounds
     first = max(0, int((south + 90.0) / grid.height_deg) - 1)
     last = min(grid.rows - 1, int((north + 90.0) / grid.height_deg) + 1)

@@ -1,4 +1,4 @@
-"""From all areas' candidates to one catalogue: the choice, the summaries over conditions, coverage, overview."""
+"""The catalogue from all areas' candidates: choice, summaries over conditions, coverage, overview."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OVERVIEW_NODES = 480
 """Longer side of the overview raster."""
 
 FIELD_PIXELS = 1024
-"""Side of the image for which the finest useful image resolution is stated."""
+"""Side, in pixels, of the image for which ``gsd_min`` is stated."""
 
 
 def assemble(
@@ -70,7 +70,9 @@ def assemble(
 
 
 def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
-    """Rows of the candidates that become points: most usable conditions first, then the finest localisation, evenly spread."""
+    """Rows of the candidates that become points, evenly spread: those with the most usable conditions first,
+    then those with the finest localisation.
+    """
     usable = (candidates.evaluation.condition == USABLE).sum(axis=(1, 2, 3))
     usable[usable < config.points.min_usable_conditions] = 0
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
@@ -80,7 +82,7 @@ def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray
 
 
 def joined(parts: list[Any]) -> Any:
-    """One dataclass of arrays from many of the same kind."""
+    """Concatenate dataclasses of arrays of the same type."""
     kind = type(parts[0])
     columns = {}
     for field in dataclasses.fields(kind):
@@ -93,7 +95,7 @@ def joined(parts: list[Any]) -> Any:
 
 
 def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
-    """The same dataclass with some rows only."""
+    """The same dataclass with a selection of rows."""
     columns = {}
     for field in dataclasses.fields(table):
         value = getattr(table, field.name)
@@ -108,14 +110,14 @@ def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
 
 
 def _quality(evaluation: Evaluation) -> Array:
-    """Tie-break between candidates usable equally often: the finer they localise at the worst, the better."""
+    """Order of candidates with equally many usable conditions: minus the largest sigma."""
     return -np.nan_to_num(
         _over_usable(evaluation.sigma_major_m, evaluation, np.nanmax), nan=np.inf, posinf=1e30
     )
 
 
 def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
-    """A figure of each candidate over its usable conditions; NaN where there are none."""
+    """A statistic of each candidate over its usable conditions; NaN if it has none."""
     shape = (len(values), int(np.prod(values.shape[1:])))
     masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(shape)
     some = ~np.isnan(masked).all(axis=1)
@@ -148,7 +150,7 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
 
 
 def _known(figures: list[float | None]) -> Array:
-    """Figures with NaN for the unknown ones."""
+    """Numbers as an array, NaN for None."""
     return np.array([math.nan if figure is None else figure for figure in figures])
 
 
@@ -179,7 +181,7 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
 
 
 def _coarsest(evaluation: Evaluation) -> Array:
-    """The scale up to which a point still localises in at least half of its usable conditions."""
+    """Greatest scale at which a point can be localised in at least half of its usable conditions."""
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore", RuntimeWarning
@@ -190,8 +192,9 @@ def _coarsest(evaluation: Evaluation) -> Array:
 
 
 def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
-    """How far each candidate came: 0 never localisable, 1 never unique as well, 2 never independent as well (or in too few
-    conditions), 3 usable."""
+    """Result for each candidate: 0 localisable in no condition, 1 not unique where localisable, 2 not
+    independent where unique (or in too few conditions), 3 usable.
+    """
     condition = evaluation.condition
     localizable = (condition & LOCALIZABLE) > 0
     unique = localizable & ((condition & UNIQUE) > 0)
@@ -207,7 +210,7 @@ def _coverage(
     spacing_m: float,
     min_usable: int,
 ) -> Coverage:
-    """Status of the region's spacing cells: a lattice of its own plane, one spacing apart."""
+    """Status of the region's spacing cells, a lattice in its plane."""
     x0, x1, y0, y1 = region.extent_m
     x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
     flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
@@ -227,13 +230,13 @@ def _coverage(
 
 
 def _middles(low: float, high: float, step: float) -> Array:
-    """Middles of the cells of a span, ``step`` wide, centred on it."""
+    """Centres of cells of width ``step``, centred on a span."""
     count = max(1, round((high - low) / step))
     return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
 
 
 def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
-    """A coarse raster of the region, heights above the reference sphere, in the frame of its centre."""
+    """A coarse raster of the region in the frame of its centre: heights above the reference sphere."""
     x0, x1, y0, y1 = region.extent_m
     step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
     window = NodeWindow.covering(region.extent_m, step)
@@ -254,7 +257,7 @@ def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
 def _resolved(
     config: BuildConfig, region: Area, gsd_m: float, spacing_m: float, model: Reflectance
 ) -> BuildConfig:
-    """The configuration with what was derived from the DEM filled in; no folders."""
+    """The configuration with the values that were derived from the DEM, without folders."""
     area = dataclasses.replace(config.area, gsd_m=gsd_m)
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))

@@ -1,7 +1,8 @@
-"""Finished areas of a build, kept beside the output until the catalogue is whole, so that a broken run loses none of them.
+"""Checkpoints: finished areas of a build, stored beside the output until the catalogue is written, so that
+an interrupted run loses none of them.
 
-A shard is an .npz file in ``OUTPUT.parts/``; ``run.json`` there holds the fingerprint of the run they belong to. The folder is
-removed when the catalogue has been written.
+A checkpoint is an .npz file in ``OUTPUT.parts/``; ``run.json`` there holds the fingerprint of the run.
+The folder is removed when the catalogue has been written.
 """
 
 from __future__ import annotations
@@ -26,17 +27,20 @@ _PLAN = "scene_plan"
 
 @dataclass(frozen=True)
 class Shards:
-    """The folder of one run's finished areas."""
+    """The checkpoints of one run."""
 
     folder: Path
     fingerprint: str
 
     @classmethod
     def beside(cls, output: Path, fingerprint: str) -> Shards:
+        """The checkpoints of an output file."""
         return cls(output.with_name(output.name + ".parts"), fingerprint)
 
     def begin(self, resume: bool) -> None:
-        """Make the folder; shards of another run are refused with ``resume`` and removed without."""
+        """Make the folder. Without ``resume`` remove older checkpoints; with it raise OutputExistsError for
+        those of a run with other inputs.
+        """
         note = self.folder / "run.json"
         if self.folder.exists() and not resume:
             shutil.rmtree(self.folder)
@@ -44,18 +48,19 @@ class Shards:
             theirs = json.loads(note.read_text(encoding="utf-8")).get("fingerprint")
             if theirs != self.fingerprint:
                 raise OutputExistsError(
-                    f"{self.folder}: finished areas of a run with another configuration, DEM or version; "
-                    "run without --resume to drop them"
+                    f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
+                    "run without --resume to remove them"
                 )
         self.folder.mkdir(exist_ok=True)
         with write_aside(note, overwrite=True) as path:
             path.write_text(json.dumps({"fingerprint": self.fingerprint}), encoding="utf-8")
 
     def path(self, name: str) -> Path:
+        """The file of an area."""
         return self.folder / f"{name}.npz"
 
     def write(self, name: str, result: AreaResult) -> None:
-        """Keep a finished area."""
+        """Store a finished area."""
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
             arrays: dict[str, Any] = _flatten("", result.candidates)
             arrays[_PLAN] = np.array(str(result.plan))
@@ -71,12 +76,12 @@ class Shards:
             return None
 
     def remove(self) -> None:
-        """The catalogue is whole: nothing of the run is needed any more."""
+        """Remove the folder."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:
-    """Arrays of nested dataclasses by dotted name; what is None has none."""
+    """Arrays of nested dataclasses by dotted name, without those that are None."""
     if value is None:
         return {}
     if not dataclasses.is_dataclass(value):

@@ -1,7 +1,7 @@
-"""The whole configuration of a build, as it stands in a TOML file and in the catalogue's ``config`` attribute.
+"""The configuration of a build, as in a BUILD.toml and in the catalogue's attribute ``config``.
 
-Every section is a frozen dataclass that refuses bad values at birth; units are in the names. ``None`` means "derived from the
-DEM", and the derived value is what the catalogue stores.
+Every section is a frozen dataclass that raises ConfigError for invalid values; units are in the names.
+``None`` means "derived from the DEM"; the catalogue stores the derived value.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _require(condition: bool, text: str) -> None:
 
 @dataclass(frozen=True)
 class AreaConfig:
-    """Where: a centre and a size, or bounds, in degrees and kilometres; none of them is the whole DEM."""
+    """The region: a centre and a size, or bounds; the whole DEM by default."""
 
     center_deg: tuple[float, ...] = ()
     size_km: float | None = None
@@ -36,13 +36,15 @@ class AreaConfig:
     gsd_m: float | None = None
 
     def __post_init__(self) -> None:
-        _require(len(self.center_deg) in (0, 2), "area.center_deg wants a longitude and a latitude")
         _require(
-            len(self.bounds_deg) in (0, 4), "area.bounds_deg wants west, south, east and north"
+            len(self.center_deg) in (0, 2), "area.center_deg must be a longitude and a latitude"
+        )
+        _require(
+            len(self.bounds_deg) in (0, 4), "area.bounds_deg must be west, south, east and north"
         )
         _require(
             not (self.center_deg and self.bounds_deg),
-            "area wants center_deg or bounds_deg, not both",
+            "area.center_deg and area.bounds_deg exclude each other",
         )
         _require(
             bool(self.center_deg) == (self.size_km is not None),
@@ -56,14 +58,18 @@ class AreaConfig:
 
 @dataclass(frozen=True)
 class DemConfig:
-    """Which DEM answers where: products (by name, family or file name) that come first; none: by latitude, then pixel."""
+    """Order of precedence where DEMs overlap: product names, families or file names. By default products
+    made for the latitude come first, then finer pixels.
+    """
 
     product_order: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class SunConfig:
-    """The azimuth-elevation grid of the catalogue, degrees in each point's own frame; unreachable cells are left out later."""
+    """The grid of Sun directions, degrees in each point's own frame. Directions that never occur at a point
+    are not evaluated.
+    """
 
     azimuths_deg: tuple[float, ...] = tuple(float(a) for a in range(0, 360, 15))
     elevations_deg: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
@@ -86,8 +92,9 @@ class SunConfig:
 
 @dataclass(frozen=True)
 class ViewConfig:
-    """Viewpoints: for each the angle from the local vertical at the point, the azimuth of the camera seen from the point, and
-    its altitude (``inf``: parallel rays)."""
+    """The views: for each the angle from the vertical at the point, the azimuth of the camera seen from the
+    point, and its altitude (``inf``: parallel rays).
+    """
 
     off_nadir_deg: tuple[float, ...] = (0.0, 30.0, 30.0, 30.0, 30.0)
     azimuth_deg: tuple[float, ...] = (0.0, 0.0, 90.0, 180.0, 270.0)
@@ -118,16 +125,16 @@ class ViewConfig:
 
 @dataclass(frozen=True)
 class PointConfig:
-    """What makes a control point, in nodes of the area's grid where the unit is not in the name."""
+    """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = 33
     spacing_m: float | None = None  # two patch widths
     search_m: float | None = None  # 64 nodes
     candidates_per_cell: int = 2
     image_noise: float = 0.15
-    """1 sigma of the difference between image and render at a pixel, as a share of the patch's mean signal: the sensor's noise and
-    whatever the DEM does not know. Measured on Apollo 15 frame AS15-M-0414 against GLD100, Sun 14 deg high: 0.13 to 0.20 over
-    all contrasts (docs/control-points.md)."""
+    """Standard deviation of the difference between image and render at a pixel, as a share of the patch's
+    mean signal: the sensor's noise and errors of the DEM. Measured on Apollo 15 frame AS15-M-0414 against
+    GLD100 at a Sun elevation of 14 deg: 0.13 to 0.20 over all contrasts."""
     max_sigma_px: float = 0.5
     min_lit_share: float = 0.5
     max_second_peak: float = 0.8
@@ -159,11 +166,11 @@ class PointConfig:
         return self.patch_nodes // 2
 
     def search_nodes(self, gsd_m: float) -> int:
-        """Radius, in nodes, inside which a point must be unique."""
+        """Radius, in nodes, within which a point must be unique."""
         return 64 if self.search_m is None else max(1, round(self.search_m / gsd_m))
 
     def spacing_nodes(self, gsd_m: float) -> int:
-        """Least distance of two points, in nodes: two patches unless the configuration says otherwise."""
+        """Least distance between two points, in nodes; by default two patch widths."""
         return (
             2 * (self.patch_nodes - 1)
             if self.spacing_m is None
@@ -173,22 +180,22 @@ class PointConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """How an area is modelled."""
+    """The model of an area: reflectance, albedo, accuracy, surroundings."""
 
     reflectance: str = "auto"
-    """Law of reflection; ``auto``: the one that the build's phases want (`model_choice`)."""
+    """Reflectance model; ``auto``: chosen by the build's phase angles (`photometry.law_choice`)."""
     albedo: str | None = None
-    """File of a map of relative brightness, sought from the folder of the BUILD.toml that names it; none: all ground alike."""
+    """Albedo map, relative to the folder of the BUILD.toml; None for one albedo everywhere."""
     albedo_encoding: str | None = None
-    """``linear`` (also for none), or ``srgb``: the codes of a display image."""
+    """``linear`` (the default) or ``srgb`` (codes of a display image)."""
     albedo_reference: float | None = None
-    """The map's value whose factor is 1; none: its own mean."""
+    """Value of the map whose factor is 1; None for the map's mean."""
     accuracy: str | None = None
-    """Tier of shadows and visibility; none: the one that the tolerance wants, else `accuracy.DEFAULT_TIER`."""
+    """Accuracy tier; None for the fastest within the tolerance, or without one `accuracy.DEFAULT_TIER`."""
     tolerance: float | None = None
     direction_tolerance_deg: float = 0.5
     ring_max_km: float = 400.0
-    """No terrain further from an area than this is looked at, whatever the Sun."""
+    """Greatest distance from an area of terrain that is read for its shadows."""
     area_nodes_max: int = 512
 
     def __post_init__(self) -> None:
@@ -196,7 +203,7 @@ class ModelConfig:
             0.05 <= self.direction_tolerance_deg <= 10.0,
             "model.direction_tolerance_deg must lie in 0.05..10",
         )
-        accuracy(self.accuracy, self.tolerance)  # says what is wrong with them
+        accuracy(self.accuracy, self.tolerance)  # raises ConfigError
         _require(
             self.albedo_encoding in (None, *ENCODINGS),
             f"model.albedo_encoding must be {' or '.join(ENCODINGS)}",
@@ -214,18 +221,16 @@ class ModelConfig:
 
     @property
     def precision(self) -> Accuracy:
-        """The tier and tolerance that are meant."""
+        """The accuracy of the tier or the tolerance."""
         return accuracy(self.accuracy, self.tolerance)
 
     @property
     def without_albedo(self) -> ModelConfig:
-        """The same for ground that is all alike."""
+        """The same without an albedo map."""
         return dataclasses.replace(self, albedo=None, albedo_encoding=None, albedo_reference=None)
 
     def beside(self, folder: Path) -> ModelConfig:
-        """The same with its files' names, which stand in a file of this folder, as seen from here;
-        an absolute one stays what it is.
-        """
+        """The same with file names relative to a folder resolved; absolute names stay."""
         albedo = None if self.albedo is None else str(folder / self.albedo)
         law, _, which = self.reflectance.partition(":")
         if law == "facet" and which.lower().endswith(".toml"):
@@ -235,7 +240,7 @@ class ModelConfig:
 
     @property
     def portable(self) -> ModelConfig:
-        """The same without folders: files by their names."""
+        """The same with file names without folders."""
         name = None if self.albedo is None else Path(self.albedo).name
         law, colon, which = self.reflectance.partition(":")
         if law == "facet":  # a file, or a name without folders
@@ -246,7 +251,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class BuildConfig:
-    """Everything that decides a catalogue's content besides the DEM itself."""
+    """All that determines a catalogue's content besides the DEM."""
 
     area: AreaConfig = field(default_factory=AreaConfig)
     dem: DemConfig = field(default_factory=DemConfig)
@@ -257,7 +262,7 @@ class BuildConfig:
 
     @classmethod
     def from_toml(cls, path: Path) -> BuildConfig:
-        """Read a BUILD.toml; an unknown section or key is a ``ConfigError`` that names it."""
+        """Read a BUILD.toml. ConfigError for unknown sections or keys, and for invalid values."""
         try:
             document = tomllib.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
@@ -282,7 +287,7 @@ class BuildConfig:
         return cls(**{name: _section(hints[name], name, table) for name, table in document.items()})
 
     def to_toml(self) -> str:
-        """The configuration as TOML; what is ``None`` is left out. ``from_dict`` of it gives an equal configuration."""
+        """The configuration as TOML, without values of ``None``; `from_dict` of it gives an equal one."""
         document = {
             name: {
                 k: list(v) if isinstance(v, tuple) else v for k, v in table.items() if v is not None
@@ -302,7 +307,7 @@ def _section(kind: type, name: str, table: object) -> Any:
 
 
 def _value(name: str, hint: Any, value: object) -> object:
-    """``value`` as the field wants it; TOML tells integers from floats, a person does not."""
+    """``value`` converted to the type of its field; an integer is accepted for a float."""
     kinds = str(hint)
     if "tuple[str" in kinds:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):

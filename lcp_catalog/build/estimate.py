@@ -1,4 +1,4 @@
-"""What a build would do and cost: one of its areas is computed, and its time, memory and yield are carried over to all."""
+"""Estimate of a build's size, time and memory, from one of its areas that is computed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from .run import Build
 from .sweep import Conditions
 
 FILE_BYTES = 130_000
-"""A catalogue file without points: HDF5's structures and chunks (measured, builds of 11 to 226 points)."""
+"""Size of a catalogue file without points: HDF5 structures and chunks (measured, 11 to 226 points)."""
 
 STORED_SHARE = 0.75
 """Bytes in the file for each byte of patches, conditions and overview (measured on the same builds: 0.73 to 0.8)."""
 
 
 def estimate(build: Build, workers: int) -> dict[str, Any]:
-    """The document of ``lcp build-catalog --plan``: areas, conditions, memory and, from one measured area, time and size."""
+    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from one computed
+    area the memory, time, file size and scene plan.
+    """
     config = build.config
     conditions = [Conditions.at(job.task.lat_deg, config) for job in build.jobs]
     halo = config.points.search_nodes(build.gsd_m) + config.points.half

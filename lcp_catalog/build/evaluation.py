@@ -1,4 +1,4 @@
-"""What each candidate is worth under each condition: localisable, unique, independent; and the figures behind the flags."""
+"""Evaluation of candidates in every condition: localisable, unique, independent, with the figures for each."""
 
 from __future__ import annotations
 
@@ -27,12 +27,14 @@ from .config import BuildConfig
 from .sweep import RenderedImage, Sweep
 
 SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
-"""Decimations at which a patch is tried, as multiples of its cell size."""
+"""Cell sizes at which a patch is evaluated, as multiples of its own."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures by candidate and condition, shapes (n, view, sun_elevation, sun_azimuth); NaN where not evaluated."""
+    """Results by candidate and condition, shapes (n, view, sun_elevation, sun_azimuth); NaN where not
+    evaluated.
+    """
 
     condition: NDArray[np.uint8]
     sigma_major_m: Float32
@@ -46,7 +48,7 @@ class Evaluation:
 
     @classmethod
     def empty(cls, count: int, shape: tuple[int, int, int]) -> Evaluation:
-        """``count`` candidates, nothing evaluated."""
+        """``count`` candidates without results."""
         condition = np.zeros((count, *shape), dtype=np.uint8)
         blank = [
             np.full((count, *shape), np.nan, dtype=np.float32) for _ in dataclasses.fields(cls)[1:]
@@ -70,7 +72,7 @@ def evaluate(
     config: BuildConfig,
     gsd_m: float,
 ) -> Evaluation:
-    """Evaluate candidates at nodes (rows, cols) of the sweep's window under every condition that can happen."""
+    """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur."""
     result = Evaluation.empty(len(rows), sweep.conditions.shape)
     if not len(rows):
         return result
@@ -98,10 +100,10 @@ def _judge(
     config: BuildConfig,
     gsd_m: float,
 ) -> None:
-    """Fill one condition of all candidates."""
+    """Evaluate one condition of all candidates."""
     points = config.points
     raw = gather_patches(image.radiance, patches.rows, patches.cols, patches.half)
-    # what is not seen carries nothing: filled with its surroundings it has no texture, and it counts as unlit
+    # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
     filled = fill_missing(image.radiance, 2 * patches.half + 1)
     seen = gather_patches(filled, patches.rows, patches.cols, patches.half)
     where = localization(seen, points.image_noise)
@@ -139,7 +141,7 @@ def _judge(
 
 
 class _Patches:
-    """The candidates' windows in the heightfield, and what terrain outside them does to them."""
+    """The candidates' windows in the heightfield, and their dependence on terrain outside."""
 
     def __init__(
         self, sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
@@ -148,7 +150,7 @@ class _Patches:
         self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
 
     def shadow_dependence(self, elevation: int, azimuth: int) -> Float32:
-        """Share of each patch's nodes that only terrain outside the patch keeps from the Sun."""
+        """Share of each patch's nodes that only terrain outside the patch shadows."""
         direction = self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
         return self._dependence(direction, self.sweep.far)
 
@@ -160,7 +162,7 @@ class _Patches:
     def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float32:
         field, half = self.sweep.field, self.half
         if far is not None and not far.matters(field, direction, self.sweep.window):
-            far = None  # asked once for all patches
+            far = None  # tested once for all patches
         normals = self.sweep.normals @ direction.astype(np.float32)
         faces = gather_patches(normals > 0.0, self.rows, self.cols, half)
         alone = ~field.occluded_alone(self._field_rows, self._field_cols, half, direction)

@@ -1,7 +1,7 @@
-"""Runs independent tasks here, in spawned processes, or on a dask cluster, and hands each result back as it ends.
+"""Execution of independent tasks in this process, in spawned processes, or on a dask cluster.
 
-Processes are spawned, never forked (numba's and OpenCV's thread pools do not survive a fork), and each worker computes on
-one thread: parallelism comes from areas. A worker that dies takes only its own task with it: the others are run again.
+Processes are spawned, not forked, because the thread pools of numba and OpenCV do not survive a fork.
+Each worker uses one thread. If a worker dies, only its own task fails; the others are run again.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ def run_tasks(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
-    """Yield (index of the task, its result or the exception that ended it) in the order in which tasks end.
+    """Yield (index of the task, its result or its exception) in the order in which tasks end.
 
-    ``jobs`` processes work side by side; with one, the tasks run in this process. ``scheduler`` is the address of a dask
-    scheduler that has this package installed on its workers. Results do not depend on either.
+    ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address of a dask
+    scheduler whose workers have this package installed. Results do not depend on either. ConfigError
+    for invalid ``jobs``, or without dask.distributed.
     """
     if jobs < 1:
         raise ConfigError(f"--jobs must be at least 1, not {jobs}")
@@ -55,13 +56,13 @@ def _here(
 def _outcome(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
         return function(task)
-    except Exception as error:  # whatever it is, the build decides what becomes of the other areas
+    except Exception as error:  # the caller decides about the other tasks
         log.debug("task failed", exc_info=True)
         return error
 
 
 def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | Exception:
-    """In a worker; by now the function's module, and with it OpenCV, has been imported."""
+    """Run a task in a worker. The function's module, and with it OpenCV, has been imported by now."""
     limit_threads(1)
     return _outcome(function, task)
 
@@ -81,7 +82,7 @@ def _in_processes(
                 yield index, outcome
         pending = [index for index in pending if index not in done]
         if suspects and pending:
-            # Nobody can tell which task killed the worker: each suspect gets a process of its own, once.
+            # The task that killed the worker is not known: run each suspect once in a process of its own.
             for index in sorted(suspects):
                 for _, outcome in _one_pool(function, tasks, [index], 1):
                     yield index, _died(outcome)
@@ -99,7 +100,7 @@ def _died(outcome: Result | Exception) -> Result | Exception:
 def _one_pool(
     function: Callable[[Task], Result], tasks: Sequence[Task], indices: Sequence[int], jobs: int
 ) -> Iterator[tuple[int, Result | Exception]]:
-    """Keep one task a worker in the pool, so that a broken pool has few suspects."""
+    """Give the pool one task per worker at a time, so that a broken pool has few suspects."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
     waiting = list(indices)
@@ -129,7 +130,7 @@ def _result_of(future: Future[Any]) -> Any:
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:
-    """End the pool at once; after Ctrl-C nobody waits for a running area."""
+    """End the pool at once, without waiting for running tasks."""
     processes = list((getattr(pool, "_processes", None) or {}).values())
     pool.shutdown(wait=False, cancel_futures=True)
     for process in processes:
@@ -139,7 +140,7 @@ def _stop(pool: ProcessPoolExecutor) -> None:
 
 
 def _quiet_worker() -> None:
-    """Ctrl-C is the parent's affair."""
+    """Ignore Ctrl-C, which the parent handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -1,6 +1,7 @@
-"""A whole build: the plan, the areas through the engine, the choice among all candidates, the catalogue.
+"""A build: its plan, the computation of its areas, the choice among all candidates, the catalogue.
 
-The choice is made over all areas at once, so that a seam between two areas has neither double nor missing points.
+Points are chosen over all areas together, so that no point is duplicated or missing at the border of
+two areas.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Build:
-    """A build that is decided down to its areas, and not yet run."""
+    """A planned build: its region, divided into areas."""
 
     config: BuildConfig
     dems: DemSet
@@ -74,7 +75,7 @@ class Build:
 
     @property
     def files(self) -> list[Path]:
-        """Every file that the build reads, but its configuration."""
+        """Every file that the build reads, except its configuration."""
         law = law_file(self.config.model.reflectance)
         return [
             *self.dems.files,
@@ -83,7 +84,7 @@ class Build:
         ]
 
     def fingerprint(self) -> str:
-        """What decides the areas' content: version, configuration, and every file's bytes."""
+        """Digest of all that determines the areas' content: version, configuration, bytes of all files."""
         sources = self.dems.sources()
         config = replace(self.config, model=self.config.model.portable).to_toml()
         facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
@@ -106,14 +107,14 @@ class BuildReport:
 
 
 def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
-    """The albedo map that a configuration names, None where it names none."""
+    """The albedo map of a configuration; None without one."""
     if model.albedo is None:
         return None
     return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
 
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:
-    """The region of a configuration; the DEM's own bounds when it names none."""
+    """The region of a configuration; by default the bounds of the DEM."""
     area = config.area
     if area.center_deg:
         assert area.size_km is not None  # AreaConfig holds them together
@@ -208,7 +209,7 @@ def _run_areas(
     keep_going: bool,
     progress: Progress,
 ) -> dict[str, str]:
-    """Compute the areas that no shard holds; the failed ones come back by name."""
+    """Compute the areas without a checkpoint. Return the causes of those that failed, by name."""
     todo = [job for job in build.jobs if shards.read(job.task.name) is None]
     done, failed = len(build.jobs) - len(todo), {}
     progress(done, len(build.jobs))
@@ -236,13 +237,13 @@ def _checked(outcome: AreaResult) -> AreaResult:
 
 
 def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
-    """SunError where the Sun never comes to any of the configured directions over the whole region."""
+    """Raise SunError if no configured Sun direction ever occurs in the region."""
     if any(Conditions.at(task.lat_deg, config).reachable.any() for task in tasks):
         return
     least = min(abs(task.lat_deg) for task in tasks)
     highest = 90.0 - least + SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
     lowest = min(config.sun.elevations_deg)
     raise SunError(
-        f"the Sun never comes to the directions asked for: at latitude {least:.1f} deg it stands at most "
-        f"{min(highest, 90.0):.1f} deg high, the lowest of --sun-elevations is {lowest:g}; state lower ones"
+        f"the Sun never reaches the requested directions: at latitude {least:.1f} deg its elevation is at most "
+        f"{min(highest, 90.0):.1f} deg, the lowest of --sun-elevations is {lowest:g}; give lower ones"
     )

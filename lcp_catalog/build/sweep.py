@@ -34,7 +34,7 @@ from .config import BuildConfig
 
 @dataclass(frozen=True)
 class Conditions:
-    """The catalogue's grid of views and Suns at a latitude, and which Sun cells can happen there at all."""
+    """The views and Sun directions of the catalogue, and which Sun directions can occur at a latitude."""
 
     off_nadir_deg: Array
     view_azimuth_deg: Array
@@ -44,6 +44,7 @@ class Conditions:
 
     @classmethod
     def at(cls, lat_deg: float, config: BuildConfig) -> Conditions:
+        """The conditions of a configuration at a latitude."""
         azimuths = np.array(config.sun.azimuths_deg)
         elevations = np.array(config.sun.elevations_deg)
         return cls(
@@ -61,11 +62,11 @@ class Conditions:
 
     @property
     def count(self) -> int:
-        """Conditions that can happen."""
+        """Number of conditions that can occur."""
         return len(self.off_nadir_deg) * int(self.reachable.sum())
 
     def sun_direction(self, elevation: int, azimuth: int, turn_rad: float) -> Array:
-        """Unit ENU vector to the Sun of a cell of the grid."""
+        """Unit ENU vector to the Sun, by its indices in the grid."""
         turned = self.sun_azimuth_deg[azimuth] + np.degrees(turn_rad)
         return direction_enu(turned, self.sun_elevation_deg[elevation])
 
@@ -76,8 +77,8 @@ class Conditions:
 
 
 def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
-    """The law of reflection for all images of a build around a latitude: the one configured, or the
-    one that the worst of its Suns and views wants. ConfigError for a name that is none.
+    """The reflectance model for all images of a build around a latitude: the configured one, or the choice
+    for the most demanding of its Suns and views. ConfigError for an unknown name.
     """
     conditions = Conditions.at(lat_deg, config)
     suns = [
@@ -91,7 +92,7 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """One condition's picture of the window: radiance factor, 0 in shadow, NaN where nothing is seen."""
+    """The image of one condition: radiance factor, 0 in shadow, NaN where not visible."""
 
     view: int
     elevation: int

@@ -112,7 +112,7 @@ def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
     """One of many of a region near a pole; a region of nothing else is refused."""
     night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
     assert len(run_area(dataclasses.replace(plan.jobs[0], config=night)).candidates) == 0
-    with pytest.raises(SunError, match=r"at latitude 24\.6 deg it stands at most 67\.2 deg"):
+    with pytest.raises(SunError, match=r"at latitude 24\.6 deg its elevation is at most 67\.2 deg"):
         Build.plan((DEM,), night)
 
 

@@ -114,7 +114,7 @@ def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]
         (
             [DEM, "-o", "x.h5", "--sun-azimuths", "0,1", "--sun-elevations", "80,81"],
             1,
-            "state lower ones",
+            "give lower ones",
         ),
         ([DEM, "-o", "no/such/folder/x.h5", "--center", "3", "26", "--size", "20"], 1, "folder"),
         ([DEM, "-o", "x.h5", "--config", "nowhere.toml"], 2, "nowhere.toml"),
