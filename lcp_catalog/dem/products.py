@@ -54,7 +54,7 @@ _BURNS_2012 = (
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
     (re.compile(pattern, re.I), facts)
     for pattern, facts in (
-        # the latitudes are the table of Pivovarchuk et al. 2026, docs/dem.md
+        # latitudes: the table of Pivovarchuk et al. 2026
         (r"SLDEM2015_512", ProductFacts("SLDEM2015", (0.0, 60.0), 4.0, 60.0, _BARKER_2016)),
         (r"SLDEM2015_256", ProductFacts("SLDEM2015", (0.0, 60.0), 4.0, 118.5, _BARKER_2016)),
         (r"SLDEM2015_128", ProductFacts("SLDEM2015", (0.0, 60.0), 4.0, 236.9, _BARKER_2016)),
