@@ -47,7 +47,7 @@ docs: $(READY)
 	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
 
 test: $(READY)
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
