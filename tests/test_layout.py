@@ -46,7 +46,7 @@ FENCES = {
     "click": set(),
     "numba": {"kernels", "threads"},
     "erfa": {"sun", "light"},
-    "scipy": {"dem", "images", "landmarks", "photometry"},
+    "scipy": {"dem", "images", "landmarks", "matching", "photometry"},
     "jinja2": {"plots"},
 }
 

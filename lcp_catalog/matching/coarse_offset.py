@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import maximum_filter
 
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import pixel_size_m
@@ -55,7 +56,7 @@ class CoarseShift:
 
 def coarse_shift(
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     model: Reflectance = DEFAULT_MODEL,
     reach_px: float = 500.0,
     *,
@@ -82,30 +83,30 @@ def coarse_shift(
     rows = evenly(np.asarray(points, dtype=np.int64), _MOST_POINTS)
     if not len(rows):
         return None
-    factor, size = _scale(catalog, photo, rows, reach_px / photo.sensor.factor, grid_px)
-    image = SearchImage.of(photo.reduced(factor))
+    factor, size = _scale(catalog, image, rows, reach_px / image.sensor.factor, grid_px)
+    searched = SearchImage.of(image.reduced(factor))
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
-    offset = np.broadcast_to(offset, (len(rows), 2)) / image.factor
-    reach, slack = max(1, math.ceil(reach_px / image.factor)), round(slack_px / image.factor)
+    offset = np.broadcast_to(offset, (len(rows), 2)) / searched.factor
+    reach, slack = max(1, math.ceil(reach_px / searched.factor)), round(slack_px / searched.factor)
     votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)
     count = max(1, min(_CHUNK, _CHUNK_OFFSETS // votes.size))
     for start in range(0, len(rows), count):
         part = slice(start, start + count)
         maps = correlation_maps(
-            catalog, image, model, rows[part], offset[part], reach, psf_sigma_px
+            catalog, searched, model, rows[part], offset[part], reach, psf_sigma_px
         )
         for score in maps:
             known = np.isfinite(score)
             if known.any():
                 voters += known
                 votes += _vote(score, known, slack)
-    return _peak(votes, voters, image.factor, slack, 0.5 * size + 2 * slack, share)
+    return _peak(votes, voters, searched.factor, slack, 0.5 * size + 2 * slack, share)
 
 
 def correlation_maps(
     catalog: Catalog,
-    image: SearchImage,
+    searched: SearchImage,
     model: Reflectance,
     rows: Index,
     offset: Array,
@@ -116,22 +117,29 @@ def correlation_maps(
     catalogue) at every whole offset within ``reach`` of where the image's sensor projects them,
     plus ``offset`` (n, 2) rounded; NaN where there is none. Pixels of the searched image.
     """
-    suns = image.photo.sun_directions(catalog.position_mcmf[rows])
-    sensor = image.photo.sensor
+    suns = searched.source.sun_directions(catalog.position_mcmf[rows])
+    sensor = searched.source.sensor
     templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
     maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
     origin = templates.origin + np.round(offset).astype(np.int64)
     correlation.maps(
-        image.fine, image.weight, templates.values, templates.mask, origin, reach, _LEAST_REAL, maps
+        searched.fine,
+        searched.weight,
+        templates.values,
+        templates.mask,
+        origin,
+        reach,
+        _LEAST_REAL,
+        maps,
     )
     return maps
 
 
 def _scale(
-    catalog: Catalog, photo: Image, rows: Index, reach: float, grid_px: int
+    catalog: Catalog, image: Image, rows: Index, reach: float, grid_px: int
 ) -> tuple[int, float]:
     """Reduction factor of the image, and the side of the templates then, in pixels."""
-    pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
+    pixel = float(np.nanmedian(pixel_size_m(image.sensor, catalog.position_mcmf[rows])))
     size = float(np.median(catalog.gsd[rows])) * catalog.patch_nodes / pixel
     factor = max(1, min(math.ceil(reach / grid_px), math.floor(size / _SMALLEST_PX)))
     return factor, size / factor
@@ -143,20 +151,10 @@ def _vote(score: Float32, known: Mask, slack: int) -> Array:
     """
     level = np.where(known, np.clip(score, -1.0, 1.0), -1.0)
     level = ((level + 1.0) * (0.5 * (_LEVELS - 1))).astype(np.int64)
-    level = _highest_near(level, slack) if slack else level
+    level = maximum_filter(level, 2 * slack + 1, mode="constant") if slack else level
     count = np.bincount(level[known], minlength=_LEVELS)
     as_high = np.maximum(np.cumsum(count[::-1])[::-1], 1)
     return np.where(known, np.log(known.sum() / as_high)[level], 0.0)
-
-
-def _highest_near(values: Index, reach: int) -> Index:
-    """The highest value within ``reach`` rows and columns."""
-    out = values
-    for axis in (0, 1):
-        padded = np.pad(out, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)])
-        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=axis)
-        out = windows.max(axis=-1)
-    return out
 
 
 def _peak(

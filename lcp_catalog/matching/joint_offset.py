@@ -105,7 +105,7 @@ class _Place:
 
 def find_joint_offset(
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     given: Sensor,
     uncertainty: Uncertainty,
     model: Reflectance,
@@ -127,7 +127,7 @@ def find_joint_offset(
         return None
     some = area.only(evenly(np.arange(len(area)), _MOST_POINTS))
     search = _Search(
-        catalog, photo, given, uncertainty, model, some, width_px, common_px, check_sun
+        catalog, image, given, uncertainty, model, some, width_px, common_px, check_sun
     )
     return search.found()
 
@@ -135,7 +135,7 @@ def find_joint_offset(
 @dataclass(frozen=True, eq=False)
 class _Search:
     catalog: Catalog
-    photo: Image
+    image: Image
     given: Sensor
     uncertainty: Uncertainty
     model: Reflectance
@@ -146,7 +146,7 @@ class _Search:
 
     @property
     def factor(self) -> int:
-        return self.photo.sensor.factor
+        return self.image.sensor.factor
 
     @cached_property
     def share(self) -> float:
@@ -177,7 +177,7 @@ class _Search:
     def shift(self, reach_px: float, slack: float) -> CoarseShift | None:
         return coarse_shift(
             self.catalog,
-            self.photo,
+            self.image,
             self.model,
             reach_px,
             points=self.area.points,
@@ -260,13 +260,13 @@ class _Search:
 
     def at(self, pose: Pose) -> Image:
         """The searched image with a corrected sensor."""
-        return self.photo.with_sensor(self.photo.sensor.moved(pose.correction))
+        return self.image.with_sensor(self.image.sensor.moved(pose.correction))
 
-    def place(self, photo: Image) -> _Place:
+    def place(self, image: Image) -> _Place:
         """The peak near where an image's sensor projects the terrain, by all points and by
         resampled ones.
         """
-        z = self.z_maps(photo, self.area.points, _NEAR_PX)
+        z = self.z_maps(image, self.area.points, _NEAR_PX)
         z = z[_whole_middle(z)]
         nowhere = _Place(np.full(2, np.nan), np.full((2, 2), np.nan))
         if len(z) < FEWEST:
@@ -284,31 +284,31 @@ class _Search:
         return _Place(shift, covariance)
 
     def z_maps(
-        self, photo: Image, rows: Index, reach: int, law: Reflectance | None = None
+        self, image: Image, rows: Index, reach: int, law: Reflectance | None = None
     ) -> Array:
         """artanh of the correlations (n, 2 reach + 1, 2 reach + 1) of points about where an image's
         sensor projects them.
         """
-        image = replace(self.image, photo=photo)
+        searched = replace(self.searched, source=image)
         parts = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
         found = [
             correlation_maps(
-                self.catalog, image, law or self.model, part, np.zeros((len(part), 2)), reach
+                self.catalog, searched, law or self.model, part, np.zeros((len(part), 2)), reach
             )
             for part in parts
         ]
         return np.arctanh(np.clip(np.concatenate(found).astype(np.float64), -0.99, 0.99))
 
     @cached_property
-    def image(self) -> SearchImage:
-        return SearchImage.of(self.photo)
+    def searched(self) -> SearchImage:
+        return SearchImage.of(self.image)
 
-    def sun(self, photo: Image) -> SunCheck | None:
+    def sun(self, image: Image) -> SunCheck | None:
         """The check of the stated Sun by the points whose map has no gap next to its middle; None
         for too few of them.
         """
         rows = self.area.points
-        rows = rows[_whole_middle(self.z_maps(photo, rows, _SUN_PX))]
+        rows = rows[_whole_middle(self.z_maps(image, rows, _SUN_PX))]
         if len(rows) < FEWEST:
             return None
 
@@ -317,7 +317,7 @@ class _Search:
             return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
 
         ground = self.catalog.position_mcmf[rows]
-        return check_sun(search, photo, ground, self.model, self.share, TURNS_DEG)
+        return check_sun(search, image, ground, self.model, self.share, TURNS_DEG)
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:

@@ -101,7 +101,7 @@ def directions_to_sun(
 
 
 def working_image(
-    catalog: Catalog, photo: Image, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
+    catalog: Catalog, image: Image, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
 ) -> Image:
     """The image, reduced by a whole number to the scale at which it is searched.
 
@@ -110,8 +110,8 @@ def working_image(
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):
-        return photo
-    pixel = float(np.nanmedian(pixel_size_m(photo.sensor, catalog.position_mcmf[rows])))
+        return image
+    pixel = float(np.nanmedian(pixel_size_m(image.sensor, catalog.position_mcmf[rows])))
     gsd = float(np.median(catalog.gsd[rows]))
     resolution = np.asarray(catalog.dem_resolution, dtype=np.float64)[rows]
     known = np.isfinite(resolution)
@@ -119,4 +119,4 @@ def working_image(
     target = max(gsd, resolution_share * true)
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
     factor = max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
-    return photo.reduced(factor)
+    return image.reduced(factor)

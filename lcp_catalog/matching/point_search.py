@@ -71,7 +71,7 @@ class _Task:
 
 def find_points(
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     model: Reflectance = DEFAULT_MODEL,
     reach_px: ArrayLike = 64.0,
     *,
@@ -89,9 +89,9 @@ def find_points(
     except for peaks that half resolution does not show. ValueError for an image without a valid
     pixel.
     """
-    task = _Task(catalog, SearchImage.of(photo), model, criteria, whole_search)
+    task = _Task(catalog, SearchImage.of(image), model, criteria, whole_search)
     rows = (
-        points_in_view(catalog, photo.sensor)
+        points_in_view(catalog, image.sensor)
         if points is None
         else np.asarray(points, dtype=np.int64)
     )
@@ -99,28 +99,28 @@ def find_points(
     reach = np.broadcast_to(np.asarray(reach_px, np.float64) / factor, rows.shape)
     offset = np.zeros(2) if offset_px is None else np.asarray(offset_px, np.float64)
     offset = np.broadcast_to(offset / factor, (len(rows), 2))
-    count = _at_once(catalog, photo, rows)
+    count = _at_once(catalog, image, rows)
     parts = [slice(start, start + count) for start in range(0, max(len(rows), 1), count)]
     found = [_match_chunk(task, rows[part], reach[part], offset[part]) for part in parts]
     names = Matches.__dataclass_fields__
     return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
 
 
-def _at_once(catalog: Catalog, photo: Image, rows: Index) -> int:
+def _at_once(catalog: Catalog, image: Image, rows: Index) -> int:
     """Number of points rendered at once."""
-    pixels = pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
+    pixels = pixel_size_m(image.sensor, catalog.position_mcmf[rows])
     sides = catalog.gsd[rows] * catalog.patch_nodes / np.where(pixels > 0.0, pixels, np.inf)
     largest = float(np.max(1.5 * sides, initial=1.0)) ** 2
     return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
 
 
 def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Matches:
-    suns = task.image.photo.sun_directions(task.catalog.position_mcmf[rows])
+    suns = task.image.source.sun_directions(task.catalog.position_mcmf[rows])
     code = _unlit_unseen(task, rows, suns)
     templates = render_patches(
         task.catalog,
         rows,
-        task.image.photo.sensor,
+        task.image.source.sensor,
         suns,
         task.model,
         psf_sigma_px=task.criteria.psf_sigma_px,
@@ -171,7 +171,7 @@ def _mark(code: Bytes, where: ArrayLike, reason: str) -> None:
 def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Bytes:
     """Codes of points with the Sun below the horizon or seen edge-on; else 0."""
     up = task.catalog.rotation_mcmf_to_enu[rows, 2]
-    towards = task.image.photo.sensor.towards(task.catalog.position_mcmf[rows])
+    towards = task.image.source.sensor.towards(task.catalog.position_mcmf[rows])
     code = np.zeros(len(rows), np.uint8)
     _mark(code, ~(np.sum(up * suns, axis=-1) > 0.0), "not lit")
     level = math.cos(math.radians(task.criteria.max_emission_deg))

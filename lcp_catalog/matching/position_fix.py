@@ -104,7 +104,7 @@ class PositionFix:
 
 def locate(
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     uncertainty: Uncertainty,
     model: Reflectance = DEFAULT_MODEL,
     options: Options = Options(),
@@ -112,17 +112,17 @@ def locate(
     """Find the position of an image: search for a catalogue's points in an image whose sensor is
     known within an uncertainty, and solve for the sensor.
 
-    ``pose`` of the result corrects ``photo.sensor`` (None unless located): ``pose.position_mcmf_m``
+    ``pose`` of the result corrects ``image.sensor`` (None unless located): ``pose.position_mcmf_m``
     and ``pose.position_covariance_m2``. Matches are in pixels of the full-resolution image.
     ``model``: reflectance law of the renders.
     """
-    area = perhaps_in_view(catalog, photo.sensor, uncertainty, options.sigmas)
-    working = working_image(catalog, photo, area.points)
-    search = _Search(catalog, photo, working, uncertainty, model, options)
+    area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
+    working = working_image(catalog, image, area.points)
+    search = _Search(catalog, image, working, uncertainty, model, options)
     if not len(area):
         reason = f"none of the catalogue's {len(catalog)} points can be in view"
         return PositionFix(CANNOT_SAY, reason, search.unmatched())
-    if (missing := nothing_in(photo)) is not None:
+    if (missing := nothing_in(image)) is not None:
         return PositionFix(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))
 
@@ -130,7 +130,7 @@ def locate(
 @dataclass(frozen=True, eq=False)
 class _Search:
     catalog: Catalog
-    photo: Image  # as it came
+    image: Image  # at full resolution
     working: Image  # as it is searched
     uncertainty: Uncertainty
     model: Reflectance
@@ -151,7 +151,7 @@ class _Search:
         nothing = np.full((count, 2), np.nan)
         return Matches(
             point=rows,
-            predicted_px=self.photo.sensor.project(self.catalog.position_mcmf[rows]),
+            predicted_px=self.image.sensor.project(self.catalog.position_mcmf[rows]),
             found_px=nothing,
             covariance_px2=np.full((count, 2, 2), np.nan),
             correlation=nothing[:, 0],
@@ -169,7 +169,7 @@ class _Search:
                 area,
                 self.catalog,
                 self.working,
-                self.photo.sensor,
+                self.image.sensor,
                 self.uncertainty,
                 self.model,
                 options.sigmas,
@@ -195,20 +195,20 @@ class _Search:
         matches, pose = self.settled(score.pose)
         return self.judged(matches, pose, score)
 
-    def sought(self, photo: Image, area: SearchArea) -> Matches:
+    def sought(self, image: Image, area: SearchArea) -> Matches:
         """Matches near where an image's sensor projects the points; the predictions are those of
         the given sensor.
         """
         found = find_points(
             self.catalog,
-            photo,
+            image,
             self.model,
             area.reach_px,
             points=area.points,
             offset_px=area.offset_px,
             criteria=self.options.criteria,
         )
-        given = self.photo.sensor.project(self.catalog.position_mcmf[area.points])
+        given = self.image.sensor.project(self.catalog.position_mcmf[area.points])
         return replace(found, predicted_px=given)
 
     def places(self, matches: Matches) -> tuple[Array, Array, Array]:
@@ -218,12 +218,12 @@ class _Search:
 
     def width_px(self, rows: Index) -> float:
         """Side of a patch in the image, the median of some points."""
-        ground = pixel_size_m(self.photo.sensor, self.catalog.position_mcmf[rows])
+        ground = pixel_size_m(self.image.sensor, self.catalog.position_mcmf[rows])
         return float(np.nanmedian(self.catalog.gsd[rows] * (self.catalog.patch_nodes - 1) / ground))
 
     def agreement(self, matches: Matches, area: SearchArea) -> Consensus:
         found = agree(
-            self.photo.sensor,
+            self.image.sensor,
             *self.places(matches),
             self.uncertainty,
             area.reach_px,
@@ -269,7 +269,7 @@ class _Search:
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():
                 break
-        return pose, told_apart(matches, pose.used)
+        return pose, with_inliers(matches, pose.used)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
         """The pose by the agreeing matches; ``doubt_px``: an additional error common to all of
@@ -278,7 +278,7 @@ class _Search:
         ground, found, covariance = self.places(matches)
         share = independent_share(found[agrees], self.width_px(matches.point))
         return solve(
-            self.photo.sensor,
+            self.image.sensor,
             ground,
             found,
             covariance,
@@ -318,7 +318,7 @@ class _Search:
         return find_joint_offset(
             self.catalog,
             self.working,
-            self.photo.sensor,
+            self.image.sensor,
             self.uncertainty,
             self.model,
             area,
@@ -349,14 +349,14 @@ class _Search:
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
         return PositionFix(
-            LOCATED, reason, told_apart(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
+            LOCATED, reason, with_inliers(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
         )
 
     def if_here(self, searched: Mask, area: SearchArea) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of the searchable points agreed."""
         gate = math.pi * self.tolerance_px**2
         chance = np.minimum(1.0, gate / (2.0 * area.reach_px[searched] + 1.0) ** 2)
-        least = -(-len(self.photo.sensor.corrections) // 2)
+        least = -(-len(self.image.sensor.corrections) // 2)
         agrees = np.arange(len(chance)) < SHARE_IF_HERE * len(chance)
         if agrees.sum() <= least:
             return 0.0
@@ -382,7 +382,7 @@ class _Search:
         """The objection to a correction larger than the stated uncertainty allows; empty if there
         is none.
         """
-        sigmas = self.uncertainty.sigmas(self.photo.sensor)
+        sigmas = self.uncertainty.sigmas(self.image.sensor)
         off = float(np.abs(pose.correction[pose.solved] / sigmas[pose.solved]).max(initial=0.0))
         if off <= self.options.most_sigmas:
             return ""
@@ -403,7 +403,7 @@ class _Search:
         )
 
 
-def told_apart(matches: Matches, agrees: Mask) -> Matches:
+def with_inliers(matches: Matches, agrees: Mask) -> Matches:
     """The matches, with those found that do not agree marked as inconsistent."""
     code = np.where(matches.found & ~agrees, CODE["inconsistent"], matches.code)
     return replace(matches, code=code.astype(np.uint8))

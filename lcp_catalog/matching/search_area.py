@@ -87,7 +87,7 @@ def perhaps_in_view(
 def narrowed(
     area: SearchArea,
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     sensor: Sensor,
     uncertainty: Uncertainty,
     model: Reflectance,
@@ -98,7 +98,7 @@ def narrowed(
     offsets as clear by chance; and the distance, in pixels, by which turning and scaling move
     single points from a common offset (1 sigma, the median).
 
-    If no offset can be found: the area as it is, and minus infinity. ``photo`` is the searched
+    If no offset can be found: the area as it is, and minus infinity. ``image`` is the searched
     image, ``sensor`` that of the full-resolution image.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
@@ -107,7 +107,7 @@ def narrowed(
     slack = _slack(slope, prior)
     shift = coarse_shift(
         catalog,
-        photo,
+        image,
         model,
         float(np.median(area.reach_px)),
         points=area.points,

@@ -29,23 +29,23 @@ class SearchImage:
     ``factor``: side of one of its pixels in pixels of the full-resolution image.
     """
 
-    photo: Image
+    source: Image
     fine: Float32
     weight: Float32
     factor: int
 
     @classmethod
-    def of(cls, photo: Image) -> SearchImage:
+    def of(cls, image: Image) -> SearchImage:
         """Prepare an image. ValueError if it has no valid pixel."""
-        valid = photo.valid
+        valid = image.valid
         if not valid.any():
-            raise ValueError(f"{photo.name}: no pixel of it is valid")
-        signal = np.where(valid, photo.signal, np.float32(np.nan)).astype(np.float32)
+            raise ValueError(f"{image.name}: no pixel of it is valid")
+        signal = np.where(valid, image.signal, np.float32(np.nan)).astype(np.float32)
         signal -= np.float32(np.nanmean(signal, dtype=np.float64))
         if not valid.all():
             signal = fill_missing(signal, _FILL_PX)
-        weight = np.where(valid, photo.weight, 0.0).astype(np.float32)
-        return cls(photo, np.ascontiguousarray(signal), weight, photo.sensor.factor)
+        weight = np.where(valid, image.weight, 0.0).astype(np.float32)
+        return cls(image, np.ascontiguousarray(signal), weight, image.sensor.factor)
 
     @cached_property
     def half(self) -> Float32:
@@ -62,7 +62,7 @@ class SearchImage:
         """
         high, wide = (n // 2 for n in shape)
         lost = self.weight <= 0.0
-        bright = lost & np.isfinite(self.photo.signal)
+        bright = lost & np.isfinite(self.source.signal)
         out = np.zeros(len(middle), dtype=np.bool_)
         for k, (col, row) in enumerate(middle):
             box = np.s_[max(row - high, 0) : row + high + 1, max(col - wide, 0) : col + wide + 1]
@@ -75,12 +75,12 @@ def full_pixels(pixels: Array, factor: int) -> Array:
     return (pixels + 0.5) * factor - 0.5
 
 
-def nothing_in(photo: Image) -> str | None:
+def nothing_in(image: Image) -> str | None:
     """The reason why nothing can be found in an image; None if there is none."""
-    valid = photo.valid
+    valid = image.valid
     if not valid.any():
         return "the image has no valid pixel"
-    signal = photo.signal
+    signal = image.signal
     likeness = max(
         _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
         _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),

@@ -127,7 +127,7 @@ that is not found has the correlation 0 and a NaN place.
 
 def check_points(
     catalog: Catalog,
-    photo: Image,
+    image: Image,
     model: Reflectance,
     points: Index,
     offset_px: Array,
@@ -152,12 +152,12 @@ def check_points(
         )
         return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
 
-    return check_sun(search, photo, catalog.position_mcmf[points], model, independent_share)
+    return check_sun(search, image, catalog.position_mcmf[points], model, independent_share)
 
 
 def check_sun(
     search: Search,
-    photo: Image,
+    image: Image,
     ground_mcmf_m: Array,
     model: Reflectance,
     independent_share: float = 1.0,
@@ -170,7 +170,7 @@ def check_sun(
     ``independent_share``: number of points that share no terrain, as a share of n. At most 100
     points, evenly chosen, are searched.
     """
-    tried = _Tried(search, photo, ground_mcmf_m, turns_deg)
+    tried = _Tried(search, image, ground_mcmf_m, turns_deg)
     rows = evenly(np.arange(len(ground_mcmf_m)), _MOST)
     glance = rows[::_GLANCE]
     own, own_z = tried.check(model, rows, independent_share)
@@ -204,7 +204,7 @@ class _Tried:
     """A search repeated under other Suns and reflectance laws."""
 
     search: Search
-    photo: Image
+    image: Image
     ground_mcmf_m: Array  # (n, 3)
     turns_deg: tuple[tuple[float, float], ...]  # (m)
 
@@ -213,7 +213,7 @@ class _Tried:
     ) -> tuple[Array, Array]:
         """Correlations (m, k) and places (m, k, 2) under m Suns."""
         ground = self.ground_mcmf_m[rows]
-        found = [self.search(with_sun(self.photo, ground, *t), law, rows) for t in turns_deg]
+        found = [self.search(with_sun(self.image, ground, *t), law, rows) for t in turns_deg]
         return np.array([f[0] for f in found]), np.array([f[1] for f in found])
 
     def best_z(
@@ -257,17 +257,17 @@ def _common_shift(offsets_px: Array) -> float:
     return float(np.hypot(*np.median(known, axis=0))) if len(known) else 0.0
 
 
-def with_sun(photo: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Image:
+def with_sun(image: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: float) -> Image:
     """The image with another Sun: turned clockwise about the vertical at the middle of ground
     points (n, 3), and raised.
 
     A Sun that is not moved stays as it is; the new elevation is limited to 1..89 degrees.
     """
     if not (turn_deg or raise_deg) or not len(ground_mcmf_m):
-        return photo
+        return image
     middle = np.asarray(ground_mcmf_m).mean(axis=0)
     up = middle / np.linalg.norm(middle)
-    sun = photo.sun_directions(middle)
+    sun = image.sun_directions(middle)
     height = math.asin(float(np.clip(sun @ up, -1.0, 1.0)))
     level = sun - (sun @ up) * up
     level /= np.linalg.norm(level)
@@ -275,4 +275,4 @@ def with_sun(photo: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: flo
     level = math.cos(turn) * level - math.sin(turn) * np.cross(up, level)
     height = min(max(height + math.radians(raise_deg), math.radians(1.0)), math.radians(89.0))
     direction = math.cos(height) * level + math.sin(height) * up
-    return replace(photo, sun_position_mcmf_m=None, sun_direction_mcmf=direction)
+    return replace(image, sun_position_mcmf_m=None, sun_direction_mcmf=direction)
