@@ -1,4 +1,6 @@
-"""The Earth in the Moon's sky, against NASA's tables, Meeus' textbook and published magnitudes."""
+"""The Earth as a light source: comparison with NASA's tables, Meeus' textbook and published
+magnitudes.
+"""
 
 import datetime as dt
 import math
@@ -48,7 +50,7 @@ def test_the_sub_earth_point_of_nasas_tables(time, lon, lat, distance_km, _lit):
 
 @pytest.mark.parametrize(("time", "_lon", "_lat", "distance_km", "lit"), NASA)
 def test_the_earths_phase_completes_the_moons(time, _lon, _lat, distance_km, lit):
-    """In the triangle Sun, Earth, Moon the angles make 180 deg; the lit share is (1 + cos i) / 2."""
+    """The angles of the triangle Sun, Earth, Moon sum to 180 deg; the lit share is (1 + cos i) / 2."""
     moons = math.degrees(math.acos(2 * lit / 100 - 1))
     earth = earth_at(time)
     at_the_sun = math.degrees(
@@ -58,7 +60,7 @@ def test_the_earths_phase_completes_the_moons(time, _lon, _lat, distance_km, lit
 
 
 def test_the_textbook_example_of_the_twin():
-    """As printed, to the principal axes; the mean-Earth frame differs by a constant turn."""
+    """As printed, for the principal axes; the mean-Earth frame differs by a constant rotation."""
     jde, lon, lat = MEEUS_53A
     assert twins_earth.sub_earth(jde, principal=True)[:2] == pytest.approx((lon, lat), abs=0.005)
 
@@ -79,11 +81,13 @@ def test_the_plain_theory_agrees(moment):
         # Mallama and Hilton 2018, test data of the paper's programs, as Skyfield's tests quote them
         (0.983331936476, 1.41317594650699, 8.7897, -3.269),
         (0.983356079811, 0.26526856764726, 4.1369, -6.909),
-        # the third of them, 1.122 at 175.69 deg, lies beyond the data: there we go on in a straight line
+        # the third of them, 1.122 at 175.69 deg, is beyond the data, where the phase function is extrapolated
     ],
 )
 def test_published_magnitudes_of_the_earth(r_au, d_au, phase_deg, magnitude):
-    """E over the Sun's at the Earth is 10^(-0.4 (V - V_sun(r))), with the paper's V_sun = -26.75."""
+    """The Earth's irradiance relative to the Sun's at the Earth is 10^(-0.4 (V - V_sun(r))), with
+    V_sun = -26.75 of the paper.
+    """
     ratio = earth_over_sun(math.radians(phase_deg), d_au * ASTRONOMICAL_UNIT_M)
     sun_at_earth = -26.75 + 5 * math.log10(r_au)
     assert -2.5 * math.log10(ratio) + sun_at_earth == pytest.approx(magnitude, abs=0.006)
@@ -122,7 +126,7 @@ def test_the_mean_earth_hangs_over_the_middle():
 
 @pytest.mark.parametrize(("lon", "lat"), [(0.0, 60.0), (40.0, -10.0), (90.0, 0.0), (180.0, 0.0)])
 def test_the_earth_stands_where_a_place_sees_it(lon, lat):
-    """Azimuth and elevation by plain trigonometry on the sphere, parallax and all."""
+    """Azimuth and elevation by spherical trigonometry, including parallax."""
     earth = Earth(lonlat_to_mcmf(5.0, -3.0, 370e6 - MOON_RADIUS_M), np.array([0.0, 1.0, 0.0]))
     source = earth.source(EnuFrame(lon, lat), as_disc=True)
     away = math.radians(float(central_angle_deg(lon, lat, 5.0, -3.0)))
@@ -135,7 +139,9 @@ def test_the_earth_stands_where_a_place_sees_it(lon, lat):
 
 
 def test_the_suns_distance_from_place_and_earth_counts():
-    """Irradiance is relative to the Sun's at the place, which may be nearer to it than the Earth is."""
+    """Irradiance is relative to the Sun's at the place, which may be nearer to the Sun than the
+    Earth is.
+    """
     towards = np.array([1.0, 0.0, 0.0])
     position = np.array([-MEAN_DISTANCE_M, 0.0, 0.0])
     near = Earth(position, towards, ASTRONOMICAL_UNIT_M).source(EnuFrame(180.0, 0.0))

@@ -1,4 +1,6 @@
-"""Panoramas: pixels' geometry against quadrature, files against bytes written here, refusals."""
+"""Environment maps: pixel geometry compared with quadrature, files with bytes written here, and
+invalid input.
+"""
 
 import math
 import struct
@@ -28,7 +30,7 @@ GAUSS = np.polynomial.legendre.leggauss(16)
 
 
 def radiance_bytes(rgb):
-    """A flat (not run-length coded) Radiance file, after Ward's description of the format."""
+    """A Radiance file without run-length coding, after Ward's description of the format."""
     rows, cols, _ = rgb.shape
     body = bytearray()
     for pixel in rgb.reshape(-1, 3):
@@ -43,7 +45,9 @@ def radiance_bytes(rgb):
 
 
 def integrate(panorama, row, col, of):
-    """Of a function of direction over a pixel, by Gauss quadrature in elevation and azimuth."""
+    """Integral of a function of direction over a pixel, by Gauss quadrature in elevation and
+    azimuth.
+    """
     half = 0.5 * panorama.pixel_rad
     e = panorama.elevations[row] + half * GAUSS[0][:, None]
     a = panorama.azimuths[col] + half * GAUSS[0][None, :]
@@ -75,7 +79,7 @@ def test_the_whole_sphere(rows):
 
 
 def test_the_middle_looks_north_and_right_of_it_east():
-    """A single bright pixel: where is it?"""
+    """The direction of a single bright pixel."""
     for col, azimuth in ((32, 0.0), (48, 90.0), (0, 180.0), (16, 270.0)):
         light = np.zeros((32, 64))
         light[8, col] = 1.0  # 45 deg down from the zenith, half a pixel more
@@ -109,7 +113,7 @@ def test_lookups_agree_with_pixels_and_wrap():
 
 
 def test_a_radiance_file(tmp_path):
-    """Its own bytes, and luminance by Rec. 709 of what they hold."""
+    """A file written here is read with the Rec. 709 luminance of its pixels."""
     rng = np.random.default_rng(1)
     rgb = rng.integers(1, 256, (8, 16, 3)) * 2.0 ** rng.integers(-9, 9, (8, 16, 1))
     rgb[0, 0] = 0.0
@@ -128,7 +132,7 @@ def test_float_files_are_linear(tmp_path, ending):
 
 
 def test_a_display_image_is_decoded_and_said_to_be(tmp_path, caplog):
-    """sRGB: 8 bits 118 is 18 % grey, 188 half the light (IEC 61966-2-1 tables)."""
+    """sRGB: the 8-bit code 118 is 18 % grey, 188 half the light (IEC 61966-2-1 tables)."""
     codes = np.zeros((2, 4), np.uint8)
     codes[0] = 0, 118, 188, 255
     cv2.imwrite(str(tmp_path / "a.png"), codes)
@@ -178,11 +182,11 @@ def test_files_that_are_none(tmp_path, capfd):
             read_picture(tmp_path / name)
     with pytest.raises(ImageError, match="convert"):
         read_picture(tmp_path / "a.exr")
-    assert capfd.readouterr().err == ""  # OpenCV keeps still: the error says it
+    assert capfd.readouterr().err == ""  # no message from OpenCV; the error has it
 
 
 def test_other_sizes():
-    """Averages where coarser, straight lines where finer."""
+    """Area means for coarser rasters, linear interpolation for finer ones."""
     ramp = np.tile(np.arange(8.0), (4, 1))
     assert resized(ramp, (2, 4)) == pytest.approx(np.tile([0.5, 2.5, 4.5, 6.5], (2, 1)))
     finer = resized(ramp, (8, 16))
@@ -191,8 +195,8 @@ def test_other_sizes():
 
 
 def test_cie_skies_by_their_published_ratios():
-    """Overcast: 3 times brighter in the zenith than at the horizon; clear: brightest at the Sun, where the
-    standard's indicatrix is 11.4 (its table 1: c = 10, d = -3, e = 0.45).
+    """Overcast: three times as bright in the zenith as at the horizon. Clear: brightest at the Sun,
+    where the standard's indicatrix is 11.4 (table 1: c = 10, d = -3, e = 0.45).
     """
     sky = cie_sky(512, 0.0, 40.0, OVERCAST).luminance
     assert sky[0].mean() / sky[255].mean() == pytest.approx(3.0, rel=0.02)

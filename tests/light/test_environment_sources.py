@@ -1,4 +1,6 @@
-"""Bright sources: known lamps, a slow twin in plain loops, energy to rounding."""
+"""Bright sources of environment maps: known lamps, an independent implementation in plain loops,
+and conservation of power.
+"""
 
 import math
 from itertools import pairwise
@@ -20,8 +22,8 @@ def off_deg(a, b):
 
 
 def pixel_moments(panorama, count=8):
-    """Solid angle and mean direction of each pixel of the upper half by Gauss-Legendre's places: to rounding, as the twin decides
-    by them what lies within a radius.
+    """Solid angle and mean direction of each pixel of the upper half by Gauss-Legendre quadrature,
+    exact to rounding because the radius test depends on them.
     """
     rows, cols = panorama.luminance.shape
     nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -38,7 +40,9 @@ def pixel_moments(panorama, count=8):
 
 
 def twin(panorama, threshold, radius_deg, minimum):
-    """The search in plain loops over pixels: powers and directions of the sources, what is left."""
+    """The search in plain loops over pixels: powers and directions of the sources, and the
+    remainder.
+    """
     light = {
         (r, c): float(panorama.luminance[r, c])
         for r in range(panorama.rows // 2)
@@ -125,7 +129,7 @@ def test_power_is_kept(seed, rows, spread):
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0, 360), st.floats(4, 90), st.floats(0.5, 3.5))
 def test_one_lamp_is_one_source_wherever_it_stands(azimuth, elevation, radius):
-    """On borders of segments, over the image's seam, in the zenith."""
+    """On borders of segments, across the image's seam, and in the zenith."""
     sky = room(90, [Lamp(azimuth, elevation, 3.0, radius)], ambient=0.01)
     found = split_sources(sky)
     assert len(found.sources) == 1
@@ -138,7 +142,7 @@ def test_one_lamp_is_one_source_wherever_it_stands(azimuth, elevation, radius):
 @pytest.mark.parametrize("azimuth", [45.0, 180.0, 0.0, 315.0])
 @pytest.mark.parametrize("elevation", [45.0, 30.0, 88.0])
 def test_a_glow_over_a_border_is_found_once(azimuth, elevation):
-    """A lamp whose glow lights the next, dark segment above its own threshold, too."""
+    """The glow of a lamp exceeds the threshold of the adjacent, dark segment, too."""
     dark = room(180, [Lamp(azimuth + 0.5, elevation, 1.0, 1.0)], ambient=1e-6).luminance
     away = np.degrees(np.arccos(np.clip(_looking(180) @ direction_enu(azimuth, elevation), -1, 1)))
     sky = Panorama(dark + np.where(away < 4.0, 0.05 * dark.max() * np.exp(-away), 0.0))
@@ -154,7 +158,7 @@ def _looking(rows):
 @settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_several_lamps_in_one_segment(data):
-    """Strong and weak, at least 12 deg apart, all within 45 x 45 deg."""
+    """Strong and weak lamps, at least 12 deg apart, within one segment of 45 x 45 deg."""
     places = data.draw(
         st.lists(st.tuples(st.integers(3, 42), st.integers(5, 40)), min_size=2, max_size=4)
     )
@@ -221,7 +225,7 @@ def test_no_more_than_so_many(caplog):
 
 
 def test_the_sun_over_the_sky():
-    """CIE clear sky, its Sun recorded at a fifth of the sky (the paper's 1:5): scaled to 4:1."""
+    """CIE clear sky whose Sun was recorded at a fifth of the sky (1:5 in the paper), scaled to 4:1."""
     sky = cie_sky(128, 120.0, 50.0)
     weak = 0.2 * sky.horizontal_irradiance / math.sin(math.radians(50.0))
     found = split_sources(with_lamps(sky, [Lamp(120.0, 50.0, weak)]))

@@ -1,4 +1,4 @@
-"""The sky's light on terrain: closed forms of sky view factors, and a sum over all pixels as parallel
+"""Sky light on terrain: closed forms of sky view factors, and a sum over all pixels as parallel
 lights with exact shadows.
 """
 
@@ -46,7 +46,7 @@ def make(z, core=None):
 
 
 def even(rows=64):
-    """A uniform sky of unit light."""
+    """A uniform sky of irradiance 1."""
     return uniform(rows, 1.0 / (2.0 * math.pi))
 
 
@@ -71,7 +71,7 @@ def test_a_plain_under_a_uniform_sky(tier):
 @pytest.mark.parametrize("slope_deg", [10.0, 25.0, 45.0])
 @pytest.mark.parametrize("azimuth", [0.0, 90.0, 225.0])
 def test_a_slope_sees_half_of_one_plus_its_cosine(slope_deg, azimuth):
-    """An endless incline in the open: its own plane hides what lies behind it."""
+    """An infinite slope: its own plane hides the sky behind it."""
     y, x = np.mgrid[20:-21:-1, -20:21] * GSD
     down = direction_enu(azimuth, 0.0)
     z = -math.tan(math.radians(slope_deg)) * (x * down[0] + y * down[1])
@@ -82,8 +82,8 @@ def test_a_slope_sees_half_of_one_plus_its_cosine(slope_deg, azimuth):
 
 @pytest.mark.parametrize("steep_deg", [15.0, 30.0])
 def test_the_walls_of_a_trench(steep_deg):
-    """An endless V, 40 nodes up each side: by crossed strings a wall sees (1 + cos(b + e)) / 2, b its slope and e the
-    elevation of the other side's top.
+    """An infinite V-shaped trench, 40 nodes along each side. By the crossed-strings method a wall
+    sees (1 + cos(b + e)) / 2, with its slope b and the elevation e of the opposite edge.
     """
     slope, nodes = math.radians(steep_deg), np.arange(1, 12)
     z = np.tile(math.tan(slope) * np.abs(np.arange(-40, 41)) * GSD, (401, 1))
@@ -95,8 +95,8 @@ def test_the_walls_of_a_trench(steep_deg):
 
 
 def test_a_bowl_is_lit_evenly():
-    """A spherical bowl of radius R and depth d sees 1 - d / (2 R) of the sky from everywhere inside: the
-    view factor between any two parts of a sphere is the second's area over the sphere's.
+    """A spherical bowl of radius R and depth d sees 1 - d / (2 R) of the sky from any inner point:
+    the view factor between two parts of a sphere is the area of the second over the sphere's area.
     """
     radius, reach = 2000.0, 1400.0
     y, x = np.mgrid[90:-91:-1, -90:91] * GSD
@@ -110,8 +110,8 @@ def test_a_bowl_is_lit_evenly():
 
 @pytest.fixture(scope="module")
 def many_lights():
-    """Every pixel above the horizon a parallel light from its middle, its shadows exact: directions (k, 3),
-    irradiances (k,) and what terrain leaves, bool (k, rows, cols).
+    """Every pixel above the horizon as a parallel light from its centre, with exact shadows:
+    directions (k, 3), irradiances (k,), and visibility, bool (k, rows, cols).
     """
     terrain, sky = make(cratered(32, GSD, seed=3, relief_m=2.0)), cie_sky(36, 250.0, 25.0)
     sky = sky.times(1.0 / sky.power_above)
@@ -126,7 +126,7 @@ def many_lights():
     "name", ["lommel-seeliger", "lambert", pytest.param("hapke", marks=pytest.mark.slow)]
 )
 def test_against_the_sum_over_all_pixels(many_lights, name, altitude_m):
-    """From infinity and from near, where every node has its own view."""
+    """From infinity, and from a near camera with a different direction for every node."""
     terrain, sky, towards, irradiance, free = many_lights
     model, looking = reflectance_model(name), direction_enu(100.0, 60.0)
     view = View(direction=looking) if altitude_m is None else View(position_m=looking * altitude_m)
@@ -161,7 +161,9 @@ def rms(found, best):
 
 @pytest.mark.parametrize("sky", skies(), ids=["clear", "room"])
 def test_the_stated_error(sky):
-    """Against twice the samples of `reference`, over natural terrain; and what drafts of shadows cost."""
+    """Compared with twice the samples of `reference`, over natural terrain; and the error of draft
+    shadows.
+    """
     terrain = make(cratered(96, GSD, seed=11))
     best = many_samples(terrain, sky, (256, 32), "draft")
     for tier in ("draft", "standard"):
@@ -229,7 +231,7 @@ def test_the_same_bits_again():
 
 
 def test_turning_the_image_or_its_columns_is_the_same_light():
-    """A quarter of a turn, by azimuth and by rolled columns: other samples of the same sky."""
+    """A quarter turn, by azimuth and by rolled columns: different samples of the same sky."""
     z = cratered(64, GSD)
     sky = cie_sky(64, 30.0, 20.0)
     turned = Panorama(sky.luminance, azimuth_deg=90.0)
@@ -267,7 +269,7 @@ def camera_over(terrain, off_nadir_deg=20.0, size=64):
 
 
 def test_a_cameras_pixels_agree_with_the_nodes():
-    """Points on nodes have the nodes' light; between them it lies between."""
+    """Points on nodes have the nodes' radiance."""
     terrain = make(cratered(64, GSD, relief_m=2.0))
     sky = cie_sky(64, 200.0, 30.0)
     field = terrain.field
@@ -279,7 +281,7 @@ def test_a_cameras_pixels_agree_with_the_nodes():
     args = normals, towards, LOMMEL, TIERS["standard"]
     at_points = sky_at_points(terrain, sky, points, *args)
     at_nodes = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS["standard"])[rows, cols]
-    # a ring of cells about the points stands for the nodes' window: drafts of other windows differ a little
+    # the window is a ring of cells around the points; drafts of different windows differ slightly
     assert at_points == pytest.approx(at_nodes, rel=0.02)
     assert np.abs(at_points / at_nodes - 1).mean() < 2e-3
     assert len(sky_at_points(terrain, sky, points[:0], normals[:0], towards[:0], *args[2:])) == 0

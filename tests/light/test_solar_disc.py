@@ -1,5 +1,5 @@
-"""The finite Sun against straight edges (mpmath), thousands of directions, and itself turned and
-refined.
+"""The finite Sun: comparison with straight edges (mpmath), with thousands of directions, and with
+rotated and refined scenes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def spiky(size: int = 96) -> np.ndarray:
-    """Boulders of one node, three to five cells high, on cratered ground."""
+    """Single-node boulders, three to five cells high, on cratered terrain."""
     rng, z = np.random.default_rng(0), cratered(size)
     z.flat[rng.integers(0, z.size, z.size // 200)] += rng.choice(
         [60.0, 100.0, -40.0], z.size // 200
@@ -76,7 +76,7 @@ def test_strips_together_are_the_disc(count) -> None:
 
 @pytest.mark.parametrize(("k", "step"), [(0, 1500), (0, 2048), (2, 1000), (2, 3800), (4, 2600)])
 def test_a_strip_above_a_height(k, step) -> None:
-    """The fifths of the disc, integrated in x and y."""
+    """Fifths of the disc, integrated in x and y."""
     left, right, y0 = -1.0 + 0.4 * k, -0.6 + 0.4 * k, -1.0 + 2.0 * step / STEPS
     a, b, c = LAW
 
@@ -111,7 +111,7 @@ def test_samples_carry_equal_flux() -> None:
 
 @cache
 def ridge() -> Heightfield:
-    """A wall along column 20, 30 m above level ground, 1200 rows of it."""
+    """A wall along column 20, 30 m above level terrain, 1200 rows long."""
     z = np.zeros((1201, 61))
     z[:, 20] = 30.0
     return Heightfield(z, 1.0)
@@ -121,8 +121,9 @@ def ridge() -> Heightfield:
 @pytest.mark.parametrize("azimuth_deg", [270.0, 250.0, 300.0])
 @pytest.mark.parametrize("height", [-0.9, 0.0, 0.5])
 def test_a_straight_ridge_cuts_the_disc_in_a_straight_line(azimuth_deg, height, col) -> None:
-    """The Sun stands so that the crest is ``height`` radii over its middle, 41 to 45 degrees up seen
-    from column 50 and 83 to 84 from 23, where vertical planes converge over the disc.
+    """The crest is ``height`` radii above the disc's centre, at elevations of 41 to 45 deg seen
+    from column 50, and of 83 to 84 deg from column 23, where vertical planes converge over the
+    disc.
     """
     field, radius = ridge(), math.radians(0.6)
     crest = np.array([20.0 - col, 0.0, 30.0])
@@ -171,7 +172,7 @@ def test_on_a_plain_the_horizon_cuts_the_disc() -> None:
     ],
 )
 def test_against_directions_over_the_disc(make, azimuth_deg, elevation_deg) -> None:
-    """At twice the Sun's size; 300 directions leave about 1 % of a step at a share's edge."""
+    """At twice the Sun's radius; 300 directions leave about 1 % of a step at the edge of a share."""
     z, radius = make(36), 2.0 * RADIUS
     if elevation_deg > 80:  # only walls shade from such a Sun
         z[:, ::9] = z[:, 1::9] + GSD * math.tan(math.radians(elevation_deg))
@@ -191,7 +192,7 @@ def test_against_directions_over_the_disc(make, azimuth_deg, elevation_deg) -> N
 
 @cache
 def scenes() -> list[tuple[Heightfield, np.ndarray, np.ndarray]]:
-    """Fields, Suns, and what ``reference`` says; at low, middle and high Sun."""
+    """Fields, Suns, and the shares of ``reference``; at low, middle and high Sun."""
     field = Heightfield(cratered(100), GSD)
     low = Heightfield(cratered(100, seed=3, relief_m=0.25), GSD)
     cases = [(field, 37, 0.3), (field, 90, 1), (field, 200, 2), (field, 310, 5), (field, 37, 15)]
@@ -200,7 +201,7 @@ def scenes() -> list[tuple[Heightfield, np.ndarray, np.ndarray]]:
 
 
 def errors(tier) -> list[tuple[float, float]]:
-    """Rms over all nodes and over those in a penumbra, inside the raster's border."""
+    """Rms error over all nodes, and over those in a penumbra, inside the raster's border."""
     found = []
     for field, sun, exact in scenes():
         inner = exact[1:-1, 1:-1]
@@ -219,7 +220,7 @@ def test_rms_error_of_a_tier(tier, penumbra) -> None:
 
 
 def test_rms_error_of_draft() -> None:
-    """As large as its shadows' errors make it."""
+    """The error follows from the errors of the draft's shadows."""
     for everywhere, within in errors(DRAFT):
         assert everywhere <= DRAFT.disc_rms
         assert within <= 0.2
@@ -246,23 +247,23 @@ def nodes_as_points(field: Heightfield) -> np.ndarray:
     st.floats(-1, 60),
 )
 def test_where_no_penumbra_can_be_there_is_none(kind, seed, azimuth_deg, elevation_deg) -> None:
-    """Points are never judged beforehand; nodes of the same places are, by the steepest facet."""
+    """Points always get horizons; nodes are excluded beforehand by the steepest facet."""
     rng = np.random.default_rng(seed)
     z = cratered(24, seed=seed) if kind == "cratered" else rng.normal(size=(24, 24)) * 8
     if kind == "spikes":
         z.flat[rng.integers(0, z.size, 9)] += 90.0
-    # proved for a surface without an edge: no ground at the border stands above any other, so that
-    # it does not matter where the raster ends (where it does, half a disc looks past it)
+    # proved for a surface without an edge: the border is the lowest terrain, so that the end of the
+    # raster has no effect
     ramp = np.minimum(np.minimum(np.arange(24), np.arange(24)[::-1]) / 4.0, 1.0)
     z = (z - z.min()) * np.outer(ramp, ramp)
     field, sun = Heightfield(z, GSD, 7.0, 5.0), towards(azimuth_deg, elevation_deg)
     disc = SolarDisc(3.0 * RADIUS)
     beforehand = sunlit_share(field, sun, HIGH, disc=disc)
     points = share_at_points(field, nodes_as_points(field), sun, HIGH, disc).reshape(field.shape)
-    # horizons jump in the border's own direction: what stands in the two outer rows is left out
+    # horizons jump along the border: the two outer rows are left out
     inner = (slice(2, -2), slice(2, -2))
     np.testing.assert_allclose(beforehand[inner], points[inner], atol=2e-6)
-    rim = on_rim(field, field.whole)  # half of the disc may look off the raster: never judged
+    rim = on_rim(field, field.whole)  # half of the disc may be beyond the raster: not tested
     np.testing.assert_allclose(beforehand[rim], points[rim], atol=2e-6)
 
 
@@ -270,7 +271,7 @@ def test_where_no_penumbra_can_be_there_is_none(kind, seed, azimuth_deg, elevati
 
 
 def test_points_between_nodes_follow_the_nodes() -> None:
-    """Along a ridge the share depends on the distance alone, on nodes and between them."""
+    """Along a ridge the share depends only on the distance, on nodes and between them."""
     field, sun = ridge(), towards(270.0, 45.0)
     x = np.array([50.0, 49.7, 50.4, 50.0])
     y = np.array([-600.0, -600.3, -599.6, -601.0])
@@ -293,7 +294,7 @@ def test_points_under_the_ground_off_it_and_nowhere() -> None:
 
 @pytest.mark.parametrize("tier", [STANDARD, HIGH, REFERENCE], ids=lambda t: t.tier)
 def test_a_scene_mirrored_at_its_diagonal_is_lit_alike(tier) -> None:
-    """Rows and columns exchanged (the cells' diagonal stays one): east is south then."""
+    """Rows and columns are exchanged (the cells' diagonal remains): east becomes south."""
     z, sun = spiky(64), towards(70.0, 4.0)
     share = sunlit_share(Heightfield(z, GSD), sun, tier)
     mirrored = sunlit_share(Heightfield(z.T, GSD), [-sun[1], -sun[0], sun[2]], tier)

@@ -1,4 +1,4 @@
-"""Several sources, panoramas as lights, what a set Sun lights, the Sun's own size."""
+"""Several sources, environment maps as lights, sources below the horizon, and the Sun's size."""
 
 import dataclasses
 import math
@@ -49,7 +49,7 @@ def craters():
 
 
 def pixel_lamp(rows, azimuth, elevation, power):
-    """A lamp in the middle of the pixel nearest to a direction."""
+    """A lamp at the centre of the pixel nearest to a direction."""
     step = 180.0 / rows
     azimuth = (math.floor(azimuth / step) + 0.5) * step
     elevation = (math.floor(elevation / step) + 0.5) * step
@@ -66,7 +66,7 @@ def pixel_lamp(rows, azimuth, elevation, power):
     ],
 )
 def test_a_panorama_of_one_small_sun_is_that_sun(craters, frame, tier, name):
-    """The issue's: rms below 1 % of the mean."""
+    """Rms difference below 1 % of the mean."""
     lamp = pixel_lamp(180, 130.0, 20.0, 7.0)
     split = split_sources(room(180, [lamp], ambient=1e-9))
     light = Lighting.of_panorama(split)
@@ -102,7 +102,9 @@ def test_two_lamps_are_the_sum_of_two_suns(craters):
 @pytest.mark.parametrize("tier", ["standard", "reference"])
 @pytest.mark.parametrize("altitude", [None, 30e3])
 def test_sources_add_up(craters, tier, altitude):
-    """Irradiance times the radiance under each alone, whatever the order; bands are the first's."""
+    """The sum of irradiance times the radiance under each source alone, in any order; the bands are
+    those of the first source.
+    """
     directions = [direction_enu(80, 12), direction_enu(200, 40), direction_enu(330, 5)]
     weights = [1.0, 0.25, 0.6]
     view, how = oblique_view(25, 100, altitude), {"accuracy": TIERS[tier]}
@@ -141,7 +143,7 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
 
 @pytest.mark.parametrize("frame", ["enu", "camera"])
 def test_a_set_sun_lights_no_border_from_below(frame):
-    """Slopes at the border of the terrain that face a Sun 20 deg under the horizon; the Earth lights on."""
+    """Slopes at the border of the terrain face a Sun 20 deg below the horizon; the Earth remains."""
     _, x = np.mgrid[-20:21, -20:21] * GSD
     terrain = make(-0.5 * x)
     sun = Source(direction_enu(90, -20))
@@ -226,8 +228,8 @@ def test_the_lowest_light_that_can_be_up(elevation, below):
 
 @pytest.mark.parametrize(("elevation", "radius_deg"), [(20.0, 0.95), (87.8, 0.95), (87.0, 1.9)])
 def test_the_earths_disc_against_directions_all_over_it(elevation, radius_deg):
-    """Shares of a disc three and a half times as wide as the Sun's, and of a wider one that vertical planes
-    do not cut into strips; exact shadows of 2048 directions.
+    """Shares of a disc 3.5 times as wide as the Sun's, and of a wider one that is not divided into
+    strips; exact shadows of 2048 directions.
     """
     disc = dataclasses.replace(EARTH, radius_rad=math.radians(radius_deg))
     y, x = np.mgrid[-11:12, -11:12] * GSD
@@ -251,7 +253,9 @@ def test_the_earths_disc_against_directions_all_over_it(elevation, radius_deg):
 
 @pytest.mark.parametrize("radius_deg", [0.2666, 1.03, 1.9])
 def test_no_strip_of_a_disc_leans_beyond_what_strips_are_made_for(radius_deg, monkeypatch):
-    """`limb_darkening.strips` wants |lean| below 0.5; a wide disc near the zenith is sampled instead."""
+    """`limb_darkening.strips` needs |lean| below 0.5; a wide disc near the zenith is sampled by
+    directions instead.
+    """
     leans = []
     made = solar_disc.strips
     monkeypatch.setattr(
@@ -266,8 +270,8 @@ def test_no_strip_of_a_disc_leans_beyond_what_strips_are_made_for(radius_deg, mo
 
 
 def test_the_suns_size_by_its_distance():
-    """Perihelion 2024-01-03 (0.98331 au) and aphelion 2024-07-05 (1.01673 au), USNO; the Moon is within
-    0.0027 au of the Earth.
+    """Perihelion 2024-01-03 (0.98331 au) and aphelion 2024-07-05 (1.01673 au), USNO; the Moon is
+    within 0.0027 au of the Earth.
     """
     frame = EnuFrame(0.0, 0.0)
     for time, au in (("2024-01-03T00:39", 0.98331), ("2024-07-05T05:06", 1.01673)):
@@ -301,7 +305,7 @@ def test_a_cameras_own_sun_and_time():
 
 
 def test_a_lone_sun_is_what_it_was(craters):
-    """A `Lighting` of one Sun and a bare direction: the same bits."""
+    """A `Lighting` of one Sun and a direction alone give the same bits."""
     direction = direction_enu(77, 8)
     one = render_enu(craters, Lighting.of_sun(direction), nadir_view())
     other = render_enu(craters, direction, nadir_view())

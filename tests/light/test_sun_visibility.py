@@ -1,4 +1,6 @@
-"""The Sun over a place among its terrain, against a closed form on the sphere and the disc cut by a level horizon."""
+"""The Sun over a place within its terrain: comparison with a closed form on the sphere and with the
+disc cut by a level horizon.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def range_dem(tmp_path_factory):
 
 @pytest.mark.parametrize("above_m", [0.0, 2000.0])
 def test_a_far_range_cuts_the_disc(range_dem, above_m) -> None:
-    """Suns due east, from below the range to above it: the range is as high all across the disc to 0.001 deg."""
+    """Suns due east, from below the range to above it; the range's height is constant across the
+    disc to 0.001 deg.
+    """
     dems = DemSet.open([range_dem])
     place = (dems, EnuFrame(0.0, 0.0), NodeWindow(0, 1, 0, 1), 100.0)
     terrain = build_surrounded(*place, surroundings(*place, math.tan(math.radians(-2.0))))
@@ -65,7 +69,9 @@ def test_the_place_stands_on_the_ground(range_dem) -> None:
 
 
 def test_the_command_says_both_shares(range_dem, capsys) -> None:
-    """A lunar day over the plain: with the Sun high both are 1, at night 0, and behind the range only the plane's is not."""
+    """A lunar day on the plain: both shares are 1 under a high Sun and 0 at night; behind the range
+    only the share above the plane is above 0.
+    """
     flags = ["--lon", "0", "--lat", "0", "--range", "2024-01-18T04:00", "2024-01-19T16:00", "3h"]
     assert run(["sun", *flags, "--json", "--dem", str(range_dem), "--gsd", "400"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -1,5 +1,5 @@
-"""Albedo maps against closed forms, GDAL's own warper and plain sums: where a value lies, how it is averaged, what it is
-relative to, and what ground it covers.
+"""Albedo maps: comparison with closed forms, GDAL's warper and plain sums: positions of values,
+means, reference and coverage.
 """
 
 from __future__ import annotations
@@ -33,14 +33,16 @@ SPHERE = "+proj=longlat +R=1737400 +no_defs"
 
 
 def waves(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
-    """1 + 0.3 y + 0.1 z of the unit sphere: no seam, no pole, different east and west, north and south; its mean is 1."""
+    """1 + 0.3 y + 0.1 z of the unit sphere: no seam and no pole, different in east and west, north
+    and south; its mean is 1.
+    """
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     return 1.0 + 0.3 * np.sin(lon) * np.cos(lat) + 0.1 * np.sin(lat)
 
 
 @pytest.fixture(scope="module")
 def moon(tmp_path_factory: pytest.TempPathFactory) -> AlbedoMap:
-    """The whole Moon at 2 pixels a degree, -180..180."""
+    """The whole Moon at 2 pixels per degree, -180..180."""
     path = tmp_path_factory.mktemp("albedo") / "waves.tif"
     return AlbedoMap.open(cylinder(path, -180.0, 90.0, (360, 720), 2.0, waves))
 
