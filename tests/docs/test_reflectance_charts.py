@@ -1,4 +1,6 @@
-"""The pictures of the laws: their numbers against closed forms, their lines against the laws."""
+"""Charts of the reflectance models: their numbers compared with closed forms, their lines with the
+models.
+"""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_values_lie_where_they_are_meant(moon: AlbedoMap) -> None:
-    """A shift of half a pixel would be 1.3e-3 wrong, a mirrored map 0.6."""
+    """A shift by half a pixel would be an error of 1.3e-3, a mirrored map one of 0.6."""
     rng = np.random.default_rng(3)
     lon, lat = rng.uniform(-180.0, 360.0, 4000), np.degrees(np.arcsin(rng.uniform(-1, 1, 4000)))
     for gsd_m in (50.0, 2e4):
@@ -92,14 +92,16 @@ def test_a_place_has_its_value_whatever_else_is_asked(
 
 @pytest.mark.parametrize(("lon", "lat"), [(0.0, 0.0), (180.0, 60.0), (-77.0, -85.0)])
 def test_nodes_and_hits_of_a_terrain(moon: AlbedoMap, ball: Path, lon: float, lat: float) -> None:
-    """Judge: PROJ's orthographic plane on the raised sphere. East and west, north and south would show at once."""
+    """Compared with PROJ's orthographic plane on the raised sphere, which exposes an exchange of
+    directions.
+    """
     terrain = terrain_from_area(DemSet.open([ball]), Area(lon, lat, 120.0), 5000.0)
     x, y = _nodes(terrain)
     ortho = f"+proj=ortho +lat_0={lat} +lon_0={lon} +R={MOON_RADIUS_M + 300.0} +units=m"
     at = pyproj.Transformer.from_crs(ortho, f"+proj=longlat +R={MOON_RADIUS_M + 300.0}", always_xy=True)  # fmt: skip
     want = waves(*at.transform(x, y))
     np.testing.assert_allclose(moon.at_nodes(terrain), want, atol=1e-4)
-    assert np.ptp(want) > 5e-3  # a constant would prove nothing
+    assert np.ptp(want) > 5e-3  # not constant
     row0, row1, col0, col1 = terrain.core
     z = terrain.field.z_m[row0:row1, col0:col1]
     points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -121,7 +123,9 @@ def _nodes(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_between_pixels_it_is_what_gdal_makes(tmp_path: Path) -> None:
-    """A polar map of noise, warped by GDAL (cubic) to a cylinder of half its pixels; it places them within 1e-4 pixel."""
+    """A polar map of noise, warped by GDAL (cubic) to a cylinder with half its pixel size; GDAL's
+    positions are within 1e-4 pixel.
+    """
     rng = np.random.default_rng(5)
     values = rng.uniform(0.5, 1.5, (120, 120))
     path = geotiff(tmp_path / "south.tif", values, -60e3, 60e3, 1000.0, crs=SOUTH)
@@ -142,7 +146,9 @@ def test_between_pixels_it_is_what_gdal_makes(tmp_path: Path) -> None:
 
 
 def test_a_coarser_cell_is_the_mean_over_its_ground(tmp_path: Path) -> None:
-    """Noise in pixels of half a degree: at the middle of a block of 3 x 3 the factor is the block's mean by area."""
+    """Noise in pixels of half a degree: at the centre of a block of 3 x 3 the factor is the block's
+    mean by area.
+    """
     values = np.random.default_rng(7).uniform(0.2, 2.0, (360, 720))
     path = geotiff(tmp_path / "noise.tif", values, -180 * DEGREE_M, 90 * DEGREE_M, DEGREE_M / 2)
     found = AlbedoMap.open(path, reference=2.0)
@@ -156,7 +162,9 @@ def test_a_coarser_cell_is_the_mean_over_its_ground(tmp_path: Path) -> None:
 
 
 def test_small_factors_are_not_rounded_away_near_a_pole(tmp_path: Path) -> None:
-    """There pixels are averaged along their rows in whole steps, which must be fine against any factor."""
+    """Near a pole, pixels are averaged along their rows in integer steps, which must be fine
+    compared with any factor.
+    """
     path = geotiff(tmp_path / "one.tif", np.full((360, 720), 1.0), -180 * DEGREE_M, 90 * DEGREE_M, DEGREE_M / 2)  # fmt: skip
     found = AlbedoMap.open(path, reference=3.0)
     got = found.at(np.arange(0.0, 360.0, 11.0), 86.0, DEGREE_M)
@@ -165,7 +173,9 @@ def test_small_factors_are_not_rounded_away_near_a_pole(tmp_path: Path) -> None:
 
 class TestReference:
     def test_it_is_the_mean_over_the_ground(self, tmp_path: Path) -> None:
-        """sin^2 of the latitude has the mean 1/3 over the sphere, and 1/2 over the pixels of a cylinder."""
+        """sin^2 of the latitude has the mean 1/3 over the sphere, and 1/2 over the pixels of a
+        cylinder.
+        """
         path = cylinder(
             tmp_path / "m.tif", 0, 90, (360, 720), 2, lambda lon, lat: np.sin(np.radians(lat)) ** 2
         )
@@ -175,7 +185,9 @@ class TestReference:
         assert found.describe()["reference_is"] == "mean of the map"
 
     def test_on_a_polar_map_too(self, tmp_path: Path) -> None:
-        """Mean of the colatitude over a square of a stereographic map: a fine sum over the sphere decides."""
+        """Mean of the colatitude over a square of a stereographic map, compared with a fine sum
+        over the sphere.
+        """
         size, pixel = 60, 40e3
         edge = size * pixel / 2
         centre = (np.arange(size) + 0.5) * pixel - edge
@@ -190,13 +202,15 @@ class TestReference:
         want = (90.0 + lats[inside]).mean()
         assert AlbedoMap.open(path).reference == pytest.approx(want, rel=1e-3)
         flat = float(np.asarray(90.0 + lat).mean())
-        assert abs(flat / want - 1.0) > 0.02  # a mean without areas is found out
+        assert abs(flat / want - 1.0) > 0.02  # an unweighted mean fails
 
     @pytest.mark.parametrize("pixels", [1, 700, 10**9])
     def test_it_does_not_depend_on_the_strips(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pixels: int
     ) -> None:
-        """Tiles of 16 x 16 of a map that neither fills them nor a turn; a column that comes back after a turn counts once."""
+        """Blocks of 16 x 16 of a map that does not fill them and covers more than one turn; a
+        repeated column counts once.
+        """
         monkeypatch.setattr(raster, "_WINDOW_PIXELS", pixels)
         values = np.random.default_rng(1).uniform(0.0, 1.0, (37, 53))
         values[3, 4:9] = np.nan
@@ -231,7 +245,7 @@ def _tiled(path: Path, values: np.ndarray, pixel_deg: float, west: float, north:
 class TestCover:
     @pytest.fixture
     def half(self, tmp_path: Path) -> AlbedoMap:
-        """East of 30 E only: 1 at the equator's north, 3 at its south."""
+        """East of 30 E only: 1 north of the equator, 3 south of it."""
 
         def value(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
             return np.where(lat > 0, 1.0, 3.0)
@@ -268,7 +282,7 @@ class TestCover:
 
 
 def test_a_virtual_raster_names_what_it_reads(tmp_path: Path) -> None:
-    """A VRT of two tiles is one map; the tiles are its files as well."""
+    """A VRT of two tiles is one map, and its files include the tiles."""
     for name, west in (("a", 0.0), ("b", 4.0)):
         cylinder(tmp_path / f"{name}.tif", west, 10.0, (8, 8), 2.0, waves)
     source = "".join(
@@ -299,7 +313,7 @@ def test_a_map_in_degrees(tmp_path: Path) -> None:
 
 
 def test_maria_are_dark_and_highlands_bright(shared_data: Path) -> None:
-    """A real map of unchecked licence, for development only. Boxes well inside each."""
+    """A real map of unverified licence, for development only. Boxes well inside each region."""
     path = shared_data / "albedo" / "relative_albedo_11ppd.tif"
     if not path.is_file():
         pytest.skip(f"{path.name} is not among the shared data")

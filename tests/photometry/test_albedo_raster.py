@@ -1,4 +1,4 @@
-"""What an albedo map's file says: missing pixels, scale and codes, and what is refused."""
+"""Pixels of albedo maps: missing values, scales, encodings, and files that are refused."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class TestMissing:
         assert AlbedoMap.open(path, reference=0.1).at([0.5, 1.5], 0.5, 1.0) == pytest.approx([2, 4])
 
     def test_no_ground_gives_back_less_than_nothing(self, tmp_path: Path) -> None:
-        """Cubic convolution dips below 0 beside bright ground."""
+        """Cubic convolution dips below 0 beside bright terrain."""
         values = np.zeros((20, 20))
         values[:, 10] = 1.0
         path = geotiff(tmp_path / "m.tif", values, 0, 20 * DEGREE_M, DEGREE_M)
@@ -62,7 +62,7 @@ class TestMissing:
         assert AlbedoMap.open(path).at(lon, 10.0, 100.0).min() == 0.0
 
     def test_two_readings_of_one_file_are_not_mixed_up(self, tmp_path: Path) -> None:
-        """Means of blocks are kept by file: how it is read, and over what, must count."""
+        """Block means are cached by file, encoding and reference."""
         codes = np.full((360, 720), 128, np.uint8)
         path = geotiff(tmp_path / "m.tif", codes, -180 * DEGREE_M, 90 * DEGREE_M, DEGREE_M / 2)
         asked = (("linear", 128.0), ("srgb", 128.0), ("linear", 64.0), ("srgb", 0.2158605))
@@ -93,7 +93,9 @@ class TestEncoding:
 
     @pytest.mark.parametrize(("kind", "full"), [("uint8", 255), ("uint16", 65535), ("float32", 1)])
     def test_light_is_averaged_not_codes(self, tmp_path: Path, kind: str, full: int) -> None:
-        """A chequerboard of black and white is half as bright as white, whatever its code's mean."""
+        """A chequerboard of black and white is half as bright as white, whatever the mean of its
+        codes.
+        """
         board = np.add.outer(np.arange(360), np.arange(720)) % 2 * full
         path = geotiff(tmp_path / "m.tif", board.astype(kind), -180 * DEGREE_M, 90 * DEGREE_M, DEGREE_M / 2)  # fmt: skip
         found = AlbedoMap.open(path, "srgb", reference=1.0)

@@ -1,4 +1,4 @@
-"""MODEL.toml: read back exactly; what is wrong in one is named."""
+"""MODEL.toml: exact round trip, and messages for invalid files."""
 
 import math
 

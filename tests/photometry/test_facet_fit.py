@@ -1,4 +1,4 @@
-"""The fit of the facet model: what it recovers of surfaces that are known, and its criterion by other means."""
+"""The fit of the facet model: recovery of known surfaces, and independent checks of its criterion."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ EMISSIONS = np.arange(-80.0, 81.0, 4.0)
 
 
 def measured(model, noise=0.0, seed=0, azimuths=(0.0,), quantity="intensity"):
-    """What a goniometer would say of a model, the source's own place left out."""
+    """Goniometer measurements of a model; the direction to the source is left out."""
     rng, samples = np.random.default_rng(seed), []
     for node in model.nodes:
         emission, azimuth = (grid.ravel() for grid in np.meshgrid(EMISSIONS, azimuths))
@@ -63,7 +63,7 @@ def test_recovered_without_noise():
     fit = fit_reflectance(measured(SURFACE), "m", normalize=False, weight=0.0)
     assert table(fit.alone) == pytest.approx(table(SURFACE.nodes), rel=2e-3, abs=2e-3)
     assert max(fit.errors_alone) < 1e-5
-    assert fit.model.nodes == fit.alone  # C = 0: nothing is smoothed
+    assert fit.model.nodes == fit.alone  # C = 0: no smoothing
     assert fit.sweeps == 0
 
 
@@ -80,13 +80,13 @@ def test_recovered_from_noise(noise, limits):
         fit = fit_reflectance(measured(SURFACE, noise, seed), "m", normalize=False, weight=0.0)
         missed = np.abs(table(fit.alone) - table(SURFACE.nodes)).max(axis=0)
         assert (missed < limits).all(), dict(zip(PARAMETERS, missed, strict=True))
-        # six parameters take their share of the noise with them
+        # six parameters fit part of the noise
         assert max(fit.errors_alone) < 1.3 * noise
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_no_worse_than_the_truth(seed):
-    """The least error cannot be larger than that of the parameters the measurements were made with."""
+    """The minimum error is not larger than that of the true parameters."""
     model = named_model("labunets-2019-table-3")
     data = measured(model, 0.01, seed)
     task = _Task(data.samples, constants(model.optics, model.shadowing))
@@ -95,7 +95,7 @@ def test_no_worse_than_the_truth(seed):
 
 
 def test_relative_to_the_specular_direction():
-    """Other units at every incidence change nothing; the weights come out as shares of the specular intensity."""
+    """Units at every incidence have no effect; the weights are relative to the specular intensity."""
     plain = measured(SURFACE)
     odd = Measurements(
         tuple(
@@ -120,7 +120,7 @@ def test_out_of_the_plane():
 
 
 def test_absolute_measurements_keep_their_level():
-    """I/F of a known model in, the same I/F out, without a word about the albedo."""
+    """I/F of a known model gives a model of the same I/F, without an albedo."""
     known = FacetModel("known", SURFACE.nodes, albedo=0.37, largest_emission_deg=80)
     samples = []
     for node in known.nodes:
@@ -174,7 +174,7 @@ def test_curve_length_is_eq_6():
 
 
 def test_smooth_curves_gain_by_the_papers_criterion():
-    """D1 + C D2 falls below 0: shorter curves for larger errors, the more so the larger C."""
+    """D1 + C D2 falls below 0: shorter curves for larger errors, more so for larger C."""
     data = measured(SURFACE, 0.02, 5)
     task = task_of(data)
     alone = table(fit_reflectance(data, "m", normalize=False, weight=0.0).alone)
@@ -196,7 +196,7 @@ def test_smooth_curves_gain_by_the_papers_criterion():
 
 
 def test_no_parameter_alone_could_gain_more():
-    """Along each node of each curve the criterion has come to rest: a probe by steps finds nothing better."""
+    """The criterion is at a minimum along each node of each curve: small steps do not reduce it."""
     data = measured(SURFACE, 0.02, 6)
     task, weight = task_of(data), 2.0
     alone = table(fit_reflectance(data, "m", normalize=False, weight=0.0).alone)
@@ -220,7 +220,7 @@ def test_the_same_measurements_give_the_same_model():
 
 
 def test_a_plain_lambert_surface():
-    """No directional lobe to be found: the model must be Lambert's all the same."""
+    """Without a directional lobe, the model must still be Lambert's."""
     flat = FacetModel("flat", tuple(Node(a, 0, 0, 1, 1, 0, 1) for a in (20.0, 50.0)))
     fit = fit_reflectance(measured(flat), "m", normalize=False)
     found = fit.model.brightness(35, np.arange(-70, 71, 10))
@@ -246,7 +246,7 @@ incidence_deg,emission_deg,intensity
 
 
 def as_csv(measurements):
-    """The text of sample_data/goniometer_synthetic.csv."""
+    """Text of sample_data/goniometer_synthetic.csv."""
     return REMARKS + "".join(
         f"{s.incidence_deg:g},{e:g},{value:.5f}\n"
         for s in measurements.samples

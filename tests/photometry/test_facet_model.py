@@ -1,4 +1,4 @@
-"""The facet model against the paper's formulas in 40 digits, its special cases, and its energy anywhere."""
+"""The facet model: comparison with the paper's formulas in 40 digits, special cases, and energy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LAMBERTS = [FacetModel("lambert", (LAMBERT,), albedo=albedo) for albedo in (0.01
 
 
 def factor(model, i_deg, e_deg, phi_deg):
-    """I/F of a model, directions as the paper counts them: phi = 0 is the source's side."""
+    """I/F of a model; directions as in the paper: phi = 0 is the side of the source."""
     i, e, phi = np.radians(np.broadcast_arrays(i_deg, e_deg, phi_deg))
     cosine = np.cos(i) * np.cos(e) + np.sin(i) * np.sin(e) * np.cos(phi)
     law = model.law
@@ -55,7 +55,7 @@ def factor(model, i_deg, e_deg, phi_deg):
     [(1.5, 0, 0, 0), (2.4, 3.1, 0, 0), (0.6, 0, 0.5, 20), (1.3, 0.2, 1, 75)],
 )
 def test_the_papers_formulas(n, k, degree, xi, shadow):
-    """Eq. (1) to (3) with sections 1 to 4, literally, against the kernel's rearranged ones."""
+    """Eq. (1) to (3) with sections 1 to 4, as printed, compared with the kernel's rearranged ones."""
     rng = np.random.default_rng(5)
     head = constants(Optics(n, k, degree, xi), Shadowing(*shadow))
     for _ in range(40):
@@ -68,7 +68,9 @@ def test_the_papers_formulas(n, k, degree, xi, shadow):
 
 
 def test_in_the_plane_of_incidence():
-    """alpha_B = (psi_B + theta) / 2, alpha_D = theta + dtheta, theta = -psi_B mirrors: the paper's own reductions."""
+    """alpha_B = (psi_B + theta) / 2, alpha_D = theta + dtheta, mirror direction theta = -psi_B: the
+    paper's reductions.
+    """
     psi, theta = math.radians(50), math.radians(-35)
     cos_a, cos_g = twin.half_vector(psi, theta, 0)
     assert float(cos_a) == pytest.approx(math.cos((psi + theta) / 2))
@@ -82,7 +84,7 @@ def test_in_the_plane_of_incidence():
     ("n", "k"), [(1.5, 0.0), (1.33, 0.01), (0.2, 3.4), (2.9, 3.0), (0.7, 0.0), (50.0, 50.0)]
 )
 def test_fresnel(n, k):
-    """Closed forms at 0 and 90 deg, and the complex amplitudes everywhere between."""
+    """Closed forms at 0 and 90 deg, and complex amplitudes in between."""
     normal = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
     for polarisation in (-1.0, 0.0, 1.0):
         assert kernel.reflectivity(n, k, 1.0, polarisation) == pytest.approx(normal, rel=1e-14)
@@ -108,7 +110,9 @@ def test_brewster_and_total_reflection():
 
 
 def test_polarised_light_is_the_mean_of_both_sides_where_they_look_alike():
-    """Incidence, emission and phase do not tell the sides of the plane of incidence apart; the angles do."""
+    """Incidence, emission and phase do not distinguish the sides of the plane of incidence; the
+    angles do.
+    """
     optics = Optics(1.5, 0.0, 1.0, 30.0)
     node = Node(40, 1, 0, 0.5, 0, 0, 1)
     model = FacetModel("p", (node,), optics)
@@ -121,7 +125,9 @@ def test_polarised_light_is_the_mean_of_both_sides_where_they_look_alike():
 
 @pytest.mark.parametrize("shadow", [OURS, OTHERS])
 def test_the_limit_at_grazing_angles(shadow):
-    """P / (cos psi cos theta) stays finite: at 90 deg the kernel gives what 60 digits approach."""
+    """P / (cos psi cos theta) stays finite: at 90 deg the kernel gives the limit computed in 60
+    digits.
+    """
     head = constants(Optics(), Shadowing(*shadow))
 
     def over_cosines(psi, theta, phi):
@@ -171,7 +177,7 @@ def test_seen_from_behind_counts_as_edge_on():
 @settings(max_examples=100, deadline=None)
 @given(*[st.floats(0, 1)] * 2, st.floats(-1, 1), st.sampled_from(LAMBERTS))
 def test_lambert_is_a_special_case(mu0, mu, cos_g, model):
-    """sigma_D = 1, dtheta = 0, no directional lobe: A cos i, wherever the camera stands."""
+    """sigma_D = 1, dtheta = 0, no directional lobe: A cos i for any camera direction."""
     found = kernel.facet_factor(model.law, mu0, mu, cos_g)
     assert found == pytest.approx(model.albedo * mu0, rel=1e-13)
 
@@ -191,7 +197,7 @@ def test_shifts_move_the_lobes_where_the_paper_says():
 
 
 def test_the_azimuth_does_not_matter_at_normal_incidence():
-    """A surface that is the same all around: the model's own 40 % there are averaged, and nothing jumps."""
+    """An isotropic surface: the model's variation of 40 % with azimuth is averaged, without a step."""
     model = named_model("labunets-2019-table-3")
     around = np.linspace(0, 180, 37)
     raw = model.brightness(0.0, 40.0, around)
@@ -221,7 +227,9 @@ def test_held_beyond_what_was_measured():
 
 
 def test_measured_levels_are_kept():
-    """Brightness 1 of the model is the level of its node; between nodes a curve; never more than all the light."""
+    """Brightness 1 of the model is the level of its node; between nodes a curve; the reflectance is
+    at most 1.
+    """
     nodes = (Node(0, *LAMBERT[1:]), Node(40, *LAMBERT[1:]), Node(80, *LAMBERT[1:]))
     model = FacetModel("m", nodes, levels=(0.3, 0.2, 0.5))
     angles = np.array([0.0, 40, 80, 89])
@@ -281,7 +289,7 @@ def test_finite_and_not_negative_anywhere(many, held, data):
 
 
 def test_nothing_shadowed_at_grazing_light():
-    """psi_B = 90 deg and sigma_P = 0: eq. (1) has no limit; the number stays one."""
+    """psi_B = 90 deg and sigma_P = 0: eq. (1) has no limit, but the value is finite."""
     model = FacetModel("m", (GLOSSY,), shadowing=Shadowing(sigma_p=0.0))
     assert np.isfinite(factor(model, np.array([84.0, 86, 89, 90]), 30.0, 180.0)).all()
 
@@ -303,7 +311,9 @@ def test_the_bare_intensity_is_finite_too(theta, theta_d, phi, shift, psi):
 
 @pytest.mark.parametrize("name", NAMED)
 def test_energy(name):
-    """What goes into the hemisphere is the albedo, at every incidence: by a plain sum over directions."""
+    """The light reflected into the hemisphere is the albedo at every incidence, by a plain sum over
+    directions.
+    """
     model = named_model(name)
     theta = np.radians(np.arange(0.5, 90, 1.0))
     phi = np.radians(np.arange(1.5, 180, 3.0))

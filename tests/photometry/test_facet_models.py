@@ -1,4 +1,6 @@
-"""The facet model's parameters: curves over the incidence, the paper's tables and its own figure 3, names and limits."""
+"""Parameters of the facet model: curves over the incidence, the paper's tables and figure 3, names
+and limits.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ GLOSSY = Node(50, 0.4, 6, 0.15, 0.9, -4, 0.85)
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.floats(0.01, 1), min_size=2, max_size=9), st.data())
 def test_curves_are_shape_preserving_cubics(gaps, data):
-    """scipy's PCHIP, the same rule for slopes, is the judge."""
+    """Compared with scipy's PCHIP, which has the same rule for slopes."""
     x = np.cumsum(gaps)
     y = np.array(data.draw(st.lists(st.integers(-400, 400), min_size=len(x), max_size=len(x)))) / 8
     slopes = kernel.pchip_slopes(x, y)
@@ -79,7 +81,7 @@ def columns(table):
 
 
 def length(values):
-    """Eq. (6) by scipy's interpolant; held below cos 70 deg."""
+    """Eq. (6) by scipy's interpolant; constant below cos 70 deg."""
     cosines = np.cos(np.radians(np.array(TABLE_3)[::-1, 0]))
     steps = np.clip(np.arange(101) / 100, cosines[0], cosines[-1])
     rises = np.diff(PchipInterpolator(cosines, values[::-1])(steps))
@@ -98,7 +100,9 @@ def test_d1_of_the_paper():
 
 
 def test_d2_of_the_paper():
-    """The five columns that are known give -0.2906 of D2 = -0.285, so the lost one, w_B, can only have grown by 0.5 %."""
+    """The five known columns give -0.2906 of D2 = -0.285, so the lost one, w_B, can only have grown
+    by 0.5 %.
+    """
     changes = [
         length(new) / length(old) - 1
         for new, old in zip(columns(TABLE_3), columns(TABLE_2), strict=True)
@@ -154,7 +158,9 @@ def test_figures_4_to_6():
 
 
 def test_the_shadowing_constants_are_the_best():
-    """Counted on a Gaussian profile that the constants have not seen; the recipe of docs/explanation/facet-model.md, smaller."""
+    """Shadows counted on a Gaussian profile other than the one of the fit; the recipe of the facet
+    model's explanation page, smaller.
+    """
     from scipy.optimize import least_squares
 
     shadow = Shadowing()

@@ -1,4 +1,4 @@
-"""Goniometer measurements from CSV: what is understood, and what is refused with which words."""
+"""Goniometer measurements from CSV: accepted formats, and messages for invalid files."""
 
 import hashlib
 
@@ -18,7 +18,7 @@ def written(tmp_path, text, name="g.csv"):
 
 
 def table(value, header="incidence_deg,emission_deg,intensity", incidences=(30,), separator=","):
-    """One value a direction, by a function of incidence and emission (degrees)."""
+    """One value for each direction, by a function of incidence and emission (degrees)."""
     rows = [separator.join([str(i), str(e), str(value(i, e))]) for i in incidences for e in ANGLES]
     return "\n".join([header.replace(",", separator), *rows]) + "\n"
 
@@ -28,7 +28,7 @@ def cosine(e):
 
 
 def test_three_quantities_say_the_same(tmp_path):
-    """Lambert's surface of albedo 0.4: intensity, brightness and I/F of it."""
+    """Lambert's surface of albedo 0.4 as intensity, brightness and I/F."""
     texts = [
         table(lambda i, e: 0.4 * cosine(e), incidences=(0, 30)),
         table(lambda i, e: 0.4, "incidence_deg,emission_deg,brightness", (0, 30)),
@@ -61,7 +61,7 @@ def test_separators_remarks_and_order(tmp_path):
 
 
 def test_the_specular_direction():
-    """Between neighbours, on either description of the plane, and none where nothing is near."""
+    """Between neighbours, in either description of the plane; None without near neighbours."""
     emission = np.array([-80.0, -40, -20, 0, 20, 40, 60])
     values = np.array([8.0, 4, 2, 1, 1, 1, 1])
     sample = Sample(30, emission, np.zeros(7), values)

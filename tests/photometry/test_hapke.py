@@ -1,4 +1,6 @@
-"""Hapke's law against the textbook in sixty digits, an implementation of others, and its limits."""
+"""Hapke's model: comparison with the textbook in 60 digits, with another implementation, and with
+its limits.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,9 @@ def test_an_implementation_of_others(column):
 def bracket(
     parameters: HapkeSet, mu0: float, mu: float, cos_g: float, off: float
 ) -> tuple[float, float]:
-    """What the law gives in sixty digits of these cosines, and of a phase whose cosine is ``off`` to either side."""
+    """Values of the model in 60 digits for these cosines, and for a phase whose cosine is ``off``
+    to either side.
+    """
     with mpmath.workdps(twin.DIGITS):
         near = {mpmath.mpf(cos_g) + k * mpmath.mpf(off) for k in (-1, 0, 1)}
         values = [float(twin.hapke(parameters, mu0, mu, min(1, max(-1, c)))) for c in near]
@@ -82,8 +86,8 @@ def cosine_of_phase(mu0, mu, azimuth):
 
 
 def agrees(parameters, mu0, mu, azimuth):
-    """To 1e-11; near the principal plane, and near grazing or straight views, three cosines say the azimuth no better than a phase
-    whose cosine is 4e-16 off.
+    """Agreement to 1e-11. Near the principal plane, and near grazing or vertical views, three
+    cosines determine the azimuth only to an error of 4e-16 in the cosine of the phase.
     """
     cos_g = cosine_of_phase(mu0, mu, azimuth)
     ours = factor(parameters, mu0, mu, cos_g)
@@ -111,7 +115,9 @@ TINY = (1e-12, 1e-9, 1e-6, 1e-3, 0.02)
 @pytest.mark.parametrize("parameters", [SETS["wac-643"], FULL, SMOOTH, ROUGH], ids=lambda p: p.name)
 @pytest.mark.parametrize("azimuth", [0.0, 1e-6, 1.0, math.pi - 1e-6, math.pi])
 def test_corners_have_their_limits(parameters, azimuth):
-    """Both directions near straight up, near grazing, and one of each; opposition, and its opposite."""
+    """Both directions near the vertical, near grazing, and one of each; opposition, and its
+    opposite.
+    """
     ends = (*TINY, *(1.0 - t for t in TINY[1:]), 1.0)
     for mu0 in ends:
         for mu in ends:
@@ -120,7 +126,7 @@ def test_corners_have_their_limits(parameters, azimuth):
 
 @EACH
 def test_no_light_none_back_and_grazing_light_goes_to_nothing(parameters):
-    """mu0 -> 0 with any emission: linearly to 0; seen edge-on it stays finite."""
+    """mu0 -> 0 at any emission: linearly to 0; finite at grazing emission."""
     for mu in (0.0, 1e-12, 0.3, 1.0):
         for cos_g in (-1.0, -0.3, 0.0, math.sqrt(1 - mu**2)):
             assert factor(parameters, 5e-324, mu, cos_g) < 1e-10
@@ -142,7 +148,9 @@ def test_reciprocity_to_the_last_bit(parameters):
 
 
 def test_no_roughness_is_the_limit_of_little():
-    """First order in tan(theta): a hundredth of the slope, a hundredth of what is left, down to no roughness at all."""
+    """First order in tan(theta): a hundredth of the slope leaves a hundredth of the difference,
+    down to no roughness.
+    """
     angles = np.array([(30, 20, 40), (60, 10, 170), (10, 60, 90), (70, 70, 5)]).T
     bare = of_angles(SMOOTH, *angles)
     left = []
@@ -206,7 +214,7 @@ def test_the_surges_are_full_at_opposition_and_gone_opposite():
         assert (np.diff(curve) <= 1e-15).all()
 
 
-# Chandrasekhar, Radiative Transfer, table XI, as quoted by others who test theirs: H(1) = 2.9078 at w = 1
+# Chandrasekhar, Radiative Transfer, table XI, as quoted in other tests: H(1) = 2.9078 at w = 1
 def test_the_h_function_of_all_light():
     assert h_function(1.0, 1.0, 1.0) == pytest.approx(2.9078, rel=0.01)
 
@@ -225,7 +233,7 @@ def test_the_h_function_is_chandrasekhars_within_a_percent(w):
 
 
 def test_porosity():
-    """K is 1 of loose ground, grows, and has its pole at 0.752."""
+    """K is 1 for loose soil, increases with filling, and has its pole at 0.752."""
     loose, packed = HapkeSet("l", 0.3, 0, 0, 0, 0), HapkeSet("p", 0.3, 0, 0, 0, 0, filling=0.41)
     assert loose.porosity == 1.0
     assert HapkeSet("s", 0.3, 0, 0, 0, 0, filling=1e-9).porosity == pytest.approx(1.0, abs=1e-6)
@@ -239,7 +247,9 @@ def test_porosity():
 
 
 def test_the_sets_are_the_published_ones():
-    """What Sato et al. (2014) and their product say, as quoted; see the sources in `hapke_sets`."""
+    """Values of Sato et al. (2014) and their product, as quoted in the sources named in
+    `hapke_parameters`.
+    """
     typical = hapke_set(DEFAULT_SET)
     assert (typical.c, typical.b_s0) == pytest.approx((0.3253, 1.686), rel=2e-3)
     assert backward_share(0.26) == pytest.approx(0.107, abs=1e-3)
@@ -255,15 +265,16 @@ def test_the_sets_are_the_published_ones():
 
 
 def test_the_typical_moon_is_as_bright_as_those_who_read_the_maps_say():
-    """I/F 0.05 at incidence and phase 60, emission 0, of median parameters at 643 nm: a check of a browser's globe that reads
-    the product itself.
+    """I/F 0.05 at incidence and phase 60 deg, emission 0, for median parameters at 643 nm: the
+    value of an independent program that reads the product itself.
     """
     assert of_angles(SETS["wac-643"], 60.0, 0.0, 0.0) == pytest.approx(0.05, rel=0.1)
 
 
 def test_the_mare_is_as_bright_as_the_narrow_angle_camera_saw_the_moon():
-    """LROC NAC, 760 000 tiles, 600 nm: exp(-2.9811422 - 0.0112862 g - 0.8084603 mu + 1.3248888 mu0), g in degrees (abstract 2826
-    of LPSC 2014, coefficients of ISIS's lronacpho); another camera, another law, another fit.
+    """LROC NAC, 760 000 tiles, 600 nm: exp(-2.9811422 - 0.0112862 g - 0.8084603 mu + 1.3248888
+    mu0), g in degrees (abstract 2826 of LPSC 2014, coefficients of ISIS's lronacpho): another
+    camera, another model, another fit.
     """
     for incidence in (30.0, 40.0, 50.0, 60.0, 70.0):
         mu0 = math.cos(math.radians(incidence))

@@ -1,4 +1,6 @@
-"""What one law costs against another, by an independent twin with random facets, and which law a scene gets."""
+"""The error of one reflectance model relative to another, compared with an independent Monte Carlo
+computation; and the choice of a scene's model.
+"""
 
 import hashlib
 from pathlib import Path
@@ -24,14 +26,14 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def image(*pairs):
-    """One image of pairs of Sun and camera, as `cost` wants it."""
+    """One image of pairs of Sun and camera, in the shape for `cost`."""
     suns, cameras = zip(*pairs, strict=True)
     return np.array(suns)[None], np.array(cameras)[None]
 
 
 def monte_carlo(pairs, slope_rms, count=400_000, seed=1):
-    """sqrt(1 - r^2) of the contrast of Lommel-Seeliger against Lambert by random facets, formulas
-    written anew.
+    """sqrt(1 - r^2) of the contrast of Lommel-Seeliger relative to Lambert by random facets, with
+    independent formulas.
     """
     rng = np.random.default_rng(seed)
     ours, theirs, weights = [], [], []
@@ -57,12 +59,12 @@ def test_the_cost_is_that_of_random_relief(slope_deg, elevation, off_nadir):
     slope = np.tan(np.radians(slope_deg))
     pair = (direction_enu(90.0, elevation), direction_enu(200.0, 90.0 - off_nadir))
     found = cost(LS, LAMBERT, *image(pair), slope).left_over
-    # the facets that turn away are cut sharply, which a quadrature sees in steps
+    # facets that face away have a sharp limit, which a quadrature resolves in steps
     assert found == pytest.approx(monte_carlo([pair], slope), abs=0.006)
 
 
 def test_steep_relief_seen_at_a_slant():
-    """Facets count by their area as seen, and those that turn away not at all."""
+    """Facets count by projected area; those that face away do not count."""
     slope = np.tan(np.radians(25.0))
     pair = (direction_enu(90.0, 50.0), direction_enu(250.0, 30.0))
     found = cost(LS, LAMBERT, *image(pair), slope).left_over
@@ -111,13 +113,13 @@ def test_the_worst_image_is_named():
 
 
 def wide(span_deg):
-    """One image that a wide camera takes: phases from 30 deg to as many more."""
+    """One image of a wide camera: phases from 30 deg over a given range."""
     sun = direction_enu(90.0, 40.0)
     return image(*((sun, direction_enu(90.0, 70.0 + off)) for off in np.linspace(0.0, span_deg, 9)))
 
 
 def test_one_phase_wants_no_phase_function_and_many_do():
-    """What Lommel-Seeliger lacks is a phase function: in one phase a gain stands for it."""
+    """Lommel-Seeliger lacks a phase function; at one phase a gain replaces it."""
     narrow, broad = choose(TIERS["standard"], *wide(0.5)), choose(TIERS["standard"], *wide(60.0))
     assert (narrow.model.name, broad.model.name) == ("lommel-seeliger", "lunar-lambert")
     assert broad.cost.left_over > 3.0 * narrow.cost.left_over
@@ -146,7 +148,7 @@ def test_the_limit_decides(tier):
 
 
 def test_reference_is_hapke():
-    """The paper: Lommel-Seeliger on board, Hapke for reference."""
+    """As in the paper: Lommel-Seeliger on board, Hapke for reference."""
     for elevation in (1.0, 10.0, 45.0, 89.0):
         assert (
             choose(TIERS["reference"], *image((direction_enu(0.0, elevation), UP))).model.name
@@ -162,7 +164,7 @@ def test_names():
 
 
 def test_a_law_from_a_file_is_named_by_its_content(tmp_path):
-    """A catalogue must say which measured surface it was made with, wherever the file lay."""
+    """A catalogue states the measured surface it was made with, independent of the file's folder."""
     file = tmp_path / "regolith.toml"
     table = Path(__file__).parents[2] / "sample_data" / "goniometer_synthetic.csv"
     assert run(["fit-reflectance", str(table), "-o", str(file)]) == 0
@@ -188,7 +190,7 @@ def test_a_build_gets_the_law_of_its_worst_image():
 
 
 def test_a_build_looks_at_every_sun_and_view():
-    """The worst of all is what is found image by image."""
+    """The worst case over all images is that of the single images."""
     views = ViewConfig(off_nadir_deg=(0.0, 40.0), azimuth_deg=(0.0, 90.0), altitude_km=(1e3, 1e3))
     build = BuildConfig(sun=SunConfig(elevations_deg=(5.0, 60.0)), view=views)
     conditions = Conditions.at(26.0, build)

@@ -1,4 +1,6 @@
-"""The laws of reflection against the textbook's formulae, closed forms of spheres, and what was measured of the Moon."""
+"""Reflectance models: comparison with textbook formulas, closed forms of spheres, and measurements
+of the Moon.
+"""
 
 from __future__ import annotations
 
@@ -49,8 +51,8 @@ def test_level_ground_straight_down(elevation):
 
 
 def test_phase_is_an_angle_not_a_sum():
-    """Sun and camera on the same side: the phase is the difference of incidence and emission, on
-    other sides their sum.
+    """With Sun and camera on one side, the phase is the difference of incidence and emission; on
+    opposite sides, their sum.
     """
     sun = direction_enu(90.0, 30.0)
     same = shade(UP, sun, direction_enu(90.0, 50.0))
@@ -83,7 +85,7 @@ def test_twin_in_plain_numpy():
 
 @EACH
 def test_points_and_angles_are_one_law(spec):
-    """The law by vectors is the law by angles: the phase is the true one."""
+    """The model by vectors equals the model by angles."""
     rng = np.random.default_rng(6)
     sun, camera = direction_enu(30.0, 40.0), direction_enu(170.0, 60.0)
     normals = rng.normal((0, 0, 2), 1, size=(200, 3))
@@ -113,7 +115,7 @@ def test_nodata_and_the_unseen_are_nan():
     assert hidden.incidence == 0.0
 
 
-# -- what every law owes
+# -- properties of every model
 
 
 @EACH
@@ -132,9 +134,7 @@ def test_finite_positive_and_reciprocal(spec, incidence, emission, azimuth):
     assert math.isfinite(there)
     assert there >= 0.0
     if min(mu0, mu) > 1e-9:
-        assert there > 0.0 or spec.startswith(
-            "lunar"
-        )  # nothing of McEwen's mixture is left at g = 180 deg
+        assert there > 0.0 or spec.startswith("lunar")  # McEwen's mixture vanishes at g = 180 deg
         assert there / mu0 == pytest.approx(back / mu, rel=1e-7)
 
 
@@ -146,8 +146,8 @@ def test_reflected_light_is_less_than_incident_light(spec):
 
 
 def test_hemispherical_albedos_in_closed_form():
-    """Lambert: A. Lommel-Seeliger: w/2 (1 - mu0 ln(1 + 1/mu0)). Minnaert: 2A/(k+1) mu0^(k-1). Hapke 2012, eq. 11.9, of isotropic
-    scatterers: 1 - sqrt(1 - w) H(mu0), within the error of his H.
+    """Lambert: A. Lommel-Seeliger: w/2 (1 - mu0 ln(1 + 1/mu0)). Minnaert: 2A/(k+1) mu0^(k-1). Hapke
+    2012, eq. 11.9, for isotropic scatterers: 1 - sqrt(1 - w) H(mu0), within the error of his H.
     """
 
     def albedo(spec):
@@ -164,7 +164,7 @@ def test_hemispherical_albedos_in_closed_form():
 
 @EACH
 def test_brightness_falls_as_the_sun_goes_down_and_with_the_phase(spec):
-    """Level ground from straight above: incidence and phase rise together."""
+    """Level terrain from vertically above: incidence and phase increase together."""
     incidence = np.linspace(0.0, 90.0, 181)
     assert (np.diff(of_angles(spec, incidence, 0.0, 0.0)) < 0).all()
 
@@ -173,7 +173,9 @@ def test_brightness_falls_as_the_sun_goes_down_and_with_the_phase(spec):
 
 
 def test_lunar_lambert_lies_between_its_two():
-    """McEwen 1996: L = 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, g in degrees, as ISIS's LunarLambertMcEwen has it."""
+    """McEwen 1996: L = 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, g in degrees, as in ISIS's
+    LunarLambertMcEwen.
+    """
     degrees = np.array([0.0, 10.0, 30.0, 60.0, 90.0, 103.0])
     cubic = np.polyval([-1.46e-6, 0.242e-3, -0.019, 1.0], degrees)
     assert [mixture(math.cos(g)) for g in np.radians(degrees)] == pytest.approx(cubic, rel=1e-9)
@@ -190,7 +192,9 @@ def test_lunar_lambert_lies_between_its_two():
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_lunar_lambert_has_the_published_phase_function(name):
-    """Yokota et al. 2011, in the form of the code that goes with Kouyama et al. 2016; r30 is the reflectance at 30, 0, 30 deg."""
+    """Yokota et al. 2011, in the form of the code of Kouyama et al. 2016; r30 is the reflectance at
+    30, 0, 30 deg.
+    """
     s = SURFACES[name]
 
     def lobe(b, g):
@@ -217,7 +221,7 @@ def test_lunar_lambert_has_the_published_phase_function(name):
 
 
 def test_minnaert():
-    """k = 1 is Lambert; k = 1/2 leaves the full disc even; between, A mu0^k mu^(k-1)."""
+    """k = 1 is Lambert; for k = 1/2 the full disc is uniform; in between, A mu0^k mu^(k-1)."""
     angles = np.array([(10, 50, 30), (70, 20, 100), (0, 85, 0)]).T
     assert of_angles("minnaert:1", *angles) == pytest.approx(
         of_angles("lambert", *angles), rel=1e-12
@@ -228,7 +232,9 @@ def test_minnaert():
     assert of_angles("minnaert:0.7", 40, 65, 20) == pytest.approx(
         0.12 * mu0**0.7 * mu**-0.3, rel=1e-12
     )
-    edge = of_angles("minnaert:0", [30.0, 30.0], [88.5, 90.0], 40.0)  # held within 2 deg of grazing
+    edge = of_angles(
+        "minnaert:0", [30.0, 30.0], [88.5, 90.0], 40.0
+    )  # constant within 2 deg of grazing
     assert edge[0] == edge[1]
 
 
@@ -281,7 +287,9 @@ def test_spheres_in_closed_form(phase):
 
 
 def rolo(phase_deg):
-    """Disc reflectance of the Moon at 665.1 nm, Kieffer and Stone 2005, eq. 10, Sun over longitude 0, no libration."""
+    """Disc reflectance of the Moon at 665.1 nm, Kieffer and Stone 2005, eq. 10, Sun over longitude
+    0, no libration.
+    """
     a, d, p = DISCS["rolo"].a, DISCS["rolo"].d, DISCS["rolo"].p
     g = math.radians(phase_deg)
     log = sum(coefficient * g**k for k, coefficient in enumerate(a))
@@ -305,14 +313,15 @@ ALLEN = {
 
 
 def fainter(law, phase, than=10.0):
-    """Magnitudes of a sphere at a phase below that at another."""
+    """Magnitude difference of a sphere between two phases."""
     return -2.5 * math.log10(disc_albedo(law, phase) / disc_albedo(law, than))
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_a_sphere_of_hapkes_law_has_the_phases_of_the_moon(name):
-    """The sets were fitted to ground seen within 30 deg of the vertical; the disc was measured from the Earth. Within 0.1 mag of
-    ROLO's 665 nm from 2 to 97 deg where the set is of 643 nm, within 0.2 of Allen's table (about 550 nm) to 120.
+    """The sets were fitted to emissions within 30 deg; the disc was measured from the Earth. Within
+    0.1 mag of ROLO's 665 nm from 2 to 97 deg for sets of 643 nm, within 0.2 of Allen's table (about
+    550 nm) up to 120 deg.
     """
     law = reflectance_model(f"hapke:{name}")
     for phase in (2.0, 5.0, 30.0, 60.0, 97.0):
@@ -324,15 +333,17 @@ def test_a_sphere_of_hapkes_law_has_the_phases_of_the_moon(name):
 
 
 def test_lambert_and_bare_lommel_seeliger_do_not():
-    """The quarter Moon is a twelfth of the full: Lambert's is a third, Lommel-Seeliger's two fifths."""
+    """The quarter Moon has a twelfth of the full Moon's brightness; Lambert's sphere a third,
+    Lommel-Seeliger's two fifths.
+    """
     quarter = ALLEN[90] - ALLEN[10]
     assert fainter(reflectance_model("lambert"), 90.0) < quarter - 1.0
     assert fainter(reflectance_model("lommel-seeliger"), 90.0) < quarter - 1.3
 
 
 def test_the_disc_beyond_what_rolo_measured():
-    """It goes on straight in the logarithm: within 0.1 mag of Allen's table as far as that goes, both laid together
-    at 90.
+    """Linear extrapolation of the logarithm: within 0.1 mag of Allen's table over its range, with
+    both equal at 90 deg.
     """
     law = reflectance_model("lommel-seeliger:rolo")
     for phase in (100, 110, 120, 130, 140, 150):
@@ -342,7 +353,9 @@ def test_the_disc_beyond_what_rolo_measured():
 
 @pytest.mark.parametrize("spec", ["hapke", "hapke:wac-643-mare", "lunar-lambert"])
 def test_the_opposition_surge(spec):
-    """From 10 to 2 deg of phase the Moon's disc brightened by 43 % (Kieffer and Stone 2005); a law may be off by 5 %."""
+    """From 10 to 2 deg of phase the Moon's disc brightened by 43 % (Kieffer and Stone 2005); a
+    model may differ by 5 %.
+    """
     law = reflectance_model(spec)
     assert rolo(2.0) / rolo(10.0) == pytest.approx(1.43, abs=0.005)
     surge = disc_albedo(law, 2.0) / disc_albedo(law, 10.0)
@@ -351,7 +364,9 @@ def test_the_opposition_surge(spec):
 
 @pytest.mark.parametrize("spec", ["lunar-lambert", "lunar-lambert:sp-low", "lunar-lambert:sp-high"])
 def test_a_sphere_of_selenes_law_has_the_phases_of_the_moon(spec):
-    """Two missions, two laws, one curve: within 0.1 mag of ROLO, though measured straight down from 5 to 85 deg."""
+    """Two missions and two models agree: within 0.1 mag of ROLO, although measured at nadir from 5
+    to 85 deg.
+    """
     law = reflectance_model(spec)
     for phase in (2.0, 5.0, 30.0, 60.0, 97.0):
         measured = -2.5 * math.log10(rolo(phase) / rolo(10.0))

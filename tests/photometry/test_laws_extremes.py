@@ -1,5 +1,5 @@
-"""Photometry at incidence, emission and phase 0, 90 and 180 degrees, and a hair to either side, against
-the textbook's formulae in 40 digits of the very vectors that the kernels get.
+"""Photometry at incidence, emission and phase of 0, 90 and 180 degrees and very close to them,
+compared with textbook formulas in 40 digits for the same vectors.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ KNOWN = pytest.mark.parametrize("model", SCALES)
 
 
 def tilted(angle_deg: float, azimuth_deg: float = 0.0) -> np.ndarray:
-    """A unit vector so far from the zenith; 90 and 180 degrees exactly so."""
+    """Unit vector at an angle from the zenith; exact at 90 and 180 degrees."""
     a, z = math.radians(azimuth_deg), math.radians(angle_deg)
     level, up = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), 180.0: (0.0, -1.0)}.get(
         angle_deg, (math.sin(z), math.cos(z))
@@ -46,7 +46,7 @@ def tilted(angle_deg: float, azimuth_deg: float = 0.0) -> np.ndarray:
 
 
 def exact_angle(a, b):
-    """The angle between two float vectors, as if they had infinitely many digits."""
+    """Angle between two float vectors in extended precision."""
     a, b = mpmath.matrix(list(map(float, a))), mpmath.matrix(list(map(float, b)))
     dot = sum(x * y for x, y in zip(a, b, strict=True))
     cross = [a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3] for k in range(3)]
@@ -54,7 +54,9 @@ def exact_angle(a, b):
 
 
 def exact_radiance(model, normal, sun, camera):
-    """I/F by the formula, 0 on a face that the Sun does not reach; a face seen from behind is edge-on."""
+    """I/F by the formula; 0 on a face that the Sun does not reach; a face seen from behind counts
+    as seen edge-on.
+    """
     mu0, mu = exact_angle(normal, sun)[1], max(exact_angle(normal, camera)[1], mpmath.mpf(0))
     return SCALES[model](mu0, mu) if mu0 > 0 else mpmath.mpf(0)
 
@@ -73,8 +75,8 @@ def agree(result, normal, sun, camera, model):
         assert got == pytest.approx(float(exact_angle(a, b)[0]), rel=4e-16, abs=4e-16)
     want = float(exact_radiance(model, normal, sun, camera))
     mu0, mu = float(normal @ sun), max(float(normal @ camera), 0.0)
-    # a cosine near 0 is a difference of products: it keeps 2e-16 of 1, and the ratio of two such
-    # what they keep of their sum
+    # a cosine near 0 is a difference of products with an absolute error of 2e-16; the error of a
+    # ratio of two such cosines is relative to their sum
     slack = 1e-15 if model == "lambert" else 1e-15 / max(abs(mu0) + mu, 1e-15)
     assert radiance == pytest.approx(want, rel=1e-14, abs=0.0525 * slack)
     assert 0.0 <= radiance <= BRIGHTEST
@@ -131,7 +133,7 @@ def test_never_nan_where_seen(vectors, model, lit, seen):
 
 @KNOWN
 def test_the_limb_is_as_bright_as_the_law_says(model):
-    """Full Moon: Lommel-Seeliger's disc is even to its edge, Lambert's falls to 0 there."""
+    """Full Moon: Lommel-Seeliger's disc is uniform to its edge, Lambert's falls to 0 there."""
     for incidence in (0.0, 60.0, 89.999999, 90.0 - 1e-12):
         radiance = shade(UP, tilted(incidence), tilted(incidence), model)[0]
         even = 0.21 / 8 if model == "lommel-seeliger" else 0.12 * math.cos(math.radians(incidence))
@@ -144,7 +146,7 @@ def test_the_limb_is_as_bright_as_the_law_says(model):
 
 @KNOWN
 def test_nodes_of_a_sweep_stay_finite_where_seen(model):
-    """float32 normals, the sweep's own kernel: every pair of extremes at once."""
+    """float32 normals in the sweep's kernel, for every pair of extremes."""
     sides = [tilted(angle, azimuth) for angle in EXTREMES_DEG for azimuth in (0.0, 90.0, 200.0)]
     normals = np.array(sides, dtype=np.float32)[None]
     planes = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
@@ -167,7 +169,7 @@ def test_nodes_of_a_sweep_stay_finite_where_seen(model):
 
 
 def test_every_model_has_its_extremes_here():
-    """A model that comes later shall not be forgotten: its own limits need the same care."""
+    """Finite and not negative for every model of the library, including later ones."""
     assert set(REFLECTANCE_MODELS) >= set(SCALES)
     for model in REFLECTANCE_MODELS:
         for incidence in EXTREMES_DEG:

@@ -1,7 +1,7 @@
-"""The laws of reflection and an albedo map against photographs: the Apollo 16 series, Sun 6 to 58 deg high, and AS15-M-1134.
-
-The limits are slightly below the figures of docs/measurements/photographs.md, from `benchmarks/photographs.py`. The photographs
-and the map may not be distributed: without the shared data these tests are skipped.
+"""Reflectance models and an albedo map compared with images: the Apollo 16 series, Sun 6 to 58 deg
+high, and AS15-M-1134. The limits are slightly below the measured figures of
+`benchmarks/photographs.py`. The images and the map may not be distributed: without the shared data
+these tests are skipped.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LOW_SUN = ("AS16-M-0446", "AS16-M-0984", "AS16-M-1272")
 
 @dataclass
 class Score:
-    """Of one frame under one law: the whole, and the median window."""
+    """Scores of one frame under one model: the whole frame, and the median window."""
 
     sun_deg: float
     whole: float
@@ -55,7 +55,7 @@ def photographs(shared_data: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def scores(photographs: Path, albedo: AlbedoMap) -> dict[tuple[str, bool], list[Score]]:
-    """By law, and whether the map is used, of every frame."""
+    """Scores of every frame by model, with and without the map."""
     found: dict[tuple[str, bool], list[Score]] = {}
     for key in apollo.series_keys(photographs):
         frame = apollo.series_frame(photographs, key)
@@ -94,7 +94,7 @@ def test_1134_wants_the_map_and_a_phase_function(
 
 @pytest.mark.slow
 def test_1134_as_it_was_scanned(photographs: Path, albedo: AlbedoMap) -> None:
-    """Without any smoothing."""
+    """Without smoothing."""
     frame = apollo.framed(photographs, "AS15-M-1134", fwhm=0.0)
     factor = albedo.at_nodes(frame.scene.terrain)
     assert frame.correlation(frame.render("hapke", factor)) >= 0.85
@@ -109,7 +109,7 @@ def test_1134_as_it_was_scanned(photographs: Path, albedo: AlbedoMap) -> None:
 def test_every_frame_stays_above(
     scores: dict[tuple[str, bool], list[Score]], law: str, mapped: bool
 ) -> None:
-    """0.6 was asked for up to a Sun of 40 deg; it holds to 58."""
+    """0.6 is required up to a Sun of 40 deg; it holds up to 58."""
     assert len(scores[law, mapped]) >= 53
     assert min(score.whole for score in scores[law, mapped]) >= 0.65
     assert medians(scores[law, mapped], 30.0, 60.0, "whole") >= 0.84
@@ -153,7 +153,7 @@ def test_mirrored_it_is_another_place(photographs: Path, albedo: AlbedoMap, key:
 @pytest.mark.slow
 @pytest.mark.parametrize("key", LOW_SUN)
 def test_the_shift_of_the_series(photographs: Path, key: str) -> None:
-    """Away from it to any side windows of bare relief correlate worse."""
+    """At any offset, windows of relief without the map correlate less."""
     col, row = apollo.SERIES_SHIFT_PX
 
     def score(across: float, along: float) -> float:
@@ -166,7 +166,7 @@ def test_the_shift_of_the_series(photographs: Path, key: str) -> None:
 
 @pytest.mark.slow
 def test_the_map_in_a_request_is_the_factor_here(photographs: Path, albedo: AlbedoMap) -> None:
-    """The tables multiply; `lcp render --albedo` does the same."""
+    """`lcp render --albedo` gives the product with the map's factors."""
     scene = apollo.series_frame(photographs, FEW[0]).scene
     scene = replace(scene, model=reflectance_model("hapke"))
     mapped = replace(scene, request=replace(scene.request, albedo=albedo)).expose().radiance
@@ -189,7 +189,9 @@ def test_correlation_takes_gain_and_offset_out() -> None:
 
 
 def test_masked_cells_do_not_count() -> None:
-    """Means over the valid cells: their own value where it is one value, whatever stands beside."""
+    """Means over the valid cells; for a constant field they are that constant, whatever the masked
+    cells hold.
+    """
     valid = np.random.default_rng(1).random((40, 50)) > 0.3
     values = np.where(valid, 5.0, 1e6)
     np.testing.assert_allclose(apollo.smooth(values, valid, 2.0)[valid], 5.0)

@@ -1,4 +1,4 @@
-"""Images of nodes in single precision against the laws in double, node by node."""
+"""Images of nodes in single precision compared with the models in double precision, node by node."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ LIGHTS = [
 
 
 def nodes(seed: int = 0, steep: float = 0.5, shape=SHAPE) -> np.ndarray:
-    """Normals (rows, cols, 3) float32, some leaning anyhow, a few not there."""
+    """Normals (rows, cols, 3) float32 in random directions, a few of them NaN."""
     rng = np.random.default_rng(seed)
     normals = rng.normal((0, 0, 1), steep, size=(*shape, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -53,7 +53,9 @@ def nodes(seed: int = 0, steep: float = 0.5, shape=SHAPE) -> np.ndarray:
 def assert_near(
     found: np.ndarray, expected: np.ndarray, rel: float = 0.0, abs_: float = 0.0
 ) -> None:
-    """Within the larger of the two, NaN where NaN: pytest.approx takes seconds for images."""
+    """Equal within the larger of the two tolerances, and NaN in the same places; pytest.approx
+    takes seconds for images.
+    """
     np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
     off = np.abs(found.astype(np.float64) - expected)
     within = np.maximum(rel * np.abs(expected), abs_)
@@ -65,7 +67,7 @@ def planes(normals: np.ndarray) -> np.ndarray:
 
 
 def in_double(normals, sun, camera, dark, unseen, law) -> np.ndarray:
-    """The image by the law in double precision."""
+    """The image by the model in double precision."""
     mu0, mu = (normals.astype(float).reshape(-1, 3) @ v for v in (sun, camera))
     seen = ~unseen.ravel() & (mu > 0)
     lit = seen & ~dark.ravel() & (mu0 > 0)
@@ -100,7 +102,7 @@ def compare_image(law, normals, sun, camera):
 
 @EACH
 def test_near_the_limb_and_the_terminator(law):
-    """Cosines down to 1e-6 and straight views."""
+    """Cosines down to 1e-6, and views along the normal."""
     sun, camera = LIGHTS[1]
     rng, around = np.random.default_rng(4), np.cross(LIGHTS[1][0], LIGHTS[1][1])
     edges = []
@@ -123,7 +125,9 @@ def test_near_the_limb_and_the_terminator(law):
 
 @EACH
 def test_in_exact_opposition(law):
-    """Source and camera in one direction, where grazing ground depends on the last digits of the azimuth."""
+    """Source and camera in one direction, where grazing facets depend on the last digits of the
+    azimuth.
+    """
     sun, normals = direction_enu(30.0, 10.0), nodes(3, 1.0)
     none = np.zeros(SHAPE, dtype=np.bool_)
     image = shade_nodes(planes(normals), sun, sun, none.view(np.uint8), none, law.code, law.numbers)
@@ -192,7 +196,7 @@ def test_angles_are_arc_tangents_of_lengths():
 
 
 def test_a_direction_across_or_nowhere():
-    """t = 0/0 where a normal has no length is nodata, not a crash; exactly 0, 90 and 180 deg are these."""
+    """A normal of length 0 (t = 0/0) is nodata; exact values at 0, 90 and 180 deg."""
     few = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, -1]], np.float32)[None]
     degrees, faces = np.empty((1, 4), np.float32), np.empty((1, 4), np.bool_)
     angles_deg(planes(few), np.array([1.0, 0.0, 0.0]), degrees, faces)
@@ -224,7 +228,7 @@ def test_exponentials_and_logarithms_of_lanes():
 @EACH
 @pytest.mark.parametrize("view", ["nadir", "oblique"])
 def test_a_render_in_single_precision_is_the_one_in_double(law, view):
-    """The tiers differ in shadows, which are left out here, and in the precision of the bands."""
+    """The tiers differ in shadows, which are off here, and in the precision of the bands."""
     seen_from = nadir_view() if view == "nadir" else oblique_view(35.0, 250.0)
     z = hills(height=120.0)
     z[4, 7] = np.nan
