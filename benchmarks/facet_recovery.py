@@ -1,8 +1,8 @@
-"""What `lcp fit-reflectance` recovers of a known surface from noisy measurements: the table of docs/measurements/photometry.md.
+"""Recovery of a known surface from noisy measurements by `lcp fit-reflectance`: the table of docs/measurements/photometry.md.
 
     python benchmarks/facet_recovery.py [SEEDS]
 
-The surface of tests/test_facet_fit.py (three incidences, 41 directions in the plane of incidence, the source's own place
+The surface of tests/test_facet_fit.py (three incidences, 41 directions in the plane of incidence, the direction to the source
 left out) with relative noise; and table 3 of the paper, whose directional lobe is faint below 50 deg.
 """
 

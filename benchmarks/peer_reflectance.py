@@ -1,11 +1,11 @@
-"""Hapke's law against eradiate-mitsuba's plugin `hapke`, an implementation of others in C++.
+"""Hapke's model compared with the plugin `hapke` of eradiate-mitsuba, an independent implementation in C++.
 
     python -m venv peer && peer/bin/pip install eradiate-mitsuba==0.5.0 numpy numba
     PYTHONPATH=. peer/bin/python benchmarks/peer_reflectance.py
 
-Its c is the weight of the backward lobe, (1 + c)/2 of ours; it has shadow hiding and roughness, neither coherent backscatter nor
-porosity. `tests/test_hapke.py` keeps some of its numbers. It is no test dependency: it brings a package `mitsuba` of its own, which
-other peers (benchmarks/peers.py) want from elsewhere.
+The plugin's c is the weight of the backward lobe, (1 + c)/2 here. It has shadow hiding and roughness, but neither coherent
+backscatter nor porosity. `tests/photometry/test_hapke.py` contains some of its numbers. It is not a test dependency, because its own
+package `mitsuba` conflicts with that of benchmarks/peers.py.
 """
 
 from __future__ import annotations

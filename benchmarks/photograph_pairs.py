@@ -1,4 +1,6 @@
-"""What photographs say of each other, and where a series lies beside its renders: an aside to `photographs.py`."""
+"""Repeatability of images, and the offset of a series from its renders; a supplement to
+`photographs.py`.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,8 @@ from helpers import apollo_frames as apollo
 
 
 def repeatability(shared: Path, keys: list[str], fwhm: float) -> list[tuple[float, float]]:
-    """Of frames that follow each other: Sun elevation, and the correlation of the two photographs over
-    a window of ground that both show.
+    """For consecutive frames: Sun elevation, and the correlation of the two images over a window of
+    common terrain.
     """
     found = []
     for first, second in pairwise(keys):
@@ -37,8 +39,8 @@ def _pairs(shared: Path, first: str, second: str, fwhm: float) -> list[tuple[flo
 
 
 def measured_shift(shared: Path, keys: list[str], model: str) -> tuple[float, float]:
-    """Median over frames of a Sun below 25 deg of the shift at which the windows of a render of bare
-    topography correlate best, in pixels (columns, rows).
+    """Median, over frames with a Sun below 25 deg, of the shift at which the windows of a render
+    without albedo correlate best, in pixels (columns, rows).
     """
     best = []
     for key in keys:

@@ -1,9 +1,9 @@
-"""What keeps renders from photographs of the Moon: what a free response, fall-off or phase function would add.
+"""Residual differences between renders and images of the Moon: the gain of a free response, fall-off or phase function.
 
     .venv/bin/python benchmarks/photograph_residuals.py [LAW ...]
 
-An aside to `photographs.py`: here things ARE fitted to each photograph, one at a time, to see how much of the rest they
-explain. None of it is in the tables of results. Prints Markdown; needs the shared lunar data.
+A supplement to `photographs.py`: here terms are fitted to each image, one at a time, to measure their contribution. The
+results are not in the tables of docs/measurements. Prints Markdown; needs the shared lunar data.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def asides(frame: apollo.Frame, law: str, factor: np.ndarray) -> list[float]:
 
 
 def _fitted(image: np.ndarray, terms: list[np.ndarray]) -> np.ndarray:
-    """The terms' best linear combination with an offset."""
+    """Best linear combination of the terms with an offset."""
     columns = np.column_stack([np.ones_like(image), *terms])
     return columns @ np.linalg.lstsq(columns, image, rcond=None)[0]
 
@@ -73,8 +73,8 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 
 
 def rising(render: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """The render through the best curve that nowhere falls: means of 60 equal shares, falling neighbours
-    pooled (Ayer et al. 1955), straight between.
+    """The render through the best nondecreasing curve: means of 60 equal shares, pooled where they
+    decrease (Ayer et al. 1955), linear in between.
     """
     shares = np.array_split(np.argsort(render), BINS)
     at = [float(render[share].mean()) for share in shares]

@@ -1,10 +1,10 @@
-"""Renders against photographs of the Moon: every law of reflection, with and without an albedo map, by Sun and phase.
+"""Renders compared with images of the Moon: every reflectance model, with and without an albedo map, by Sun and phase.
 
     .venv/bin/python benchmarks/photographs.py [-o build/photographs] [--frames 54]
 
-needs the shared lunar data (`tests/conftest.py` says where they are sought) and writes `tables.md` (the tables of
-docs/measurements/photographs.md), `frames.csv` (one line a frame) and pictures. Every render comes from the library's own
-`prepare` and `expose`, every factor from `AlbedoMap`. Nothing is fitted to a photograph but the one shift of the series.
+needs the shared lunar data (`tests/conftest.py` has their folder) and writes `tables.md` (the tables of
+docs/measurements/photographs.md), `frames.csv` (one line for each frame) and pictures. The library makes every render and every
+albedo factor. Nothing is fitted to an image except the one shift of the series.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ PANELS = [("lommel-seeliger", NO_MAP), (DRAWN, NO_MAP), (DRAWN, "linear")]
 
 Maps = dict[str, AlbedoMap]
 Variant = tuple[str, str]
-"""Law, and how the albedo map was taken."""
+"""Reflectance model, and use of the albedo map."""
 
 
 @dataclass
 class Window:
-    """One window of a frame: what each variant gives there."""
+    """One window of a frame, with its result for each variant."""
 
     sun_deg: float
     phase_deg: float
@@ -97,8 +97,8 @@ def median(values: list[float]) -> float:
 
 
 def albedo_maps(source: Path, folder: Path) -> Maps:
-    """The map taken in three ways: as it says it is; with its decoding undone, so that the codes of the
-    picture it was made from count as brightness; and decoded once more.
+    """The map with three encodings: as declared; as linear values although they are codes; and
+    decoded twice.
     """
     with rasterio.open(source) as file:
         linear, profile = file.read(1) / 65535.0, file.profile
@@ -140,7 +140,7 @@ def judged(frame: apollo.Frame, models: list[str], maps: Maps) -> Row:
 def renders(
     frame: apollo.Frame, models: list[str], maps: Maps
 ) -> Iterator[tuple[Variant, np.ndarray]]:
-    """Every law without a map and under each; and each map alone, without any relief."""
+    """Every model without a map and with each of them; and each map alone, without relief."""
     factors = {name: albedo.at_nodes(frame.scene.terrain) for name, albedo in maps.items()}
     yield from (((ALONE, name), frame.on_grid(of)) for name, of in factors.items())
     for model in models:
@@ -151,8 +151,8 @@ def renders(
 
 
 def located(frame: apollo.Frame, render: np.ndarray, place: tuple[slice, slice]) -> bool | None:
-    """Whether the best correlation of a rendered window with the photograph, anywhere within 8 cells,
-    lies where it should, to a cell; None near the frame's border.
+    """True if the best correlation of a rendered window with the image, within 8 cells, is at its
+    true place to one cell; None near the frame's border.
     """
     top, left = place[0].start - SEARCH_PX, place[1].start - SEARCH_PX
     bottom, right = place[0].stop + SEARCH_PX, place[1].stop + SEARCH_PX
@@ -176,7 +176,9 @@ Figure = Callable[[Variant], float]
 
 
 def table(title: str, groups: list[tuple[str, int, Figure]], models: list[str]) -> str:
-    """Markdown: a line a group, a column a law, in each cell the figures without and with the map."""
+    """Markdown table: a row for each group, a column for each model, each cell with the figures
+    without and with the map.
+    """
     lines = [f"**{title}**", "", f"| | n | {' | '.join(models)} | {ALONE} |"]
     lines.append("| --- | ---: |" + " ---: |" * (len(models) + 1))
     for label, count, figure in groups:
@@ -208,7 +210,7 @@ def whole_groups(
 def window_groups(
     rows: list[Row], edges: tuple[int, ...], key: str, figure: str = "correlation"
 ) -> list[tuple[str, int, Figure]]:
-    """Medians of the windows' correlations, or shares of windows that were found."""
+    """Medians of the windows' correlations, or shares of the windows that were found."""
     pairs = [(getattr(window, key), window) for row in rows for window in row.windows]
     if figure == "found":
         pairs = [pair for pair in pairs if pair[1].found]
@@ -224,7 +226,7 @@ def window_groups(
 
 
 def by_map(rows: list[Row], models: list[str], hows: list[str]) -> str:
-    """How the map is taken: medians over all frames and over all windows."""
+    """Medians over all frames and over all windows, by the use of the map."""
     lines = ["**How the albedo map is taken**", ""]
     lines.append(f"| law | {' | '.join(f'{how}: frames | windows' for how in hows)} |")
     lines.append("| --- |" + " ---: |" * (2 * len(hows)))
@@ -240,7 +242,9 @@ def by_map(rows: list[Row], models: list[str], hows: list[str]) -> str:
 
 
 def lowest(rows: list[Row], models: list[str], below_deg: float) -> str:
-    """The worst frame of each law below an elevation of the Sun, without and with the map."""
+    """The frame with the lowest correlation for each model below an elevation of the Sun, without
+    and with the map.
+    """
     some = [row for row in rows if row.sun_deg < below_deg]
     lines = [f"**The lowest of {len(some)} frames, Sun below {below_deg:.0f} deg**", ""]
     lines.append("| | correlation | frame, Sun | frames below 0.6 |")
@@ -269,8 +273,8 @@ def per_frame(rows: list[Row], variants: list[Variant]) -> Iterator[list[str]]:
 
 
 def picture(frame: apollo.Frame, models: list[Variant], maps: Maps) -> np.ndarray:
-    """Photograph and renders side by side, each stretched between its own 1st and 99th percentile of
-    what is compared; uint8.
+    """Image and renders side by side, each stretched between its own 1st and 99th percentile of the
+    compared cells; uint8.
     """
     panels = [frame.image]
     for model, how in models:
@@ -289,7 +293,7 @@ def picture(frame: apollo.Frame, models: list[Variant], maps: Maps) -> np.ndarra
 
 
 def known(models: tuple[str, ...]) -> list[str]:
-    """Those that the library has."""
+    """The models that the library has."""
     found = []
     for model in models:
         try:
@@ -327,7 +331,7 @@ def report(rows: list[Row], single: list[Row], models: list[str], maps: Maps) ->
 
 
 def repeated(shared: Path, keys: list[str], fwhm: float) -> str:
-    """How well two photographs of the same ground correlate, window by window."""
+    """Correlation of two images of the same terrain, by window."""
     pairs = repeatability(shared, keys, fwhm)
     lines = [
         "**Photograph against photograph, windows**",
@@ -344,8 +348,8 @@ def repeated(shared: Path, keys: list[str], fwhm: float) -> str:
 
 
 def singles(data: Path, fwhm: float) -> Iterator[apollo.Frame]:
-    """Frames with their own camera, and the one of the Apollo 15 series, whose ground only a DEM of
-    1.9 km holds.
+    """Frames with their own camera, and the frame of the Apollo 15 series, whose terrain only a DEM
+    of 1.9 km contains.
     """
     for key in ("AS15-M-1134", "AS15-M-0414", "AS15-M-0295", "AS15-M-0299", "AS15-M-0300"):
         yield apollo.framed(data, key, fwhm)

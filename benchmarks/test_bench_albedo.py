@@ -1,4 +1,6 @@
-"""A map of brightness: its mean over the ground, and its factors at an area's nodes against making the area's terrain."""
+"""An albedo map: time of its mean by area, and of its factors at an area's nodes relative to the
+area's terrain.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ def test_mean(benchmark, path: Path):
 
 
 def test_nodes(benchmark, path: Path):
-    """Factors of 1024 x 1024 nodes as a share of the time that their heights took."""
+    """Factors of 1024 x 1024 nodes as a share of the time of their heights."""
     brightness, dems = AlbedoMap.open(path, reference=1.0), DemSet.open([DEM])
     window = NodeWindow(-NODES // 2, NODES // 2, -NODES // 2, NODES // 2)
     place = (dems, EnuFrame(5.0, 25.0), window, GSD_M)

@@ -1,5 +1,5 @@
-"""Cost of the finite Sun: a share of the disc for every node against a point Sun's shadow, tier by
-tier; figures of one machine are in docs/measurements/accuracy.md.
+"""Cost of the finite Sun: the disc's share at every node relative to a point Sun's shadow, by tier;
+measured figures are in docs/measurements/accuracy.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROUNDS = 5
 
 @pytest.fixture(scope="module")
 def terrain() -> Heightfield:
-    """1024 x 1024: a cratered square mirrored so that its tiles join."""
+    """1024 x 1024: a cratered square, mirrored so that its copies join without a step."""
     z = cratered(512, GSD)
     return Heightfield(np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]]), GSD)
 
@@ -41,7 +41,7 @@ def seconds(task, *arguments) -> float:
 @pytest.mark.parametrize("tier", ["draft", "standard", "high"])
 @pytest.mark.parametrize("elevation_deg", [0.5, 2, 5, 15])
 def test_disc_against_point(benchmark, terrain, elevation_deg, tier):
-    """Disc and point in turn, so that both see the same machine; ``ratio`` of the best of each."""
+    """Disc and point in turn, under the same load of the machine; ``ratio`` of the best times."""
     sun, accuracy = direction_enu(37, elevation_deg), TIERS[tier]
     sunlit_share(terrain, sun, accuracy)
     occlusion.occluded(terrain, sun, accuracy)
@@ -55,7 +55,7 @@ def test_disc_against_point(benchmark, terrain, elevation_deg, tier):
 
 @pytest.mark.parametrize("elevation_deg", [0.5, 2, 5, 15])
 def test_horizons(benchmark, terrain, elevation_deg):
-    """One horizon of every node, sought over the height of the disc."""
+    """One horizon for every node, within the height of the disc."""
     rows, cols = (k.ravel() for k in np.indices(terrain.shape))
     du, dv, slope = terrain.ray_in_cells(direction_enu(37, elevation_deg))
     planes = np.array([[du, dv, slope - 0.0047 * GSD, slope + 0.0047 * GSD]])

@@ -1,4 +1,6 @@
-"""Cost of a panorama against one point Sun, and of its parts; figures of one machine are in docs/measurements/accuracy.md."""
+"""Cost of an environment map relative to a point Sun, and of its parts; measured figures are in
+docs/measurements/accuracy.md.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ GSD, SIDE = 20.0, 1024
 
 @pytest.fixture(scope="module")
 def terrain() -> Terrain:
-    """1024 x 1024: a cratered square mirrored so that its tiles join."""
+    """1024 x 1024: a cratered square, mirrored so that its copies join without a step."""
     z = cratered(SIDE // 2, GSD)
     field = Heightfield(np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]]), GSD)
     window = NodeWindow(0, SIDE, 0, SIDE)
@@ -54,7 +56,9 @@ def seconds(task, *arguments, **how) -> float:
 @pytest.mark.parametrize("law", ["lommel-seeliger", "hapke"])
 @pytest.mark.parametrize("tier", ["draft", "standard", "high"])
 def test_panorama_against_a_sun(benchmark, terrain, light, tier, law):
-    """Whole renders in turn; ``ratio`` of the best of each, ``share`` of the sky in the panorama's."""
+    """Whole renders in turn; ``ratio`` of the best times, ``share`` of the sky in the time with a
+    panorama.
+    """
     how = {"model": reflectance_model(law), "accuracy": TIERS[tier]}
     sun = Lighting.of_sun(direction_enu(120.0, 30.0))
     render_enu(terrain, sun, nadir_view(), **how)
@@ -69,6 +73,6 @@ def test_panorama_against_a_sun(benchmark, terrain, light, tier, law):
 
 
 def test_finding_the_sources(benchmark):
-    """Of a panorama of 8192 x 4096."""
+    """Sources of a panorama of 8192 x 4096."""
     sky = with_lamps(cie_sky(4096, 120.0, 30.0), [Lamp(120, 30, 8, 0.3), Lamp(300, 50, 1, 2)])
     benchmark.pedantic(split_sources, (sky,), rounds=2)

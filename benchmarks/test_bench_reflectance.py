@@ -1,8 +1,9 @@
-"""What shading costs: share of a render, and of a sweep's images, that each law of reflection takes; figures of one machine are in
-docs/measurements/speed.md.
+"""Cost of shading: share of a render, and of a sweep's images, for each reflectance model; measured
+figures are in docs/measurements/speed.md.
 
-Each share is a ratio of CPU times of the same process, taken in turn, medians; nothing absolute is judged. Shading is what the law
-itself takes: `shading.add_light` in a render, `shading.shade_nodes` in a sweep.
+Each share is a ratio of CPU times in one process, measured in turn, as medians; no absolute time is
+tested. Shading is the model's own time: `images.add_light` in a render, `images.shade_nodes` in a
+sweep.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ GSD = 20.0
 SIZE = 1024
 ROUNDS = 7
 LIMITS = {"lommel-seeliger": 0.1, "hapke": 0.5}
-"""Shares of a render's time that shading has to stay below."""
+"""Upper limits of the share of shading in a render's time."""
 LAWS = ("lommel-seeliger", "lambert", "lunar-lambert", "minnaert", "hapke")
 ELEVATIONS_DEG = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 
@@ -57,7 +58,9 @@ def planes() -> np.ndarray:
 
 
 def median_s(*tasks) -> list[float]:
-    """CPU seconds of each task, taken in turn on one thread: threads that wait spin, and would be counted."""
+    """CPU seconds of each task, measured in turn on one thread: waiting threads spin and would
+    count.
+    """
     times = [[] for _ in tasks]
     with limit_threads(1):
         for _ in range(ROUNDS + 1):
@@ -78,7 +81,7 @@ def note(benchmark, law: Reflectance, **figures) -> None:
 @pytest.mark.parametrize("view", ["nadir", "oblique"])
 @pytest.mark.parametrize("name", LAWS)
 def test_share_of_a_render(benchmark, name, view):
-    """`render_enu` of a million nodes at standard, the Sun 20 deg high."""
+    """`render_enu` of a million nodes in standard, the Sun at 20 deg."""
     law, sun = reflectance_model(name), direction_enu(30.0, 20.0)
     seen_from = nadir_view() if view == "nadir" else oblique_view(40.0, 100.0)
     shot = render_enu(terrain(), sun, seen_from, model=law, accuracy=TIERS["standard"])
@@ -122,7 +125,9 @@ def test_share_of_a_sweep(benchmark, name, tier):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_lanes_against_the_law_in_double(benchmark, name):
-    """How many times as fast the image of lit nodes is in single precision as the law, node by node, in double."""
+    """Speed of the image of lit nodes in single precision relative to the model in double
+    precision.
+    """
     law, sun, camera = reflectance_model(name), direction_enu(30.0, 50.0), direction_enu(0.0, 90.0)
     none = np.zeros(planes().shape[1:], np.bool_)
     normals = planes().reshape(3, -1).astype(float)

@@ -1,7 +1,7 @@
-"""A page of pictures: each law of reflection, each light, sphere and heightfield. ``make gallery`` runs it.
+"""A page of pictures: each reflectance model, each light, sphere and heightfield. ``make gallery`` runs it.
 
-Every picture is made by the command that stands under it, run in the repository's root; the panoramas, the map of brightness and
-the mock-up are made here, from formulas. ``python docs/gallery.py FOLDER [--only SECTION]``.
+Every picture is made by the command below it, run in the repository's root; the panoramas, the albedo maps and the mock-up
+are synthetic and made here. ``python docs/gallery.py FOLDER [--only SECTION]``.
 """
 
 # ruff: noqa: E501 - lines of captions and markup
@@ -55,7 +55,9 @@ MOON_M = 1737400.0
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture: its name, what is to be seen, and the arguments of ``lcp render``; of a ``group`` all have one scale of grey."""
+    """A picture: its name, its caption, and the arguments of ``lcp render``; the pictures of a
+    ``group`` have one grey scale.
+    """
 
     name: str
     caption: str
@@ -66,7 +68,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, what to look for, and its pictures."""
+    """A heading, a remark on what to observe, and its pictures."""
 
     name: str
     title: str
@@ -85,8 +87,8 @@ def laws() -> Section:
         for law in LAWS
     ]
     return Section(
-        "laws", "One crater under every law", "Hadley C and the rille. Shadows are the same; slopes are told apart less under Lommel-Seeliger than under Lambert, "
-        "and hardly at all when the Sun stands high. Each picture has its own scale of grey.", shots
+        "laws", "One crater under every reflectance model", "Hadley C and the rille. Shadows are the same; the contrast of slopes is lower under Lommel-Seeliger than under Lambert, "
+        "and lowest under a high Sun. Each picture has its own grey scale.", shots
     )  # fmt: skip
 
 
@@ -102,8 +104,8 @@ def phases() -> Section:
         for phase in (2, 30, 90)
     ]
     return Section(
-        "phases", "One sphere under every law, from 20 000 km", "The Moon’s disc at full is flat, without a darker limb: Lommel-Seeliger and Hapke show it, Lambert does not. "
-        "One scale of grey a law: how the disc fades with the phase is the law’s phase function. The Sun is in the east, to the right; north is up.", shots
+        "phases", "One sphere under every reflectance model, from 20 000 km", "The full Moon’s disc has no darker limb: Lommel-Seeliger and Hapke agree with this, Lambert does not. "
+        "All pictures of a model have one grey scale: the brightness decreases with the phase as in the model’s phase function. The Sun is in the east, to the right; north is up.", shots
     )  # fmt: skip
 
 
@@ -129,7 +131,7 @@ def sides() -> Section:
             )
         )
     return Section(
-        "sides", "The Sun from each side", "The light comes from where the caption says, on hollow and round, near and far.", shots
+        "sides", "The Sun from each side", "The light comes from the direction in the caption, on a crater and on the sphere.", shots
     )  # fmt: skip
 
 
@@ -142,49 +144,56 @@ def lights(folder: Path) -> Section:
     shots = [
         Shot("light-point", "a point Sun 4° high in the west: hard shadows", f"{low} --sun point"),
         Shot("light-disc", "the Sun’s disc, 4° high: penumbrae", f"{low} --sun disc"),
-        Shot("light-night", "earthshine alone, at new Moon: the full Earth stands 65° high in the south", f"{CRATER} --time 2024-01-11T12:00:00Z --earthshine"),
-        Shot("light-lamps", "a panorama with two lamps, 30° high in the east and 40° in the south-west: each shadow is lit by the other lamp", pano[0]),
-        Shot("light-overcast", "a panorama of an even sky: no shadows, hollows are darker", pano[1]),
-        Shot("light-sun", "a panorama with one small Sun 20° high in the east: as under that Sun", pano[2]),
-        Shot("light-that-sun", "that Sun", f"{CRATER} --sun-azimuth 90 --sun-elevation 20"),
+        Shot("light-night", "earthshine alone, at new Moon: the full Earth at 65° in the south", f"{CRATER} --time 2024-01-11T12:00:00Z --earthshine"),
+        Shot("light-lamps", "a panorama with two lamps, at 30° in the east and at 40° in the south-west: each lamp lights the shadow of the other", pano[0]),
+        Shot("light-overcast", "a panorama of a uniform sky: no shadows, hollows are darker", pano[1]),
+        Shot("light-sun", "a panorama with one small Sun at 20° in the east", pano[2]),
+        Shot("light-that-sun", "that Sun alone", f"{CRATER} --sun-azimuth 90 --sun-elevation 20"),
     ]  # fmt: skip
-    return Section("lights", "One crater under every light", "What each light leaves dark.", shots)
+    return Section(
+        "lights", "One crater under every light", "Each light leaves other parts dark.", shots
+    )
 
 
 def matter(folder: Path) -> Section:
     made, marked = (
         folder / "made_albedo.tif",
-        "a made map: a chequerboard of 15° with a dark disc of 20° around 30° N 40° W and a bright one of 10° around 40° S 10° W",
+        "a synthetic map: a chequerboard of 15° with a dark disc of 20° around 30° N 40° W and a bright one of 10° around 40° S 10° W",
     )
     crater = f"{CRATER} --sun-azimuth 90 --sun-elevation 20 --albedo {folder / 'made_rays.tif'}"
     shots = [
         Shot("albedo-near", f"{marked}; from over 0° N 0° E, Sun 60° high", f"{SPHERE} --sun-azimuth 90 --sun-elevation 60 --albedo {made}"),
         Shot("albedo-far", "the same map around the antimeridian: no seam", f"{SPHERE.replace('--center 0 0', '--center 180 0')} --sun-azimuth 90 --sun-elevation 60 --albedo {made}"),
         Shot("albedo-pole", "the same map around the north pole: no hole", f"{SPHERE.replace('--center 0 0', '--center 0 90')} --subsolar 0 30 --albedo {made}"),
-        Shot("albedo-crater", "the crater with a made map of rays that start at its middle", crater),
-        Shot("albedo-none", "the same without", crater.partition(" --albedo")[0]),
+        Shot("albedo-crater", "the crater with a synthetic map of rays from its centre", crater),
+        Shot("albedo-none", "the same without a map", crater.partition(" --albedo")[0]),
     ]  # fmt: skip
     return Section(
-        "matter", "Albedo", "The map lies where it belongs, neither mirrored nor shifted.", shots
+        "matter", "Albedo", "The map is at its place, neither mirrored nor shifted.", shots
     )
 
 
 def mock_up(folder: Path) -> Section:
     model = f"{folder / 'mock_up.tif'} --frame camera --off-nadir 35 --view-azimuth 180 --altitude 0.01 --gsd 0.02 --accuracy draft"
     shots = [
-        Shot("mock-up", "a boulder of a terrain mock-up under two lamps; its ground is not modelled", f"{model} --environment {folder / 'lamps.hdr'}"),
-        Shot("mock-up-shadow", "the same with a shadow catcher: the panorama’s floor carries the shadows of both lamps", f"{model} --environment {folder / 'lamps.hdr'} --shadow-catcher 0", None, "composite"),
+        Shot("mock-up", "a boulder of a terrain mock-up under two lamps; its floor is not modelled", f"{model} --environment {folder / 'lamps.hdr'}"),
+        Shot("mock-up-shadow", "the same with a shadow catcher: the shadows of both lamps on the panorama’s floor", f"{model} --environment {folder / 'lamps.hdr'} --shadow-catcher 0", None, "composite"),
     ]  # fmt: skip
     return Section(
-        "mock-up", "A rendered thing in a picture", "Shadows on a plane that is not there.", shots
+        "mock-up",
+        "A rendered object in a picture",
+        "Shadows on a plane that is not modelled.",
+        shots,
     )
 
 
-# -- what the pictures need
+# -- input files
 
 
 def panoramas(folder: Path) -> None:
-    """Three made panoramas, equirectangular, middle looking north: two lamps, an even sky, one small Sun."""
+    """Three synthetic panoramas, equirectangular with the middle at north: two lamps, a uniform
+    sky, one small Sun.
+    """
     rows, cols = 256, 512
     elevation = np.radians(90.0 - (np.arange(rows) + 0.5) * 180.0 / rows)[:, None]
     azimuth = np.radians((np.arange(cols) + 0.5) * 360.0 / cols - 180.0)[None, :]
@@ -204,7 +213,7 @@ def panoramas(folder: Path) -> None:
 
 
 def maps(folder: Path) -> None:
-    """Two made maps of brightness: a marked chequerboard of the Moon, and rays around the crater."""
+    """Two synthetic albedo maps: a marked chequerboard of the Moon, and rays around the crater."""
     lon, lat = np.meshgrid(np.arange(-180, 180, 0.25) + 0.125, 90 - np.arange(0, 180, 0.25) - 0.125)
     board = 0.8 + 0.4 * ((np.floor(lon / 15) + np.floor(lat / 15)) % 2)
     for lon0, lat0, radius, value in ((-40, 30, 20, 0.4), (-10, -40, 10, 2.0)):
@@ -236,7 +245,7 @@ def maps(folder: Path) -> None:
 
 
 def boulder(folder: Path) -> None:
-    """A boulder of 1.2 m, half a metre high, as a height map of centimetre cells; all around is nodata."""
+    """A boulder of 1.2 m, half a metre high, as a height map of 2 cm cells, surrounded by nodata."""
     step = 0.02
     x, y = np.meshgrid(
         np.arange(-2.0, 2.0, step) + step / 2, -np.arange(-2.0, 2.0, step) - step / 2
@@ -271,7 +280,7 @@ def _raster(
 
 
 def shoot(section: Section, folder: Path) -> list[str]:
-    """Make a section's pictures; figures of the page."""
+    """Render a section's pictures; return the figures of the page."""
     bands: dict[str, np.ndarray] = {}
     for shot in section.shots:
         output = folder / f"{shot.name}.tif"
@@ -295,7 +304,9 @@ def shoot(section: Section, folder: Path) -> list[str]:
 
 
 def _grey(band: np.ndarray, together: list[np.ndarray]) -> np.ndarray:
-    """As the preview, or on the scale of its group: a gamma of 2.2 from black to its brightest hundredth."""
+    """Grey values as in a preview, or with a gamma of 2.2 between 0 and the 99.5th percentile of
+    the group.
+    """
     if not together:
         return picture(band)
     seen = np.concatenate([b[np.isfinite(b)] for b in together])
@@ -304,7 +315,7 @@ def _grey(band: np.ndarray, together: list[np.ndarray]) -> np.ndarray:
 
 
 def charts(folder: Path) -> list[str]:
-    """The laws as curves."""
+    """Charts of the reflectance models."""
     figures = []
     for name, caption, make in CHARTS:
         (folder / f"{name}.svg").write_text(make(), encoding="utf-8")
@@ -329,7 +340,7 @@ CHARTS: tuple[tuple[str, str, Callable[[], str]], ...] = (
     *(
         (
             f"polar-{law.replace(':', '-')}",
-            f"{law}: where level ground sends its light",
+            f"{law}: directions of the light that level terrain reflects",
             partial(incidence_chart, reflectance_model(law)),
         )
         for law in LAWS
@@ -346,7 +357,7 @@ CHARTS: tuple[tuple[str, str, Callable[[], str]], ...] = (
     ),
     (
         "facet-shadowing",
-        "How likely a facet is lit and seen (the paper's figure 7)",
+        "Share of the facets that are lit and visible (the paper's figure 7)",
         lambda: shadowing_chart(_PAINT, (0.0, 30.0, 50.0, 60.0)),
     ),
 )
@@ -367,7 +378,9 @@ def main() -> None:
     for made in (panoramas, maps, boulder):
         made(folder)
     sections = [laws(), phases(), sides(), lights(folder), matter(folder), mock_up(folder)]
-    parts = [f"<h2>The laws as curves</h2><div class='shots'>{''.join(charts(folder))}</div>"]
+    parts = [
+        f"<h2>The reflectance models as curves</h2><div class='shots'>{''.join(charts(folder))}</div>"
+    ]
     for section in sections:
         if asked.only in (None, section.name):
             figures = "".join(shoot(section, folder))
@@ -377,7 +390,7 @@ def main() -> None:
             print(f"{section.name}: {len(section.shots)} pictures", flush=True)
     page = f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>lcp: light and matter</title><style>{STYLE}</style></head><body><h1>Light and matter</h1>"
     page += (
-        "<p>Each picture was made by the command under it, run in the repository’s root.</p>"
+        "<p>Each picture was made by the command below it, run in the repository’s root.</p>"
         + "".join(parts)
         + "</body></html>\n"
     )

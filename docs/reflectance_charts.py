@@ -24,7 +24,8 @@ ALLEN_1973 = {
     10: 0.23, 20: 0.51, 30: 0.79, 40: 1.06, 50: 1.35, 60: 1.62, 70: 1.91,
     80: 2.24, 90: 2.63, 100: 3.04, 110: 3.48, 120: 3.93, 130: 4.44, 140: 5.07, 150: 5.9,
 }  # fmt: skip
-"""The Moon's magnitude below that of the full Moon, by phase in degrees: C. W. Allen, Astrophysical Quantities, 3rd ed. (1973), p. 143."""
+"""The Moon's magnitude relative to the full Moon, by phase in degrees: C. W. Allen, Astrophysical
+Quantities, 3rd ed. (1973), p. 143."""
 
 _COLOURS = ("#4269d0", "#c3501e", "#3a8f5c", "#8e5bbf", "#a8871a", "#c94f7c", "#4f9fb3", "#7a6352")
 _STYLE = (
@@ -37,7 +38,8 @@ _STYLE = (
 
 
 def disc_reflectance(model: Reflectance, phase_deg: float, count: int = 48) -> float:
-    """Brightness of a sphere's disc relative to a white Lambert disc normal to the light; at 0 deg the geometric albedo.
+    """Brightness of a sphere's disc relative to a white Lambert disc perpendicular to the light; at
+    0 deg the geometric albedo.
 
     Gauss-Legendre quadrature over photometric longitude and latitude.
     """
@@ -52,14 +54,14 @@ def disc_reflectance(model: Reflectance, phase_deg: float, count: int = 48) -> f
 
 
 def ground_reflectance(model: Reflectance, phase_deg: float) -> float:
-    """I/F of level terrain seen from the zenith; the Sun's zenith distance is the phase angle."""
+    """I/F of level terrain seen from the zenith; the incidence is equal to the phase."""
     g = math.radians(phase_deg)
     return float(radiance_factor(model, g, 0.0, g))
 
 
 def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) -> str:
-    """SVG of the magnitude over the phase angle, relative to that at 10 deg: of a sphere's disc, with the Moon's of Allen (1973),
-    or of level terrain.
+    """SVG of magnitudes by phase, relative to 10 deg for each model: of a sphere's disc, with the
+    Moon's (Allen 1973), or of level terrain.
     """
     bright = ground_reflectance if of_ground else disc_reflectance
     last = 88.0 if of_ground else 150.5

@@ -1,9 +1,9 @@
-"""Apollo Metric photographs beside renders of the same ground, on one grid and at one resolution.
+"""Apollo Metric images beside renders of the same terrain, on one grid and at one resolution.
 
-Two kinds of files, in ``shared/data/images``: frames as they were taken, with a camera file (Apollo
-15), and the Apollo 16 series, whose frames came map-projected to about 1280 m a pixel, with tables of
-where the Sun and the spacecraft stood. Nothing is fitted to a photograph but one shift for the whole
-series (`SERIES_SHIFT_PX`); a correlation takes gain and offset out.
+Two kinds of files, in ``shared/data/images``: original frames with a camera file (Apollo 15), and
+the Apollo 16 series, whose frames are map-projected to about 1280 m per pixel, with tables of the
+positions of the Sun and the spacecraft. Nothing is fitted to an image except one shift for the
+whole series (`SERIES_SHIFT_PX`); a correlation is independent of gain and offset.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ GSD_M = 474.0
 SERIES = "apollo16-metric-series"
 SERIES_PIXEL_M = 1280.0
 SERIES_SHIFT_PX = (0.7, 0.1)
-"""Columns and rows by which ground in GLD100 lies right of and below the same ground in a frame of the series:
-the control net of the frames is older. One figure for all frames, the median of their own; `benchmarks/photographs.py`
-measures it."""
+"""Columns and rows by which terrain in GLD100 is right of and below the same terrain in a frame of
+the series, whose control net is older. One value for all frames, the median of their own;
+`benchmarks/photographs.py` measures it."""
 
 FWHM = 2.0
-"""Full width at half maximum of the Gaussian that photographs and, where their cells are finer, renders are smoothed by,
-in cells of the grid they are compared on: the shortest wave that cells hold."""
+"""Full width at half maximum of the Gaussian that smooths images and, if their cells are finer,
+renders, in cells of the grid of the comparison: the shortest wavelength that cells represent."""
 
 WINDOW = 16
 MARGIN_PX = 8
@@ -56,13 +56,13 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def _mcewen_alone(mu0: np.ndarray, mu: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """The lunar-Lambert mixture (McEwen 1996), without any phase function."""
+    """The lunar-Lambert mixture (McEwen 1996) without a phase function."""
     share = np.clip(1.0 - 0.019 * g + 0.242e-3 * g**2 - 1.46e-6 * g**3, 0.0, 1.0)
     return 2.0 * share * mu0 / (mu0 + mu) + (1.0 - share) * mu0
 
 
 def _lroc_empirical(mu0: np.ndarray, mu: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """LROC_Empirical of 2019, NAC at 600 nm, as the documentation of ISIS's lronacpho prints it."""
+    """LROC_Empirical of 2019, NAC at 600 nm, as printed in the documentation of ISIS's lronacpho."""
     phase = -0.000083528 * g**2 + 0.012964707 * g - 0.237774774 * np.sqrt(g)
     facet = 0.556075496 * mu + 0.663671460 * mu0 - 0.439918609 * mu0**2
     return mu0 / (mu0 + mu) * np.exp(-1.479654495 + phase + facet)
@@ -72,12 +72,12 @@ YARDSTICKS: dict[str, Law] = {
     "lunar-lambert, no phase function": _mcewen_alone,
     "LROC empirical": _lroc_empirical,
 }
-"""Laws that the product does not have, on its bands."""
+"""Models that the product does not have, computed from its bands."""
 
 
 @dataclass(eq=False)
 class Frame:
-    """A photograph on a grid, and the scene that a render of it needs."""
+    """An image on a grid, and the scene for a render of it."""
 
     name: str
     scene: HeightfieldScene
@@ -87,14 +87,14 @@ class Frame:
     fwhm: float
 
     def render(self, model: str, factor: np.ndarray | None = None) -> np.ndarray:
-        """Radiance factor under a law (or one of `YARDSTICKS`), times a factor at the core's nodes, on
-        the photograph's grid.
+        """Radiance factor under a model (or one of `YARDSTICKS`), times a factor at the core's
+        nodes, on the image's grid.
         """
         radiance = self.radiance(model)
         return self.on_grid(radiance if factor is None else radiance * factor)
 
     def radiance(self, model: str) -> np.ndarray:
-        """Radiance factor at the core's nodes, 0 where not seen."""
+        """Radiance factor at the core's nodes, 0 for nodes that are not visible."""
         if model in YARDSTICKS:
             return self._yardstick(YARDSTICKS[model])
         shot = replace(self.scene, model=reflectance_model(model)).expose()
@@ -110,18 +110,18 @@ class Frame:
 
     @functools.cached_property
     def shot(self) -> Rendering:
-        """The scene, rendered as the product chooses."""
+        """The scene rendered with the product's own choices."""
         return self.scene.expose()
 
     def on_grid(self, nodes: np.ndarray) -> np.ndarray:
-        """Values of the core's nodes on the photograph's grid, smoothed as it is."""
+        """Values of the core's nodes on the image's grid, smoothed like the image."""
         if self.places is None:
             return nodes
         pixel = _blur(nodes, SERIES_PIXEL_M / GSD_M)
         return smooth(self.sampled(pixel), self.compared, self.fwhm)
 
     def sampled(self, nodes: np.ndarray) -> np.ndarray:
-        """Values of the core's nodes on the photograph's grid, not smoothed."""
+        """Values of the core's nodes on the image's grid, not smoothed."""
         if self.places is None:
             return nodes
         column, row = self.places.astype(np.float32)
@@ -134,8 +134,8 @@ class Frame:
 
     @functools.cached_property
     def off_axis(self) -> np.ndarray:
-        """Tangent of the angle to the camera's axis on the grid, (rows, cols); in the series, whose cameras'
-        attitudes we do not have, to the vertical.
+        """Tangent of the angle to the camera's axis on the grid, (rows, cols); for the series,
+        whose camera attitudes are unknown, to the vertical.
         """
         camera, terrain = self.scene.camera, self.scene.terrain
         pixels = camera.project(terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core)))
@@ -144,7 +144,7 @@ class Frame:
 
     @property
     def sun_elevation_deg(self) -> float:
-        """At the middle of the area."""
+        """Elevation at the centre of the area."""
         return self.scene.sun.elevation_deg
 
     @property
@@ -153,7 +153,7 @@ class Frame:
         return float(self.phase_deg[rows // 2, cols // 2])
 
     def windows(self, share: float = 0.9) -> list[tuple[slice, slice]]:
-        """Windows side by side of which at least a share is compared."""
+        """Adjacent windows with at least a given share of compared cells."""
         rows, cols = self.image.shape
         corners = (
             np.s_[row : row + WINDOW, col : col + WINDOW]
@@ -169,14 +169,14 @@ class Frame:
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Centred normalised correlation; 0 where one of the two is flat."""
+    """Centred normalised correlation; 0 if one of the two is constant."""
     a, b = a - a.mean(), b - b.mean()
     scale = np.sqrt((a * a).sum() * (b * b).sum())
     return float((a * b).sum() / scale) if scale > 0.0 else 0.0
 
 
 def smooth(values: np.ndarray, valid: np.ndarray, fwhm: float) -> np.ndarray:
-    """Gaussian means over the valid cells alone."""
+    """Gaussian means over the valid cells."""
     if not fwhm > 0.0:
         return np.where(valid, values, 0.0)
     weight = _blur(valid.astype(np.float64), fwhm, cv2.BORDER_CONSTANT)
@@ -192,7 +192,7 @@ def _blur(values: np.ndarray, fwhm: float, border: int = cv2.BORDER_REFLECT) -> 
 
 
 def series_keys(shared: Path) -> list[str]:
-    """Names of the frames whose ground the DEM beside them holds."""
+    """Names of the frames within the DEM beside them."""
     folder = shared / "images" / SERIES / "DIM_input_1280mpp_masked"
     return sorted(path.stem for path in folder.glob("AS16-M-*.tif"))
 
@@ -208,8 +208,8 @@ def series_frame(
     fwhm: float = FWHM,
     dem: Path | None = None,
 ) -> Frame:
-    """A frame of the series. Compared is where it is not 0: shadows, burnt-out ground and what lies
-    outside came masked.
+    """A frame of the series. Values of 0 are excluded: shadows, saturated terrain and everything
+    outside are masked in the files.
     """
     folder = shared / "images" / SERIES
     dem = dem or series_dem(shared)
@@ -233,7 +233,7 @@ def series_frame(
 
 
 def series_camera(meta: Path, key: str) -> Camera:
-    """A camera where the frame's stood, looking straight down, wide enough for all of it."""
+    """A nadir-looking camera at the frame's position, wide enough for the whole frame."""
     position = _table(meta / "spacecraftpos.txt")[key]
     lon, lat, _ = (float(value) for value in mcmf_to_lonlat(position))
     frame = EnuFrame(lon, lat)
@@ -252,7 +252,7 @@ def _table(path: Path) -> dict[str, np.ndarray]:
 def _places(
     scene: HeightfieldScene, dem: Path, lon_deg: np.ndarray, lat_deg: np.ndarray
 ) -> np.ndarray:
-    """Column and row among the core's nodes of the ground at longitudes and latitudes."""
+    """Column and row among the core's nodes of places by longitude and latitude."""
     height = np.asarray(DemSet.open([dem]).heights(lon_deg, lat_deg, GSD_M)[0], dtype=float)
     height = np.nan_to_num(height)[..., None]
     ground = lonlat_to_mcmf(lon_deg, lat_deg) * (1.0 + height / MOON_RADIUS_M)
@@ -273,12 +273,12 @@ FRAMED = {
     "AS15-M-0299": (FARSIDE, "gld100_064ppd_lat-28_-13_lon132-155.tif"),
     "AS15-M-0300": (FARSIDE, "gld100_064ppd_lat-28_-13_lon132-155.tif"),
 }
-"""Folder and DEM of each."""
+"""Folder and DEM of each frame."""
 
 
 def framed(shared: Path, key: str, fwhm: float = FWHM) -> Frame:
-    """A frame with its camera, at the render's nodes, 474 m apart: as in `test_photo`, the photograph
-    is smoothed and sampled where the nodes project; nodes within 8 pixels of its border are left out.
+    """A frame with its camera, at the render's nodes, 474 m apart: the image is smoothed and
+    sampled at the projected nodes; nodes within 8 pixels of its border are left out.
     """
     name, dem = FRAMED[key]
     folder = shared / "images" / name

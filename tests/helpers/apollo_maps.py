@@ -1,7 +1,7 @@
-"""The frames of the Apollo 16 series as map-projected images: each with its own Sun, and a catalogue of their ground that the
-command builds from GLD100. What tests and `benchmarks/locate_maps.py` share.
-
-The maps hang on an older control net: their ground lies some 0.8 km east and 0.2 km south of where they put it.
+"""The frames of the Apollo 16 series as map-projected images, each with its own Sun, and a
+catalogue of their terrain that the command builds from GLD100; shared by tests and
+`benchmarks/locate_maps.py`. The maps use an older control net, which displaces their terrain by
+about 0.8 km to the east and 0.2 km to the south.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from lcp_catalog.light.sun_choice import SunChoice
 
 UNCERTAIN = Uncertainty(1500.0)
 NET_M = (803.0, -194.0)
-"""Median (east, north) of the frames that single points locate; robust spread 259 and 180 m."""
+"""Median displacement (east, north) of the frames that single points locate; robust spread 259 and
+180 m."""
 
 BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0, 55.0", spacing="")
 BOUNDS_DEG = (0, -13, 16, -5)
 
 
 def built(shared: Path, folder: Path) -> Catalog:
-    """The catalogue, by the command; one that is in the folder already is taken."""
+    """The catalogue, built by the command unless it is in the folder already."""
     path = folder / "apollo16.h5"
     if not path.exists():
         config = folder / "apollo16.toml"
@@ -45,7 +46,7 @@ def built(shared: Path, folder: Path) -> Catalog:
 
 
 def frame(shared: Path, key: str) -> Image:
-    """A map of the series, under the Sun of NASA's table."""
+    """A map of the series, with the Sun of NASA's table."""
     folder = shared / "images" / SERIES
     rows = (line.split() for line in (folder / "meta" / "sunpos.txt").read_text().splitlines())
     position = next(np.array(row[1:], dtype=float) for row in rows if row and row[0] == key)
@@ -55,21 +56,21 @@ def frame(shared: Path, key: str) -> Image:
 
 
 def middle(photo: Image) -> np.ndarray:
-    """Ground at the middle of a map, (1, 3)."""
+    """Place at the centre of a map, (1, 3)."""
     rows, cols = photo.signal.shape
     return MOON_RADIUS_M * photo.sensor.ground([[(cols - 1) / 2.0, (rows - 1) / 2.0]])
 
 
 def cut(photo: Image, rows: int, cols: int) -> Image:
-    """The upper left part of a map."""
+    """Upper left part of a map."""
     signal, weight = photo.signal[:rows, :cols], photo.weight[:rows, :cols]
     sensor = replace(photo.sensor, image_shape=signal.shape)
     return replace(photo, signal=signal, weight=weight, sensor=sensor)
 
 
 def not_this_place(photo: Image, others: list[Image], seed: int = 0) -> Iterator[tuple[str, Image]]:
-    """A map made into what it is not: turned, mirrored; with the pixels of others, of other ground; of noise with the
-    spectrum of ground.
+    """A map that does not show its place: turned or mirrored; with the pixels of other maps or of
+    other terrain; or noise with the spectrum of terrain.
     """
     least = min(photo.signal.shape)
     for how in ("left-right", "up-down", "90", "180", "270"):

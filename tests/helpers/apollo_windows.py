@@ -1,7 +1,7 @@
-"""Apollo 15 frames in windows: the image on the DEM's cells, renders, and yardsticks. Nothing is
-fitted to a frame but its camera (in advance, see the provenance of the data) and the gain and
-offset of each window. The photographs are scans of film for display; `SRGB` decodes them by the
-standard's curve, without a fit.
+"""Apollo 15 frames in windows: the image on the DEM's cells, renders, and other models for
+comparison. Nothing is fitted to a frame except its camera (in advance, see the provenance of the
+data) and the gain and offset of each window. The images are scans of film for display; `SRGB`
+decodes them by the standard's curve, without a fit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LAW = "lunar-lambert"
 
 
 def photograph(image: Path, camera: Path, encoding: str = SRGB) -> Image:
-    """A frame; its border of `MARGIN_PX` pixels, with the notches of the film, has no weight."""
+    """A frame; its border of `MARGIN_PX` pixels, with the notches of the film, has weight 0."""
     with rasterio.open(image) as file:
         codes = file.read(1).astype(np.float64)
     values = decode_srgb(codes / 255.0) if encoding == SRGB else codes

@@ -15,8 +15,8 @@ from lcp_catalog.light.environment_map import Panorama
 
 @dataclass(frozen=True)
 class Lamp:
-    """A round patch of one luminance over its place in the sky: its middle, its radius (0: all in
-    one pixel) and its power, the irradiance of a surface held square to it.
+    """A disc of uniform luminance in the sky: centre, radius (0: one pixel) and power, i.e. the
+    irradiance of a surface perpendicular to it.
     """
 
     azimuth_deg: float
@@ -49,8 +49,8 @@ OVERCAST = CieSky(4.0, -0.70, 0.0, -1.0, 0.0)
 
 
 def directions(rows: int) -> Array:
-    """Unit ENU directions of the pixels' middles, (rows, 2 rows, 3), of a panorama whose middle
-    looks north.
+    """Unit ENU directions of the pixels' centres, (rows, 2 rows, 3), of a panorama whose middle is
+    at north.
     """
     elevation = (math.pi / 2.0 - (np.arange(rows) + 0.5) * (math.pi / rows))[:, None]
     azimuth = (np.arange(2 * rows) + 0.5) * (math.pi / rows) - math.pi
@@ -58,7 +58,7 @@ def directions(rows: int) -> Array:
 
 
 def uniform(rows: int = 64, luminance: float = 1.0, ground: float = 0.0) -> Panorama:
-    """One luminance above the horizon, another below."""
+    """One luminance above the horizon, another below it."""
     light = np.full((rows, 2 * rows), ground, dtype=np.float64)
     light[: rows // 2] = luminance
     return Panorama(light, name="uniform")
@@ -71,7 +71,7 @@ def cie_sky(
     sky: CieSky = CLEAR,
     ground: float = 0.1,
 ) -> Panorama:
-    """A CIE sky without its Sun, 1 in the zenith, over ground of one luminance."""
+    """A CIE sky without its Sun, with luminance 1 in the zenith, over terrain of uniform luminance."""
     looking = directions(rows)
     zenith = np.arccos(np.clip(looking[: rows // 2, :, 2], 0.0, 1.0))
     sun = Lamp(sun_azimuth_deg, sun_elevation_deg, 1.0).direction
@@ -92,14 +92,14 @@ def cie_sky(
 
 
 def with_lamps(panorama: Panorama, lamps: Iterable[Lamp]) -> Panorama:
-    """Lamps added to a panorama whose middle looks north; each has its stated power to rounding, in
+    """Add lamps to a panorama whose middle is at north; each has its stated power to rounding, in
     whole pixels.
     """
     return Panorama(_lit(panorama.luminance, lamps), name=f"{panorama.name} with lamps")
 
 
 def room(rows: int, lamps: Iterable[Lamp], ambient: float = 0.0) -> Panorama:
-    """Lamps in a room of one luminance all around."""
+    """Lamps in a room of uniform luminance."""
     return Panorama(_lit(np.full((rows, 2 * rows), ambient), lamps), name="room")
 
 

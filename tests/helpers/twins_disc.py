@@ -1,5 +1,5 @@
-"""Slow judges of the finite Sun: the disc as thousands of directions, each an exact shadow, and what
-a straight edge leaves of a disc, in mpmath. No strips, no horizons, no tables.
+"""Slow reference computations of the finite Sun: the disc as thousands of directions with exact
+shadows, and the share of a disc above a straight edge in mpmath. No strips, horizons or tables.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ def towards(azimuth_deg: float, elevation_deg: float) -> Array:
 
 
 def disc_directions(sun: Array, radius_rad: float, rings: int) -> tuple[Array, Array]:
-    """Directions (n, 3) over the disc and their shares of its flux (n,): rings of equal width,
-    about as many sectors as keep cells square; spherical geometry (Rodrigues).
+    """Directions (n, 3) over the disc and their shares of its flux (n,): rings of equal width, with
+    sectors that make the cells nearly square; spherical geometry (Rodrigues).
     """
     side = np.cross(sun, [0.0, 0.0, 1.0] if abs(sun[2]) < 0.9 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
@@ -49,7 +49,9 @@ def sampled_share(
     rings: int,
     window: tuple[int, int, int, int] | None = None,
 ) -> Array:
-    """Share of the disc seen by every node of a window (of all), float64 (rows, cols)."""
+    """Share of the disc visible from every node of a window (by default of the field), float64
+    (rows, cols).
+    """
     row0, row1, col0, col1 = window or field.whole
     out = np.zeros((row1 - row0, col1 - col0))
     for direction, weight in zip(*disc_directions(sun, radius_rad, rings), strict=True):
@@ -58,8 +60,8 @@ def sampled_share(
 
 
 def cap_share(height: float) -> mpmath.mpf:
-    """Flux above the chord at ``height`` (radii over the middle), as a share: rings, of each the arc
-    above the chord.
+    """Flux above the chord at ``height`` (radii above the centre), as a share, from the arcs of
+    rings above the chord.
     """
     a, b, c = (mpmath.mpf(v) for v in map(repr, LAW))
     h = mpmath.mpf(height)
@@ -74,8 +76,8 @@ def cap_share(height: float) -> mpmath.mpf:
 
 
 def ridge_share(to_crest: Array, along: Array, sun: Array, radius_rad: float) -> float:
-    """Share of the disc above an endless straight crest: ``to_crest`` leads to a point of it,
-    ``along`` is its direction. Such a crest is a great circle of the sky.
+    """Share of the disc above an infinite straight crest: ``to_crest`` is the vector to a point of
+    it, ``along`` its direction. Such a crest is a great circle of the sky.
     """
     normal = np.cross(along, to_crest)
     normal *= np.sign(normal[2]) / np.linalg.norm(normal)  # upwards: the open sky

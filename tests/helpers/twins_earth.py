@@ -1,5 +1,6 @@
-"""A plain twin of the Earth over the Moon: Meeus, Astronomical Algorithms, 2nd edition, chapters 47 (the
-Moon's place by its larger terms) and 53 (librations). Degrees; good to about 0.01 deg.
+"""Independent computation of the Earth's position over the Moon: Meeus, Astronomical Algorithms,
+2nd edition, chapters 47 (the Moon's position by its larger terms) and 53 (librations). Degrees;
+accurate to about 0.01 deg.
 """
 
 from __future__ import annotations

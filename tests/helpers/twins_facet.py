@@ -1,5 +1,5 @@
-"""Judges of the facet model: the paper's formulas letter by letter in mpmath, Fresnel's complex amplitudes, and a
-Gaussian profile whose shadows are counted.
+"""Reference computations for the facet model: the paper's formulas as printed, in mpmath; Fresnel's
+complex amplitudes; and shadows counted on a Gaussian profile.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def gaussian_profile(nodes, per_length, rng):
 
 
 def horizons(height, per_length, lengths=20):
-    """Steepest slope up to anything to the right, and to the left, of every node."""
+    """Steepest slope from every node to any node on the right, and on the left."""
     right = np.full(height.shape, -np.inf)
     left = right.copy()
     for step in range(1, lengths * per_length + 1):
@@ -100,10 +100,9 @@ def horizons(height, per_length, lengths=20):
 
 
 def shadow_shares(rms_slope, nodes, seeds, per_length=32):
-    """Columns psi, tilt, theta (deg), unshadowed share, unmasked share, share of both, how many facets.
-
-    Facets are binned by 5 deg of tilt; psi runs from 0 to 80 deg by 5; the receiver stands where each facet mirrors
-    the source, theta = 2 tilt - psi, up to 85 deg.
+    """Columns psi, tilt, theta (deg), unshadowed share, unmasked share, share of both, number of
+    facets. Facets are binned by 5 deg of tilt; psi is 0 to 80 deg in steps of 5; the receiver is in
+    each facet's mirror direction, theta = 2 tilt - psi, up to 85 deg.
     """
     drawn = [gaussian_profile(nodes, per_length, np.random.default_rng(seed)) for seed in seeds]
     sides = [horizons(height, per_length) for height, _ in drawn]
@@ -141,7 +140,9 @@ def shadow_model(constants, shares):
 
 
 def shadow_residuals(constants, shares):
-    """What `shadow_model` misses of the shares, weighted so that the squares sum to three mean squares."""
+    """Differences between `shadow_model` and the shares, weighted so that the squares sum to three
+    mean squares.
+    """
     weight = np.sqrt(shares[:, 6] / shares[:, 6].sum())
     model = shadow_model(constants, shares)
     return np.concatenate([(m - s) * weight for m, s in zip(model, shares[:, 3:6].T, strict=True)])

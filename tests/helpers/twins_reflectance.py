@@ -1,4 +1,6 @@
-"""Slow judges of the laws of reflection: the textbook's formulae in many digits, and plain integrals."""
+"""Slow reference computations of the reflectance models: textbook formulas in many digits, and
+plain integrals.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ SPECS = [
     "minnaert:0.8",
     *(f"hapke:{name}" for name in SETS),
 ]
-"""Every law by name, with every published set."""
+"""Every model by name, with every published set."""
 
 
 def phase_function(p: HapkeSet, cos_g):
@@ -56,7 +58,9 @@ def h_function(x, w):
 
 
 def roughness(theta, mu0, mu, cos_g):
-    """mu0e, mue, S of Hapke 1984, both branches as printed; angles in radians, a cosine of 1 is straight up."""
+    """mu0e, mue, S of Hapke 1984, both branches as printed; angles in radians, a cosine of 1 is
+    vertical.
+    """
     if theta == 0:
         return mu0, mu, mpf(1)
     tan, pi = mpmath.tan(theta), mpmath.pi
@@ -93,7 +97,7 @@ def roughness(theta, mu0, mu, cos_g):
 
 
 def hapke(p: HapkeSet, mu0: float, mu: float, cos_g: float):
-    """I/F of exactly these cosines, mu0 and mu above 0, with `DIGITS` digits."""
+    """I/F for exactly these cosines, mu0 and mu above 0, with `DIGITS` digits."""
     with mpmath.workdps(DIGITS):
         mu0, mu, cos_g = mpf(mu0), mpf(mu), mpf(cos_g)
         theta = mpmath.radians(mpf(p.theta_bar_deg))
@@ -110,7 +114,7 @@ def hapke(p: HapkeSet, mu0: float, mu: float, cos_g: float):
 
 
 def phase_angle(incidence, emission, azimuth):
-    """Of directions over a level surface, from chords: good near 0 and pi."""
+    """Phase between directions above a level surface, from chords: accurate near 0 and pi."""
     sun = np.stack([np.sin(incidence), np.zeros_like(incidence), np.cos(incidence)], axis=-1)
     sine = np.sin(emission)
     camera = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(emission)], axis=-1)
@@ -119,9 +123,9 @@ def phase_angle(incidence, emission, azimuth):
 
 
 def disc_albedo(model: Reflectance, phase_deg: float, count: int = 100) -> float:
-    """Brightness of a sphere's disc at a phase, relative to a white Lambert disc square to the light: at 0 the geometric albedo.
-
-    Gauss-Legendre over the photometric latitude and longitude of the lit and seen crescent.
+    """Brightness of a sphere's disc at a phase, relative to a white Lambert disc perpendicular to
+    the light; at 0 the geometric albedo. Gauss-Legendre quadrature over the photometric latitude
+    and longitude of the lit and visible crescent.
     """
     g = math.radians(phase_deg)
     nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -135,7 +139,7 @@ def disc_albedo(model: Reflectance, phase_deg: float, count: int = 100) -> float
 
 
 def hemispherical_albedo(model: Reflectance, incidence: float, count: int = 96) -> float:
-    """Share of parallel light that a level surface sends back, all directions together."""
+    """Share of parallel light that a level surface reflects into all directions together."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     emission, azimuth = np.meshgrid(math.pi / 4 * (nodes + 1), math.pi / 2 * (nodes + 1))
     at = np.full_like(emission, incidence)
