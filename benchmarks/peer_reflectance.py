@@ -4,8 +4,8 @@
     PYTHONPATH=. peer/bin/python benchmarks/peer_reflectance.py
 
 The plugin's c is the weight of the backward lobe, (1 + c)/2 here. It has shadow hiding and roughness, but neither coherent
-backscatter nor porosity. `tests/photometry/test_hapke.py` contains some of its numbers. It is not a test dependency, because its own
-package `mitsuba` conflicts with that of benchmarks/peers.py.
+backscatter nor porosity. `tests/photometry/test_hapke.py` contains some of its numbers. It is not a test dependency,
+because its own package `mitsuba` conflicts with that of benchmarks/peers.py.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Charts of the reflectance models, as SVG that needs no style sheet: phase curves, and polar charts."""
 
-# ruff: noqa: E501 - lines of markup
-
 from __future__ import annotations
 
 import math
