@@ -48,7 +48,7 @@ class Lens(Protocol):
 
 
 @dataclass(frozen=True)
-class _Unfolded:
+class _LensBase:
     """Base of the lenses: their JSON form, and no fold by default."""
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
@@ -63,7 +63,7 @@ class _Unfolded:
 
 
 @dataclass(frozen=True)
-class _FromLanded(_Unfolded, ABC):
+class _InverseFormula(_LensBase, ABC):
     """A lens whose formula goes from distorted to ideal coordinates; the other way is solved."""
 
     @abstractmethod
@@ -77,11 +77,11 @@ class _FromLanded(_Unfolded, ABC):
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(part) for part in value]
-    return value.to_json() if isinstance(value, _Unfolded) else value
+    return value.to_json() if isinstance(value, _LensBase) else value
 
 
 @dataclass(frozen=True)
-class NoLens(_Unfolded):
+class NoLens(_LensBase):
     """A pinhole: no distortion."""
 
     def distort(self, x: Array, y: Array) -> Pair:
@@ -92,7 +92,7 @@ class NoLens(_Unfolded):
 
 
 @dataclass(frozen=True)
-class OpenCV(_Unfolded):
+class OpenCV(_LensBase):
     """Radial and tangential distortion of OpenCV. Also the TSAI lens of the Ames Stereo Pipeline
     (since 3.3.0, by its manual), and RADTAN of usgscsm, there in millimetres.
 
@@ -138,7 +138,7 @@ class OpenCV(_Unfolded):
 
 
 @dataclass(frozen=True)
-class UsgsRadial(_Unfolded):
+class UsgsRadial(_LensBase):
     """'radial' of an ISD, millimetres; defined from distorted to ideal: x = u (1 - k0 - k1 r^2 - k2
     r^4), r of (u, v).
     """
@@ -157,17 +157,17 @@ class UsgsRadial(_Unfolded):
         to its maximum.
         """
         ideal = np.hypot(x, y)
-        landed = ideal
+        distorted = ideal
         with np.errstate(all="ignore"):
             for _ in range(_MOST_STEPS):
-                r2 = landed * landed
-                there = landed * (1 - (self.k0 + r2 * (self.k1 + r2 * self.k2)))
+                r2 = distorted * distorted
+                there = distorted * (1 - (self.k0 + r2 * (self.k1 + r2 * self.k2)))
                 slope = 1 - (self.k0 + r2 * (3 * self.k1 + r2 * 5 * self.k2))
                 step = (there - ideal) / slope
-                landed = landed - step
-                if _settled(step, landed):
+                distorted = distorted - step
+                if _settled(step, distorted):
                     break
-            scale = np.where(ideal > 0.0, landed / ideal, 1.0)
+            scale = np.where(ideal > 0.0, distorted / ideal, 1.0)
         return x * scale, y * scale
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
@@ -186,7 +186,7 @@ def _ideal_turn2(*k: float) -> float:
 
 
 @dataclass(frozen=True)
-class LroNac(_Unfolded):
+class LroNac(_LensBase):
     """'lrolrocnac' of an ISD, millimetres; along the detector only: y = v / (1 + k v^2)."""
 
     k: float
@@ -207,7 +207,7 @@ class LroNac(_Unfolded):
 
 
 @dataclass(frozen=True)
-class KaguyaLism(_FromLanded):
+class KaguyaLism(_InverseFormula):
     """'kaguyalism' of an ISD, millimetres: x = u + boresight_x + a0 + a1 r + a2 r^2 + a3 r^3, r of
     (u, v); y likewise with b.
     """
@@ -227,7 +227,7 @@ class KaguyaLism(_FromLanded):
 
 
 @dataclass(frozen=True)
-class _RadialAndAside(_FromLanded):
+class _RadialTangential(_InverseFormula):
     """Base of Photometrix and BrownConrady: an offset, a radial and a tangential part."""
 
     xp: float
@@ -244,7 +244,7 @@ class _RadialAndAside(_FromLanded):
 
 
 @dataclass(frozen=True)
-class Photometrix(_RadialAndAside):
+class Photometrix(_RadialTangential):
     """Photometrix (Australis) of ASP, in the unit of the file's focal length; defined from
     distorted to ideal.
 
@@ -264,7 +264,7 @@ class Photometrix(_RadialAndAside):
 
 
 @dataclass(frozen=True)
-class BrownConrady(_RadialAndAside):
+class BrownConrady(_RadialTangential):
     """BrownConrady of ASP, in the unit of the file's focal length; defined from distorted to ideal.
 
     With x, y, r as in `Photometrix`: ideal = x (1 + k1 r^2 + k2 r^4 + k3 r^6) - (p1 r^2 + p2 r^4)
@@ -277,15 +277,17 @@ class BrownConrady(_RadialAndAside):
         x, y = u - self.xp, v - self.yp
         r2 = x * x + y * y
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
-        aside = r2 * (self.p1 + r2 * self.p2)
-        return x * radial - aside * math.sin(self.phi), y * radial + aside * math.cos(self.phi)
+        tangential = r2 * (self.p1 + r2 * self.p2)
+        return x * radial - tangential * math.sin(self.phi), y * radial + tangential * math.cos(
+            self.phi
+        )
 
 
-Square = tuple[tuple[float, float], tuple[float, float]]
+Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class OnPlane(_Unfolded):
+class OnPlane(_LensBase):
     """A lens in other units or axes.
 
     ``into`` takes the focal plane of a camera (units of its focal length) to that of the lens,
@@ -293,9 +295,9 @@ class OnPlane(_Unfolded):
     mirrored or has oblong pixels.
     """
 
-    into: Square
+    into: Matrix
     lens: Lens
-    out: Square
+    out: Matrix
 
     def distort(self, x: Array, y: Array) -> Pair:
         return _times(self.out, *self.lens.distort(*_times(self.into, x, y)))
@@ -308,12 +310,12 @@ class OnPlane(_Unfolded):
         return self.lens.within(*_times(self.into, x, y))
 
 
-def _times(square: Square, x: Array, y: Array) -> Pair:
+def _times(square: Matrix, x: Array, y: Array) -> Pair:
     (a, b), (c, d) = square
     return a * x + b * y, c * x + d * y
 
 
-def _inverse(square: Square) -> Square:
+def _inverse(square: Matrix) -> Matrix:
     (a, b), (c, d) = square
     determinant = a * d - b * c
     return (d / determinant, -b / determinant), (-c / determinant, a / determinant)

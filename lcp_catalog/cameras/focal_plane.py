@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from .distortion import Lens, NoLens, OnPlane, Square
+from .distortion import Lens, Matrix, NoLens, OnPlane
 
-UNDONE_PX = 1e-6
+INVERSE_TOLERANCE_PX = 1e-6
 """Largest error of a lens's inverse: a pixel's direction projects to the pixel within this
 distance.
 """
@@ -56,8 +56,8 @@ class FocalPlane:
                 return looking
             back = self.lens.distort(x, y)
             off_px = np.hypot(back[0] - u, back[1] - v) * self.focal_length_px
-            undone = (off_px < UNDONE_PX) & self.lens.within(x, y)
-        return np.where(undone[..., None], looking, np.nan)
+            solved = (off_px < INVERSE_TOLERANCE_PX) & self.lens.within(x, y)
+        return np.where(solved[..., None], looking, np.nan)
 
 
 def plane_of(
@@ -93,6 +93,6 @@ def plane_of(
     return FocalPlane(density * focal_length, origin_px, lens), axes
 
 
-def _square(matrix: Array) -> Square:
+def _square(matrix: Array) -> Matrix:
     (a, b), (c, d) = matrix.tolist()
     return (a, b), (c, d)

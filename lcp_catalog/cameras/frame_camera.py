@@ -236,7 +236,7 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
     return Camera(**known, name=name)
 
 
-def camera_on(plane: FocalPlane, **rest: Any) -> Camera:
+def camera_with_plane(plane: FocalPlane, **rest: Any) -> Camera:
     """The camera with a focal plane; ``rest``: the other fields of `Camera`."""
     lens = plane.lens
     if isinstance(lens, NoLens | OpenCV):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from .frame_camera import Camera, camera_on
+from .frame_camera import Camera, camera_with_plane
 from .isd_optics import CORNER_PX, plane_of_isd
 from .isd_tables import Tables
 from .json_fields import JsonFields
@@ -49,8 +49,8 @@ def _common(fields: JsonFields, tables: Tables) -> dict[str, Any]:
 
 def _frame(fields: JsonFields, tables: Tables) -> Camera:
     plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
-    trajectory = tables.trajectory.turned_by(axes)
-    return camera_on(
+    trajectory = tables.trajectory.with_axes(axes)
+    return camera_with_plane(
         plane,
         position_mcmf_m=trajectory.positions(np.zeros(1))[0],
         rotation_mcmf_to_camera=trajectory.to_mcmf(np.zeros(3), np.eye(3)),
@@ -67,7 +67,7 @@ def _line_scanner(fields: JsonFields, tables: Tables) -> LineScanner:
     return LineScanner(
         image_shape=(lines, samples),
         plane=plane,
-        trajectory=tables.trajectory.turned_by(axes),
+        trajectory=tables.trajectory.with_axes(axes),
         times_s=times,
         line_px=-CORNER_PX,  # usgscsm takes the line of sight of the upper edge of the detector's line
         **_common(fields, tables),
@@ -108,7 +108,7 @@ def _push_frame(fields: JsonFields, tables: Tables) -> PushFrame:
     return PushFrame(
         image_shape=(lines, samples),
         plane=plane,
-        trajectory=tables.trajectory.turned_by(axes),
+        trajectory=tables.trajectory.with_axes(axes),
         lines=int(height),
         first_s=first,
         step_s=step,

@@ -16,10 +16,10 @@ import numpy as np
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..geometry.rotations import turned
-from ..sun.times import of_ephemeris_time
+from ..sun.times import utc_of_ephemeris_time
 from .frame_camera import FARTHEST_M
 from .json_fields import JsonFields
-from .trajectory import Track, Trajectory, Turning
+from .trajectory import Attitude, Track, Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ class Tables:
         seconds = self.fields.number("center_ephemeris_time")
         if abs(seconds) > _CENTURY_S:
             self.fields.refuse("center_ephemeris_time", f"is {seconds:g} s: not within 1900-2099")
-        return of_ephemeris_time(seconds)
+        return utc_of_ephemeris_time(seconds)
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -146,7 +146,7 @@ class Tables:
             return Track(times, positions)
         return Track(times, positions, velocities)
 
-    def _turning(self, table: str) -> Turning:
+    def _turning(self, table: str) -> Attitude:
         times = self._times(table)
         quaternions = self.fields.numbers(f"{table}.quaternions", (len(times), 4))
         if (np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > _UNIT_TOLERANCE).any():
@@ -157,7 +157,7 @@ class Tables:
             off = np.abs(after @ after.T - np.eye(3)).max()
             if off > _UNIT_TOLERANCE or np.linalg.det(after) < 0:
                 self.fields.refuse(f"{table}.constant_rotation", "is not a rotation")
-        return Turning.of_table(times, quaternions, after)
+        return Attitude.of_table(times, quaternions, after)
 
     def _frame(self, table: str) -> int:
         path = f"{table}.reference_frame"

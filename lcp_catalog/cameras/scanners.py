@@ -96,7 +96,7 @@ class Scanner(FullSensor):
 
     def _on_plane(self, times_s: Array, points: Array) -> Array:
         """Pixels of ``plane`` (n, 2) of points (n, 3) at times (n,)."""
-        return self.plane.pixels(self.trajectory.seen(times_s, points))
+        return self.plane.pixels(self.trajectory.to_camera(times_s, points))
 
     def _crossing(
         self, time_of: Callable[[Array], Array], span: tuple[float, float], line_px: float, p: Array

@@ -87,20 +87,20 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class Attitude:
     """Rotations at increasing times (n,) in seconds: quaternions (n, 4), w first."""
 
     times_s: Array
     quaternions: Array
 
     @classmethod
-    def of_table(cls, times_s: Array, quaternions: Array, after: Array) -> Turning:
+    def of_table(cls, times_s: Array, quaternions: Array, after: Array) -> Attitude:
         """From a table of quaternions of any sign, followed by a fixed rotation (3, 3)."""
         return cls(times_s, product(quaternion_of(after), same_sides(quaternions)))
 
-    def then(self, rotation: Array) -> Turning:
+    def then(self, rotation: Array) -> Attitude:
         """The same rotations followed by a fixed rotation (4,)."""
-        return Turning(self.times_s, product(rotation, self.quaternions))
+        return Attitude(self.times_s, product(rotation, self.quaternions))
 
     @cached_property
     def _steps_rad(self) -> Array:
@@ -132,8 +132,8 @@ class Trajectory:
     """
 
     track: Track
-    body: Turning
-    pointing: Turning
+    body: Attitude
+    pointing: Attitude
     fixed: bool = False
     shift_m: Array | None = None
 
@@ -145,7 +145,7 @@ class Trajectory:
         turn = quaternion_of(by_vector(correction[3:]))
         return replace(self, shift_m=shift, pointing=self.pointing.then(turn))
 
-    def turned_by(self, rotation: Array) -> Trajectory:
+    def with_axes(self, rotation: Array) -> Trajectory:
         """The trajectory for other camera axes: a rotation (3, 3) follows the attitude."""
         return replace(self, pointing=self.pointing.then(quaternion_of(rotation)))
 
@@ -158,7 +158,7 @@ class Trajectory:
         there = there if self.fixed else turned(body, there)
         return there if self.shift_m is None else there + self.shift_m
 
-    def seen(self, times_s: Array, points: Array) -> Array:
+    def to_camera(self, times_s: Array, points: Array) -> Array:
         """MCMF points (m, 3) in camera axes, metres from the camera, each at its time (m,)."""
         body = self.body.at(times_s)
         to_camera = product(self.pointing.at(times_s), inverse(body))

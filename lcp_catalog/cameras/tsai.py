@@ -18,7 +18,7 @@ from ..arrays import Array
 from ..errors import CameraError
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix
 from .focal_plane import plane_of
-from .frame_camera import Camera, camera_on
+from .frame_camera import Camera, camera_with_plane
 from .json_fields import LARGEST
 
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
@@ -98,7 +98,7 @@ class _Tsai:
             (self.number("cu") / pitch, self.number("cv") / pitch),
             flipped=mirrored,
         )
-        return camera_on(
+        return camera_with_plane(
             plane,
             position_mcmf_m=self.numbers("C", 3),
             rotation_mcmf_to_camera=turn @ axes,

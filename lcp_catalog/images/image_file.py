@@ -21,7 +21,7 @@ from ..light.sun_choice import SunChoice
 from ..photometry.srgb import decode_srgb
 from .image import Image
 from .pixels import ImagePixels, read_pixels
-from .special_pixels import Codes, Kinds, ends, isis_special, touching_edge
+from .special_pixels import Codes, SpecialPixels, isis_special, plateau_ends, touching_edge
 from .sun_from_label import ImageLabel, read_image_label
 
 log = logging.getLogger(__name__)
@@ -137,7 +137,7 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
     plain = valid & ~kinds.low & ~kinds.high
     if not plain.any():
         raise ImageError(f"{image.path}: has no valid pixel")
-    low, high = ends(samples, plain)
+    low, high = plateau_ends(samples, plain)
     bright = kinds.high if high is None else kinds.high | (plain & (samples == high))
     if on_map and low is not None and not image.states_nodata:
         valid &= ~touching_edge(plain & (samples == low))  # the margin of the map around the image
@@ -163,7 +163,7 @@ def _signal(image: ImagePixels, encoding: str) -> Float32:
     return decode_srgb(samples / float(np.iinfo(samples.dtype).max)).astype(np.float32)
 
 
-def _kinds(image: ImagePixels, codes: Codes) -> Kinds:
+def _kinds(image: ImagePixels, codes: Codes) -> SpecialPixels:
     """Samples that are not brightness: by the label, and by ISIS codes in cubes and in float images
     of any origin, where no other format uses these codes.
     """

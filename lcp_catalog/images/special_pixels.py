@@ -36,7 +36,7 @@ PLATEAU_LEAST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Kinds:
+class SpecialPixels:
     """Masks (rows, cols) of samples that are not brightness: ``missing``, below the range
     (``low``), above the range (``high``).
     """
@@ -45,8 +45,10 @@ class Kinds:
     low: Mask
     high: Mask
 
-    def __or__(self, other: Kinds) -> Kinds:
-        return Kinds(self.missing | other.missing, self.low | other.low, self.high | other.high)
+    def __or__(self, other: SpecialPixels) -> SpecialPixels:
+        return SpecialPixels(
+            self.missing | other.missing, self.low | other.low, self.high | other.high
+        )
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,11 @@ class Codes:
     low: tuple[float | int, ...] = ()
     high: tuple[float | int, ...] = ()
 
-    def among(self, samples: NDArray[Any]) -> Kinds:
+    def among(self, samples: NDArray[Any]) -> SpecialPixels:
         """Masks of the codes in samples (rows, cols)."""
-        return Kinds(*(_any_of(samples, codes) for codes in (self.missing, self.low, self.high)))
+        return SpecialPixels(
+            *(_any_of(samples, codes) for codes in (self.missing, self.low, self.high))
+        )
 
 
 NO_CODES = Codes()
@@ -80,7 +84,7 @@ def _any_of(samples: NDArray[Any], codes: tuple[float | int, ...]) -> Mask:
     return found
 
 
-def isis_special(samples: NDArray[Any]) -> Kinds:
+def isis_special(samples: NDArray[Any]) -> SpecialPixels:
     """Special pixels of a cube's samples (rows, cols). 8-bit samples have one code for NULL and
     both low codes, which is taken as NULL.
 
@@ -90,21 +94,21 @@ def isis_special(samples: NDArray[Any]) -> Kinds:
         return _special_floats(samples)
     if samples.dtype.name not in _INTEGER_CODES:
         nothing = np.zeros(samples.shape, dtype=bool)
-        return Kinds(nothing, nothing, nothing)
+        return SpecialPixels(nothing, nothing, nothing)
     (null, lrs, lis, his, hrs), (least, most) = _INTEGER_CODES[samples.dtype.name]
     low = ((samples == lrs) | (samples == lis)) & (samples != null)
     high = (samples == his) | (samples == hrs)
-    return Kinds(((samples < least) | (samples > most)) & ~low & ~high, low, high)
+    return SpecialPixels(((samples < least) | (samples > most)) & ~low & ~high, low, high)
 
 
-def _special_floats(samples: NDArray[Any]) -> Kinds:
+def _special_floats(samples: NDArray[Any]) -> SpecialPixels:
     bits = np.ascontiguousarray(samples).view(f"u{samples.dtype.itemsize}")
     null, lrs, lis, his, hrs = _FLOAT_CODES[samples.dtype.name]
     low, high = (bits == lrs) | (bits == lis), (bits == his) | (bits == hrs)
-    return Kinds((bits == null) | ~np.isfinite(samples), low, high)
+    return SpecialPixels((bits == null) | ~np.isfinite(samples), low, high)
 
 
-def ends(samples: NDArray[Any], valid: Mask) -> tuple[float | None, float | None]:
+def plateau_ends(samples: NDArray[Any], valid: Mask) -> tuple[float | None, float | None]:
     """The lowest and the highest value of samples where ``valid``, each only if it is a plateau;
     else None.
 

@@ -59,11 +59,11 @@ class ImageLabel:
     """Sun of an image by its label: a position (3,) in MCMF metres, a unit direction (3,), or a
     time; None for each that the label does not give.
 
-    ``told_by`` names the source of the first of these. ``codes``: stored samples that a PDS3 label
+    ``source`` names the source of the first of these. ``codes``: stored samples that a PDS3 label
     defines as not brightness.
     """
 
-    told_by: str = ""
+    source: str = ""
     sun_position_mcmf_m: Array | None = None
     sun_direction_mcmf: Array | None = None
     time_utc: str | None = None

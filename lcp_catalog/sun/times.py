@@ -84,7 +84,7 @@ class Instants:
         ]
 
 
-def of_ephemeris_time(seconds: float) -> str:
+def utc_of_ephemeris_time(seconds: float) -> str:
     """UTC, to a millisecond, of a SPICE ephemeris time: seconds of barycentric dynamical time since
     J2000.
 

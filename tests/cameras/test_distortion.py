@@ -99,8 +99,10 @@ def test_usgs_radial_is_defined_from_distorted_to_ideal():
     kept = 1 - k0 - k1 * (u * u + v * v) - k2 * (u * u + v * v) ** 2
     x, y = WAC.undistort(np.array(3.5), np.array(-2.25))
     assert (x, y) == pytest.approx((float(u * kept), float(v * kept)), rel=1e-15)
-    landed = mpmath.findroot(lambda r: r * (1 - k0 - k1 * r**2 - k2 * r**4) - mpmath.mpf(4), 4)
-    assert WAC.distort(np.array(0.0), np.array(4.0))[1] == pytest.approx(float(landed), rel=1e-15)
+    distorted = mpmath.findroot(lambda r: r * (1 - k0 - k1 * r**2 - k2 * r**4) - mpmath.mpf(4), 4)
+    assert WAC.distort(np.array(0.0), np.array(4.0))[1] == pytest.approx(
+        float(distorted), rel=1e-15
+    )
 
 
 def test_photometrix_and_brown_conrady_by_hand():
@@ -119,8 +121,8 @@ def test_photometrix_and_brown_conrady_by_hand():
     x, y = u - 0.5, v - 0.4
     r2 = x * x + y * y
     radial = 1 + 1.3e-5 * r2 - 2.1e-8 * r2**2 + 1.3e-11 * r2**3
-    aside = 2e-5 * r2 - 3e-8 * r2**2
-    expected = (x * radial - aside * np.sin(0.7), y * radial + aside * np.cos(0.7))
+    tangential = 2e-5 * r2 - 3e-8 * r2**2
+    expected = (x * radial - tangential * np.sin(0.7), y * radial + tangential * np.cos(0.7))
     assert BROWN.undistort(np.array(u), np.array(v)) == pytest.approx(expected, rel=1e-14)
 
 

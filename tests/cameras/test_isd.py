@@ -22,7 +22,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.scanners import LineScanner, PushFrame
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.sun.times import of_ephemeris_time
+from lcp_catalog.sun.times import utc_of_ephemeris_time
 
 REAL = {
     "apollometric_isd": Camera,
@@ -235,7 +235,7 @@ def test_framelets_follow_on_one_another(real, name):
 
 def test_j2000_in_utc():
     """2000-01-01T12:00:00 TDB is 11:58:55.816 UTC (NAIF, Time Required Reading)."""
-    assert of_ephemeris_time(0.0) == "2000-01-01T11:58:55.816Z"
+    assert utc_of_ephemeris_time(0.0) == "2000-01-01T11:58:55.816Z"
 
 
 def test_two_isds_of_one_image_agree(real):

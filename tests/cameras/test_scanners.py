@@ -13,7 +13,7 @@ from lcp_catalog.cameras.distortion import LroNac, NoLens, OnPlane
 from lcp_catalog.cameras.focal_plane import FocalPlane
 from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame
 from lcp_catalog.cameras.sensor import POSE, Reduced, Uncertainty, pixel_size_m
-from lcp_catalog.cameras.trajectory import Track, Trajectory, Turning
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 from lcp_catalog.cameras.view import footprint
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
@@ -41,8 +41,8 @@ def flight(lat_deg=20.0, duration_s=40.0, wobble_rad=0.0, backwards=False):
     turn = Rotation.from_rotvec(2.66e-6 * times[:, None] * [0, 0, -1.0]).as_quat()[:, [3, 0, 1, 2]]
     return Trajectory(
         Track(times, where, speed),
-        Turning.of_table(times, turn, np.eye(3)),
-        Turning.of_table(times, pointing, np.eye(3)),
+        Attitude.of_table(times, turn, np.eye(3)),
+        Attitude.of_table(times, pointing, np.eye(3)),
     )
 
 
@@ -194,7 +194,9 @@ def by_trying(camera, point):
     framelet's middle.
     """
     times = camera.first_s + camera.step_s * np.arange(camera.framelets)
-    seen = camera.plane.pixels(camera.trajectory.seen(times, np.tile(point, (camera.framelets, 1))))
+    seen = camera.plane.pixels(
+        camera.trajectory.to_camera(times, np.tile(point, (camera.framelets, 1)))
+    )
     off = np.abs(seen[:, 1] - (camera.lines - 1) / 2)
     best = np.nanargmin(off)
     row = seen[best, 1]

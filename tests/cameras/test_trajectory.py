@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from lcp_catalog.cameras.trajectory import Track, Trajectory, Turning
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 
 TIMES = np.array([-3.0, -1.5, -1.0, 0.2, 1.0, 2.5, 2.75, 3.0, 4.0, 5.0, 6.5])
 QUERIES = np.concatenate([TIMES, np.linspace(-3.0, 6.5, 101)])
@@ -77,7 +77,7 @@ def test_rotations_turn_at_a_constant_rate_between_times():
     turns, quaternions = table()
     after = Rotation.from_rotvec([0.3, -0.2, 0.9])
     signs = np.where(np.arange(11) % 3 == 0, -1.0, 1.0)[:, None]
-    found = Turning.of_table(TIMES, signs * quaternions, after.as_matrix()).at(QUERIES)
+    found = Attitude.of_table(TIMES, signs * quaternions, after.as_matrix()).at(QUERIES)
     expected = after * Slerp(TIMES, turns)(QUERIES)
     there = Rotation.from_quat(found[:, [1, 2, 3, 0]])
     assert (there * expected.inv()).magnitude().max() < 1e-13
@@ -93,21 +93,21 @@ def test_a_trajectory_puts_them_together():
     eye = np.eye(3)
     there = Trajectory(
         Track(TIMES, where, speed),
-        Turning.of_table(TIMES, bodies, eye),
-        Turning.of_table(TIMES, pointings, eye),
+        Attitude.of_table(TIMES, bodies, eye),
+        Attitude.of_table(TIMES, pointings, eye),
     )
     points = np.random.default_rng(0).normal(size=(len(QUERIES), 3)) * 1.7e6
     b, p = Slerp(TIMES, body)(QUERIES), Slerp(TIMES, pointing)(QUERIES)
     at = b.apply(CubicHermiteSpline(TIMES, where, speed)(QUERIES))
     seen = (p * b.inv()).apply(points - at)
     assert np.abs(there.positions(QUERIES) - at).max() < 1e-7
-    assert np.abs(there.seen(QUERIES, points) - seen).max() < 1e-6
+    assert np.abs(there.to_camera(QUERIES, points) - seen).max() < 1e-6
     assert np.abs(there.to_mcmf(QUERIES, seen) - (points - at)).max() < 1e-6
 
     shift, turn = np.array([100.0, -50.0, 20.0]), np.array([1e-2, -2e-2, 3e-2])
     moved = there.moved(np.concatenate([shift, turn])).moved(np.concatenate([shift, 0 * turn]))
     expected = Rotation.from_rotvec(turn).apply((p * b.inv()).apply(points - at - 2 * shift))
-    assert np.abs(moved.seen(QUERIES, points) - expected).max() < 1e-6
+    assert np.abs(moved.to_camera(QUERIES, points) - expected).max() < 1e-6
     assert np.abs(moved.positions(QUERIES) - at - 2 * shift).max() < 1e-7
 
     fixed = Trajectory(there.track, there.body, there.pointing, fixed=True)

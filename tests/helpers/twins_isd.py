@@ -80,7 +80,7 @@ class TwinIsd:
             )
         raise ValueError(kind)
 
-    def landed(self, x, y):
+    def distorted(self, x, y):
         """Inverse of `ideal`, by a general solver."""
         found = root(lambda p: np.subtract(self.ideal(*p), (x, y)), (x, y), tol=1e-13)
         return found.x
@@ -128,7 +128,7 @@ class TwinIsd:
         """
         x, y, z = self.from_sensor(t).inv().apply(point - self.position(t))
         x, y = self.focal * x / z, self.focal * y / z
-        return self.of_plane(*(self.landed(x, y) if lens else (x, y)))
+        return self.of_plane(*(self.distorted(x, y) if lens else (x, y)))
 
     # times
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.images.special_pixels import ends, isis_special, touching_edge
+from lcp_catalog.images.special_pixels import isis_special, plateau_ends, touching_edge
 
 # ISIS, SpecialPixel.h: NULL, LRS, LIS, HIS, HRS, first and last valid value of each type
 ISIS = {
@@ -79,9 +79,9 @@ def bell(rng: np.random.Generator, mean: float, sigma: float = 30.0) -> np.ndarr
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_bell_within_its_scale_has_no_plateau(seed: int) -> None:
     values = bell(np.random.default_rng(seed), 128.0, 20.0)
-    assert ends(values, np.ones(values.shape, bool)) == (None, None)
+    assert plateau_ends(values, np.ones(values.shape, bool)) == (None, None)
     codes = np.round(values).astype(np.uint8)
-    assert ends(codes, np.ones(codes.shape, bool)) == (None, None)
+    assert plateau_ends(codes, np.ones(codes.shape, bool)) == (None, None)
 
 
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.01, 0.6), as_codes=st.booleans())
@@ -90,7 +90,7 @@ def test_what_is_clipped_above_is_a_plateau(seed: int, share: float, as_codes: b
     top = float(np.floor(np.quantile(values, 1.0 - share)))
     clipped = np.minimum(values, top)
     clipped = np.clip(np.round(clipped), 1, 255).astype(np.uint8) if as_codes else clipped
-    low, high = ends(clipped, np.ones(clipped.shape, bool))
+    low, high = plateau_ends(clipped, np.ones(clipped.shape, bool))
     assert (low, high) == (None, top)
 
 
@@ -99,8 +99,11 @@ def test_both_ends_are_alike(seed: int, share: float) -> None:
     """For negated samples the results of both ends are exchanged."""
     values = np.clip(bell(np.random.default_rng(seed), 0.0), None, 30.0 * share)
     there = np.ones(values.shape, bool)
-    low, high = ends(values, there)
-    assert ends(-values, there) == (None if high is None else -high, None if low is None else -low)
+    low, high = plateau_ends(values, there)
+    assert plateau_ends(-values, there) == (
+        None if high is None else -high,
+        None if low is None else -low,
+    )
 
 
 def test_only_valid_samples_count() -> None:
@@ -108,29 +111,29 @@ def test_only_valid_samples_count() -> None:
     there = np.ones(values.shape, bool)
     values[:40] = 1e6
     there[:40] = False
-    assert ends(values, there) == (None, None)
-    assert ends(values, np.ones(values.shape, bool)) == (None, 1e6)
+    assert plateau_ends(values, there) == (None, None)
+    assert plateau_ends(values, np.ones(values.shape, bool)) == (None, 1e6)
 
 
 def test_few_of_one_value_are_chance() -> None:
     values = bell(np.random.default_rng(0), 100.0)
     there = np.ones(values.shape, bool)
     values.flat[:7] = 1e3
-    assert ends(values, there) == (None, None)
+    assert plateau_ends(values, there) == (None, None)
     values.flat[:8] = 1e3
-    assert ends(values, there) == (None, 1e3)
+    assert plateau_ends(values, there) == (None, 1e3)
 
 
 def test_nothing_and_one_value_have_no_ends() -> None:
     one = np.full((4, 4), 7, np.uint8)
-    assert ends(one, np.ones((4, 4), bool)) == (None, None)
-    assert ends(one, np.zeros((4, 4), bool)) == (None, None)
+    assert plateau_ends(one, np.ones((4, 4), bool)) == (None, None)
+    assert plateau_ends(one, np.zeros((4, 4), bool)) == (None, None)
 
 
 def test_two_values_are_no_plateau() -> None:
     """Black and white drawings are not clipped."""
     two = np.random.default_rng(0).integers(0, 2, (40, 40)).astype(np.uint8)
-    assert ends(two, np.ones(two.shape, bool)) == (None, None)
+    assert plateau_ends(two, np.ones(two.shape, bool)) == (None, None)
 
 
 # -- parts that touch the edge

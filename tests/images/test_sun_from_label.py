@@ -76,7 +76,7 @@ def test_the_sun_in_a_cubes_tables(tmp_path: Path) -> None:
     wanted = 1e3 * constant @ rodrigues(axis, 2.2) @ j2000
     np.testing.assert_allclose(found.sun_position_mcmf_m, wanted, rtol=1e-12)
     np.testing.assert_allclose(found.direction(), wanted / np.linalg.norm(wanted), rtol=1e-12)
-    assert found.told_by == "the label's SunPosition table"
+    assert found.source == "the label's SunPosition table"
 
 
 def test_a_cubes_sun_is_that_of_the_middle_of_its_exposure(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_damaged_tables_are_ignored(
         found = label_of(path)
     assert found.sun_position_mcmf_m is None
     assert found.time_utc == "2010-11-09T13:06:41Z"
-    assert found.told_by == "the label's time"
+    assert found.source == "the label's time"
     assert "the Sun in its tables" in caplog.text
 
 
@@ -147,7 +147,7 @@ def test_times_of_pds3_labels(tmp_path: Path, start: str, stop: str, wanted: str
     text = f"START_TIME = {start}\nSTOP_TIME = {stop}\nTARGET_NAME = MOON"
     found = label_of(files.write_pds3(tmp_path / "a.img", SAMPLES.astype(np.uint8), text))
     assert found.time_utc == wanted
-    assert found.told_by == ("the label's time" if wanted else "")
+    assert found.source == ("the label's time" if wanted else "")
     assert (found.direction() is None) == (wanted is None)
 
 
@@ -157,7 +157,7 @@ def test_a_subsolar_point_goes_before_a_time(tmp_path: Path) -> None:
     lon, lat, _ = mcmf_to_lonlat(found.direction())
     assert (lon, lat) == (pytest.approx(340.0), pytest.approx(0.5))
     assert found.time_utc == "2009-07-30T12:20:38Z"
-    assert found.told_by == "the label's subsolar point"
+    assert found.source == "the label's subsolar point"
 
 
 def test_an_impossible_subsolar_point_is_left_aside(
@@ -197,7 +197,7 @@ def test_tags_of_a_render(tmp_path: Path) -> None:
     tags = {"sun_direction_mcmf": json.dumps([0.6, 0.0, 0.8])}
     found = label_of(files.write_image(tmp_path / "a.tif", SAMPLES, tags=tags))
     np.testing.assert_allclose(found.direction(), [0.6, 0.0, 0.8])
-    assert found.told_by == "the render's tags"
+    assert found.source == "the render's tags"
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_tags_that_are_no_direction_are_left_aside(tmp_path: Path, text: str) ->
 
 def test_an_image_without_a_label_says_nothing(tmp_path: Path) -> None:
     found = label_of(files.write_image(tmp_path / "a.png", SAMPLES.astype(np.uint8), driver="PNG"))
-    assert (found.told_by, found.time_utc, found.direction()) == ("", None, None)
+    assert (found.source, found.time_utc, found.direction()) == ("", None, None)
 
 
 @pytest.mark.parametrize("kind", ["cube", "pds3", "pds4"])

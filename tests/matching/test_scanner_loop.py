@@ -14,7 +14,7 @@ from lcp_catalog.cameras.distortion import NoLens
 from lcp_catalog.cameras.focal_plane import FocalPlane
 from lcp_catalog.cameras.scanners import BEYOND, LineScanner
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.cameras.trajectory import Track, Trajectory, Turning
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.geometry.rotations import quaternion_of
@@ -49,11 +49,11 @@ def scanner() -> LineScanner:
         right = np.cross(FRAME.direction_to_mcmf(heading), ahead)
         right /= np.linalg.norm(right)
         turns.append(quaternion_of(np.stack([right, np.cross(ahead, right), ahead])))
-    still = Turning(times[:1], np.array([[1.0, 0.0, 0.0, 0.0]]))
+    still = Attitude(times[:1], np.array([[1.0, 0.0, 0.0, 0.0]]))
     way = Trajectory(
         Track(times, positions),
         still,
-        Turning.of_table(times, np.array(turns), np.eye(3)),
+        Attitude.of_table(times, np.array(turns), np.eye(3)),
         fixed=True,
     )
     plane = FocalPlane(ALTITUDE_M / PIXEL_M, ((COLUMNS - 1) / 2.0, 0.0), NoLens())
