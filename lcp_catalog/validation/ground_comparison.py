@@ -78,7 +78,7 @@ class GroundComparison:
 
 
 def against_dem(
-    photo: Image,
+    image: Image,
     dems: DemSet,
     model: Reflectance,
     accuracy: Accuracy,
@@ -91,7 +91,7 @@ def against_dem(
     The effective resolution is estimated at the DEM's posting. Cells finer than the posting are
     rendered at their own size.
     """
-    request = dem_request(photo, dems, model, accuracy, albedo)
+    request = dem_request(image, dems, model, accuracy, albedo)
     scene = prepare_terrain(request)
     resolution = of_terrain(scene.terrain)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
@@ -100,7 +100,7 @@ def against_dem(
         scene = prepare_terrain(replace(request, gsd_m=cell_m))
     shot = scene.expose()
     nodes = terrain_nodes(scene.terrain)
-    ortho = orthorectify(photo, nodes, shot.visible)
+    ortho = orthorectify(image, nodes, shot.visible)
     how = {"target_m": target_m, "dem_fwhm_m": resolution.point_spread_m}
     pair = paired(ortho.signal, shot.radiance, ortho.weight, gsd_m=scene.gsd_m, **how)
     found = compare(
@@ -131,7 +131,7 @@ def rendered_cell_m(posting_m: float, target_m: float) -> float:
 
 
 def dem_request(
-    photo: Image,
+    image: Image,
     dems: DemSet,
     model: Reflectance,
     accuracy: Accuracy,
@@ -140,15 +140,15 @@ def dem_request(
     """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of
     the image.
     """
-    sensor = photo.sensor.full
+    sensor = image.sensor.full
     if isinstance(sensor, Camera):
-        sensor = replace(sensor, sun_position_mcmf_m=photo.sun_position_mcmf_m)
+        sensor = replace(sensor, sun_position_mcmf_m=image.sun_position_mcmf_m)
         view = ViewChoice(camera=sensor)
     else:
         view = ViewChoice(sensor=sensor)
     sun = SunChoice()
-    if not isinstance(sensor, Camera) or photo.sun_position_mcmf_m is None:
-        sun = SunChoice(subsolar_deg=subsolar(photo))
+    if not isinstance(sensor, Camera) or image.sun_position_mcmf_m is None:
+        sun = SunChoice(subsolar_deg=subsolar(image))
     return Request(
         [dem.path for dem in dems.dems],
         opened=dems,
@@ -161,11 +161,11 @@ def dem_request(
     )
 
 
-def subsolar(photo: Image) -> tuple[float, float]:
+def subsolar(image: Image) -> tuple[float, float]:
     """Subsolar longitude and latitude, degrees: the place whose vertical is the direction to the
     Sun.
     """
-    lon, lat, _ = mcmf_to_lonlat(photo.sun_directions(np.zeros(3)))
+    lon, lat, _ = mcmf_to_lonlat(image.sun_directions(np.zeros(3)))
     return float(lon), float(lat)
 
 
@@ -184,7 +184,7 @@ def _places(nodes: Array, pair: Pair, found: WindowComparison) -> tuple[Array, A
 
 
 def against_patches(
-    photo: Image,
+    image: Image,
     catalog: Catalog,
     points: Index,
     model: Reflectance,
@@ -203,11 +203,11 @@ def against_patches(
         raise AreaError(
             f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give --dem or a coarser --gsd"
         )
-    pairs = [_pair(photo, catalog, int(row), model, accuracy, target_m) for row in rows]
+    pairs = [_pair(image, catalog, int(row), model, accuracy, target_m) for row in rows]
     whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
     if not whole:
         raise AreaError(
-            f"{photo.name}: no patch of the catalogue is entirely in the image, sunlit and without invalid pixels"
+            f"{image.name}: no patch of the catalogue is entirely in the image, sunlit and without invalid pixels"
         )
     images, renders, weights = (
         np.stack([getattr(pairs[k], name) for k in whole]) for name in ("image", "render", "weight")
@@ -240,7 +240,7 @@ def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
 
 
 def _pair(
-    photo: Image,
+    image: Image,
     catalog: Catalog,
     row: int,
     model: Reflectance,
@@ -251,11 +251,11 @@ def _pair(
     or not lit.
     """
     terrain = patch_terrain(catalog, row)
-    sensor = photo.sensor.full
+    sensor = image.sensor.full
     towards = sensor.towards(terrain.frame.origin_mcmf_m)
     if not np.isfinite(towards).all() or towards @ terrain.frame.rotation[2] <= 0.0:
         return None
-    sun = terrain.frame.direction_from_mcmf(photo.sun_directions(terrain.frame.origin_mcmf_m))
+    sun = terrain.frame.direction_from_mcmf(image.sun_directions(terrain.frame.origin_mcmf_m))
     if sun[2] <= 0.0:
         return None
     shot = render_enu(
@@ -268,7 +268,7 @@ def _pair(
     radiance = np.asarray(shot.radiance, dtype=np.float64)
     if catalog.albedo is not None:
         radiance = radiance * np.nan_to_num(catalog.albedo[row], nan=1.0)
-    ortho = orthorectify(photo, nodes_mcmf(catalog, [row])[0], shot.visible)
+    ortho = orthorectify(image, nodes_mcmf(catalog, [row])[0], shot.visible)
     how: dict[str, Any] = {"gsd_m": terrain.field.gsd_m, "target_m": target_m}
     pair = paired(ortho.signal, radiance, ortho.weight, **how)
     whole = np.ones(radiance.shape)  # the patch's edge does not count as missing

@@ -47,7 +47,7 @@ def terrain_nodes(terrain: Terrain) -> Array:
     return terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
 
 
-def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
+def orthorectify(image: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | None = None) -> Ortho:
     """Mean of the image over the cell of each node of a terrain grid, MCMF metres (rows, cols, 3).
 
     ``visible`` (rows, cols): True for nodes visible to the camera, as from a render; default: all
@@ -59,8 +59,8 @@ def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | Non
         raise ValueError(
             f"nodes must be (rows, cols, 3) with two or more a side, not {nodes.shape}"
         )
-    pixels = photo.sensor.project(nodes)
-    seen = photo.sensor.in_image(pixels)
+    pixels = image.sensor.project(nodes)
+    seen = image.sensor.in_image(pixels)
     if visible is not None:
         seen &= np.asarray(visible, dtype=np.bool_)
     down, right = (_steps(pixels, axis) for axis in (0, 1))
@@ -68,7 +68,7 @@ def orthorectify(photo: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | Non
     narrow, wide = _footprints_px(down, right, seen)
     factor = max(1, math.floor(narrow / _FINE_PX))
     at, down, right = (pixels + 0.5) / factor - 0.5, down / factor, right / factor
-    signal, weight = _means(photo.reduced(factor), seen, at, down, right)
+    signal, weight = _means(image.reduced(factor), seen, at, down, right)
     return Ortho(signal, weight, pixels, wide)
 
 
@@ -95,10 +95,10 @@ def _footprints_px(down: Array, right: Array, seen: Mask) -> tuple[float, float]
     return float(narrow), float(wide)
 
 
-def _means(photo: Image, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:
+def _means(image: Image, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:
     """Means over the visible footprints, and their weights, (rows, cols)."""
-    weight = np.where(photo.valid, photo.weight, 0.0).astype(np.float32)
-    light = np.where(weight > 0.0, photo.signal, 0.0).astype(np.float32)
+    weight = np.where(image.valid, image.weight, 0.0).astype(np.float32)
+    light = np.where(weight > 0.0, image.signal, 0.0).astype(np.float32)
     signal, mass = np.empty(int(seen.sum())), np.empty(int(seen.sum()))
     area_means.means(light, weight, at[seen], down[seen], right[seen], signal, mass)
     whole = np.full(seen.shape, np.nan), np.zeros(seen.shape)

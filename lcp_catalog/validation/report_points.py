@@ -30,7 +30,7 @@ def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
     times = report_marks.magnification(frame, arrows)
     has_arrows = len(arrows.by) > 0
     marks = report_marks.reason_marks(frame, _places(image), _reasons(image), _titles(image))
-    inside = _photo_picture(frame, shown) + marks
+    inside = _image_picture(frame, shown) + marks
     inside += report_marks.arrow_marks(frame, arrows, times)
     if has_arrows:
         inside += report_marks.scale_arrow(frame, times, arrows, "px")
@@ -46,12 +46,12 @@ def _frame(image: ImageVerdict) -> Frame:
     return Frame(max(image.facts.width_px, 1), max(image.facts.height_px, 1))
 
 
-def _photo_picture(frame: Frame, shown: Pictures) -> Markup:
+def _image_picture(frame: Frame, shown: Pictures) -> Markup:
     """The image below the marks. Incomplete blocks are missing at its right and lower edge."""
-    if shown.photo is None:
+    if shown.image is None:
         return Markup("")
-    rows, cols = (n * shown.photo_factor for n in shown.photo.shape)
-    address = data_uri(grey(shrunk(shown.photo)))
+    rows, cols = (n * shown.image_factor for n in shown.image.shape)
+    address = data_uri(grey(shrunk(shown.image)))
     return Markup(
         f'<image href="{address}" width="{cols * frame.scale:.1f}" height="{rows * frame.scale:.1f}" '
         'preserveAspectRatio="none"/>'

@@ -94,10 +94,10 @@ def _layers(
     frame: Frame, w: WindowComparison, image: Array, render: Array, name: str
 ) -> list[dict[str, Any]]:
     """Image, render and correlation map on one grid, each with its caption."""
-    photo, model = shrunk(image), shrunk(render)
+    seen, model = shrunk(image), shrunk(render)
     layers = (
-        ("image", "image, resampled to the terrain grid", grey(photo, model), ""),
-        ("render", "render under the Sun of the image", grey(model, photo), ""),
+        ("image", "image, resampled to the terrain grid", grey(seen, model), ""),
+        ("render", "render under the Sun of the image", grey(model, seen), ""),
         ("correlation", "correlation of the windows; blank where too few cells are valid", None, colour_scale()),
     )  # fmt: skip
     return [
@@ -129,8 +129,8 @@ def _pairs(windows: WindowFigures, images: Array, renders: Array) -> dict[str, A
     drawn = []
     for k, median in zip(patches[order[some]], medians[order[some]], strict=True):
         name = "" if windows.point_id is None else str(windows.point_id[np.argmax(w.patch == k)])
-        photo, model = shrunk(images[k], PAIR_PIXELS), shrunk(renders[k], PAIR_PIXELS)
-        pair = {"image": data_uri(grey(photo, model)), "render": data_uri(grey(model, photo))}
+        seen, model = shrunk(images[k], PAIR_PIXELS), shrunk(renders[k], PAIR_PIXELS)
+        pair = {"image": data_uri(grey(seen, model)), "render": data_uri(grey(model, seen))}
         drawn.append({"point": name, "median": f"{median:.3f}", "images": pair})
     text = (
         f"{len(some)} of {len(order)} patches, from the lowest to the highest correlation: image, render, median correlation "

@@ -102,13 +102,13 @@ class Pictures:
     """Images for the report, None where there are none. Values have any gain and offset; NaN marks
     missing pixels.
 
-    ``photo`` (rows, cols) holds the means of blocks of ``photo_factor`` x ``photo_factor`` pixels
+    ``image`` (rows, cols) holds the means of blocks of ``image_factor`` x ``image_factor`` pixels
     of the image. ``ground_image`` and ``ground_render`` (rows, cols) are on the grid of the
     windows; if patches were compared, they are (k, rows, cols), and the windows refer to them.
     """
 
-    photo: AnyArray | None = None
-    photo_factor: int = 1
+    image: AnyArray | None = None
+    image_factor: int = 1
     ground_image: AnyArray | None = None
     ground_render: AnyArray | None = None
 

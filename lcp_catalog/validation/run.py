@@ -177,23 +177,23 @@ def _one(
     request: Validation, catalog: Catalog, files: ImageFiles, name: str
 ) -> tuple[ImageVerdict, Pictures, list[Path]]:
     try:
-        photo = _opened(request, files)
+        image = _opened(request, files)
     except (ImageError, CameraError, SunError) as error:
         return _untried(files, name, str(error)), Pictures(), files.paths
     options = FAINT if request.faint else Options()
-    located = locate(catalog, photo, request.uncertainty, request.law, options)
-    best = photo.with_sensor(located.pose.sensor) if located.pose else photo
+    located = locate(catalog, image, request.uncertainty, request.law, options)
+    best = image.with_sensor(located.pose.sensor) if located.pose else image
     ground, why = _ground(request, catalog, best)
     why = files.named(why)
-    image = ImageVerdict(
-        _facts(request, photo, name),
+    result = ImageVerdict(
+        _facts(request, image, name),
         located,
         _points(catalog, located, best.sensor),
         windows=_windows(catalog, ground) if ground else None,
         windows_reason=why,
-        error=_error(request, located, photo.sensor),
+        error=_error(request, located, image.sensor),
     )
-    return image, _pictures(photo, ground), [*files.paths, *(ground.sources if ground else ())]
+    return result, _pictures(image, ground), [*files.paths, *(ground.sources if ground else ())]
 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:
@@ -209,16 +209,16 @@ def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
 
 
 def _ground(
-    request: Validation, catalog: Catalog, photo: Image
+    request: Validation, catalog: Catalog, image: Image
 ) -> tuple[GroundComparison | None, str]:
     """Comparison of the image with renders, or the reason why there is none."""
     how = request.law, request.accuracy, request.windows
     try:
         if request.dems:
-            return against_dem(photo, request.dems, *how, request.albedo), ""
-        return against_patches(photo, catalog, points_in_view(catalog, photo.sensor), *how), ""
+            return against_dem(image, request.dems, *how, request.albedo), ""
+        return against_patches(image, catalog, points_in_view(catalog, image.sensor), *how), ""
     except LcpError as error:
-        log.info("%s: windows: %s", photo.name, error)
+        log.info("%s: windows: %s", image.name, error)
         return None, str(error)
 
 
@@ -249,13 +249,13 @@ def _points(catalog: Catalog, located: PositionFix, sensor: Sensor) -> PointFigu
     )
 
 
-def _pictures(photo: Image, ground: GroundComparison | None) -> Pictures:
-    rows, cols = photo.signal.shape
+def _pictures(image: Image, ground: GroundComparison | None) -> Pictures:
+    rows, cols = image.signal.shape
     factor = max(1, int(np.ceil(np.sqrt(rows * cols / PIXELS_MAX))))
     if factor > min(rows, cols):
         factor = 1
     shown = (
-        np.where(photo.valid, photo.signal, np.nan) if factor == 1 else photo.reduced(factor).signal
+        np.where(image.valid, image.signal, np.nan) if factor == 1 else image.reduced(factor).signal
     )
     return Pictures(
         shown, factor, ground.image if ground else None, ground.render if ground else None
@@ -265,35 +265,35 @@ def _pictures(photo: Image, ground: GroundComparison | None) -> Pictures:
 # -- facts of an image
 
 
-def _facts(request: Validation, photo: Image, name: str) -> ImageFacts:
-    rows, cols = photo.signal.shape
+def _facts(request: Validation, image: Image, name: str) -> ImageFacts:
+    rows, cols = image.signal.shape
     known: dict[str, Any] = {}
     try:
-        lon, lat = center_of(photo.sensor)
+        lon, lat = center_of(image.sensor)
     except LcpError:
         pass  # the image centre shows the sky: its angles are unknown
     else:
-        known = _angles(photo, lon, lat)
+        known = _angles(image, lon, lat)
     return ImageFacts(
         name,
         cols,
         rows,
-        photo.sensor.kind,
-        sun_from=_sun_from(request, photo.sensor),
-        saturated_share=photo.saturated_share,
-        missing_share=photo.missing_share,
+        image.sensor.kind,
+        sun_from=_sun_from(request, image.sensor),
+        saturated_share=image.saturated_share,
+        missing_share=image.missing_share,
         **known,
     )
 
 
-def _angles(photo: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
+def _angles(image: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
     """Ground sample distance and angles of Sun and view at a place on the sphere."""
     frame = EnuFrame(lon_deg, lat_deg)
     place = lonlat_to_mcmf(lon_deg, lat_deg)
-    sun = Direction.from_mcmf(photo.sun_directions(place), frame)
-    up = float(frame.rotation[2] @ photo.sensor.towards(place))
+    sun = Direction.from_mcmf(image.sun_directions(place), frame)
+    up = float(frame.rotation[2] @ image.sensor.towards(place))
     return {
-        "pixel_m": float(pixel_size_m(photo.sensor, place)),
+        "pixel_m": float(pixel_size_m(image.sensor, place)),
         "sun_azimuth_deg": sun.azimuth_deg,
         "sun_elevation_deg": sun.elevation_deg,
         "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),

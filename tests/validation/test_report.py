@@ -65,7 +65,7 @@ def test_the_pictures_are_those_given(html: str) -> None:
         render_[..., 0], grey(shown.ground_render, shown.ground_image)[..., 0]
     )
     assert (image[:9, :17, 3] == 0).all()
-    assert photo.shape[:2] == shown.photo.shape
+    assert photo.shape[:2] == shown.image.shape
     wanted = report_windows.correlation_pixels(verdicts.image().windows.compared)
     np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
 
