@@ -1,5 +1,6 @@
-"""Map-projected photographs whose points are too faint under a high Sun, located by all points together. The frames are not
-ours to ship: skipped without the shared data. `benchmarks/locate_maps.py` makes the figures of docs/measurements/pose.md.
+"""Map-projected images whose points are too faint under a high Sun, located by all points together.
+Skipped without the shared data, which may not be distributed. `benchmarks/locate_maps.py` makes the
+figures of docs/measurements/pose.md.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ LAW = reflectance_model("lunar-lambert")
 
 @pytest.mark.slow
 def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
-    """Frames of the Apollo 16 series under Suns of 46 to 54 deg, in which one to three points are found: they lie where the series'
-    older net has all of its frames, which differ by 259 and 180 m (`apollo_maps.NET_M`).
+    """Frames of the Apollo 16 series under Suns of 46 to 54 deg, with one to three points found:
+    their corrections agree with those of the whole series, whose control net is older and whose
+    frames differ by 259 and 180 m (`apollo_maps.NET_M`).
     """
     catalog = maps.built(shared_data, tmp_path)
     for key in ("AS16-M-2806", "AS16-M-2962", "AS16-M-2958"):

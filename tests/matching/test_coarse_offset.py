@@ -1,4 +1,6 @@
-"""Where the whole image lies: the offset that most points agree on, and how often chance would show one."""
+"""Offset of a whole image: the offset with the largest agreement of the points, and its expected
+number by chance.
+"""
 
 from __future__ import annotations
 
@@ -96,7 +98,9 @@ def test_the_tail_of_a_sum_of_votes(n, share):
 
 
 def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
-    """The same pixels with a camera of their own: offsets, reaches and slacks twice as large, the chances the same."""
+    """The same pixels as a reduced image and with a camera of their own: offsets, reaches and
+    slacks differ by a factor of 2, probabilities are the same.
+    """
     middle = tuple((c + 0.5) * 2.0 - 0.5 for c in camera.principal_point_px)
     fine = replace(
         camera,
@@ -123,7 +127,7 @@ def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
     [(40.0, 64, 1), (64.0, 64, 1), (65.0, 64, 2), (128.0, 64, 2), (129.0, 64, 3), (900.0, 64, 4), (40.0, 10, 4)],
 )  # fmt: skip
 def test_the_photo_is_reduced_so_that_the_grid_holds_the_reach(catalog, photo, reach, grid, factor):
-    """Until patches of 33 nodes, a pixel each, are 8 pixels wide: by 4."""
+    """By 4 at most, when patches of 33 nodes of one pixel each are 8 pixels wide."""
     found, size = _scale(catalog, photo, points_in_view(catalog, photo.sensor), reach, grid)
     assert found == factor
     assert size == pytest.approx(33.0 / factor, rel=0.02)
@@ -133,7 +137,7 @@ def test_the_photo_is_reduced_so_that_the_grid_holds_the_reach(catalog, photo, r
 
 
 def chance_votes(voters, seed=0):
-    """Sums of as many exponential votes as there are voters."""
+    """Sums of exponential votes, one for each voter."""
     return np.random.default_rng(seed).gamma(np.maximum(voters, 1e-9))
 
 
@@ -142,8 +146,8 @@ def log10_tail(n, total):
 
 
 def test_a_peak_is_judged_by_how_many_vote_there():
-    """Where four in ten can be looked at their agreement counts; where one in five can, it does not; more voters alone are no
-    peak.
+    """An agreement counts where four in ten points can be compared, but not where one in five can;
+    more voters alone are no peak.
     """
     voters = np.full((41, 41), 40)
     voters[:, 21:] = 100
@@ -171,7 +175,9 @@ def test_a_rival_peak_lies_beyond_the_zone(away, counts):
 
 
 def test_a_plateau_is_taken_in_its_middle():
-    """A slack of 2: 5 x 5 offsets share the peak to within a twentieth; lower ground beside it does not pull."""
+    """A slack of 2: 5 x 5 offsets share the peak to within a twentieth; lower values beside it have
+    no effect.
+    """
     voters = np.full((41, 41), 60)
     votes = 0.5 * chance_votes(voters, 2)
     votes[18:23, 24:29] = 199.0
@@ -193,7 +199,9 @@ def test_with_few_offsets_outside_of_the_peak_nothing_is_said():
 
 @pytest.mark.parametrize("slack", [0, 2])
 def test_a_vote_is_how_rare_so_high_a_correlation_is(slack):
-    """Minus the logarithm of the share of a map's offsets that are as high or higher, by counting."""
+    """Minus the logarithm of the share of a map's offsets with a correlation at least as high, by
+    counting.
+    """
     score = np.random.default_rng(4).uniform(-0.9, 0.9, (13, 15)).astype(np.float32)
     score[3:6, 2] = np.nan
     known = np.isfinite(score)

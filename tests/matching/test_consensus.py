@@ -1,4 +1,6 @@
-"""Which matches agree, and whether it is chance: against exact binomials, made matches, and thousands of false ones."""
+"""Agreement among matches and its number of false alarms: compared with exact binomials, synthetic
+matches, and thousands of false ones.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,8 @@ REACH = 40.0
 
 
 class Matches:
-    """Of ``count`` points ``wrong`` of them found anywhere in their search areas, the rest where they are, with
-    noise.
+    """``count`` points, ``wrong`` of them found anywhere in their search areas, the rest at their
+    places, with noise.
     """
 
     def __init__(self, count: int, wrong: int, seed: int, known: Sensor | None = None) -> None:
@@ -52,8 +54,9 @@ class Matches:
 @pytest.mark.parametrize(("count", "agreeing"), [(10, 5), (40, 8), (100, 20), (300, 60)])
 @pytest.mark.parametrize("chance", [0.001, 0.01, 0.05])
 def test_it_bounds_the_binomial_and_not_by_far(count: int, agreeing: int, chance: float) -> None:
-    """All p alike: the exact number is C(n, m) times the binomial's tail at k - m. Chernoff's bound lies above it, by
-    a factor that grows with the root of k only (Bahadur and Ranga Rao 1960); a factor of 30 is room for k <= 60.
+    """All p equal: the exact number is C(n, m) times the binomial's tail at k - m. Chernoff's bound
+    exceeds it by a factor that grows only with the square root of k (Bahadur and Ranga Rao 1960);
+    below 30 for k <= 60.
     """
     minimal = 3
     tests = gammaln(count + 1) - gammaln(minimal + 1) - gammaln(count - minimal + 1)
@@ -66,7 +69,9 @@ def test_it_bounds_the_binomial_and_not_by_far(count: int, agreeing: int, chance
 
 
 def test_mixed_chances_are_bounded_too() -> None:
-    """Sums of -log p over random agreement, drawn: no more often beyond the evidence than the bound says."""
+    """Sampled sums of -log p over random agreements exceed the evidence no more often than the
+    bound says.
+    """
     dice = np.random.default_rng(0)
     chance = np.exp(dice.uniform(np.log(0.01), np.log(0.7), 30))
     weights = -np.log(chance)
@@ -120,7 +125,9 @@ def test_the_right_ones_are_found_among_false_ones(seed: int, wrong: int) -> Non
 
 
 def test_a_match_agrees_by_chance_with_its_gate_over_its_search_area() -> None:
-    """Exact matches with 0.4 px of sigma and a tolerance of 1.2 px: gates of 3 sqrt(0.4^2 + 0.4^2) px."""
+    """Exact matches with a sigma of 0.4 px and a tolerance of 1.2 px: gates of 3 sqrt(0.4^2 +
+    0.4^2) px.
+    """
     made = Matches(20, 0, 14)
     round_ones = np.tile(0.16 * np.eye(2), (20, 1, 1))
     exact = made.known.project(made.points)
@@ -164,7 +171,7 @@ def test_a_map_is_shifted() -> None:
 
 
 def test_two_solutions_are_none() -> None:
-    """A pattern that repeats: half the matches agree on one place, half on another one."""
+    """A repeating pattern: half of the matches agree on one place, half on another."""
     made = Matches(80, 0, 5)
     other = made.prior.moved(UNCERTAIN.sigmas(made.prior) * [1.5, -1.0, 0.5, 0.5, 1.0, -0.5])
     made.found[::2] = other.project(made.points)[::2]
@@ -180,12 +187,12 @@ def test_two_solutions_are_none() -> None:
      (-6.1, 0.0, True)],
 )  # fmt: skip
 def test_a_rival_may_be_half_as_meaningful_or_no_agreement_at_all(own, rival, clear) -> None:
-    """In powers of ten; what alone would be no agreement is no rival to anything."""
+    """In powers of ten; an agreement that is not significant alone is no rival."""
     assert Consensus(np.zeros(0, dtype=bool), None, own, rival).significant is clear
 
 
 def exact(count: int, seed: int) -> Matches:
-    """All where they are, with round covariances of 0.4 px."""
+    """All matches at their places, with round covariances of 0.4 px."""
     made = Matches(count, 0, seed)
     made.covariance = np.tile(0.16 * np.eye(2), (count, 1, 1))
     made.found = made.known.project(made.points)
@@ -193,7 +200,9 @@ def exact(count: int, seed: int) -> Matches:
 
 
 def test_what_lies_just_beyond_its_gate_is_no_rival() -> None:
-    """Gates of 3 sqrt(0.16 + 0.16) = 1.7 px: a third lies 2.5 px off alike. It has no part, and is no second place either."""
+    """Gates of 3 sqrt(0.16 + 0.16) = 1.7 px: a third of the matches lies 2.5 px off, all alike. It
+    takes no part and is no second place either.
+    """
     made = exact(60, 15)
     made.found[::3] += [2.5, 0.0]
     answer = made.agree(tolerance_px=1.2)
@@ -215,7 +224,7 @@ def test_the_larger_of_two_agreements_is_the_answer() -> None:
 
 
 def test_false_matches_on_one_spot_take_nothing_from_those_that_agree() -> None:
-    """How much ground is shared is counted among those who agree alone."""
+    """Shared terrain is counted among the agreeing matches only."""
     made = exact(50, 17)
     made.found[:20] = made.found[40] + np.random.default_rng(0).uniform(-3.0, 3.0, (20, 2))
     apart = np.abs(made.found[20:, None] - made.found[None, 20:]).max(-1)
@@ -237,7 +246,9 @@ def test_one_more_than_a_minimal_set_can_agree(count: int) -> None:
 
 
 def test_an_uncertainty_in_which_the_image_bends_is_searched_too() -> None:
-    """Half are wrong; the sensor up to 16 km and 2.5 deg off: offsets are no linear function of so much."""
+    """Half are wrong; the sensor is up to 16 km and 2.5 deg off, so that offsets are not linear in
+    the correction.
+    """
     wide = Uncertainty(8e3, np.radians(1.2))
     for seed in range(4):
         dice = np.random.default_rng(seed)
@@ -255,7 +266,9 @@ def test_an_uncertainty_in_which_the_image_bends_is_searched_too() -> None:
 
 
 def test_one_false_match_seen_by_many_patches_is_no_proof() -> None:
-    """Twelve patches that overlap nearly whole, all found off by the same: they saw the same thing."""
+    """Twelve patches that overlap almost completely, all found with the same offset: they see the
+    same terrain.
+    """
     made = Matches(60, 48, 6)
     middle = made.points[50]
     dice = np.random.default_rng(6)
@@ -316,8 +329,8 @@ def test_false_matches_never_agree() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [8, 30, 120])
 def test_hundreds_of_false_sets_never_agree(count: int) -> None:
-    """The number of false alarms is an upper bound of their expectation: of N sets fewer than N x 10^-s + 4 roots lie
-    below -s.
+    """The number of false alarms is an upper bound of their expectation: of N sets fewer than N x
+    10^-s + 4 square roots of that lie below -s.
     """
     scores = lowest_false_alarms(120, count, 50_000)
     assert scores.min() > SIGNIFICANT

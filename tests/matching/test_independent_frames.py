@@ -1,7 +1,6 @@
-"""The product's frames and matches against photographs that Embree took of the DEM's own mesh in MCMF, with a camera written from
-the contract alone (`embree_camera`): the check on frames, signs, rolls and half pixels.
-
-Run with ``-rP`` to see every frame's figures.
+"""Frames and matches compared with images that Embree traces of the DEM's own mesh in MCMF, with a
+camera written from the specification alone (`embree_camera`): a test of frames, signs, rolls and
+half pixels. ``-rP`` prints the figures of every frame.
 """
 
 from __future__ import annotations
@@ -39,17 +38,19 @@ CELL_M = DEGREE_M / PER_DEGREE
 SIZE = 140
 BLUR_PX = 0.5
 SHIFT_PX = 0.02
-"""Two exact renders of one DEM may differ by the surface between its nodes, by noise of the rays, not by a place."""
+"""Accepted shift between two exact renders of one DEM, from the surface between its nodes and from
+the noise of the rays.
+"""
 BIAS_PX = 0.05
 CORRELATION = 0.98
-"""At 58 S a pixel of the map is half as wide as it is high: the product's cells average what the mesh has in full; nine random
-rays a pixel leave noise as well.
+"""Least correlation. At 58 S a pixel of the map is half as wide as it is high: the cells of the
+render average what the mesh resolves; nine random rays per pixel add noise.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A made DEM of the Moon, its mesh, and a catalogue of its middle."""
+    """A synthetic DEM of the Moon, its mesh, and a catalogue of its middle."""
 
     lon_deg: float
     lat_deg: float
@@ -72,7 +73,7 @@ VIEWS = [
     (10.0, 170.0, 318.0, 45.0, 300.0, 12.0),
 ]
 QUICK = [("near south", 1), ("far north", 2)]
-"""Both hemispheres of latitude and of longitude, both oblique."""
+"""Both hemispheres of latitude and of longitude, both oblique views."""
 CASES = [
     pytest.param(name, number, marks=[] if (name, number) in QUICK else pytest.mark.slow)
     for name in PLACES
@@ -82,7 +83,7 @@ CASES = [
 
 @pytest.fixture(scope="module")
 def sites(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Site]:
-    """Made when first asked for."""
+    """Sites, made at their first use."""
     made: dict[str, Site] = {}
 
     def site(name: str) -> Site:
@@ -94,7 +95,9 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Site]:
 
 
 def make_site(lon: float, lat: float, folder: Path) -> Site:
-    """Craters on fractal ground, 150 km of them, smooth over a pixel, so that all that is drawn of it is the same surface."""
+    """Craters on fractal terrain, 150 km wide and smooth over a pixel, so that all renders show the
+    same surface.
+    """
     cols, rows = round(320 / np.cos(np.radians(lat))), 320
     made = ndimage.gaussian_filter(cratered(cols, CELL_M, seed=round(lon) % 97)[:rows], 1.0)
     west, north = lon - cols / 2 / PER_DEGREE, lat + rows / 2 / PER_DEGREE
@@ -108,7 +111,7 @@ def make_site(lon: float, lat: float, folder: Path) -> Site:
 
 
 def cameras(site: Site, number: int) -> tuple[Pinhole, Camera, Array]:
-    """A view as the judge's camera, as the product reads that camera's file, and the Sun."""
+    """The independent camera of a view, the same camera read from its file, and the Sun."""
     off, azimuth, roll, fov, sun_azimuth, sun_elevation = VIEWS[number]
     pixel_m = 1.1 * CELL_M
     away = pixel_m * 0.5 * SIZE / np.tan(np.radians(fov) / 2.0)
@@ -120,8 +123,8 @@ def cameras(site: Site, number: int) -> tuple[Pinhole, Camera, Array]:
 
 
 def shift_px(seen: Array, model: Array) -> Array:
-    """Columns and rows by which the first image lies right of and below the second, gain and offset free: three steps
-    of least squares on spline-interpolated images.
+    """Columns and rows by which the first image lies right of and below the second, with free gain
+    and offset: three steps of least squares on spline-interpolated images.
     """
     inner, shift = np.s_[6:-6, 6:-6], np.zeros(2)
     for _ in range(3):
@@ -157,15 +160,15 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
 
 
 def photo_of(light: Array, camera: Camera, sun: Array, seed: int) -> Image:
-    """As a detector of 10 bits with a signal to noise of 50 gives it to the matcher."""
+    """The image of a detector with 10 bits and a signal-to-noise ratio of 50."""
     numbers = read_out(light, 50.0, 10, seed).astype(np.float32)
     weight = (numbers < 1023).astype(np.float32)
     return Image("embree", numbers, weight, camera, sun_position_mcmf_m=sun)
 
 
 def residuals(catalog: Catalog, photo: Image) -> tuple[int, Array]:
-    """How many matches there are, and the mean of found minus where the true camera has it (2,), each counted by its own
-    covariance: what is mostly shadow is placed badly, and says so.
+    """Number of matches, and the mean (2,) of their places minus those of the true camera, weighted
+    by their covariances.
     """
     matches = find_points(catalog, photo, LAW, 6.0)
     found = matches.found
@@ -175,7 +178,7 @@ def residuals(catalog: Catalog, photo: Image) -> tuple[int, Array]:
 
 
 def require_telling(light: Array) -> None:
-    """Nothing is missed, there is contrast, and most of it is lit."""
+    """No pixel is missing, there is contrast, and most pixels are lit."""
     assert np.isfinite(light).all()
     assert light.std() / light.mean() > 0.1
     assert (light < 0.05 * light.mean()).mean() < 0.4
@@ -185,7 +188,7 @@ def require_telling(light: Array) -> None:
 
 
 def test_the_judges_camera_is_opencvs():
-    """`cv2.projectPoints` without distortion; rays and pixels are each other's inverse."""
+    """`cv2.projectPoints` without distortion; rays and pixels are inverse to each other."""
     import cv2
 
     place = above(33.0, -41.0, 20.0, 70.0, 4e5)
@@ -208,7 +211,9 @@ def test_the_judges_camera_is_opencvs():
 @pytest.mark.parametrize("roll", [0.0, 90.0, 217.0])
 @pytest.mark.parametrize("place", PLACES.values())
 def test_a_roll_is_clockwise_from_north_up(place, roll):
-    """Ground north of the middle stands over it in the image; a camera that is rolled clockwise sees it turn the other way."""
+    """Terrain north of the middle is above it in the image; for a camera rolled clockwise it turns
+    the other way.
+    """
     lon, lat = place
     camera = Pinhole.looking(mcmf(lon, lat), above(lon, lat, 0.0, 0.0, 1e5), roll, 30.0, (99, 99))
     np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(3), atol=1e-12)
@@ -230,7 +235,7 @@ def test_the_shift_is_the_images():
 
 @pytest.mark.parametrize("fault", ["half a pixel", "mirrored roll", "east is west"])
 def test_the_comparison_finds_faults(sites, fault):
-    """A camera file that is a little wrong gives another place, or no match at all."""
+    """A camera file with a small error gives another place, or no match."""
     site = sites("near north")
     judge, camera, sun = cameras(site, 0 if fault == "half a pixel" else 1)
     light = photograph(site.ground, judge, sun, blur_px=BLUR_PX, samples=2, seed=1)

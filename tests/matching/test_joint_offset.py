@@ -1,5 +1,5 @@
-"""Ground too faint for single points: a made world under an albedo that outshines its relief is located by all points
-together, with a covariance that holds; what is other ground, or lit otherwise, is not.
+"""Low-contrast terrain: synthetic terrain under an albedo stronger than its shading is located by
+all points together, with a right covariance; other terrain, or other light, is not.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ def points() -> Catalog:
 
 @cache
 def clear() -> Image:
-    """The world's map, its ground moved, without noise."""
+    """A map of the synthetic terrain, shifted, without noise."""
     return world().photo(PlainMap(world().frame, *MOVED_M), noise=0.0)
 
 
 def clouds(shape: tuple[int, int], seed: int) -> np.ndarray:
-    """Noise with the spectrum of ground, of unit variance."""
+    """Noise with the spectrum of terrain, of unit variance."""
     dice = np.random.default_rng(seed)
     waves = np.meshgrid(np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1]), indexing="ij")
     spectrum = np.fft.rfft2(dice.normal(size=shape)) / np.maximum(np.hypot(*waves), 0.01)
@@ -66,13 +66,13 @@ def clouds(shape: tuple[int, int], seed: int) -> np.ndarray:
 
 
 def faint(photo: Image, seed: int, times: float = 6.0) -> Image:
-    """With spots of bright and dark ground so many times as strong as its shading."""
+    """The image with albedo variations ``times`` as strong as its shading."""
     shading = photo.signal + times * np.nanstd(photo.signal) * clouds(photo.signal.shape, seed)
     return replace(photo, signal=shading.astype(np.float32))
 
 
 def believed(photo: Image) -> Image:
-    """With the map that does not know that its ground was moved."""
+    """The image with a map that does not contain the shift."""
     return photo.with_sensor(PlainMap(world().frame))
 
 
@@ -93,7 +93,7 @@ def together(
 
 
 def squared(found: JointOffset, true: tuple[float, float] = MOVED_M) -> float:
-    """Error squared in units of the stated covariance, of which 2 is expected."""
+    """Squared error in units of the stated covariance; its expectation is 2."""
     off = found.pose.correction - true
     return float(off @ np.linalg.solve(found.pose.covariance, off))
 
@@ -126,7 +126,9 @@ def test_where_points_agree_they_are_taken() -> None:
 
 
 def test_a_camera_that_is_known_well() -> None:
-    """Its prior and the one place of all points: across the view the ground is hit to a fraction of a pixel of 400 m."""
+    """The prior and one place for all points: across the view, the error is a fraction of a pixel
+    of 400 m.
+    """
     seed, known, unsure = 4, overhead(), Uncertainty(300.0, 5e-4)
     image = faint(world().photo(known, noise=0.0), seed, 3.0)
     draw = unsure.sigmas(known) * np.random.default_rng(seed).normal(size=6)
@@ -141,7 +143,7 @@ def test_a_camera_that_is_known_well() -> None:
 
 @pytest.mark.slow
 def test_the_stated_covariance_is_right() -> None:
-    """60 grounds: the squared error over its covariance has mean 2 (its standard error is 0.26)."""
+    """60 terrains: the squared error over its covariance has mean 2 (its standard error is 0.26)."""
     found = [together(believed(faint(clear(), seed)), check_sun=False) for seed in range(100, 160)]
     assert all(one.pose is not None for one in found)
     errors = np.array([squared(one) for one in found])
@@ -150,7 +152,7 @@ def test_the_stated_covariance_is_right() -> None:
 
 
 def test_it_stands_where_the_mean_correlation_is_highest() -> None:
-    """Held to a twin: correlations by NumPy one by one, a paraboloid by least squares."""
+    """Compared with correlations by NumPy one by one and a paraboloid by least squares."""
     photo = believed(faint(clear(), 3))
     found = together(photo, check_sun=False)
     searched = working_image(points(), photo, np.arange(81))
@@ -176,7 +178,9 @@ def test_it_stands_where_the_mean_correlation_is_highest() -> None:
 
 
 def test_gaps_do_not_pull() -> None:
-    """Half of the points have a gap of 4.1 km at their eastern edge: a pixel further on too little of them is there."""
+    """Half of the points have a gap of 4.1 km at their eastern edge: one pixel further, too little
+    of them is valid.
+    """
     catalog, rows = world().catalog(step_m=20e3), np.arange(25)
     photo = believed(clear())
     weight = photo.weight.copy()
@@ -216,7 +220,7 @@ def test_a_share_of_the_votes_counts() -> None:
 
 @pytest.mark.slow
 def test_chance_shows_as_often_as_it_says() -> None:
-    """200 images of clouds: below 10^-k in fewer than a share of 10^-k, and a margin of three sigma."""
+    """200 images of clouds: a share of at most 10^-k, plus three sigma, lies below 10^-k."""
     log10 = []
     for seed in range(200):
         image = clouds((250, 250), seed).repeat(4, axis=0).repeat(4, axis=1)
@@ -251,7 +255,7 @@ def test_a_rival_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ranks_and_correlations_show_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A highest mean correlation 5 searched pixels from where the votes were counted is not the place that was counted."""
+    """A maximum of the mean correlation 5 searched pixels from that of the votes is rejected."""
     photo = believed(faint(clear(), 0))
     shift = CoarseShift((-8.0 + 20.0, -12.0), -12.0, 0.0, 4.0, 81)
     monkeypatch.setattr(joint_offset, "coarse_shift", lambda *_, **__: shift)
@@ -293,7 +297,7 @@ def test_other_ground_is_no_place() -> None:
 
 @pytest.mark.parametrize("turn", [-45.0, 45.0, 90.0])
 def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
-    """Where it shows at all, it is seen that another Sun does better."""
+    """Where the place is significant at all, another Sun correlates better."""
     photo = believed(faint(clear(), 0, 3.0))
     found = together(with_sun(photo, points().position_mcmf, turn, 0.0))
     assert found.pose is None
@@ -302,7 +306,9 @@ def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
 
 
 def test_a_sun_that_does_as_well_is_a_doubt() -> None:
-    """Turned by 20 deg it is not refused in so faint an image, but the shift under the better Sun is in the covariance."""
+    """Turned by 20 deg it is not refused in so faint an image, but the shift under the better Sun
+    is in the covariance.
+    """
     photo = with_sun(believed(faint(clear(), 0)), points().position_mcmf, 20.0, 0.0)
     sure, unsure = (together(photo, check_sun=check) for check in (False, True))
     assert unsure.pose is not None
@@ -356,7 +362,7 @@ def test_weak_evidence_refutes_no_place(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_points_that_cannot_be_looked_for_have_no_vote(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The western half of the image is missing, and with it the points on it."""
+    """The western half of the image is missing, and the points on it do not count."""
     asked = []
     monkeypatch.setattr(
         position_fix, "find_joint_offset", lambda *given, **_: asked.append(given[5].points)
@@ -373,7 +379,9 @@ def test_points_that_cannot_be_looked_for_have_no_vote(monkeypatch: pytest.Monke
 def test_a_shift_that_showed_at_a_coarse_scale_is_not_forgotten(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Far off, the whole image is shifted first; where points then agree on nothing the place is not refuted."""
+    """Far off, the coarse offset is found first; if the points then agree on nothing, the place is
+    not refuted.
+    """
     nobody = Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
     monkeypatch.setattr(position_fix, "agree", lambda *_, **__: nobody)
     monkeypatch.setattr(position_fix, "find_joint_offset", lambda *_, **__: None)

@@ -1,4 +1,6 @@
-"""The matcher's kernels, each against a plain twin: correlation, the fraction of a pixel, the way back."""
+"""Kernels of the search, each compared with plain Python: correlation, sub-pixel fit, backward
+search.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +112,7 @@ def test_a_peak_at_the_edge_of_the_search_counts_and_reach_is_kept():
 
 
 def drawn(seed, size=30, sub=4, smooth=1.3):
-    """A drawing with texture, its corner missing."""
+    """A drawing with texture and a missing corner."""
     rng = np.random.default_rng(seed)
     fine = 2.0 + cv2.GaussianBlur(
         rng.standard_normal((size * sub, size * sub)), (0, 0), smooth * sub
@@ -121,7 +123,7 @@ def drawn(seed, size=30, sub=4, smooth=1.3):
 
 
 def shifted(fine, sub, sigma, right, down):
-    """What `spread.see` makes of a drawing that is moved; 0 where nothing is seen."""
+    """Result of `point_spread.see` for a shifted drawing; 0 where nothing is seen."""
     light, known = np.empty_like(fine[0]), np.empty_like(fine[0])
     point_spread.unveil(fine[0], sub, light, known)
     rows, cols = fine.shape[1] // sub, fine.shape[2] // sub

@@ -1,4 +1,6 @@
-"""Pixels of patches' nodes by polynomials: as the sensor itself has them to 0.004 px, or by the sensor itself."""
+"""Pixels of patches' nodes by polynomials: those of the sensor to 0.004 px, or by the sensor
+itself.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ GSD_M = 100.0
 
 @pytest.fixture(scope="module")
 def catalog():
-    """Two patches of 33 x 33 nodes: level ground with a hill, and a slope of 1 in 4 with another."""
+    """Two patches of 33 x 33 nodes: level terrain with a hill, and a slope of 1 in 4 with another."""
     east, north = np.meshgrid(*(np.arange(-16, 17) * k * GSD_M for k in (1, -1)))
     hill = 400.0 * np.exp(-((east - 200) ** 2 + north**2) / 5e5)
     z = np.array([hill, 0.5 * hill + 0.25 * east])
@@ -29,7 +31,9 @@ def catalog():
 
 
 class Strange(FullSensor):
-    """A camera's geometry and an offset that depends on the pixel; counts what it projects."""
+    """A sensor with a camera's geometry and an offset that depends on the pixel; counts what it
+    projects.
+    """
 
     def __init__(self, camera, offset: Callable[[np.ndarray], np.ndarray]) -> None:
         self.camera, self.offset, self.projected = camera, offset, 0
@@ -46,7 +50,7 @@ def nothing(pixels: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("away_m", [5e3, 8e3, 12e3, 20e3, 30e3, 45e3, 70e3, 100e3, 300e3])
 def test_from_any_distance_they_are_the_sensors(catalog, away_m: float) -> None:
-    """Of pixels of 5 m, where an error of the polynomial would be seen first."""
+    """With pixels of 5 m, where an error of the polynomial is most visible."""
     camera = looking_at(FRAMES[0], away_m, 30, 40, 33, away_m / 5.0, (3000, 3000))
     sensor, nodes = Strange(camera, nothing), nodes_mcmf(catalog, np.arange(2))
     found = node_pixels(catalog, np.arange(2), nodes, sensor)
@@ -59,7 +63,9 @@ def test_from_any_distance_they_are_the_sensors(catalog, away_m: float) -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5, 2.0 / 3.0, -2.0 / 3.0, 1.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_jump_in_a_strip_is_noticed_wherever_it_lies(catalog, share: float, axis: int) -> None:
-    """A strip of five nodes that is 0.1 px off: some of them are among the fitted points, others among the checked nodes only."""
+    """A strip of five nodes is 0.1 px off: some of them are fitted points, others checked nodes
+    only.
+    """
     camera = looking_at(FRAMES[0], 300e3, 0, 0, 0, 3000.0, (500, 500))
     middle = camera.project(FRAMES[0].origin_mcmf_m)[axis] + share * 16.0
 
@@ -101,7 +107,7 @@ def test_a_camera_answers_itself_however_often_it_is_reduced(catalog) -> None:
 
 
 def test_level_ground_has_pixels(catalog) -> None:
-    """No height to fit a slope by."""
+    """Terrain without relief, to which no slope with height can be fitted."""
     flat = replace(catalog, dem=np.zeros_like(catalog.dem))
     camera = looking_at(FRAMES[0], 100e3, 30, 40, 33, 1000.0, (500, 500))
     nodes = nodes_mcmf(flat, np.arange(2))

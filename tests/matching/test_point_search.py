@@ -1,4 +1,6 @@
-"""Points sought in photographs: the whole search on simulated frames of real terrain, and why points are not found."""
+"""Search for points in images: the whole search on simulated frames of real terrain, and why points
+are not found.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What makes a match: every criterion flips where its own figure is passed, and figures are in the image's pixels as it came."""
+"""Requirements for a match: each decides at its own threshold, in pixels of the full-resolution
+image.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,7 @@ def test_correlation_and_the_way_back_are_bounds(bump, above) -> None:
 
 
 def test_what_a_template_must_be_is_a_bound(bump, above) -> None:
-    """Pixels that it covers, the contrast of its render, and how much of it is lit, under a low Sun."""
+    """Number of pixels, contrast of the render, and lit share, under a low Sun."""
     photo = plain_photo(picture(above), above)
     template = drawn(above)
     values = template.values[template.mask].astype(np.float64)
@@ -83,7 +85,9 @@ def test_how_obliquely_a_point_is_seen_is_a_bound(bump) -> None:
 
 @pytest.mark.parametrize("side", [(2, 0), (0, 3), (-4, 0), (0, -1), (3, 2)])
 def test_the_part_of_the_search_that_lies_in_the_image_is_a_bound(bump, above, side) -> None:
-    """The patch lies so many pixels beyond the left or upper border, or from the right or lower one: offsets are counted."""
+    """The patch lies some pixels beyond a border of the image: the offsets of the search inside the
+    image are counted.
+    """
     template = drawn(above)
     rows, cols = np.nonzero(template.mask[0])
     first = template.origin[0] + (cols.min(), rows.min())
@@ -105,7 +109,7 @@ def test_the_part_of_the_search_that_lies_in_the_image_is_a_bound(bump, above, s
 
 @pytest.mark.parametrize("lost", ["no data", "saturated"])
 def test_the_real_share_is_a_bound(bump, above, lost) -> None:
-    """Of the patch's pixels 40 % and some are missing; a search of one place."""
+    """40 % and some of the patch's pixels are missing; a search of one place."""
     template, signal = drawn(above), picture(above)
     weight = np.ones(signal.shape, np.float32)
     weight[:, : template.origin[0, 0] + 14] = 0.0
@@ -126,7 +130,7 @@ def test_the_real_share_is_a_bound(bump, above, lost) -> None:
 
 @pytest.mark.parametrize(("bright", "answer"), [(0.45, "no data"), (0.55, "saturated")])
 def test_most_of_what_is_lost_says_why(bump, above, bright, answer) -> None:
-    """In a box about the patch so many of the missing pixels are too bright, the others are none."""
+    """Some of the missing pixels in a box about the patch are saturated, the others have no data."""
     template, signal = drawn(above), picture(above)
     weight = np.ones(signal.shape, np.float32)
     middle = template.origin[0] + np.array(template.shape[::-1]) // 2
@@ -168,7 +172,7 @@ def test_a_place_that_is_the_patch_s_negative_is_weak_not_missing(bump, above) -
 
 @pytest.mark.parametrize(("away", "counts"), [(12, False), (15, False), (18, True), (24, True)])
 def test_a_rival_lies_half_a_template_away(bump, above, away, counts) -> None:
-    """The patch covers about 32 x 32 pixels; a copy nearer than 16 is the same place still."""
+    """The patch covers about 32 x 32 pixels; a copy nearer than 16 counts as the same place."""
     signal = noisy(picture(above, ((0, 0), (away, 0))), 0.02)  # the later copy lies on top
     found = sought(bump, plain_photo(signal, above), 30.0, whole_search=True)
     template = drawn(above)
@@ -180,13 +184,15 @@ def test_a_rival_lies_half_a_template_away(bump, above, away, counts) -> None:
 
 @pytest.mark.parametrize(("reach", "there"), [(6.0, True), (5.2, True), (5.0, False)])
 def test_a_reach_is_rounded_up(bump, above, reach, there) -> None:
-    """The search ends at whole pixels, from where a place may be 1.5 pixels off."""
+    """The search ends at whole pixels, where a place may be 1.5 pixels off."""
     found = sought(bump, plain_photo(picture(above, ((7, 0),)), above), reach)
     assert (found.correlation[0] > 0.99) == there
 
 
 def test_small_templates_are_searched_at_full_resolution() -> None:
-    """Of about 11 x 11 pixels too little is left at half: the answers are those of the whole search, rivals too."""
+    """Templates of about 11 x 11 pixels have too few at half resolution: the results are those of
+    the whole search, rivals included.
+    """
     camera = looking_at(EnuFrame(3.5, 26.0), 300e3, 0, 0, 0, 300e3 / 350.0, (110, 110))
     rng = np.random.default_rng(3)
     photo = plain_photo(rng.standard_normal((110, 110)).cumsum(0).cumsum(1), camera)
@@ -204,7 +210,9 @@ def test_small_templates_are_searched_at_full_resolution() -> None:
 
 
 def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
-    """The same pixels with a camera of their own: places (p + 1/2) 2 - 1/2, lengths twice as large, all else the same."""
+    """The same pixels as a reduced image and with a camera of their own: places (p + 1/2) 2 - 1/2,
+    lengths twice as large, all else the same.
+    """
     full = hadley_photo()
     fine = looking_at(
         EnuFrame(3.5, 26.0, -1000.0), 300e3, 15, 60, 37, 2 * 300e3 / GSD_M, (640, 640)
@@ -228,7 +236,7 @@ def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
 
 
 def test_a_fraction_of_a_pixel_is_in_the_correlation_too(bump, above) -> None:
-    """Ground that is seen half a pixel off correlates by 1 at its own place, and by less at any whole pixel."""
+    """A patch half a pixel off correlates by 1 at its own place, and by less at any whole pixel."""
     cx, cy = above.principal_point_px
     off = replace(above, principal_point_px=(cx + 0.5, cy - 0.5))
     signal = picture(off, nodes=65)
@@ -248,7 +256,9 @@ def test_a_fraction_of_a_pixel_is_in_the_correlation_too(bump, above) -> None:
 
 @pytest.mark.parametrize("roll_deg", [0.0, 35.0, 90.0, 125.0])
 def test_stripes_are_sure_across_and_unsure_along(roll_deg) -> None:
-    """Ridges that run north, with a little relief along them: the covariance is long where north lies in the image."""
+    """Ridges along north with little relief along them: the covariance is long in the image
+    direction of north.
+    """
     step = (np.arange(33) - 16) * 100.0
     east, north = np.meshgrid(step, -step)
     z = 60.0 * np.sin(east / 230) + 30.0 * np.cos(north / 400 + east / 900)
@@ -290,7 +300,9 @@ def test_a_point_on_the_far_side_is_not_in_view_though_it_lies_in_the_image(bump
 
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0])
 def test_what_is_rendered_at_once_is_bounded(bump, roll_deg) -> None:
-    """Patches of 320 pixels a side: so many that their templates, however they lie in the image, hold two million pixels."""
+    """Patches of 320 pixels a side: as many as have templates of two million pixels together, in
+    any orientation.
+    """
     camera = above_it(roll_deg=roll_deg, focal_px=6000.0)
     size = np.prod(drawn(camera).shape)
     count = point_search._at_once(

@@ -1,4 +1,4 @@
-"""A sensor's place from points in its image, against scipy and OpenCV, closed forms, and many draws."""
+"""Solution for a sensor's position: compared with scipy and OpenCV, closed forms, and many draws."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_PRIOR = Uncertainty(np.inf, np.inf)
 
 
 def pinhole(camera: Camera, correction: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The pixels that a moved camera sees points at, by hand."""
+    """Pixels of points in a moved camera, by hand."""
     rotation = turned(correction[3:]) @ camera.rotation_mcmf_to_camera
     x, y, z = rotation @ (points - camera.position_mcmf_m - correction[:3]).T
     cx, cy = camera.principal_point_px
@@ -31,7 +31,9 @@ def pinhole(camera: Camera, correction: np.ndarray, points: np.ndarray) -> np.nd
 def by_scipy(
     prior: Camera, points: np.ndarray, found: np.ndarray, covariance: np.ndarray, sigmas: np.ndarray
 ):
-    """MINPACK's least squares of the same sum: the correction, its covariance, and chi2 of the points."""
+    """Least squares of the same sum by MINPACK: the correction, its covariance, and chi2 of the
+    points.
+    """
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def residual(unit: np.ndarray) -> np.ndarray:
@@ -100,8 +102,8 @@ def test_without_a_prior_it_is_what_opencv_finds() -> None:
     "uncertainty", [UNCERTAIN, Uncertainty(5000.0), Uncertainty(300.0, 1e-3)], ids=str
 )
 def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
-    """Of 60 draws of noise and prior: the mean squared error in units of the covariance is the number of unknowns,
-    chi2 is its expectation, each within 4 of its own standard errors.
+    """60 draws of noise and prior: the mean squared error in units of the covariance is the number
+    of unknowns, and chi2 its expectation, each within 4 standard errors.
     """
     dice = np.random.default_rng(11)
     known = camera(tilt=(0.2, 0.1, 0.7))
@@ -126,7 +128,9 @@ def test_errors_agree_with_the_covariance(uncertainty: Uncertainty) -> None:
 
 
 def test_covariances_that_are_too_small_are_found_out() -> None:
-    """Residuals three times as large as stated: the normalised error says 9, the pose's covariance grows by that."""
+    """Residuals three times as large as stated: the normalised error is 9, and the pose's
+    covariance grows by that factor.
+    """
     dice = np.random.default_rng(5)
     known = camera()
     points = ground(known, 400, dice)
@@ -225,7 +229,9 @@ def test_only_the_inliers_count() -> None:
 
 
 def test_a_map_is_moved_by_the_weighted_mean() -> None:
-    """Two unknowns and a linear sensor: the closed form is the mean of the offsets, weighted by inverse covariance."""
+    """Two unknowns and a linear sensor: the closed form is the mean of the offsets, weighted by
+    inverse covariance.
+    """
     dice = np.random.default_rng(10)
     sheet = PlainMap()
     east_north = dice.uniform(-4e4, 4e4, (25, 2))
@@ -275,7 +281,7 @@ def test_the_jacobian_of_a_pinhole() -> None:
 
 
 class Framelets(Reduced):
-    """A camera whose image is put together of strips: pixels jump by 3 rows every 16."""
+    """A camera whose image consists of strips: pixels jump by 3 rows every 16."""
 
     def project(self, points_mcmf_m):
         pixels = self.full.project(points_mcmf_m)
@@ -300,7 +306,9 @@ def test_a_jump_to_the_next_framelet_is_no_slope() -> None:
 
 
 def test_an_error_that_all_share_adds_to_the_covariance() -> None:
-    """By the closed form: moving all places by the same pixels moves the solution by C J^T W; and by doing it."""
+    """By the closed form, a shift of all places by the same pixels moves the solution by C J^T W;
+    and by trial.
+    """
     dice = np.random.default_rng(21)
     known = camera(tilt=(0.2, 0.0, 0.5))
     points = ground(known, 60, dice)

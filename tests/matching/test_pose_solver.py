@@ -1,4 +1,6 @@
-"""How the solver gets there: from far off, past steps too long, and with Huber's loss; against scipy and closed forms."""
+"""Convergence of the solver: from far off, after steps that are too long, and with Huber's loss;
+compared with scipy and closed forms.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def rounds(count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("times", [1.5, 2.5, 6.0, 20.0])
 def test_a_camera_that_is_thought_much_too_high_comes_down(times: float) -> None:
-    """Pixels go with 1 / height: from more than twice the height a full step would end below the ground."""
+    """Pixels are proportional to 1 / height: from more than twice the height a full step would end
+    below the surface.
+    """
     known = camera()
     points = ground(known, 20, np.random.default_rng(0), relief_m=100.0)
     rise = (times - 1.0) * 110e3 * HADLEY.rotation[2]
@@ -32,7 +36,9 @@ def test_a_camera_that_is_thought_much_too_high_comes_down(times: float) -> None
 
 
 def test_it_goes_on_until_every_unknown_stands() -> None:
-    """Turned by 60 deg about its own axis over points that lie evenly around it: two of three unknowns stand at once."""
+    """Turned by 60 deg about its own axis over points evenly around it: two of three unknowns
+    converge at once.
+    """
     known = camera()
     angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     pixels = known.principal_point_px + 120.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -44,7 +50,7 @@ def test_it_goes_on_until_every_unknown_stands() -> None:
 
 
 def test_a_long_lens_is_solved_though_place_and_attitude_look_alike() -> None:
-    """A field of 1.5 deg with no prior: shifts and turns differ by little, but they do."""
+    """A field of 1.5 deg without a prior: the effects of shifts and turns differ by little."""
     known = camera(focal_px=15e3)
     points = ground(known, 60, np.random.default_rng(1), relief_m=3e3)
     prior = known.moved([40.0, -30.0, 20.0, 2e-4, -1e-4, 3e-4])
@@ -57,8 +63,8 @@ def test_a_long_lens_is_solved_though_place_and_attitude_look_alike() -> None:
 def huber_map(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, sigma: float
 ) -> np.ndarray:
-    """The shift (east, north) of a plain map at the least of Huber's loss of whitened distances and the prior, by Nelder and
-    Mead.
+    """Shift (east, north) of a plain map at the minimum of Huber's loss of whitened distances and
+    the prior, by Nelder and Mead.
     """
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     off = found - PlainMap().project(points)
@@ -91,7 +97,9 @@ def test_without_inliers_it_is_hubers_minimum(share: float) -> None:
 
 
 def test_an_error_that_all_share_is_reckoned_where_the_camera_is_found() -> None:
-    """The given camera is turned by 40 deg: what a shift of all places does there is not what it does at the solution."""
+    """The given camera is turned by 40 deg: the effect of a common shift there differs from that at
+    the solution.
+    """
     dice = np.random.default_rng(21)
     known = camera(tilt=(0.2, 0.0, 0.5))
     points = ground(known, 60, dice)
@@ -111,7 +119,7 @@ def test_an_error_that_all_share_is_reckoned_where_the_camera_is_found() -> None
 
 
 def judged(chi2: float, dof: float) -> Pose:
-    """A pose with nothing but its figures."""
+    """A pose with figures only."""
     pose = solve(PlainMap(), HADLEY.to_mcmf([[0.0, 0.0, 0.0]]), [[499.5, 499.5]], rounds(1), Uncertainty(1.0))  # fmt: skip
     return replace(pose, chi2=chi2, dof=dof)
 
@@ -127,7 +135,9 @@ def test_residuals_are_held_against_what_they_should_be(dof: float) -> None:
 
 
 def test_a_jacobian_is_the_same_at_any_height() -> None:
-    """Steps follow the ground's pixel: 50 m to 5 km, by the closed form for a point below the camera."""
+    """Steps follow the pixel size on the surface: 50 m to 5 km, by the closed form for a point
+    below the camera.
+    """
     for height in (2e4, 2e5, 2e6):
         known = camera(altitude_m=height)
         slope = jacobian(known, HADLEY.origin_mcmf_m[None])[0]

@@ -1,4 +1,6 @@
-"""The whole search in a small made world: what is right is found, from near and far; what is wrong is never believed."""
+"""The whole search on synthetic terrain: right images are located, from near and far; wrong ones
+never are.
+"""
 
 from __future__ import annotations
 
@@ -53,22 +55,22 @@ def photo(world: World) -> Image:
 
 
 def believed(photo: Image, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) -> Image:
-    """The photograph with a sensor that is off by one draw of the uncertainty."""
+    """The image with a sensor that is off by one draw of the uncertainty."""
     sigmas = uncertainty.sigmas(photo.sensor)
     draw = np.clip(np.random.default_rng(seed).normal(size=len(sigmas)), -2.0, 2.0)
     return photo.with_sensor(photo.sensor.moved(sigmas * draw))
 
 
 def off_px(answer: PositionFix, points: Catalog, known: Camera) -> np.ndarray:
-    """How far the inliers lie from where the known sensor has them."""
+    """Distance of the inliers from the known sensor's projections."""
     matches = answer.matches
     true = known.project(points.position_mcmf[matches.point])
     return np.hypot(*(matches.found_px - true)[matches.found].T)
 
 
 def is_right(answer: PositionFix, points: Catalog, known: Camera) -> bool:
-    """A pose within its own sigmas (of three dimensions, 0.1 % of right ones have more than 16.3), and all it accepts
-    within 1.5 cells of the ground.
+    """True for a pose within its own sigmas (in three dimensions, 0.1 % of right ones exceed 16.3)
+    whose accepted matches all lie within 1.5 cells on the surface.
     """
     assert answer.pose is not None
     error = position_error(answer.pose, known)
@@ -127,8 +129,9 @@ def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: I
 def test_a_shift_of_the_image_leaves_what_it_does_not_decide(
     points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a sensor that may be turned alone, by 0.05 rad: a shift says how it looks aside, 18 deg from the axis a tenth more than
-    on it; left is a roll, which moves a place by 0.05 of its distance from the middle.
+    """A sensor that may only be turned, by 0.05 rad: a shift gives its sideways attitude, with a
+    tenth more effect 18 deg off the axis; the roll stays, which moves a place by 0.05 of its
+    distance from the middle.
     """
     uncertain, sensor = Uncertainty(0.0, 0.05), photo.sensor
     area = perhaps_in_view(points, sensor, uncertain, 3.0)
@@ -150,7 +153,9 @@ def test_a_shift_of_the_image_leaves_what_it_does_not_decide(
 def test_tolerances_are_in_the_searched_photographs_pixels(
     world: World, points: Catalog, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pixels of 100 m under cells of 400 m: searched at a quarter, so a pixel there is four of the image as it came."""
+    """Pixels of 100 m with cells of 400 m are searched at a quarter: one searched pixel is four of
+    the full-resolution image.
+    """
     asked = {}
 
     def listen(*_: object, **options: float) -> Consensus:
@@ -176,7 +181,9 @@ def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None
 
 
 def test_a_match_that_is_off_by_itself_is_inconsistent(points: Catalog, photo: Image) -> None:
-    """A piece of the image about one point is moved by 4 px: it is found there, and does not count."""
+    """A piece of the image about one point is moved by 4 px: the point is found there, and does not
+    count.
+    """
     place = photo.sensor.project(points.position_mcmf)
     row = int(np.argmin(np.hypot(*(place - 99.5).T)))
     c, r = place[row].round().astype(int)
@@ -254,7 +261,7 @@ def test_noise_is_nothing(points: Catalog, photo: Image) -> None:
 
 
 def test_clouds_are_no_place(points: Catalog, photo: Image) -> None:
-    """Noise with the spectrum of ground."""
+    """Noise with the spectrum of terrain."""
     dice = np.random.default_rng(1)
     wave = np.hypot(*np.meshgrid(np.fft.fftfreq(200), np.fft.rfftfreq(200), indexing="ij"))
     spectrum = np.fft.rfft2(dice.normal(size=(200, 200))) / np.maximum(wave, 0.01)
@@ -301,7 +308,9 @@ def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Image) -> None
 
 
 def test_a_place_beyond_the_stated_uncertainty_is_not_taken(points: Catalog, photo: Image) -> None:
-    """A search reaches 16 pixels whatever was stated; what it finds 6 stated sigmas away is told, not believed."""
+    """A search reaches 16 pixels for any stated uncertainty; a position 6 stated sigmas away is
+    reported, not accepted.
+    """
     given = photo.with_sensor(photo.sensor.moved([0.0, 1200.0, 0.0, 0.0, 0.0, 0.0]))
     answer = locate(points, given, Uncertainty(250.0), LAW, QUICK)
     assert answer.pose is None
@@ -324,7 +333,9 @@ def test_points_that_may_be_in_view_hold_those_that_are(points: Catalog, photo: 
 
 
 def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: Catalog) -> None:
-    """An image of 4 km, a sensor 30 km off: within 3 sigma of 12 km the points about the true place may be in view."""
+    """An image of 4 km, a sensor 30 km off: within 3 sigma of 12 km the points about the true place
+    may be in view.
+    """
     known = overhead(size_px=20, pixel_m=200.0)
     given = known.moved([0.0, 30e3, 0.0, 0.0, 0.0, 0.0])
     area = perhaps_in_view(points, given, Uncertainty(12e3), 3.0)
@@ -347,7 +358,7 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
 def test_a_preferred_sun_is_a_doubt_about_the_place(
     points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The pose's covariance grows by what moving all matches does; the pose is the same."""
+    """The pose's covariance grows by the effect of a shift of all matches; the pose is the same."""
     plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)
     monkeypatch.setattr(
         "lcp_catalog.matching.position_fix.check_points", lambda *_: light(0.9, gain=0.02)

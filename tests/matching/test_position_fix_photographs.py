@@ -1,8 +1,8 @@
-"""Pose from real photographs: Apollo 15 Metric frames against GLD100 at 474 m, from 5 km and 0.5 deg off.
-
-The bars are the issue's: 1 km, the pose's own 3 sigma, 1.5 DEM pixels for every accepted match; a frame with another's place is
-refused. `benchmarks/locate_photos.py` makes the figures of docs/measurements/pose.md. The command builds the catalogues, from the
-DEM alone. Skipped without the shared data.
+"""Pose from real images: Apollo 15 Metric frames with GLD100 at 474 m, from 5 km and 0.5 deg off.
+Limits: 1 km, the pose's own 3 sigma, and 1.5 DEM pixels for every accepted match; a frame with the
+camera of another is refused. `benchmarks/locate_photos.py` makes the figures of
+docs/measurements/pose.md. The command builds the catalogues, from the DEM alone. Skipped without
+the shared data.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SQUARED_3_SIGMA = 14.2
 """chi2 of three degrees of freedom at the 99.73 % of 3 sigma."""
 
 NEAR = {"AS15-M-0414": (1.0, 22.0, 8.0, 29.0), "AS15-M-0295": (143.8, -24.8, 150.8, -18.0)}
-"""Bounds of the ground that is built, degrees."""
+"""Bounds of the built area, degrees."""
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def of(key: str, data: Path, folder: Path) -> Catalog:
-    """The catalogue of a frame's ground, built once."""
+    """The catalogue of a frame's area, built once."""
     if not (data / "images" / frames.FRAMES[key].folder).is_dir():
         pytest.skip(f"{key} and its DEM are not among the shared data")
     return frames.built(data, frames.FRAMES[key], folder, NEAR[key])
@@ -55,7 +55,7 @@ def test_the_camera_comes_back(key: str, shared_data: Path, folder: Path) -> Non
 
 
 def test_another_place_is_refused(shared_data: Path, folder: Path) -> None:
-    """AS15-M-0295's image with AS15-M-0414's camera and Sun, at Hadley."""
+    """The image AS15-M-0295 with the camera and the Sun of AS15-M-0414, at Hadley."""
     catalog = of("AS15-M-0414", shared_data, folder)
     photo = frames.frame(shared_data, "AS15-M-0414")
     offered = frames.transplanted(frames.frame(shared_data, "AS15-M-0295"), photo)
@@ -80,7 +80,7 @@ def test_nothing_wrong_is_believed(shared_data: Path, folder: Path) -> None:
 
 
 def test_the_frames_are_what_they_are_called(shared_data: Path) -> None:
-    """A scaled camera sees the same ground at the same share of its image."""
+    """A scaled camera sees the same terrain at the same share of its image."""
     hadley, far = (frames.frame(shared_data, key) for key in ("AS15-M-0414", "AS15-M-0295"))
     scaled = frames.transplanted(far, hadley).sensor
     ground = hadley.sensor.position_mcmf_m * 0.94

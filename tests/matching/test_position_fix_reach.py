@@ -1,4 +1,6 @@
-"""How far is looked, in which pixels, and what the first search's figures decide: the search is listened to, or answered for."""
+"""Reaches of the search, their pixels, and the decisions on the figures of the first search: the
+search is recorded, or replaced.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,13 @@ QUICK = Options(check_sun=False)
 
 @pytest.fixture(scope="module")
 def few() -> Catalog:
-    """25 points, 15 km apart, of cells of 400 m."""
+    """25 points, 15 km apart, with cells of 400 m."""
     return World().catalog(step_m=15e3, half_m=30e3)
 
 
 @pytest.fixture(scope="module")
 def image() -> Image:
-    """Something that is no noise, in pixels of 200 m."""
+    """An image that is not noise, with pixels of 200 m."""
     signal = np.random.default_rng(0).normal(size=(200, 200)).cumsum(0).cumsum(1)
     sun = World().frame.rotation[2]
     weight = np.ones(signal.shape, np.float32)
@@ -65,8 +67,8 @@ def test_the_whole_image_is_shifted_first_from_64_searched_pixels_on(
 def test_reaches_are_in_the_searched_photographs_pixels(
     few: Catalog, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pixels of 200 m are searched at half: 16 pixels first, then 6, 3 under other Suns, and what all may be off alike are
-    twice as many of the image as it came.
+    """Pixels of 200 m are searched at half: reaches of 16, then 6, and 3 under other Suns, and the
+    error common to all points are twice as many pixels of the full-resolution image.
     """
     reaches, suns = [], []
 
@@ -97,8 +99,8 @@ def test_reaches_are_in_the_searched_photographs_pixels(
 def narrowed_to(
     few: Catalog, image: Image, monkeypatch: pytest.MonkeyPatch, chance: float, places: float
 ) -> PositionFix:
-    """The answer where the whole image's shift is no chance but once in so many, and points are sought in an area of so many;
-    they then agree on two places.
+    """The result for a coarse offset with a given number of false alarms, chosen among a given
+    number of areas; the points then agree on two places.
     """
 
     def narrow(area: SearchArea, *_: object) -> tuple[SearchArea, float, float]:

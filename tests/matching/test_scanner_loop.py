@@ -1,7 +1,6 @@
-"""A line scanner's image of real ground, line by line from where the camera then was, located from wrong positions.
-
-The image is traced here: every sample of every line has its own origin and ray, so that a matcher or a solver that took the
-scanner for a frame could not find its points.
+"""A line scanner's image of real terrain, traced line by line, located from wrong positions. Every
+sample of every line has its own origin and ray, so that a matcher or a solver that took the scanner
+for a frame could not find its points.
 """
 
 import numpy as np
@@ -35,7 +34,9 @@ LAW = reflectance_model("lommel-seeliger")
 
 
 def scanner() -> LineScanner:
-    """Flying to the south-south-east over the place, looking down, swaying by 2 mrad (a pixel) in 40 lines."""
+    """A scanner flying south-south-east over the place, looking down, with a sway of 2 mrad (a
+    pixel) over 40 lines.
+    """
     heading = direction_enu(160.0, 0.0)
     times = LINE_S * (np.arange(-BEYOND, LINES + BEYOND) - LINES / 2)
     positions = FRAME.to_mcmf([0.0, 0.0, ALTITUDE_M] + SPEED_M_S * times[:, None] * heading)
@@ -64,7 +65,7 @@ def scanner() -> LineScanner:
 
 @pytest.fixture(scope="module")
 def photo() -> Image:
-    """`RAYS` x `RAYS` rays a pixel, 2 % of noise."""
+    """`RAYS` x `RAYS` rays per pixel, 2 % of noise."""
     window = NodeWindow(-170, 171, -170, 171)
     field = build_terrain(DemSet.open([HADLEY_DEM], ()), FRAME, window, 118.45).field
     sensor = scanner()
@@ -117,7 +118,7 @@ def test_it_is_located_from_a_wrong_position(photo, catalog, seed) -> None:
 
 @pytest.mark.slow
 def test_the_whole_image_looks_like_the_dem(photo) -> None:
-    """Rendered as each line saw it; in the cells of the DEM's true resolution a few windows only."""
+    """Rendered as each line saw it; only a few windows at the DEM's true resolution."""
     choice = WindowChoice(16, 16, 300.0)
     found = against_dem(photo, DemSet.open([HADLEY_DEM]), LAW, TIERS["standard"], choice).windows
     assert found.count >= 12

@@ -1,4 +1,4 @@
-"""A photograph made ready to be searched: gaps filled by what lies around, weights, half resolution, pixels in and out."""
+"""An image prepared for the search: filled gaps, weights, half resolution, conversion of pixels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ def made(signal: np.ndarray, weight: np.ndarray | None = None) -> Image:
 
 
 def test_gaps_hold_what_lies_around_them_and_weigh_nothing() -> None:
-    """A slope of 1 a column from 1000 on, with holes at either end, one of NaN and one of nonsense."""
+    """A slope of 1 per column from 1000 on, with gaps at either end, one of NaN and one of invalid
+    values.
+    """
     signal = 1000.0 + np.broadcast_to(np.arange(80.0), (80, 80)).copy()
     weight = np.full(signal.shape, 0.5)
     for col, value in ((8, np.nan), (64, 1e6)):
@@ -50,7 +52,7 @@ def test_half_resolution_is_the_mean_of_blocks() -> None:
 
 
 def test_pixels_of_a_reduced_photo_in_those_that_came() -> None:
-    """A reduced pixel's middle is its block's: of 3 x 3 pixels the middle one."""
+    """The centre of a reduced pixel is that of its block: of 3 x 3 pixels the middle one."""
     known = camera()
     nested = Reduced(Reduced(known, 2), 3)
     assert [s.factor for s in (known, Reduced(known, 2), nested)] == [1, 2, 6]
@@ -67,7 +69,9 @@ def test_no_valid_pixel_is_refused() -> None:
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.2, False), (0.27, False), (0.4, True), (1.0, True)])  # fmt: skip
 def test_neighbours_that_are_alike_one_way_are_enough(axis: int, share: float, told: bool) -> None:
-    """Noise and so much of the next pixel's: neighbours correlate by c / (1 + c^2); 0.3 is asked for."""
+    """Noise plus a share of the next pixel's: neighbours correlate by c / (1 + c^2); 0.3 is
+    required.
+    """
     noise = np.random.default_rng(0).normal(size=(300, 300))
     signal = noise + share * np.roll(noise, 1, axis)
     likeness = share / (1.0 + share**2)
@@ -79,7 +83,7 @@ def test_neighbours_that_are_alike_one_way_are_enough(axis: int, share: float, t
 
 
 def test_pixels_that_do_not_count_make_no_image() -> None:
-    """Bright lines that are marked as none, on noise."""
+    """Bright lines marked as invalid, on noise."""
     signal = np.random.default_rng(1).normal(size=(200, 200))
     weight = np.ones(signal.shape)
     signal[::2], weight[::2] = 1e4 * np.arange(100.0)[:, None], 0.0

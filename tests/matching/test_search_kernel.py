@@ -1,4 +1,6 @@
-"""The search for templates, place by place: against plain loops over every place, gaps, odd blocks and borders included."""
+"""The search for templates: compared with plain loops over every place, with gaps, odd blocks and
+borders.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ LEAST_REAL = 0.5
 
 
 def scene(seed: int, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
-    """An image of 44 x 52 with texture, and its weights: some columns and a block are missing, one row counts half."""
+    """An image of 44 x 52 pixels with texture, and its weights: some columns and a block are
+    missing, one row has weight 0.5.
+    """
     rng = np.random.default_rng(seed)
     image = cv2.GaussianBlur(rng.standard_normal((44, 52)), (0, 0), blur).astype(np.float32)
     weight = np.ones(image.shape, np.float32)
@@ -24,7 +28,9 @@ def scene(seed: int, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
 def cut(
     image: np.ndarray, seed: int, high: int, wide: int
 ) -> tuple[np.ndarray, np.ndarray, int, int]:
-    """A template out of an image, with noise and a ragged mask that does not reach its own borders; its row and column."""
+    """A template from an image, with noise and a ragged mask that does not reach its own borders;
+    its row and column.
+    """
     rng = np.random.default_rng(seed + 1000)
     row, col = (
         int(rng.integers(0, n - m + 1)) for n, m in zip(image.shape, (high, wide), strict=True)
@@ -52,23 +58,27 @@ def seek(image, weight, values, mask, origin, reach, exclusion, coarse):
     return out[0]
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_the_search_at_full_resolution_is_a_loop_over_every_place(seed: int) -> None:
-    """Best place, its rival, the share of the area in the image and of real pixels, from origins that may lie beyond the
-    border.
+def test_the_search_at_full_resolution_is_a_loop_over_every_place() -> None:
+    """Best place, its rival, the share of the area in the image and of valid pixels, from origins
+    that may lie beyond the border.
     """
-    image, weight = scene(seed)
-    rng = np.random.default_rng(seed)
-    values, mask, row, col = cut(image, seed, int(rng.integers(6, 13)), int(rng.integers(6, 13)))
-    origin = (col + int(rng.integers(-6, 7)), row + int(rng.integers(-6, 7)))
-    wanted = sought(image, weight, values, mask, origin, 8, 3.0, LEAST_REAL, search.PEAKS)
-    found = seek(image, weight, values, mask, origin, 8, 3.0, False)
-    np.testing.assert_allclose(found, wanted, atol=2e-4)
-    assert wanted[2] > 0.5
+    for seed in range(12):
+        image, weight = scene(seed)
+        rng = np.random.default_rng(seed)
+        values, mask, row, col = cut(
+            image, seed, int(rng.integers(6, 13)), int(rng.integers(6, 13))
+        )
+        origin = (col + int(rng.integers(-6, 7)), row + int(rng.integers(-6, 7)))
+        wanted = sought(image, weight, values, mask, origin, 8, 3.0, LEAST_REAL, search.PEAKS)
+        found = seek(image, weight, values, mask, origin, 8, 3.0, False)
+        np.testing.assert_allclose(found, wanted, atol=2e-4)
+        assert wanted[2] > 0.5
 
 
 def test_a_rival_lies_beyond_the_exclusion_and_is_the_highest_there() -> None:
-    """Three copies, 10 to the right a fair one and 14 below a poor one: a wider exclusion leaves the poor one, then none."""
+    """Three copies, a fair one 10 to the right and a poor one 14 below: a wider exclusion leaves
+    the poor one, then none.
+    """
     rng = np.random.default_rng(4)
     piece = cv2.GaussianBlur(rng.standard_normal((12, 12)), (0, 0), 1.0)
     image = 0.05 * rng.standard_normal((60, 60))
@@ -88,25 +98,25 @@ def test_a_rival_lies_beyond_the_exclusion_and_is_the_highest_there() -> None:
         assert found[3] == pytest.approx(second, abs=1e-4)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_from_half_resolution_it_ends_on_the_same_top(seed: int) -> None:
-    """Smooth ground, templates that begin on odd and even pixels, searches that the border cuts: the place and correlation of
-    the loop.
+def test_from_half_resolution_it_ends_on_the_same_top() -> None:
+    """Smooth terrain, templates that begin on odd and even pixels, searches cut by the border: the
+    place and correlation of the loop.
     """
-    image, _ = scene(seed, blur=2.5)
-    ones = np.ones(image.shape, np.float32)
-    values, mask, row, col = cut(image, seed, 17, 16 + seed % 3)
-    rng = np.random.default_rng(seed)
-    origin = (col + int(rng.integers(-7, 8)), row + int(rng.integers(-7, 8)))
-    wanted = sought(image, ones, values, mask, origin, 7, 4.0, LEAST_REAL, search.PEAKS)
-    found = seek(image, ones, values, mask, origin, 7, 4.0, True)
-    np.testing.assert_allclose(found[[0, 1, 2, 4, 5]], wanted[[0, 1, 2, 4, 5]], atol=2e-4)
+    for seed in range(12):
+        image, _ = scene(seed, blur=2.5)
+        ones = np.ones(image.shape, np.float32)
+        values, mask, row, col = cut(image, seed, 17, 16 + seed % 3)
+        rng = np.random.default_rng(seed)
+        origin = (col + int(rng.integers(-7, 8)), row + int(rng.integers(-7, 8)))
+        wanted = sought(image, ones, values, mask, origin, 7, 4.0, LEAST_REAL, search.PEAKS)
+        found = seek(image, ones, values, mask, origin, 7, 4.0, True)
+        np.testing.assert_allclose(found[[0, 1, 2, 4, 5]], wanted[[0, 1, 2, 4, 5]], atol=2e-4)
 
 
 @pytest.mark.parametrize("coarse", [False, True])
 def test_nothing_is_found_beyond_the_reach(coarse: bool) -> None:
-    """The very place lies 2 and 1 pixels beyond the search on either side: what is found lies within, with its own
-    correlation.
+    """The true place lies 2 and 1 pixels beyond the search on either side: the place found lies
+    within, with its own correlation.
     """
     image, _ = scene(3, blur=2.5)
     ones = np.ones(image.shape, np.float32)
@@ -119,7 +129,9 @@ def test_nothing_is_found_beyond_the_reach(coarse: bool) -> None:
 
 
 def test_a_search_area_that_is_partly_real_says_how_much() -> None:
-    """All but two columns of an image are missing: 2 of a template's 8 are real at best, which is too few to be looked at."""
+    """All but two columns of an image are missing: at best 2 of a template's 8 are valid, too few
+    for a search.
+    """
     image, _ = scene(2)
     weight = np.zeros(image.shape, np.float32)
     weight[:, 20:22] = 1.0
@@ -131,7 +143,7 @@ def test_a_search_area_that_is_partly_real_says_how_much() -> None:
 
 
 def test_a_low_peak_at_half_resolution_that_is_the_highest_in_truth_is_climbed_too() -> None:
-    """Two places that half resolution cannot tell apart; the finest detail says which is the right one."""
+    """Two places that are equal at half resolution; only the finest detail tells which is right."""
     rng = np.random.default_rng(9)
     smooth = cv2.GaussianBlur(rng.standard_normal((20, 20)), (0, 0), 2.5)
     smooth /= smooth.std()
@@ -182,7 +194,7 @@ def test_uphill_goes_step_by_step_to_the_top_and_not_beyond_its_limits() -> None
 
 @pytest.mark.parametrize(("gone", "looked_at"), [(7, True), (8, False)])
 def test_uphill_a_place_with_too_little_that_is_real_is_none(gone: int, looked_at: bool) -> None:
-    """Of 16 columns 7 or 8 are missing; 0.53 of the pixels are asked for."""
+    """7 or 8 of 16 columns are missing; 0.53 of the pixels are required."""
     image, _ = scene(1)
     weight = np.ones(image.shape, np.float32)
     weight[:, 20 : 20 + gone] = 0.0
@@ -194,7 +206,9 @@ def test_uphill_a_place_with_too_little_that_is_real_is_none(gone: int, looked_a
 
 
 def test_a_window_of_little_contrast_correlates_zero_in_an_ascent_too() -> None:
-    """A window with a copy of the template, a thousand times fainter: 1, or 0 where its sum of squares counts as flat."""
+    """A window with a copy of the template, a thousand times fainter: 1, or 0 if its sum of squares
+    counts as flat.
+    """
     image, _ = scene(4)
     values, mask = image[10:26, 20:36].copy(), np.ones((16, 16), bool)
     faint = np.full(image.shape, 2.0, np.float32)
@@ -223,7 +237,9 @@ def test_bounds_are_those_of_what_is_covered() -> None:
 
 @pytest.mark.parametrize("contrast", [1e-3, 1e-1])
 def test_little_contrast_is_contrast(contrast: float) -> None:
-    """A template of a thousandth of its brightness, in an image where the ground varies 30 times as much elsewhere."""
+    """A template with a contrast of a thousandth of its brightness, in an image that varies 30
+    times as much elsewhere.
+    """
     rng = np.random.default_rng(1)
     pattern = rng.standard_normal((8, 8))
     image = 30.0 * rng.standard_normal((20, 40))
@@ -239,7 +255,9 @@ def test_little_contrast_is_contrast(contrast: float) -> None:
 
 
 def test_flat_ground_correlates_with_nothing() -> None:
-    """What is left of a level part beside a rough one, a hundred-thousandth of it, is no texture; a flat template is none."""
+    """The remainder of a level part beside a rough one, a hundred-thousandth of it, is no texture;
+    a flat template has no correlation.
+    """
     rng = np.random.default_rng(2)
     image = 1e-5 * rng.standard_normal((30, 60)).astype(np.float32)
     image[:, 30:] += rng.standard_normal((30, 30)).astype(np.float32)
@@ -253,7 +271,7 @@ def test_flat_ground_correlates_with_nothing() -> None:
 
 
 def test_just_enough_that_is_real_is_enough() -> None:
-    """Of four columns two are real: half, as asked."""
+    """Two of four columns are valid: half, as required."""
     rng = np.random.default_rng(3)
     image = rng.standard_normal((8, 20)).astype(np.float32)
     weight = np.where(np.arange(20) < 8, 0.0, 1.0).astype(np.float32) * np.ones((8, 1), np.float32)
@@ -267,7 +285,9 @@ def test_just_enough_that_is_real_is_enough() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_maps_are_loops_over_every_offset(seed: int) -> None:
-    """Offsets at which a template leaves the image or meets too little that is real are NaN; negative ones are not."""
+    """Offsets at which a template leaves the image or has too few valid pixels are NaN; negative
+    ones are not.
+    """
     image, weight = scene(seed)
     values, mask, row, col = cut(image, seed, 9, 11)
     origin = (col + seed - 3, row - 2 * seed + 5)

@@ -1,4 +1,6 @@
-"""Grids moved against each other: places of peaks by closed forms, and windows' own best places by a loop over every shift."""
+"""Shifts of grids: places of peaks by closed forms, and windows' best places by a loop over every
+shift.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from lcp_catalog.validation.window_correlation import common_shift, compare
 
 
 def bowl(reach, summit, bend=(-1.0, -0.5, 0.3)):
-    """Scores (m, m, 1) of a quadratic with its highest place at ``summit`` (column, row): xx, yy and xy bends."""
+    """Scores (m, m, 1) of a quadratic with its maximum at ``summit`` (column, row) and curvatures
+    xx, yy and xy.
+    """
     away = np.arange(-reach, reach + 1.0)
     x, y = np.meshgrid(away - summit[0], away - summit[1])
     return (5.0 + bend[0] * x**2 + bend[1] * y**2 + bend[2] * x * y)[:, :, None]
@@ -34,7 +38,9 @@ def test_a_peak_at_the_tables_edge_is_no_place(edge):
 
 
 def test_a_summit_more_than_a_step_away_is_left_where_the_highest_is():
-    """Of a saddle, a ridge without an end, and a bend so slight that the quadratic's summit lies five steps off."""
+    """A saddle, a ridge without an end, and a curvature so slight that the quadratic's maximum lies
+    five steps off.
+    """
     saddle = bowl(2, (0.0, 0.0), (-1.0, -1.0, 0.0))
     saddle[1, 1] = saddle[3, 3] = 4.99
     ridge = bowl(2, (0.0, 0.0), (-1.0, 0.0, 0.0))
@@ -65,7 +71,7 @@ def test_cells_are_brought_over_the_renders(shift):
 
 
 def test_a_whole_shift_takes_cells_as_they_are():
-    """Nothing but the missing cell itself is missed."""
+    """Only the missing cell itself becomes invalid."""
     rng = np.random.default_rng(1)
     image, weight = rng.normal(size=(12, 14)), rng.uniform(0.2, 1.0, (12, 14))
     weight[5, 6] = 0.0
@@ -86,7 +92,9 @@ def weighted(a, b, w):
 
 
 def best_of(image, render, weight, row, col, size, reach):
-    """Of one window the highest correlation over whole shifts at which half of its weight is there, and which."""
+    """The highest correlation of one window over whole shifts at which half of its weight is valid,
+    and its shift.
+    """
     found = {}
     for down in range(-reach, reach + 1):
         for right in range(-reach, reach + 1):
@@ -102,7 +110,7 @@ def best_of(image, render, weight, row, col, size, reach):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_each_windows_best_place_is_the_best_of_every_shift(seed):
-    """Windows that overlap, gaps of half a window: where little of one is left its correlation says nothing."""
+    """Overlapping windows and gaps of half a window: a correlation of too few cells does not count."""
     rng = np.random.default_rng(seed)
     image, render = rng.normal(size=(2, 26, 31)).cumsum(axis=2)
     weight = rng.uniform(0.8, 1.0, image.shape)
@@ -136,7 +144,7 @@ def test_a_common_shift_is_found_though_cells_are_missing_everywhere():
 
 
 def test_how_large_weights_are_does_not_matter():
-    """Correlations and contrasts: only which cells weigh more than others."""
+    """Correlations and contrasts depend on relative weights only."""
     rng = np.random.default_rng(3)
     image, render = rng.normal(size=(2, 32, 32))
     weight = rng.random(image.shape)

@@ -1,4 +1,6 @@
-"""The fraction of a pixel, its covariance, and the way back: against the formulas by hand, and where they must give up."""
+"""Sub-pixel fit, its covariance, and the backward search: compared with the formulas, and cases in
+which they must fail.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ SUB, SIGMA, LEAST = 4, 0.5, 0.95
 
 
 def drawing(seed: int, rows: int = 22, cols: int = 26, smooth: float = 1.3) -> np.ndarray:
-    """A drawing with texture, a corner of it missing."""
+    """A drawing with texture and a missing corner."""
     rng = np.random.default_rng(seed)
     fine = cv2.GaussianBlur(rng.standard_normal((rows * SUB, cols * SUB)), (0, 0), smooth * SUB)
     fine = 2.0 + 0.2 * fine / fine.std()
@@ -23,7 +25,7 @@ def drawing(seed: int, rows: int = 22, cols: int = 26, smooth: float = 1.3) -> n
 
 
 def seen(fine: np.ndarray, right: float, down: float) -> np.ndarray:
-    """Value, slopes right and down, cover (4, rows, cols) of a drawing that is moved."""
+    """Value, slopes right and down, and cover (4, rows, cols) of a shifted drawing."""
     light, known = np.empty_like(fine), np.empty_like(fine)
     point_spread.unveil(fine, SUB, light, known)
     out = np.empty((4, fine.shape[0] // SUB, fine.shape[1] // SUB), np.float32)
@@ -41,8 +43,9 @@ def refined(fine, image, weight, place=(0, 0), start=(0.0, 0.0)) -> np.ndarray:
 
 
 def wrong(kind: str, shape: tuple[int, int], seed: int) -> np.ndarray:
-    """What an image has beside the drawing: white, smooth, smooth one way, or such that neighbours differ in sign, both ways, or
-    from row to row or column to column alone, alike one way and unlike the other.
+    """Disturbance of an image: white, smooth, smooth in one direction, or with neighbours that
+    differ in sign: in both directions, from row to row or column to column only, and alike in one
+    direction and different in the other.
     """
     noise = np.random.default_rng(seed).standard_normal(shape)
     if kind == "smooth":
@@ -64,32 +67,34 @@ def wrong(kind: str, shape: tuple[int, int], seed: int) -> np.ndarray:
     "kind",
     ["white", "smooth", "oblique", "alternating", "rows", "columns", "woven down", "woven across"],
 )
-@pytest.mark.parametrize("seed", range(5))
-def test_the_covariance_is_the_formulas(kind: str, seed: int) -> None:
-    """At the solution, where no step is left: by loops over pairs of pixels, with gaps and half weights."""
-    fine = drawing(seed)
-    image = seen(fine, 0.3, -0.2)[0]
-    image = 5.0 + 0.7 * (image + wrong(kind, image.shape, seed))
-    weight = np.ones(image.shape)
-    weight[10:13, 12:18], weight[16] = 0.0, 0.5
-    first = refined(fine, image, weight)
-    found = refined(fine, image, weight, start=first[:2])
-    assert found[:2] == pytest.approx(first[:2], abs=2e-3)
-    drawn = seen(fine, *first[:2])
-    counts = np.where(drawn[3] >= LEAST, weight, 0.0)
-    wanted = newey_west(drawn[:3], image, counts)
-    np.testing.assert_allclose(found[3:6], wanted.covariance, rtol=2e-3, atol=2e-3 * wanted.covariance[0])  # fmt: skip
-    assert found[2] == pytest.approx(wanted.correlation, abs=1e-4)
-    assert found[6] == pytest.approx(wanted.gain, rel=1e-3)
-    assert found[7] == pytest.approx(wanted.noise, rel=1e-3)
-    assert found[8] == (counts > 0.0).sum()
-    assert found[9] == pytest.approx(wanted.likeness, abs=2e-3)
-    if kind in ("alternating", "rows", "columns"):
-        assert wanted.likeness < -0.1
+def test_the_covariance_is_the_formulas(kind: str) -> None:
+    """At the solution, where the step is zero: by loops over pairs of pixels, with gaps and half
+    weights.
+    """
+    for seed in range(5):
+        fine = drawing(seed)
+        image = seen(fine, 0.3, -0.2)[0]
+        image = 5.0 + 0.7 * (image + wrong(kind, image.shape, seed))
+        weight = np.ones(image.shape)
+        weight[10:13, 12:18], weight[16] = 0.0, 0.5
+        first = refined(fine, image, weight)
+        found = refined(fine, image, weight, start=first[:2])
+        assert found[:2] == pytest.approx(first[:2], abs=2e-3)
+        drawn = seen(fine, *first[:2])
+        counts = np.where(drawn[3] >= LEAST, weight, 0.0)
+        wanted = newey_west(drawn[:3], image, counts)
+        np.testing.assert_allclose(found[3:6], wanted.covariance, rtol=2e-3, atol=2e-3 * wanted.covariance[0])  # fmt: skip
+        assert found[2] == pytest.approx(wanted.correlation, abs=1e-4)
+        assert found[6] == pytest.approx(wanted.gain, rel=1e-3)
+        assert found[7] == pytest.approx(wanted.noise, rel=1e-3)
+        assert found[8] == (counts > 0.0).sum()
+        assert found[9] == pytest.approx(wanted.likeness, abs=2e-3)
+        if kind in ("alternating", "rows", "columns"):
+            assert wanted.likeness < -0.1
 
 
 def test_slopes_are_what_a_small_shift_does_at_the_edge_of_what_is_drawn_too() -> None:
-    """Central differences over 0.04 pixels, at all pixels of which a third at least is seen."""
+    """Central differences over 0.04 pixels, at all pixels with a cover of at least a third."""
     fine, step = drawing(8), 0.02
     here = seen(fine, 0.2, -0.1)
     for k, (right, down) in enumerate(((step, 0.0), (0.0, step)), start=1):
@@ -101,7 +106,9 @@ def test_slopes_are_what_a_small_shift_does_at_the_edge_of_what_is_drawn_too() -
 
 
 def test_it_comes_from_a_pixel_off_and_from_no_farther_than_it_says() -> None:
-    """The search before it is right to a pixel; a drawing that slides farther has found something else."""
+    """The search before it is right to a pixel; a drawing that moves farther has found another
+    place.
+    """
     fine = drawing(5, smooth=2.0)
     image, weight = seen(fine, 0.0, 0.0)[0], np.ones((40, 40))
     whole = np.full((40, 40), 2.0)
@@ -126,7 +133,9 @@ def test_what_tells_nothing_is_not_placed() -> None:
 
 
 def test_stripes_are_placed_across_and_not_along() -> None:
-    """A wave of one direction: the shift along it is not decided, and no covariance is given for it."""
+    """A wave in one direction: the shift along it is undetermined, and no covariance is given for
+    it.
+    """
     place = (np.arange(24 * SUB) + 0.5) / SUB
     across = np.broadcast_to(2.0 + 0.3 * np.sin(place / 1.5), (20 * SUB, 24 * SUB))
     fine = np.ascontiguousarray(across, dtype=np.float32)

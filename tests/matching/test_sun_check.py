@@ -1,4 +1,6 @@
-"""Does the stated Sun fit: what other Suns make of the points, from made correlations, and when one is believed."""
+"""Check of the stated Sun: correlations under other Suns, from synthetic correlations, and when
+another Sun is preferred.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from lcp_catalog.matching.sun_check import TURNS_DEG, check_points, with_sun
 
 
 def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
-    """Of 25 independent points: half and two sigmas of 0.1 is 0.7."""
+    """25 independent points: one half and two sigmas of 0.1 is 0.7."""
     assert light(0.71).preferred == 1
     assert light(0.69).preferred is None
     assert light(0.95, points=4).preferred is None
@@ -42,7 +44,7 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     ("gain", "gain_z", "fits"), [(0.07, 0.4, True), (0.09, 0.4, False), (0.07, 0.51, False)]
 )
 def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bool) -> None:
-    """Roughness below the DEM's cells looks like one."""
+    """Roughness below the DEM's cells looks like a lower Sun."""
     check = replace(
         light(0.9), correlations=(0.7, 0.8, 0.8 + gain, 0.7), gains=(-0.2, 0.3, gain_z, -0.2)
     )
@@ -52,7 +54,7 @@ def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bo
 
 
 def test_a_sun_is_turned_and_raised() -> None:
-    """About the vertical of the ground; one that is not moved stays what it was."""
+    """About the vertical of the terrain; a Sun that is not moved stays the same."""
     camera = above_it()
     photo, ground = plain_photo(np.ones(camera.shape), camera), HERE.origin_mcmf_m[None]
     for turn, up in ((20.0, 0.0), (-35.0, 12.0), (0.0, -10.0)):
@@ -68,8 +70,8 @@ def test_a_sun_is_turned_and_raised() -> None:
 
 
 class Listener:
-    """In the place of the search: answers with a table of correlations and places for each Sun in turn, and keeps what it was
-    asked.
+    """Replacement of the search: returns a table of correlations and places for each Sun in turn,
+    and records its arguments.
     """
 
     def __init__(self, correlations: np.ndarray, places: np.ndarray) -> None:
@@ -109,7 +111,9 @@ def listened(monkeypatch, hills, correlations, places, count, **how):
 
 
 def test_every_point_is_asked_under_every_sun(monkeypatch, hills) -> None:
-    """Medians of correlations and of gains in z; who gains; how far the matches move together. In the dark nothing correlates."""
+    """Medians of correlations and of gains in z; share of points that gain; common shift of the
+    matches. A point in the dark has correlation 0.
+    """
     rng = np.random.default_rng(0)
     correlations = rng.uniform(0.3, 0.95, (5, 41))
     correlations[2] = np.minimum(correlations[0] + rng.normal(0.02, 0.03, 41), 0.99)
@@ -162,7 +166,7 @@ def test_a_hundred_of_many_points_are_asked_evenly(monkeypatch, hills) -> None:
 
 
 def test_correlations_of_one_are_no_infinite_gain(monkeypatch, hills) -> None:
-    """artanh ends at 0.999, either way."""
+    """artanh is limited to correlations of +-0.999."""
     correlations, places = np.full((5, 9), 1.0), np.zeros((5, 9, 2))
     correlations[1:] = 0.5
     correlations[4] = -1.0

@@ -1,4 +1,6 @@
-"""Does the stated Sun fit an image whose surface reflects by another law than the search's: a law is not taken for a Sun."""
+"""Check of the stated Sun for a surface with another reflectance law than that of the search:
+neither is mistaken for the other.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ AWAY_M, PIXEL_M = 900e3, 400.0
 
 
 def oblique(azimuth_deg: float, off_nadir_deg: float) -> Camera:
-    """A narrow camera in a direction from the middle of the made ground, which it looks at."""
+    """A narrow camera that looks at the middle of the synthetic terrain from a direction."""
     there = direction_enu(azimuth_deg, 90.0 - off_nadir_deg)
     right = np.cross(-there, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -42,7 +44,7 @@ def points(world):
 
 @pytest.fixture(scope="module", params=[40.0, 190.0])
 def rough(world, request) -> Image:
-    """Taken 45 deg off the vertical, of a surface after Hapke."""
+    """An image taken 45 deg off the vertical, of a surface after Hapke."""
     return world.photo(oblique(request.param, 45.0), SUN, law=reflectance_model("hapke"))
 
 
@@ -53,7 +55,9 @@ def checked(points, photo: Image, turn_deg: float = 0.0) -> SunCheck:
 
 
 def test_a_law_is_not_taken_for_a_sun(points, rough: Image, monkeypatch) -> None:
-    """Under Lommel-Seeliger alone a Sun turned by 20 deg looks better by far; under the image's own law none does."""
+    """Under Lommel-Seeliger alone a Sun turned by 20 deg correlates much better; under the image's
+    own law none does.
+    """
     found = checked(points, rough)
     assert (found.law, found.fits) == ("hapke", True)
     assert found.correlation > max(found.correlations)

@@ -1,4 +1,4 @@
-"""Renders of patches: against exact rays, one by one, and against closed forms."""
+"""Renders of patches: compared with exact rays, one by one, and with closed forms."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def rendered(catalog, frame, camera, sun, model=DEFAULT_MODEL, sigma=0.0):
 
 
 def beside_rays(catalog, frame, camera, sun, model=DEFAULT_MODEL, rays=6):
-    """A template, what exact rays see there, and the pixels that both see whole."""
+    """A template, the exact rays' image of it, and the pixels that both see completely."""
     template = rendered(catalog, frame, camera, sun, model)
     rows, cols = template.shape
     window = (*template.origin[0], cols, rows)
@@ -55,7 +55,7 @@ def beside_rays(catalog, frame, camera, sun, model=DEFAULT_MODEL, rays=6):
 
 
 def shift_between(template, traced, both):
-    """Where the rays' picture lies from the template, pixels (2,)."""
+    """Shift of the rays' image from the template, pixels (2,)."""
     out = np.full((1, subpixel_fit.NUMBERS), np.nan)
     subpixel_fit.refine(
         template.drawing, template.sub, template.sigma_px, 0.95, traced.astype(np.float32),
@@ -66,7 +66,9 @@ def shift_between(template, traced, both):
 
 @pytest.fixture(scope="module")
 def hadley():
-    """Real patches, 33 x 33 nodes of 118 m: the second is smooth, the first has a deep shadow under a Sun in the east."""
+    """Real patches, 33 x 33 nodes of 118 m: the second is smooth, the first has a deep shadow under
+    a Sun in the east.
+    """
     rng = np.random.default_rng(0)
     return catalog_of_dem(rng.uniform(1, 6, 10)[:2], rng.uniform(23, 28, 10)[:2], 33, 118.45)
 
@@ -357,7 +359,7 @@ def test_the_point_spread_stays_within_the_patch():
 
 
 class Slow(FullSensor):
-    """A sensor of its own kind: a camera's geometry, and a jump where it is asked for. Counts what it projects."""
+    """A sensor with a camera's geometry, and a jump if one is given. Counts what it projects."""
 
     def __init__(self, camera, jump_px=0.0):
         self.camera, self.jump_px, self.projected = camera, jump_px, 0
