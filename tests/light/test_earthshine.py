@@ -152,6 +152,6 @@ def test_the_suns_distance_from_place_and_earth_counts():
     assert near.irradiance / far.irradiance == pytest.approx(expected, rel=1e-9)
 
 
-def test_no_time_no_earth():
+def test_invalid_times():
     with pytest.raises(SunError):
         earth_at("yesterday")

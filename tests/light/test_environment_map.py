@@ -131,7 +131,7 @@ def test_float_files_are_linear(tmp_path, ending):
     assert read_panorama(tmp_path / f"a.{ending}").luminance == pytest.approx(grey, rel=1e-6)
 
 
-def test_a_display_image_is_decoded_and_said_to_be(tmp_path, caplog):
+def test_a_display_image_is_decoded_with_a_warning(tmp_path, caplog):
     """sRGB: the 8-bit code 118 is 18 % grey, 188 half the light (IEC 61966-2-1 tables)."""
     codes = np.zeros((2, 4), np.uint8)
     codes[0] = 0, 118, 188, 255
@@ -168,7 +168,7 @@ def test_refusals(tmp_path, image, ending, says):
     assert "a.tif" in str(caught.value)
 
 
-def test_files_that_are_none(tmp_path, capfd):
+def test_invalid_files(tmp_path, capfd):
     (tmp_path / "text.hdr").write_text("no picture")
     (tmp_path / "empty.hdr").write_bytes(b"")
     (tmp_path / "a.exr").write_bytes(b"\x76\x2f\x31\x01 and more")

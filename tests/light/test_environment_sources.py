@@ -181,7 +181,7 @@ def test_a_sky_without_a_sun_has_no_source(elevation):
     assert split_sources(uniform(32)).sources == ()
 
 
-def test_below_the_horizon_nothing_is_looked_for():
+def test_no_sources_below_the_horizon():
     light = np.full((32, 64), 0.1)
     light[16:, 20] = 1e6
     found = split_sources(Panorama(light))
@@ -189,7 +189,7 @@ def test_below_the_horizon_nothing_is_looked_for():
     assert found.remainder.luminance == pytest.approx(light)
 
 
-def test_the_coefficients_do_what_they_say():
+def test_the_three_coefficients():
     lamp = Lamp(90.0, 45.0, 1.0, 8.0)
     sky = room(180, [lamp], ambient=0.05)
     wide = split_sources(sky, SourceSearch(4.0, 10.0, 1.0)).sources
@@ -205,12 +205,12 @@ def test_the_coefficients_do_what_they_say():
 @pytest.mark.parametrize(
     "bad", [(0.5, 5, 0.5), (2, 5, 3), (6, 0, 2), (6, 50, 2), (math.nan, 5, 2), (6, 5, math.inf)]
 )
-def test_coefficients_that_cannot_be(bad):
+def test_invalid_coefficients(bad):
     with pytest.raises(ImageError, match="T R M"):
         SourceSearch(*bad)
 
 
-def test_no_more_than_so_many(caplog):
+def test_the_greatest_number_of_sources(caplog):
     rng = np.random.default_rng(5)
     light = np.ones((64, 128))
     for row, col in zip(*np.mgrid[4:28:8, 4:124:8].reshape(2, -1), strict=True):
@@ -245,14 +245,14 @@ def test_other_lamps_count_as_sky_when_one_is_scaled():
     assert scaled.sources[1].power == found.sources[1].power
 
 
-def test_what_cannot_be_scaled():
+def test_invalid_ratios():
     with pytest.raises(ImageError, match="no bright source"):
         split_sources(uniform(16)).with_ratio(4.0)
     with pytest.raises(ImageError, match="positive"):
         split_sources(room(16, [Lamp(0, 45, 1)], 0.1)).with_ratio(0.0)
 
 
-def test_what_a_source_says():
+def test_the_description_of_a_source():
     found = split_sources(room(180, [Lamp(222.0, 33.0, 1.0, 2.0)], 0.001)).sources[0]
     said = found.describe(2.0)
     azimuth, elevation = azimuth_elevation(found.direction)

@@ -218,14 +218,14 @@ def test_the_ground_of_a_panorama_lights_nothing(rows):
     assert (lit(z, bright) == lit(z, sky)).all()
 
 
-def test_a_sky_that_is_all_below():
+def test_a_sky_with_light_only_below_the_horizon():
     light = np.zeros((16, 32))
     light[12] = 1.0
     assert len(samples_of(Panorama(light), TIERS["draft"])) == 0
     assert (lit(np.zeros((4, 4)), Panorama(light)) == 0).all()
 
 
-def test_the_same_bits_again():
+def test_results_are_reproducible():
     z = cratered(64, GSD)
     assert (lit(z, cie_sky(32, 10, 20)) == lit(z, cie_sky(32, 10, 20))).all()
 
@@ -311,7 +311,7 @@ def test_in_the_cameras_plane_against_exact_rays(tier):
     assert np.sqrt(np.mean((got - expected) ** 2)) < bound * expected.mean()
 
 
-def test_what_the_plan_says_of_the_error():
+def test_the_error_in_the_plan():
     assert sky_rms(TIERS["standard"]) == TIERS["standard"].sky_rms
     assert sky_rms(TIERS["high"], True) == TIERS["high"].sky_rms
     both = math.hypot(TIERS["draft"].sky_rms, BETWEEN_NODES_RMS)

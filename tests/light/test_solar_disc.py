@@ -282,7 +282,7 @@ def test_points_between_nodes_follow_the_nodes() -> None:
     np.testing.assert_allclose(shares, crest, atol=1e-5)
 
 
-def test_points_under_the_ground_off_it_and_nowhere() -> None:
+def test_points_below_outside_and_nan() -> None:
     field = Heightfield(np.zeros((9, 9)), 1.0)
     points = [[4, -4, -2.0], [4, -4, 0.0005], [50, 50, 0.0], [math.nan, 0, 0], [4, -4, 10.0]]
     np.testing.assert_allclose(
@@ -309,7 +309,7 @@ def test_a_window_is_a_part_of_the_whole() -> None:
         np.testing.assert_array_equal(part, whole[10:41, 33:64])
 
 
-def test_threads_change_nothing() -> None:
+def test_results_do_not_depend_on_threads() -> None:
     field, sun = Heightfield(spiky(), GSD), towards(20.0, 3.0)
     for tier in TIERS.values():
         answers = []
@@ -319,7 +319,7 @@ def test_threads_change_nothing() -> None:
         np.testing.assert_array_equal(*answers)
 
 
-def test_nodata_and_lines_of_nodes_see_all_of_the_sun() -> None:
+def test_nodata_and_single_rows_are_fully_lit() -> None:
     z = holed(64)
     for elevation_deg, tier in ((-0.1, REFERENCE), (2.0, HIGH), (89.0, STANDARD)):
         share = sunlit_share(Heightfield(z, GSD), towards(20.0, elevation_deg), tier)
@@ -340,7 +340,7 @@ def test_a_sun_overhead_and_one_underfoot() -> None:
         np.testing.assert_array_equal(below[2:-2, 2:-2], 0.0)
 
 
-def test_what_is_no_sun() -> None:
+def test_invalid_suns() -> None:
     field = Heightfield(np.zeros((4, 4)), 1.0)
     for direction in ([0.0, 0.0, 0.0], [math.nan, 0.0, 1.0]):
         with pytest.raises(ValueError, match="no such direction"):
@@ -369,7 +369,7 @@ def test_a_penumbras_width_is_that_of_the_limbs_shadows(elevation_deg) -> None:
     )
 
 
-def test_a_penumbra_without_end() -> None:
+def test_an_infinite_penumbra() -> None:
     assert np.isinf(penumbra_m([1.0, 2.0], 0.5 * RADIUS)).all()
 
 

@@ -142,7 +142,7 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
 
 
 @pytest.mark.parametrize("frame", ["enu", "camera"])
-def test_a_set_sun_lights_no_border_from_below(frame):
+def test_a_sun_below_the_horizon_lights_no_border(frame):
     """Slopes at the border of the terrain face a Sun 20 deg below the horizon; the Earth remains."""
     _, x = np.mgrid[-20:21, -20:21] * GSD
     terrain = make(-0.5 * x)
@@ -162,7 +162,7 @@ def test_a_set_sun_lights_no_border_from_below(frame):
         render_enu(terrain, Lighting((sun,)), nadir_view(), **how)
 
 
-def test_what_has_risen(craters):
+def test_sources_above_the_horizon(craters):
     sources = (
         Source(direction_enu(0, -5)),
         Source(direction_enu(0, 5)),
@@ -177,7 +177,7 @@ def test_what_has_risen(craters):
     assert light_above_horizon(craters, night).first.irradiance == 0.0  # a sky lights on
 
 
-def test_an_overcast_sky_has_a_middle_to_speak_of():
+def test_an_overcast_sky_has_a_first_source():
     light = Lighting.of_panorama(split_sources(uniform(32)))
     assert light.first.direction.vector == pytest.approx([0, 0, 1])
     assert light.first.irradiance == 0.0
@@ -188,7 +188,7 @@ def test_an_overcast_sky_has_a_middle_to_speak_of():
     assert found.incidence_deg == pytest.approx(0.0, abs=1e-5)
 
 
-def test_all_the_light_of_a_panorama_is_one():
+def test_the_unit_of_a_panorama():
     sky = room(90, [Lamp(10, 40, 3.0, 2), Lamp(100, 20, 1.0, 1)], ambient=0.2)
     light = Lighting.of_panorama(split_sources(sky))
     total = sum(source.irradiance for source in light.sources) + light.sky.power_above
@@ -218,7 +218,7 @@ def test_scaling_the_sun_darkens_the_sky_by_as_much():
 
 
 @pytest.mark.parametrize(("elevation", "below"), [(5.0, 5.0), (-3.0, -3.0), (-40.0, 10.0)])
-def test_the_lowest_light_that_can_be_up(elevation, below):
+def test_the_lowest_visible_light(elevation, below):
     light = Lighting((Source(direction_enu(0, elevation)), Source(direction_enu(0, 10.0))))
     assert math.degrees(math.atan(light.lowest_tangent)) == pytest.approx(below)
     disc = Lighting.of_sun(direction_enu(0, 30), True)
@@ -304,7 +304,7 @@ def test_a_cameras_own_sun_and_time():
     assert SunChoice().disc(frame, both).radius_rad == half
 
 
-def test_a_lone_sun_is_what_it_was(craters):
+def test_one_sun_equals_a_bare_direction(craters):
     """A `Lighting` of one Sun and a direction alone give the same bits."""
     direction = direction_enu(77, 8)
     one = render_enu(craters, Lighting.of_sun(direction), nadir_view())

@@ -58,7 +58,7 @@ def test_a_far_range_cuts_the_disc(range_dem, above_m) -> None:
     assert seen.terrain_share[-1] == 1.0
 
 
-def test_the_place_stands_on_the_ground(range_dem) -> None:
+def test_the_height_of_the_place(range_dem) -> None:
     dems = DemSet.open([range_dem])
     found = sun_over_ground(dems, 4.9, 0.0, "2024-01-01", 10.0, gsd_m=400.0)
     assert found.place.height_m == pytest.approx(float(ridge(np.array(4.9), 0.0)) + 10.0, abs=5.0)
@@ -68,7 +68,7 @@ def test_the_place_stands_on_the_ground(range_dem) -> None:
         sun_over_ground(dems, 0.0, 0.0, "2024-01-01", -1.0)
 
 
-def test_the_command_says_both_shares(range_dem, capsys) -> None:
+def test_the_command_prints_both_shares(range_dem, capsys) -> None:
     """A lunar day on the plain: both shares are 1 under a high Sun and 0 at night; behind the range
     only the share above the plane is above 0.
     """
@@ -95,7 +95,7 @@ def test_the_command_says_both_shares(range_dem, capsys) -> None:
         (["--dem", "DEM", "--lon", "90"], 1, "has no height in the DEM, which covers"),
     ],
 )
-def test_mistakes_are_one_line(range_dem, capsys, flags, code, says) -> None:
+def test_errors_are_one_line(range_dem, capsys, flags, code, says) -> None:
     words = [str(range_dem) if flag == "DEM" else flag for flag in flags]
     where = [] if "--lon" in words else ["--lon", "0"]
     assert run(["sun", *where, "--lat", "0", "--time", "2024-01-01", *words]) == code

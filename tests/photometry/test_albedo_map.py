@@ -54,7 +54,7 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cylinder(path, 0.0, 90.0, (180, 360), 1.0, lambda lon, lat: np.full(lon.shape, 300.0))
 
 
-def test_values_lie_where_they_are_meant(moon: AlbedoMap) -> None:
+def test_positions_of_values(moon: AlbedoMap) -> None:
     """A shift by half a pixel would be an error of 1.3e-3, a mirrored map one of 0.6."""
     rng = np.random.default_rng(3)
     lon, lat = rng.uniform(-180.0, 360.0, 4000), np.degrees(np.arcsin(rng.uniform(-1, 1, 4000)))
@@ -65,7 +65,7 @@ def test_values_lie_where_they_are_meant(moon: AlbedoMap) -> None:
     assert moon.reference == pytest.approx(1.0, abs=1e-6)
 
 
-def test_it_goes_on_over_the_antimeridian_and_the_poles(moon: AlbedoMap) -> None:
+def test_it_is_continuous_over_the_antimeridian_and_the_poles(moon: AlbedoMap) -> None:
     lat = np.linspace(-80.0, 80.0, 33)
     for lon in (-180.0, 179.9, 180.0, 180.1, 539.9):
         np.testing.assert_allclose(moon.at(lon, lat, 10.0), waves(lon, lat), atol=1e-4)
@@ -77,7 +77,7 @@ def test_it_goes_on_over_the_antimeridian_and_the_poles(moon: AlbedoMap) -> None
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(-180, 180), st.floats(-90, 90), st.floats(10, 3e5), st.integers(-1, 1), st.data())
-def test_a_place_has_its_value_whatever_else_is_asked(
+def test_a_value_does_not_depend_on_the_other_places(
     moon: AlbedoMap, lon: float, lat: float, gsd_m: float, turns: int, data: st.DataObject
 ) -> None:
     others = data.draw(st.lists(st.tuples(st.floats(-180, 180), st.floats(-90, 90)), max_size=5))
@@ -273,7 +273,7 @@ class TestCover:
         with pytest.raises(AlbedoError, match="is 0 everywhere"):
             half.check_cover(Cover(1.0, 0.0, 0.0, 0.0), "here")
 
-    def test_a_whole_cover_says_nothing(
+    def test_full_coverage_gives_no_warning(
         self, moon: AlbedoMap, caplog: pytest.LogCaptureFixture
     ) -> None:
         for area in (Area(180.0, 10.0, 500.0), Area(0.0, -90.0, 500.0), Area.from_bounds(170, 60, -170, 80)):  # fmt: skip
@@ -332,7 +332,7 @@ def test_maria_are_dark_and_highlands_bright(shared_data: Path) -> None:
     assert float(found.at(47.49, 23.73, 3000.0)) < 1.3  # its mirror image
 
 
-def test_it_is_small_when_it_travels(moon: AlbedoMap) -> None:
+def test_its_pickle_is_small(moon: AlbedoMap) -> None:
     moon.at(0.0, 0.0, 1e5)
     assert len(pickle.dumps(moon)) < 20_000
     assert pickle.loads(pickle.dumps(moon)) == moon

@@ -22,7 +22,7 @@ from lcp_catalog.photometry.srgb import decode_srgb
 
 
 class TestMissing:
-    def test_nodata_is_no_brightness(self, tmp_path: Path) -> None:
+    def test_nodata_is_missing(self, tmp_path: Path) -> None:
         values = np.full((40, 40), 500, np.int16)
         values[10:20, 10:20] = -32768
         path = geotiff(tmp_path / "m.tif", values, 0, 20 * DEGREE_M, DEGREE_M / 2, nodata=-32768)
@@ -33,7 +33,7 @@ class TestMissing:
         assert np.isnan(found.at([-0.1, 5.0, 5.0], [5.0, 20.1, -0.1], 100.0)).all()
         assert neutral(found.at([2.5, 7.5], 12.5, 100.0)).tolist() == [1.0, 1.0]
 
-    def test_an_alpha_band_says_what_is_there(self, tmp_path: Path) -> None:
+    def test_an_alpha_band_marks_missing_pixels(self, tmp_path: Path) -> None:
         path = tmp_path / "alpha.tif"
         kind = {"driver": "GTiff", "height": 20, "width": 20, "count": 2, "dtype": "uint16"}
         where = rasterio.transform.from_origin(0, 20 * DEGREE_M, DEGREE_M, DEGREE_M)
@@ -53,7 +53,7 @@ class TestMissing:
         path = geotiff(tmp_path / "m.tif", values, 0, DEGREE_M, DEGREE_M, scale=0.01, offset=0.1)
         assert AlbedoMap.open(path, reference=0.1).at([0.5, 1.5], 0.5, 1.0) == pytest.approx([2, 4])
 
-    def test_no_ground_gives_back_less_than_nothing(self, tmp_path: Path) -> None:
+    def test_no_factor_is_negative(self, tmp_path: Path) -> None:
         """Cubic convolution dips below 0 beside bright terrain."""
         values = np.zeros((20, 20))
         values[:, 10] = 1.0
@@ -61,7 +61,7 @@ class TestMissing:
         lon = np.linspace(1.0, 19.0, 400)
         assert AlbedoMap.open(path).at(lon, 10.0, 100.0).min() == 0.0
 
-    def test_two_readings_of_one_file_are_not_mixed_up(self, tmp_path: Path) -> None:
+    def test_cached_means_depend_on_the_decoding(self, tmp_path: Path) -> None:
         """Block means are cached by file, encoding and reference."""
         codes = np.full((360, 720), 128, np.uint8)
         path = geotiff(tmp_path / "m.tif", codes, -180 * DEGREE_M, 90 * DEGREE_M, DEGREE_M / 2)
@@ -113,7 +113,7 @@ class TestEncoding:
             ("uint16", None, 1.0, False),
         ],
     )
-    def test_a_picture_taken_as_linear_is_told(
+    def test_a_warning_for_8_bit_samples_read_as_linear(
         self,
         tmp_path: Path,
         caplog: pytest.LogCaptureFixture,
@@ -181,7 +181,7 @@ def _metres(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_albedo_map_is_refused_in_a_line(tmp_path: Path, case: str) -> None:
+def test_invalid_albedo_maps_are_refused_in_one_line(tmp_path: Path, case: str) -> None:
     make, how, says = REFUSED[case]
     path = make(tmp_path / "map.tif")
     with pytest.raises(AlbedoError, match=says) as found:
@@ -191,7 +191,7 @@ def test_what_is_no_albedo_map_is_refused_in_a_line(tmp_path: Path, case: str) -
         assert str(path) in str(found.value)
 
 
-def test_several_bands_give_their_first_and_a_warning(
+def test_the_first_of_several_bands_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     kind = {"driver": "GTiff", "height": 9, "width": 9, "count": 7, "dtype": "float32"}

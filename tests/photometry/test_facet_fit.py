@@ -142,7 +142,7 @@ def _scale(model, incidence_deg):
     return scale(model.law, np.cos(np.radians(incidence_deg)))
 
 
-def test_held_as_far_as_was_measured():
+def test_constant_beyond_the_greatest_measured_emission():
     data = measured(SURFACE)
     near = [np.abs(s.emission_deg) <= 68 for s in data.samples]
     samples = tuple(
@@ -254,7 +254,7 @@ def as_csv(measurements):
     )
 
 
-def test_the_sample_is_what_it_says():
+def test_the_sample_file():
     path = Path(__file__).resolve().parents[2] / "sample_data" / "goniometer_synthetic.csv"
     assert path.read_text(encoding="utf-8") == as_csv(measured(SURFACE, 0.01, 2019))
     assert [len(s) for s in read_measurements(path).samples] == [39, 38, 39]

@@ -182,7 +182,7 @@ def test_lambert_is_a_special_case(mu0, mu, cos_g, model):
     assert found == pytest.approx(model.albedo * mu0, rel=1e-13)
 
 
-def test_shifts_move_the_lobes_where_the_paper_says():
+def test_shifts_move_the_lobes_as_in_the_paper():
     angles = np.arange(-89.0, 89.5, 0.5)
     head = constants(Optics(1.0, 40.0), Shadowing(sigma_p=0.0))  # a mirror's facets, no shadows
 
@@ -215,7 +215,7 @@ def test_the_azimuth_does_not_matter_at_normal_incidence():
     assert np.abs(np.diff(steps)).max() < 2e-3 * steps.mean()
 
 
-def test_held_beyond_what_was_measured():
+def test_constant_beyond_the_measurements():
     model = FacetModel(
         "m", (Node(10, *GLOSSY[1:]), Node(60, 0.2, 3, 0.3, 1, 5, 0.9)), largest_emission_deg=70
     )

@@ -210,12 +210,12 @@ def test_names():
         ({"levels": (0.0,)}, "positive"),
     ],
 )
-def test_a_model_refuses(change, said):
+def test_invalid_models(change, said):
     with pytest.raises(ConfigError, match=said):
         FacetModel(**{"name": "bad", "nodes": (GLOSSY,)} | change)
 
 
-def test_optics_and_shadowing_refuse():
+def test_invalid_optics_and_shadowing():
     for bad in (
         (1.0, 0.0),
         (0.0, 0.0),

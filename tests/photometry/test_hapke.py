@@ -125,7 +125,7 @@ def test_corners_have_their_limits(parameters, azimuth):
 
 
 @EACH
-def test_no_light_none_back_and_grazing_light_goes_to_nothing(parameters):
+def test_grazing_light_goes_to_zero(parameters):
     """mu0 -> 0 at any emission: linearly to 0; finite at grazing emission."""
     for mu in (0.0, 1e-12, 0.3, 1.0):
         for cos_g in (-1.0, -0.3, 0.0, math.sqrt(1 - mu**2)):
@@ -147,7 +147,7 @@ def test_reciprocity_to_the_last_bit(parameters):
         assert there / mu0 == pytest.approx(back / mu, rel=1e-15)
 
 
-def test_no_roughness_is_the_limit_of_little():
+def test_no_roughness_is_the_limit_of_small_roughness():
     """First order in tan(theta): a hundredth of the slope leaves a hundredth of the difference,
     down to no roughness.
     """
@@ -264,14 +264,14 @@ def test_the_sets_are_the_published_ones():
     assert SETS["wac-566-mare"].w < mare.w
 
 
-def test_the_typical_moon_is_as_bright_as_those_who_read_the_maps_say():
+def test_the_brightness_of_the_typical_moon():
     """I/F 0.05 at incidence and phase 60 deg, emission 0, for median parameters at 643 nm: the
     value of an independent program that reads the product itself.
     """
     assert of_angles(SETS["wac-643"], 60.0, 0.0, 0.0) == pytest.approx(0.05, rel=0.1)
 
 
-def test_the_mare_is_as_bright_as_the_narrow_angle_camera_saw_the_moon():
+def test_the_brightness_of_the_mare_in_nac_images():
     """LROC NAC, 760 000 tiles, 600 nm: exp(-2.9811422 - 0.0112862 g - 0.8084603 mu + 1.3248888
     mu0), g in degrees (abstract 2826 of LPSC 2014, coefficients of ISIS's lronacpho): another
     camera, another model, another fit.

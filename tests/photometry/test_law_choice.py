@@ -89,7 +89,7 @@ def test_a_law_costs_nothing_against_itself(elevation, azimuth, off):
     assert 0.0 <= other.left_over <= other.contrast * (1.0 + 1e-12)
 
 
-def test_the_same_relief_seen_from_where_the_sun_stands_shows_nothing_to_lommel_seeliger():
+def test_lommel_seeliger_has_no_contrast_in_opposition():
     sun = direction_enu(90.0, 40.0)
     found = cost(LS, LAMBERT, *image((sun, sun)))
     assert found.left_over == pytest.approx(found.contrast)
@@ -118,7 +118,7 @@ def wide(span_deg):
     return image(*((sun, direction_enu(90.0, 70.0 + off)) for off in np.linspace(0.0, span_deg, 9)))
 
 
-def test_one_phase_wants_no_phase_function_and_many_do():
+def test_many_phases_need_a_phase_function():
     """Lommel-Seeliger lacks a phase function; at one phase a gain replaces it."""
     narrow, broad = choose(TIERS["standard"], *wide(0.5)), choose(TIERS["standard"], *wide(60.0))
     assert (narrow.model.name, broad.model.name) == ("lommel-seeliger", "lunar-lambert")

@@ -96,7 +96,7 @@ def test_points_and_angles_are_one_law(spec):
     assert shade(normals, sun, camera, spec).radiance == pytest.approx(by_angles, rel=1e-9)
 
 
-def test_finite_where_nothing_divides():
+def test_finite_at_grazing_angles():
     horizon = np.array([1.0, 0.0, 0.0])
     for model in SPECS:
         assert shade(UP, horizon, horizon, model).radiance == 0.0
@@ -332,7 +332,7 @@ def test_a_sphere_of_hapkes_law_has_the_phases_of_the_moon(name):
         assert fainter(law, float(phase)) == pytest.approx(ALLEN[phase] - ALLEN[10], abs=0.2), phase
 
 
-def test_lambert_and_bare_lommel_seeliger_do_not():
+def test_lambert_and_plain_lommel_seeliger_differ_from_the_moon():
     """The quarter Moon has a twelfth of the full Moon's brightness; Lambert's sphere a third,
     Lommel-Seeliger's two fifths.
     """
@@ -341,7 +341,7 @@ def test_lambert_and_bare_lommel_seeliger_do_not():
     assert fainter(reflectance_model("lommel-seeliger"), 90.0) < quarter - 1.3
 
 
-def test_the_disc_beyond_what_rolo_measured():
+def test_the_disc_beyond_the_measurements_of_rolo():
     """Linear extrapolation of the logarithm: within 0.1 mag of Allen's table over its range, with
     both equal at 90 deg.
     """

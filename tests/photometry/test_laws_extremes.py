@@ -132,7 +132,7 @@ def test_never_nan_where_seen(vectors, model, lit, seen):
 
 
 @KNOWN
-def test_the_limb_is_as_bright_as_the_law_says(model):
+def test_the_brightness_of_the_limb(model):
     """Full Moon: Lommel-Seeliger's disc is uniform to its edge, Lambert's falls to 0 there."""
     for incidence in (0.0, 60.0, 89.999999, 90.0 - 1e-12):
         radiance = shade(UP, tilted(incidence), tilted(incidence), model)[0]
@@ -168,7 +168,7 @@ def test_nodes_of_a_sweep_stay_finite_where_seen(model):
             assert (black[mu > 0] == 0).all()
 
 
-def test_every_model_has_its_extremes_here():
+def test_every_model_is_finite_at_the_extremes():
     """Finite and not negative for every model of the library, including later ones."""
     assert set(REFLECTANCE_MODELS) >= set(SCALES)
     for model in REFLECTANCE_MODELS:

@@ -82,7 +82,7 @@ def hadley(photographs: Path) -> apollo.Frame:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [*CARRIED, "hapke:wac-643-mare", "hapke:wac-643-highland"])
-def test_1134_wants_the_map_and_a_phase_function(
+def test_1134_needs_the_map_and_a_phase_function(
     hadley: apollo.Frame, albedo: AlbedoMap, law: str
 ) -> None:
     factor = albedo.at_nodes(hadley.scene.terrain)
@@ -127,7 +127,7 @@ def test_without_a_phase_function_it_falls_with_the_sun(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", CARRIED)
-def test_under_a_high_sun_windows_are_told_by_the_map(
+def test_under_a_high_sun_windows_need_the_map(
     scores: dict[tuple[str, bool], list[Score]], law: str
 ) -> None:
     bare, mapped = scores[law, False], scores[law, True]

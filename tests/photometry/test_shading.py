@@ -195,7 +195,7 @@ def test_angles_are_arc_tangents_of_lengths():
     assert np.isnan(degrees[np.isnan(along)]).all()
 
 
-def test_a_direction_across_or_nowhere():
+def test_perpendicular_and_zero_normals():
     """A normal of length 0 (t = 0/0) is nodata; exact values at 0, 90 and 180 deg."""
     few = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, -1]], np.float32)[None]
     degrees, faces = np.empty((1, 4), np.float32), np.empty((1, 4), np.bool_)
