@@ -27,7 +27,7 @@ def test_area(benchmark):
     build = Build.plan((DEM,), BuildConfig.from_toml(SAMPLE / "hadley.toml"))
     job = build.jobs[len(build.jobs) // 2 - 3]
     with limit_threads(1):
-        result = benchmark.pedantic(run_area, (job,), rounds=3, warmup_rounds=1)
+        result = benchmark.pedantic(run_area, (job,), rounds=3, warmup_rounds=1).candidates
     if benchmark.stats:
         conditions = Conditions.at(job.task.lat_deg, build.config).count
         seconds = benchmark.stats.stats.min

@@ -177,20 +177,20 @@ def test_part_of_the_disc_is_a_sun():
             render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), disc=disc)
 
 
-@pytest.mark.parametrize("incidence", [0.0, 30.0, 80.0, 89.7, 89.9, 90.0, 90.2, 91.0])
 @pytest.mark.parametrize(("name", "scale"), [("lambert", 0.12), ("lommel-seeliger", 0.0525)])
-def test_a_grazed_facet_is_dark_within_the_bound(incidence, name, scale):
+def test_a_grazed_facet_is_dark_within_the_bound(name, scale):
     """The radiance factor of the disc's middle against the mean over the disc: docs/explanation/scene-plan.md."""
-    sun = direction_enu(0.0, 90.0 - incidence)
-    rings = [rim(sun, r, 64) for r in np.sqrt((np.arange(16) + 0.5) / 16)]
     up = np.array([[0.0, 0.0, 1.0]])
 
     def radiance(to_sun, mu):
         camera = np.array([math.sqrt(1.0 - mu * mu), 0.0, mu])
         return radiance_under(up, to_sun, camera, np.array([True]), reflectance_model(name))[0]
 
-    for mu in (1.0, 0.3, 0.05):
-        mean = np.mean([radiance(point, mu) for point in np.concatenate(rings)])
-        middle = radiance(sun, mu)
-        steep = 1.0 if name == "lambert" else 1.0 / mu
-        assert abs(mean - middle) <= scale * math.sin(SOLAR_RADIUS_RAD) * steep
+    for incidence in (0.0, 30.0, 80.0, 89.7, 89.9, 90.0, 90.2, 91.0):
+        sun = direction_enu(0.0, 90.0 - incidence)
+        rings = [rim(sun, r, 64) for r in np.sqrt((np.arange(16) + 0.5) / 16)]
+        for mu in (1.0, 0.3, 0.05):
+            mean = np.mean([radiance(point, mu) for point in np.concatenate(rings)])
+            middle = radiance(sun, mu)
+            steep = 1.0 if name == "lambert" else 1.0 / mu
+            assert abs(mean - middle) <= scale * math.sin(SOLAR_RADIUS_RAD) * steep
