@@ -1,4 +1,4 @@
-"""Albedo in a catalogue: points that brightness alone makes, what is stored of it, and what the file says when it is damaged."""
+"""Albedo in a catalogue: points from brightness alone, the stored values, and detection of damage."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def brightness_map(path: Path, west: float = 178.5, columns: int = 560) -> Path:
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ground without any relief, from which no point can be made."""
+    """Terrain without relief, from which no point can be made."""
     path = tmp_path_factory.mktemp("dem") / "ball.tif"
     return geotiff(path, np.zeros((400, 600), np.float32), 178 * DEGREE_M, 12 * DEGREE_M, DEGREE_M / 100)  # fmt: skip
 
@@ -99,7 +99,9 @@ def catalog(built: tuple[Build, Path]) -> Catalog:
 
 
 def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: Path) -> None:
-    """Corners, localisation and uniqueness are those of the images with albedo; level ground has none of its own."""
+    """Corners, localisation and uniqueness are those of the images with albedo; level terrain has
+    none of its own.
+    """
     assert len(catalog) >= 4
     plan = Build.plan((ball,), CONFIG)
     run_build(plan, tmp_path / "bare.h5")
@@ -109,7 +111,9 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
 
 
 def test_the_images_are_those_without_times_the_factor(built: tuple[Build, Path]) -> None:
-    """At every node: the closed form at the node's own longitude and latitude, over the reference."""
+    """At every node: the closed form at the node's own longitude and latitude, divided by the
+    reference.
+    """
     job = built[0].jobs[0]
     lit = area_sweep(job)
     bare = area_sweep(dataclasses.replace(job, albedo=None))
@@ -134,7 +138,9 @@ def _smoothed(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 
 def test_what_is_stored_is_the_brightness_of_the_patchs_own_nodes(catalog: Catalog) -> None:
-    """Every node of a patch taken back to longitude and latitude by what the file says of the point."""
+    """Every node of a patch converted back to longitude and latitude by the point's variables in
+    the file.
+    """
     assert catalog.albedo is not None
     half = catalog.patch_nodes // 2
     step = np.arange(-half, half + 1) * GSD_M
@@ -207,7 +213,7 @@ def test_a_broken_run_gives_the_same_bytes(
 def test_areas_of_another_map_are_not_mixed_in(
     ball: Path, spotted: BuildConfig, tmp_path: Path
 ) -> None:
-    """The run's fingerprint is the map's bytes and how it is read, not the folder it lies in."""
+    """The run's fingerprint contains the map's bytes and encoding, not its folder."""
     mapped = Path(str(spotted.model.albedo))
     same, other = tmp_path / "a" / "spots.tif", tmp_path / "b" / "spots.tif"
     for copy in (same, other):
@@ -238,7 +244,9 @@ def test_areas_of_another_map_are_not_mixed_in(
 def test_where_the_map_ends_inside_a_patch_is_no_point(
     ball: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A map of the western half: its edge is the strongest line of every image, and not on the ground."""
+    """A map of the western half: its edge is the strongest line of every image, but not on the
+    surface.
+    """
     edge_lon = 179.9
     path = brightness_map(tmp_path / "west.tif", 178.5, 280)
     plan = Build.plan((ball,), with_map(path, albedo_reference=0.1))
@@ -290,7 +298,7 @@ class TestTheFile:
             assert "albedo_map" not in file.attrs
 
     def test_readers_of_schema_1_1_find_it_intact(self, path: Path, tmp_path: Path) -> None:
-        """They know no albedo: what they read has the same digest with and without it."""
+        """They ignore albedo: the content that they read has the same digest with and without it."""
         write_catalog(catalogs.catalog(6), tmp_path / "bare.h5")
         with h5py.File(path) as one, h5py.File(tmp_path / "bare.h5") as other:
             assert one.attrs["content_sha256"] == other.attrs["content_sha256"]
@@ -314,7 +322,9 @@ class TestTheFile:
 
     @pytest.mark.slow
     def test_no_damage_raises_or_passes(self, path: Path, tmp_path: Path) -> None:
-        """One byte turned at 60 places: it is noticed, or what is read is equal all the same."""
+        """One byte changed at 60 places: the change is detected, or the values read are equal all
+        the same.
+        """
         sound = self.made().values()
         assert catalogs.noticed_damage(path, sound, tmp_path / "turned.h5", seed=5) > 15
 

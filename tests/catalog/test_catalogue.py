@@ -1,4 +1,4 @@
-"""A catalogue in memory: what does not fit is refused at birth."""
+"""A catalogue in memory: inconsistent contents are refused when it is made."""
 
 from __future__ import annotations
 

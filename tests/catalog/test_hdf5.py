@@ -1,4 +1,4 @@
-"""The file: what other programs read, what damage is noticed, equal bytes for equal data."""
+"""The file: readable by other programs, detection of damage, equal bytes for equal data."""
 
 from __future__ import annotations
 
@@ -310,7 +310,7 @@ def test_other_versions_are_refused(copy: Path) -> None:
 
 
 def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
-    """It has no figures of the DEM product: they are unknown."""
+    """It lacks the figures of the DEM product, which are then unknown."""
     with h5py.File(copy, "r+") as file:
         for name in schema.ADDED_IN_1_1:
             del file[name]
@@ -347,7 +347,9 @@ def test_a_changed_byte_is_noticed_by_its_checksum(copy: Path) -> None:
 def test_no_damage_raises_or_passes(
     written: Path, tmp_path: Path, count: int, noticed: int
 ) -> None:
-    """One byte turned at so many places: it is noticed, or what is read is equal all the same."""
+    """One byte changed at each of many places: the change is detected, or the values read are equal
+    all the same.
+    """
     sound, turned = open_catalog(written).values(), tmp_path / "turned.h5"
     assert catalogs.noticed_damage(written, sound, turned, seed=3, count=count) > noticed
 

@@ -1,4 +1,4 @@
-"""What the flags of conditions say, counted by hand."""
+"""Flags of conditions, compared with counts by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The summary of a catalogue: figures counted again."""
+"""The summary of a catalogue: its figures computed again."""
 
 from __future__ import annotations
 

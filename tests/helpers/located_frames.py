@@ -1,8 +1,9 @@
-"""Apollo 15 Metric frames for the search: their cameras, catalogues of their ground built by the command from the DEM
-alone, and images that are not what they are given for.
+"""Apollo 15 Metric frames for the search: their cameras, catalogues of their terrain built by the
+command from the DEM alone, and images that do not show what their camera says.
 
-The cameras' positions and Suns are NASA's tables'; attitude, focal length and principal point were fitted to renders
-of GLD100 with the position held (PROVENANCE.txt beside the files): what is called truth here is no better than that.
+The cameras' positions and Suns are those of NASA's tables; attitude, focal length and principal
+point were fitted to renders of GLD100 with the position fixed (PROVENANCE.txt beside the files):
+the reference is no more accurate than that.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0", spacing="spacing_m = 8000.0"
 
 @dataclass(frozen=True)
 class Ground:
-    """A folder of frames and the DEM of what they show."""
+    """A folder of frames and the DEM of their terrain."""
 
     folder: str
     dem: str
@@ -81,7 +82,7 @@ FRAMES = {
 
 
 def built(data: Path, ground: Ground, folder: Path, bounds: tuple[float, ...] = ()) -> Catalog:
-    """The catalogue of a ground, by the command; one that is in the folder already is taken."""
+    """The catalogue of a terrain, built by the command unless it is in the folder already."""
     path = folder / f"{ground.folder}.h5"
     if not path.exists():
         config = folder / "build.toml"
@@ -94,7 +95,7 @@ def built(data: Path, ground: Ground, folder: Path, bounds: tuple[float, ...] = 
 
 
 def frame(data: Path, key: str) -> Image:
-    """A frame with its camera and Sun as they are given."""
+    """A frame with its given camera and Sun."""
     ground = FRAMES[key]
     folder = data / "images" / ground.folder
     camera = read_camera(folder / f"{key}_camera.json")
@@ -102,7 +103,7 @@ def frame(data: Path, key: str) -> Image:
 
 
 def displaced(photo: Image, seed: int) -> Image:
-    """The frame with a camera 5 km and 0.5 deg from its own, in directions drawn at random."""
+    """The frame with a camera 5 km and 0.5 deg from its own, in random directions."""
     dice = np.random.default_rng(seed)
     shift, turn = dice.normal(size=(2, 3))
     correction = [
@@ -113,7 +114,9 @@ def displaced(photo: Image, seed: int) -> Image:
 
 
 def transplanted(photo: Image, other: Image) -> Image:
-    """An image offered as another's: with the other's place and Sun, its camera scaled to the image's size."""
+    """An image with the position and the Sun of another, whose camera is scaled to the image's
+    size.
+    """
     camera = other.sensor
     assert isinstance(camera, Camera)
     rows, cols = photo.signal.shape
@@ -131,7 +134,7 @@ def transplanted(photo: Image, other: Image) -> Image:
 
 
 def spoilt(photo: Image, catalog: Catalog) -> Iterator[tuple[str, Image]]:
-    """The frame, with its camera as it stands, made into what it is not."""
+    """The frame with its own camera, changed so that it does not show its place."""
     ground = catalog.position_mcmf[points_in_view(catalog, photo.sensor)]
     for turn, up in ((20, 0), (-20, 0), (0, 20), (0, -10), (10, 0), (-10, 0)):
         yield f"Sun {turn:+d} deg azimuth, {up:+d} deg elevation", with_sun(photo, ground, turn, up)
@@ -163,8 +166,8 @@ def spoilt(photo: Image, catalog: Catalog) -> Iterator[tuple[str, Image]]:
 
 
 def worst_off_m(answer: PositionFix, catalog: Catalog, known: Camera) -> float:
-    """How far, on the ground across the line of sight, the worst accepted match lies from where the known camera has
-    it.
+    """Distance, on the surface across the line of sight, of the worst accepted match from the known
+    camera's projection.
     """
     rows = answer.matches.point[answer.matches.found]
     ground = catalog.position_mcmf[rows]
@@ -173,8 +176,8 @@ def worst_off_m(answer: PositionFix, catalog: Catalog, known: Camera) -> float:
 
 
 def is_wrong(answer: PositionFix, catalog: Catalog, known: Camera) -> bool:
-    """Whether a pose is given, and it is outside its own 3 sigma (0.27 % of three dimensions: 14.2), or puts the
-    frame's middle more than 3 pixels off.
+    """True if a pose is given that is outside its own 3 sigma (0.27 % in three dimensions: 14.2),
+    or moves the frame's middle by more than 3 pixels.
     """
     if answer.pose is None:
         return False

@@ -1,4 +1,6 @@
-"""A patch with a lone hill at 0 N 0 E, a camera above it, and pictures that are its own render: the least to search for."""
+"""A patch with a single hill at 0 N 0 E, a camera above it, and images that are its own render: the
+simplest search.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from lcp_catalog.matching.templates import Templates, render_patches
 
 HERE = EnuFrame(0.0, 0.0)
 EAST = HERE.direction_to_mcmf(direction_enu(100, 30))
-"""Direction of the Sun."""
+"""Direction to the Sun."""
 
 
 @cache
@@ -33,7 +35,7 @@ def bump_catalog(nodes: int = 33) -> Catalog:
 
 
 def above_it(**changes: float) -> Camera:
-    """60 km above, a pixel is a cell; 160 x 160 pixels."""
+    """A camera 60 km above, with pixels of one cell; 160 x 160 pixels."""
     how = {"off_nadir_deg": 0.0, "azimuth_deg": 0.0, "roll_deg": 0.0, "focal_px": 600.0} | changes
     return looking_at(HERE, 60e3, size=(160, 160), **how)
 
@@ -49,7 +51,9 @@ def picture(
     sun: np.ndarray = EAST,
     nodes: int = 33,
 ) -> np.ndarray:
-    """The patch's own render at some offsets, on noise; more nodes than 33 show what lies around it."""
+    """The patch's own render at some offsets, on noise; with more nodes than 33 also its
+    surroundings.
+    """
     template = drawn(camera, sun, nodes)
     level = template.values[template.mask].mean()
     signal = level * (1 + 0.02 * np.random.default_rng(2).standard_normal(camera.shape))

@@ -1,4 +1,4 @@
-"""A simulated frame of Hadley and patches of its ground; made once, whichever modules ask for them."""
+"""A simulated frame of Hadley and patches of its terrain; made once for all modules."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ GSD_M = 118.45
 
 @cache
 def hadley_catalog() -> Catalog:
-    """Patches of 33 x 33 nodes on a grid of 4.5 km around Hadley: they do not overlap, good and bad points alike."""
+    """Patches of 33 x 33 nodes on a grid of 4.5 km around Hadley, without overlap, good and bad
+    points alike.
+    """
     lon, lat = np.meshgrid(np.linspace(3.02, 3.98, 7), np.linspace(25.56, 26.44, 7))
     return catalog_of_dem(lon.ravel(), lat.ravel(), 33, GSD_M)
 

@@ -1,4 +1,4 @@
-"""Cameras over made ground, and what they see, for the tests of pose and consensus."""
+"""Cameras over synthetic terrain, and their pixels, for the tests of pose and consensus."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def camera(
     size_px: int = 404,
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Camera:
-    """A camera above a place, looking down but for a turn about its own axes."""
+    """A camera above a place, looking down except for a turn about its own axes."""
     middle = (size_px - 1) / 2.0
     return Camera(
         frame.to_mcmf([0.0, 0.0, altitude_m]),
@@ -47,8 +47,8 @@ def camera(
 def ground(
     sensor: Sensor, count: int, dice: np.random.Generator, relief_m: float = 4e3
 ) -> np.ndarray:
-    """Points (n, 3) that lie in the image, spread over it, at random heights about the level of HADLEY's tangent
-    plane.
+    """Points (n, 3) that lie in the image, spread over it, at random heights about the level of
+    HADLEY's tangent plane.
     """
     rows, cols = sensor.shape
     pixels = np.stack([dice.uniform(0, cols - 1, count), dice.uniform(0, rows - 1, count)], axis=-1)

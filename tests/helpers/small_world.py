@@ -1,6 +1,6 @@
-"""A small made world for tests of the search: cratered ground near Hadley, a catalogue of it, and photographs by the
-patches' own renderer, which takes the whole ground as one large patch. What judges the renderer is elsewhere
-(test_patch_render, test_independent_frames): here the question is only what the search makes of an image.
+"""Small synthetic terrain for tests of the search: craters near Hadley, a catalogue of them, and
+images by the patches' own renderer, which takes the whole terrain as one large patch. The renderer
+is tested elsewhere (test_templates, test_independent_frames); here only the search is tested.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class World:
         return map_coordinates(self.heights, places, order=3, mode="mirror", prefilter=False)
 
     def patch(self, frame: EnuFrame, nodes: int) -> np.ndarray:
-        """ENU z of the ground's nodes in a frame, (nodes, nodes)."""
+        """ENU z of the terrain's nodes in a frame, (nodes, nodes)."""
         axis = (np.arange(nodes) - (nodes - 1) / 2.0) * GSD_M
         east, north = np.meshgrid(axis, -axis)
         z = np.zeros_like(east)
@@ -85,7 +85,7 @@ class World:
 
     @cached_property
     def whole(self) -> Catalog:
-        """All the ground as one patch."""
+        """The whole terrain as one patch."""
         return self._catalog(np.zeros(1), np.zeros(1), NODES)
 
     def photo(
@@ -96,8 +96,8 @@ class World:
         seed: int = 0,
         law: Reflectance = LAW,
     ) -> Image:
-        """What a camera sees under a Sun (azimuth, elevation at the middle); noise is 1 sigma over the mean signal.
-        Ground beyond the edge is missing.
+        """A camera's image under a Sun (azimuth, elevation at the middle); noise is 1 sigma over
+        the mean signal. Terrain beyond the edge is missing.
         """
         sun = self.frame.direction_to_mcmf(direction_enu(*sun_deg))
         drawn = render_patches(self.whole, [0], camera, sun[None], law, least_cover=0.999)
@@ -120,7 +120,7 @@ def overhead(
     pixel_m: float = GSD_M,
     altitude_m: float = 120e3,
 ) -> Camera:
-    """A camera above a place whose pixels are of the ground's size."""
+    """A camera above a place with pixels of a given size on the surface."""
     middle = (size_px - 1) / 2.0
     return Camera(
         frame.to_mcmf([0.0, 0.0, altitude_m]),
@@ -132,7 +132,7 @@ def overhead(
 
 
 def mirrored(photo: Image, how: str) -> Image:
-    """The pixels turned or mirrored, the camera as it was."""
+    """The pixels turned or mirrored, the camera unchanged."""
     turn = {
         "left-right": lambda a: a[:, ::-1],
         "up-down": lambda a: a[::-1],

@@ -1,4 +1,4 @@
-"""Made answers of what the points say of the Sun."""
+"""Synthetic checks of the Sun."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def light(
     points: int = 50,
     independent: float = 25.0,
 ) -> SunCheck:
-    """One Sun that is turned, and with the same gain in z less 0.01 one that is lowered."""
+    """A check with one turned Sun, and one lowered Sun with the same gain in z less 0.01."""
     return SunCheck(
         points,
         independent,

@@ -1,4 +1,4 @@
-"""Slow, plain twins of the matcher's parts, and catalogues of any patches to try it on."""
+"""Slow, plain versions of the matcher's parts, and catalogues of any patches for their tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lcp_catalog.terrain.terrain import sample_patch
 def catalog_of_patches(
     patches: np.ndarray, frames: Sequence[EnuFrame], gsd_m: float, **changes
 ) -> Catalog:
-    """A catalogue that holds nothing but given patches (n, p, p), each in its own frame; other fields by name."""
+    """A catalogue of given patches (n, p, p), each in its own frame; other fields by name."""
     n = len(frames)
     made = {
         "dem": patches,
@@ -58,7 +58,9 @@ def looking_at(
     size: tuple[int, int],
     middle: tuple[float, float] | None = None,
 ) -> Camera:
-    """A camera ``away_m`` from a frame's origin, which it sees at the pixel ``middle`` (default: of the image)."""
+    """A camera ``away_m`` from a frame's origin, which it sees at the pixel ``middle`` (default: of
+    the image).
+    """
     off, azimuth, roll = np.radians([off_nadir_deg, azimuth_deg, roll_deg])
     up = np.array([np.sin(off) * np.sin(azimuth), np.sin(off) * np.cos(azimuth), np.cos(off)])
     ahead = -frame.direction_to_mcmf(up)
@@ -121,7 +123,9 @@ def traced_image(
 def correlation_at(
     image: np.ndarray, values: np.ndarray, mask: np.ndarray, row: int, col: int
 ) -> float:
-    """Correlation of what a mask covers with an image's pixels there, the template's first pixel at (row, col)."""
+    """Correlation of the masked part with an image's pixels, the template's first pixel at (row,
+    col).
+    """
     at = np.argwhere(mask) + np.array([row, col])
     return float(np.corrcoef(image[tuple(at.T)].astype(np.float64), values[mask])[0, 1])
 
@@ -135,8 +139,9 @@ def correlations_near(
     reach: int,
     least_real: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Correlations, and shares of real pixels under the mask, at every offset (2 reach + 1 rows, columns) from a first pixel at
-    ``origin`` (column, row); NaN where what the mask covers leaves the image, the correlation also where too little is real.
+    """Correlations, and shares of valid pixels under the mask, at every offset (2 reach + 1 rows,
+    columns) from a first pixel at ``origin`` (column, row); NaN where the masked part leaves the
+    image, the correlation also where too few pixels are valid.
     """
     score, real = (np.full((2 * reach + 1,) * 2, np.nan) for _ in range(2))
     covered = np.argwhere(mask)
@@ -162,8 +167,9 @@ def sought(
     least_real: float,
     most: int,
 ) -> np.ndarray:
-    """What `kernels.search.seek` says of one template, by a loop over every place: its rival is the highest of the ``most``
-    highest tops (none of the eight places around is higher) that is farther than ``exclusion`` from the best.
+    """Result of `kernels.matching.search.seek` for one template, by a loop over every place: its
+    rival is the highest of the ``most`` highest maxima (none of the eight places around is higher)
+    farther than ``exclusion`` from the best.
     """
     score, real = correlations_near(image, weight, values, mask, origin, reach, least_real)
     shares = [np.isfinite(real).mean(), np.nanmax(real)]
@@ -180,8 +186,8 @@ def sought(
 def at_half(
     values: np.ndarray, mask: np.ndarray, odd: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means over blocks of 2 x 2 of what a mask covers, and the share of each block that it does; the first row and column are the
-    second of a block where ``odd`` says so.
+    """Means over blocks of 2 x 2 of the masked pixels, and the masked share of each block; with
+    ``odd`` the first row and column are the second of a block.
     """
     sides = [(o, (o + n) % 2) for o, n in zip(odd, values.shape, strict=True)]
     covered = np.pad(mask.astype(float), sides)
@@ -196,7 +202,7 @@ def at_half(
 
 @dataclass(frozen=True)
 class Placed:
-    """What least squares says of a place: see `kernels.register.refine`."""
+    """Result of least squares for a place: see `kernels.matching.subpixel_fit.refine`."""
 
     covariance: np.ndarray  # (3,) xx, xy, yy
     correlation: float
@@ -206,8 +212,9 @@ class Placed:
 
 
 def newey_west(drawn: np.ndarray, image: np.ndarray, weight: np.ndarray) -> Placed:
-    """The covariance of the shift of a template with its slopes (3, rows, cols) in an image of its size: every pair of pixels up to
-    7 apart either way, with Bartlett's taper in both directions (docs/measurements/matching.md).
+    """The covariance of the shift of a template with its slopes (3, rows, cols) in an image of its
+    size: every pair of pixels up to 7 apart either way, with Bartlett's taper in both directions
+    (docs/measurements/matching.md).
     """
     t, gx, gy, light = (a - np.average(a, weights=weight) for a in (*drawn.astype(float), image))
     total = [float((weight * a * b).sum()) for a, b in ((t, light), (t, t), (light, light))]
@@ -249,8 +256,9 @@ def way_back(
     reach: int,
     least_real: float,
 ) -> np.ndarray:
-    """What `kernels.way_back.seek_back` says of one template: the image's inner part there, correlated with the template, its mean
-    where its mask is not, at every place; the best one by parabolas along both axes.
+    """Result of `kernels.matching.backward_search.seek_back` for one template: the image's inner
+    part, correlated with the template (its mean outside its mask) at every place; the best one by
+    parabolas along both axes.
     """
     (r0, c0), (r1, c1) = np.argwhere(mask).min(0), np.argwhere(mask).max(0) + 1
     values, mask = values[r0:r1, c0:c1], mask[r0:r1, c0:c1]

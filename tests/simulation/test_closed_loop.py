@@ -1,6 +1,6 @@
-"""The closed loop in small: frames of real ground, by the product and by Embree, offered as from a place 2 km off per axis.
-
-`benchmarks/closed_loop.py` is the complete run, for docs/measurements/closed-loop.md. ``-rP`` shows every frame's figures.
+"""A small closed loop: frames of real terrain, rendered by the product and by Embree, located from
+a camera 2 km off per axis. `benchmarks/closed_loop.py` is the complete run, for
+docs/measurements/closed-loop.md. ``-rP`` shows every frame's figures.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SMALL = Draw(pixel_cells=(0.8, 1.3), size_px=240, sun_elevation_deg=(8.0, 45.0))
 
 @pytest.fixture(scope="module")
 def site() -> Site:
-    """Patches every 6 km over 100 km of Hadley, whatever they are worth: a catalogue would have chosen."""
+    """Patches every 6 km over 100 km of Hadley, of any quality, without a catalogue's choice."""
     step_deg = 0.2
     steps = np.arange(-8, 9) * step_deg
     places = [(MIDDLE[0] + x / 0.9, MIDDLE[1] + y) for y in steps for x in steps]
@@ -50,7 +50,7 @@ def site() -> Site:
 
 @pytest.fixture(scope="module")
 def taken() -> Callable[[Site, int], tuple[Shot, Camera, Image]]:
-    """A site's first frame of a seed, taken once."""
+    """A site's first frame of a seed, made once."""
     made: dict[int, tuple[Shot, Camera, Image]] = {}
 
     def take(site: Site, seed: int) -> tuple[Shot, Camera, Image]:
@@ -86,7 +86,7 @@ def test_a_frame_comes_back_to_its_place(site, taken, attitude):
 
 
 def test_a_frame_from_elsewhere_is_not_located(site, taken):
-    """Offered as from 60 km further east or west, thirty sigmas, over ground the catalogue knows."""
+    """With a camera 60 km further east or west, thirty sigmas, over terrain of the catalogue."""
     shot, camera, photo = taken(site, 5)
     east = EnuFrame(shot.lon_deg, shot.lat_deg).rotation[0]
     sign = 1.0 if shot.lon_deg < MIDDLE[0] else -1.0
@@ -99,7 +99,9 @@ def test_a_frame_from_elsewhere_is_not_located(site, taken):
 @pytest.mark.slow
 @pytest.mark.parametrize("renderer", ["product", "embree"])
 def test_a_dozen_frames(site, renderer):
-    """12 frames: all but one solved, none false; of 12 x 3 or 12 x 6 squared errors the mean is known to 24 or 17 %."""
+    """12 frames: all but one solved, none false; the mean of 12 x 3 or 12 x 6 squared errors is
+    known to 24 or 17 %.
+    """
     take = by_product(DEM) if renderer == "product" else by_embree(DEM, MIDDLE, 120e3)
     rows: dict[bool, list[Row]] = {False: [], True: []}
     for shot, camera in site.shots(12, 8, SMALL):
@@ -123,7 +125,7 @@ def test_a_dozen_frames(site, renderer):
 
 
 def test_frames_are_drawn_over_all_that_was_asked_for(site):
-    """Whole on the DEM, and still as oblique and as wide as drawn; the Sun where its angles say."""
+    """Completely on the DEM, and still as oblique and as wide as drawn; the Sun as its angles say."""
     drawn = list(site.shots(60, 3, Draw(size_px=128)))
     for name, low, high in (
         ("off_nadir_deg", 0, 40),
@@ -147,7 +149,9 @@ def test_frames_are_drawn_over_all_that_was_asked_for(site):
 
 
 def test_errors_are_squared_by_their_covariance():
-    """Draws from a covariance of metres and radians have a mean of as many as are solved for; what is held does not count."""
+    """Draws from a covariance of metres and radians have the number of solved unknowns as their
+    mean; fixed ones do not count.
+    """
     dice = np.random.default_rng(4)
     root = dice.normal(size=(6, 6)) * np.array([[30, 50, 9, 1e-4, 3e-5, 2e-4]]).T
     draws = dice.normal(size=(4000, 6)) @ root.T
@@ -165,7 +169,9 @@ def test_a_small_rotations_vector():
 
 
 def test_the_truth_is_what_the_believed_camera_was_moved_from(site):
-    """A camera that is moved and moved back by what was found is the camera; sigmas are those of the brief."""
+    """A camera that is moved, and moved back by the correction found, is the same camera; sigmas
+    are the stated ones.
+    """
     assert np.degrees(ATTITUDE_SIGMA_RAD) * 3600.0 == pytest.approx(20.0)
     assert OPTIONS.check_sun
     _, camera = next(site.shots(1, 5, SMALL))

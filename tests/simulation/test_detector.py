@@ -1,4 +1,4 @@
-"""The detector: what a pixel gathers, its noise, its numbers. scipy judges the integrals."""
+"""The detector: signal of a pixel, noise, numbers; integrals compared with scipy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ SAMPLES = st.integers(1, 6)
 
 @pytest.mark.parametrize(("blur_px", "samples"), [(0.3, 2), (0.6, 3), (1.0, 4), (2.5, 1)])
 def test_a_response_is_the_square_spread_by_the_gaussian(blur_px, samples):
-    """Each weight against quadrature of square times Gaussian over the sub-pixel; what lies beyond 4 sigma is left out."""
+    """Each weight compared with quadrature of square times Gaussian over the sub-pixel, without the
+    part beyond 4 sigma.
+    """
     spread = stats.norm(scale=blur_px)
     weights = response(blur_px, samples)
     left = -0.5 * len(weights) / samples
@@ -50,7 +52,7 @@ def test_a_responses_width_is_that_of_both(blur_px):
 
 @given(BLURS, SAMPLES, st.floats(-5, 5), st.floats(-5, 5))
 def test_a_plane_of_light_is_left_where_it_was(blur_px, samples, down, right):
-    """No half pixels: of light that grows evenly a pixel gathers what falls into its centre."""
+    """No half pixels: of light that increases linearly a pixel has the value at its centre."""
     margin, shape = Detector(blur_px=blur_px).margin_px, (5, 7)
     row, col = (
         (np.arange(samples * (n + 2 * margin)) + 0.5) / samples - 0.5 - margin for n in shape
@@ -62,7 +64,7 @@ def test_a_plane_of_light_is_left_where_it_was(blur_px, samples, down, right):
 
 
 def test_a_scene_is_blurred_as_scipy_blurs_it():
-    """At eight sub-pixels a pixel: a Gaussian of as many sub-pixels, then means over squares."""
+    """At eight sub-pixels per pixel: a Gaussian in sub-pixels, then means over squares."""
     fine = np.random.default_rng(1).random((8 * 26, 8 * 29))
     smooth = ndimage.gaussian_filter(fine, 8 * 0.8, truncate=6.0)
     means = smooth.reshape(26, 8, 29, 8).mean(axis=(1, 3))
@@ -97,7 +99,9 @@ def test_noise_at_the_mean_is_what_was_asked_for(noise, shot_share):
 
 
 def test_variance_grows_with_the_signal_by_the_photons_share():
-    """Halves of 0.5 and 1.5 times the mean: variances 1 - s / 2 and 1 + s / 2 of that at the mean."""
+    """Halves with 0.5 and 1.5 times the mean: variances 1 - s / 2 and 1 + s / 2 of that at the
+    mean.
+    """
     signal = np.concatenate([lit(0.05), lit(0.15)])
     for share in (0.0, 0.4, 1.0):
         found = Detector(noise=0.1, shot_share=share, seed=2).noisy(signal)
@@ -106,7 +110,7 @@ def test_variance_grows_with_the_signal_by_the_photons_share():
 
 
 def test_shadow_is_not_lit_and_has_read_noise_only():
-    """The mean is that of what is lit: half the image dark changes nothing."""
+    """The mean is that of lit pixels: a dark half of the image has no effect."""
     signal = np.concatenate([lit(0.0), lit(0.1)])
     dark, bright = np.split(Detector(noise=0.1, shot_share=0.4, seed=2).noisy(signal), 2)
     assert bright.std() == pytest.approx(0.01, rel=0.02)
@@ -143,7 +147,9 @@ def test_noise_does_not_fall_below_zero_or_light_what_is_not_known():
 
 
 def test_the_exposure_that_is_not_stated():
-    """99.5 % of what is lit comes to 80 % of full scale at most; stated, it stays."""
+    """By default the 99.5th percentile of lit pixels falls at 80 % of full scale; a stated exposure
+    is kept.
+    """
     signal = np.concatenate([np.zeros(5000), np.linspace(0.001, 0.2, 2000)])
     scale = Detector().scale_of(signal)
     assert np.mean(signal[5000:] <= 0.8 * scale) == pytest.approx(0.995, abs=1e-3)

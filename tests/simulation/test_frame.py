@@ -1,4 +1,6 @@
-"""Simulated frames: cameras of parts of pixels, area means against brute force, sky and unknown ground, the Sun, patches."""
+"""Simulated frames: cameras of parts of pixels, area means compared with brute force, sky and
+unknown terrain, the Sun, patches.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,7 @@ def rolling(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def dem(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Rolling hills, a degree and a half of them, at 64 pixels a degree."""
+    """Rolling hills, 1.5 degrees wide, at 64 pixels a degree."""
     return cylinder(
         tmp_path_factory.mktemp("dem") / "hills.tif", 199.65, -29.85, (96, 96), 64, rolling
     )
@@ -64,7 +66,7 @@ def dem(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def camera(
     pixel_m: float = CELL_M, pixels: int = 40, off_m: float = 0.0, sun_deg: float = 30.0
 ) -> Camera:
-    """A camera 80 km over the place, moved so far to the east, with a Sun in the east."""
+    """A camera 80 km over the place, moved to the east, with a Sun in the east."""
     made = looking_camera(PLACE, [off_m, 0.0, 80e3], pixel_m, (pixels * pixel_m,) * 2)
     sun = PLACE.to_mcmf(1.5e11 * direction_enu(100.0, sun_deg))
     return replace(made, sun_position_mcmf_m=sun)
@@ -86,7 +88,7 @@ def shoot(dem: Path, taken_by: Camera, samples: int, **detector) -> Frame:
 
 @given(st.integers(1, 7), st.floats(-30, 70), st.floats(-30, 70))
 def test_a_place_in_a_pixel_is_the_same_place_in_its_parts(count, column, row):
-    """Pixel i reaches from i - 0.5 to i + 0.5, its parts from count i - 0.5 on."""
+    """Pixel i extends from i - 0.5 to i + 0.5, its parts from count i - 0.5 on."""
     bent = [0.1, 0.02, 1e-3, -2e-3, 0.0]
     whole = replace(camera(off_m=2e4), principal_point_px=(17.3, 26.1), distortion=bent)
     point = whole.position_mcmf_m + 8e4 * whole.rays([column, row])
@@ -112,7 +114,7 @@ def test_rays_are_as_many_as_cells_within_bounds():
 
 
 def test_a_frame_is_a_mean_over_its_pixels(dem):
-    """12 x 12 rays a pixel as the judge, in pixels of 1.5 cells under a low Sun, shadows and all."""
+    """Compared with 12 x 12 rays per pixel, in pixels of 1.5 cells under a low Sun, with shadows."""
     taken_by = camera(1.5 * CELL_M, 24, sun_deg=12.0)
     exact = shoot(dem, taken_by, 12).radiance
     centre = shoot(dem, taken_by, 1).radiance
@@ -138,7 +140,7 @@ def test_pictures_in_strips_are_the_picture(dem, monkeypatch):
 
 
 def test_blur_reaches_into_the_frame_from_outside(dem):
-    """A wider frame, blurred by scipy and cut: the same to its last columns."""
+    """A wider frame, blurred by scipy and cut, is the same to its last columns."""
     taken_by = camera(pixels=30)
     found = shoot(dem, taken_by, 6, blur_px=1.5).radiance
     wide = shoot(dem, grown(taken_by, 12), 6).radiance.astype(np.float64)
@@ -148,7 +150,7 @@ def test_blur_reaches_into_the_frame_from_outside(dem):
 
 
 def test_a_map_of_brightness_is_in_the_frame(dem, tmp_path):
-    """Ground twice as bright to the east of the place's meridian."""
+    """Terrain twice as bright to the east of the place's meridian."""
     factor = np.where(np.arange(96) < 48, 1.0, 2.0) * np.ones((96, 1))
     west, north = 199.65 * DEGREE_M, -29.85 * DEGREE_M
     path = geotiff(tmp_path / "map.tif", factor.astype("f4"), west, north, DEGREE_M / 64)
@@ -167,7 +169,9 @@ def test_a_map_of_brightness_is_in_the_frame(dem, tmp_path):
 
 
 def test_sky_is_black_and_ground_beyond_the_dem_is_not_known(dem):
-    """A camera 60 km up that looks along the ground: the DEM in its middle, unknown Moon around it, sky above the limb."""
+    """A camera 60 km up that looks along the surface: the DEM in its middle, unknown terrain around
+    it, sky above the limb.
+    """
     towards = PLACE.to_mcmf([0.0, 0.0, 0.0])
     position = PLACE.to_mcmf([-150e3, 0.0, 60e3])
     ahead = (towards - position) / np.linalg.norm(towards - position)
@@ -249,7 +253,9 @@ def test_the_sun_stands_where_it_is_said_to():
 
 
 def test_a_stated_sun_lights_the_frame_and_is_in_its_camera(dem):
-    """From the west slopes to the west are bright: the picture changes, and so does the camera."""
+    """Under a Sun in the west, slopes to the west are bright: the image changes, and so does the
+    camera.
+    """
     own, west = camera(), SunChoice(280.0, 30.0)
     first = frame(DemSurface.seen(request(dem, own)), own, Detector(), 1)
     second = frame(DemSurface.seen(request(dem, own, sun=west)), own, Detector(), 1)
@@ -262,7 +268,7 @@ def test_a_stated_sun_lights_the_frame_and_is_in_its_camera(dem):
 
 
 def patches(dem: Path, offsets_deg, nodes: int = 21, raised_m=(0.0, 0.0), **changes) -> Catalog:
-    """A catalogue of two patches cut from a DEM, some of them lifted."""
+    """A catalogue of two patches cut from a DEM, some of them raised."""
     dems = DemSet.open([dem])
     cut = [
         sample_patch(dems, PLACE.lon_deg + lon, PLACE.lat_deg + lat, nodes, CELL_M)
@@ -287,7 +293,9 @@ APART = [(-0.2, 0.1), (0.25, -0.15)]
 
 @pytest.mark.parametrize("off_m", [0.0, 5e4])
 def test_patches_are_islands_of_the_dem(dem, off_m):
-    """Under a high Sun, where nothing outside shadows them, they look as the DEM does; there is nothing between them."""
+    """Under a high Sun, without shadows from outside, they look like the DEM; between them there is
+    nothing.
+    """
     taken_by = camera(CELL_M, 120, off_m=off_m, sun_deg=55.0)
     whole = frame(DemSurface.seen(request(dem, taken_by)), taken_by, Detector(), 2).radiance
     alone = frame(ground_of(patches(dem, APART), taken_by), taken_by, Detector(), 2).radiance
@@ -342,7 +350,7 @@ def test_a_patch_has_its_own_albedo(dem):
 
 
 def test_a_patch_is_drawn_whole(dem):
-    """Drawn in a window of the image or in all of it: the same pixels."""
+    """Rendered in a window of the image or in all of it: the same pixels."""
     taken_by = camera(CELL_M, 60)
     ground = ground_of(patches(dem, [(-0.2, 0.1), (0.2, -0.12)]), taken_by)
     drawn = [ground._rendered(patch, taken_by)[0] for patch in ground.patches]
