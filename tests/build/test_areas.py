@@ -1,4 +1,6 @@
-"""The grid of areas: every place has one owner, areas keep the promised size, and the same ground the same nodes."""
+"""The grid of areas: every place belongs to one area, areas keep their size, and nodes do not depend on the
+region.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Configurations: what is refused, and that TOML keeps everything."""
+"""Configurations: invalid values raise errors, and TOML preserves all values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks here and in processes: the same results, and a death or an error stays with its own task."""
+"""Tasks in this process and in others: equal results; an error or a dead worker affects only its own task."""
 
 from __future__ import annotations
 

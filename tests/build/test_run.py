@@ -1,4 +1,6 @@
-"""A whole small build on the sample's real terrain: what is in it, that it is the same every time, and what a broken run leaves."""
+"""A small build on the sample's terrain: its content, reproducible bytes, and the state after an interrupted
+run.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +101,9 @@ def test_no_two_points_are_nearer_than_the_spacing(catalog: Catalog) -> None:
 
 
 def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
-    """At 26 N the Sun is never 60 degrees up in the east: its declination there would be -10; at noon it is 62..66 up."""
+    """At 26 N the Sun is never at an elevation of 60 deg in the east (its declination would be -10); at noon it
+    reaches 62 to 66 deg.
+    """
     evaluated = (catalog.condition & EVALUATED) > 0
     azimuth, elevation = list(catalog.sun_azimuth), list(catalog.sun_elevation)
     assert not evaluated[:, :, elevation.index(60.0), azimuth.index(60.0)].any()
@@ -109,7 +113,7 @@ def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
 
 
 def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
-    """One of many of a region near a pole; a region of nothing else is refused."""
+    """One of many areas of a region near a pole; a region with no other areas is refused."""
     night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
     assert len(run_area(dataclasses.replace(plan.jobs[0], config=night)).candidates) == 0
     with pytest.raises(SunError, match=r"at latitude 24\.6 deg its elevation is at most 67\.2 deg"):
@@ -124,7 +128,9 @@ def test_conditions_differ_between_suns(catalog: Catalog) -> None:
 
 
 def test_independence_flags_mean_what_they_say(catalog: Catalog) -> None:
-    """Each point's patch in its own frame, alone and inside 40 km of terrain: a twin of the areas' way, with another frame."""
+    """Each point's patch in its own frame, alone and in 40 km of terrain: an independent computation in another
+    frame.
+    """
     dems, half = DemSet.open([DEM]), catalog.dem.shape[1] // 2
     disagreements = checked = 0
     for i in range(len(catalog.point_id)):

@@ -1,4 +1,4 @@
-"""Shadows on a transparent plane against closed forms, and pictures behind the terrain."""
+"""Shadows on a transparent plane, compared with closed forms, and backgrounds behind the terrain."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ HIGH = 60.0
 
 
 def box(height=HIGH, half_m=(100.0, 100.0), gsd=20.0):
-    """A block whose roof is level at ``height``; its sides end at the raster's border."""
+    """A block with a level roof at ``height``; its sides are at the border of the raster."""
     rows, cols = (2 * round(side / gsd) + 1 for side in half_m[::-1])
     z = np.full((rows, cols), height, np.float32)
     field = Heightfield(z, gsd, -half_m[0], half_m[1])
@@ -75,7 +75,7 @@ def test_a_blocks_shadow_ends_where_geometry_says():
 
 @pytest.mark.parametrize("distance", [20.0, 60.0, 200.0])
 def test_before_an_endless_wall_under_an_even_sky(distance):
-    """A horizontal surface loses (1 - cos h) / 2 of a uniform sky to a wall that rises to h."""
+    """A wall up to an elevation h hides (1 - cos h) / 2 of a uniform sky from a horizontal surface."""
     terrain = box(half_m=(200.0, 20000.0), gsd=200.0)
     point = np.array([[200.0 + distance, 0.0, 0.0]])
     sky = Lighting.of_panorama(split_sources(uniform(64)))
@@ -85,7 +85,7 @@ def test_before_an_endless_wall_under_an_even_sky(distance):
 
 
 def test_two_lamps_and_a_sky_share():
-    """Of horizontal irradiance: each shadow takes its own lamp's part."""
+    """Each shadow removes the share of its own lamp in the horizontal irradiance."""
     terrain, points = box(), plane(300.0, 41)
     points = points[np.abs(points[:, :2]).max(axis=1) > 101.0]
     one, two = direction_enu(90, 25), direction_enu(130, 35)
@@ -163,7 +163,7 @@ def test_white_of_a_display_image_is_white_of_the_preview(camera):
 
 
 def test_rays_that_never_come_down_see_the_background():
-    """A level camera: sky above the plane's horizon, unshaded."""
+    """A level camera: above the plane's horizon the sky is unshaded."""
     terrain = box()
     rotation = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # looks north
     place = terrain.frame.to_mcmf([0.0, -2000.0, 100.0])
@@ -205,7 +205,7 @@ def test_refusals(camera):
 
 
 def test_panoramas_of_one_value_stay_it():
-    """A shaded plane under nothing but sky, far from the block, is as bright as without it."""
+    """Under a uniform sky, a plane far from the block is as bright as without it."""
     far = np.array([[1e5, 0.0, 0.0]])
     light = Lighting.of_panorama(split_sources(Panorama(np.ones((16, 32)))))
     assert shadow_factor(box(), far, light, TIERS["standard"])[0] == pytest.approx(1.0, abs=0.01)

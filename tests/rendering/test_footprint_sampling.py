@@ -29,7 +29,7 @@ EAST = np.array([[0.0, 1.0, 0.0]])
 
 
 def write_map(path, value, columns=720, west=-180.0):
-    """A global map whose pixels hold value(longitude, latitude) of their middles."""
+    """A global map with the value(longitude, latitude) of the pixel centres."""
     step = 360.0 / columns
     lon = west + (np.arange(columns) + 0.5) * step
     lat = 90.0 - (np.arange(columns // 2) + 0.5) * step
@@ -86,7 +86,7 @@ def test_no_half_pixel_and_no_seam(wavy):
 
 @pytest.mark.parametrize("pole", [90.0, -90.0])
 def test_poles_are_places_like_others(wavy, pole):
-    """A pole has one value, whatever the longitude, and a ring around it no edge."""
+    """The value at a pole does not depend on the longitude, and a ring around it has no edge."""
     lon = np.arange(0.0, 360.0, 7.0)
     for width in (2e3, 2e4, 1e5):
         there = looked_up(wavy, lon, np.full(lon.size, pole), width)
@@ -189,7 +189,7 @@ def test_a_slanting_view_of_noise_against_brute_force(tmp_path):
 
 
 def test_pixels_of_a_picture_against_brute_force(wavy):
-    """Every pixel of a picture with the limb, against 15 x 15 rays through it."""
+    """Every pixel of an image with the limb, compared with 15 x 15 rays per pixel."""
     frame = EnuFrame(178.0, 80.0)  # the seam and a pole are in it
     camera = looking_camera(frame, [0, 0, 3e6], 2e5, (5e6, 5e6))
     light = Lighting.of_sun(direction_enu(40, 70))
@@ -209,7 +209,7 @@ def test_pixels_of_a_picture_against_brute_force(wavy):
 
 
 def test_nodes_take_the_same_factors(wavy):
-    """At nodes, too; those seen edge-on in the plane stand for more ground."""
+    """The same at nodes; those seen edge-on in the plane cover more of the surface."""
     frame = EnuFrame(20.0, -70.0)
     window = NodeWindow(-30, 31, -30, 31)
     how = (frame, window, 55e3, Lighting.of_sun(direction_enu(0, 90)), nadir_view())
@@ -242,7 +242,7 @@ def test_where_the_map_has_nothing_the_factor_is_one(tmp_path):
 
 
 class Counting:
-    """A map of ones that counts what it is asked."""
+    """A map of ones that counts its calls."""
 
     gsd_m = 1000.0
 

@@ -15,7 +15,7 @@ R = MOON_RADIUS_M
 
 
 def looking_at_limb(radius_px, distance=3.0 * R, size=(40, 40), distortion=(0, 0, 0, 0, 0)):
-    """A camera whose image's middle lies on the limb, which has that radius there, in pixels."""
+    """A camera with the limb at the image centre, ``radius_px``: the limb's radius in pixels there."""
     position = np.array([distance, 0.0, 0.0])
     angle = math.asin(R / distance)
     focal = radius_px / math.tan(angle)
@@ -51,7 +51,7 @@ def test_coverage_against_brute_force(radius_px, distance):
 
 
 def test_coverage_through_a_lens():
-    """With distortion the limb is no conic; pixels beside it are still found."""
+    """With distortion the limb is not a conic; its pixels are still found."""
     camera = looking_at_limb(60.0, 2.0 * R, distortion=(-0.3, 0.12, 0.002, -0.001, 0.0))
     column, row = np.meshgrid(np.arange(40), np.arange(40))
     share, _ = limb.coverage(camera, column, row)

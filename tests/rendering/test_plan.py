@@ -1,4 +1,4 @@
-"""The scene plan: terrain beyond the area, the ends of the world, the path a render takes, a build's decisions."""
+"""The scene plan: terrain beyond the area, extreme scenes, and the path of a render that follows the plan."""
 
 import json
 import math
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 @QUICK
 @given(seed=st.integers(0, 2**32 - 1), distance=st.floats(1e3, 3e5), half=st.floats(1e2, 1e5))
 def test_nothing_beyond_stands_higher_than_the_bound(seed, distance, half):
-    """Random nodes of an area and random ground beyond, as points of the sphere's frame."""
+    """Random nodes of an area and random terrain beyond it, in the frame on the sphere."""
     rng = np.random.default_rng(seed)
     nodes = rng.uniform(-half, half, (200, 2))
     sites = rng.uniform(-3, 3, (2000, 2)) * (half + distance)
@@ -40,7 +40,7 @@ def test_nothing_beyond_stands_higher_than_the_bound(seed, distance, half):
 
 
 def test_a_sun_above_the_bound_needs_no_terrain_beyond():
-    """The highest ground of all just beyond a capped ring: above its bound it shadows nothing."""
+    """The Moon's greatest height just beyond a limited ring shadows nothing for a Sun above the bound."""
     z = np.full((11, 81), -1000.0)
     z[:, -1] = HIGHEST_M
     ring = 40 * 200.0
@@ -92,8 +92,8 @@ def test_a_normal_in_float32_is_turned_by_its_bound_at_most(terrain):
     disc=st.booleans(),
 )
 def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
-    """Whatever the scene: a plan that is JSON, a render that is whole, and what is said to be the
-    same is.
+    """For any scene: the plan is valid JSON, the render has no undefined values, and effects that are left
+    out with a bound of 0 do not change it.
     """
     field, accuracy = terrain.field, TIERS[tier]
     row, col = terrain.core[0], terrain.core[2]
@@ -122,7 +122,7 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
 
 
 def test_renders_take_the_path_that_the_plan_says(monkeypatch):
-    """The cheaper one where an effect is off, the fuller one where it is on."""
+    """The shorter path if an effect is not modelled, the full one if it is."""
     from lcp_catalog.rendering import renderer
 
     called = []

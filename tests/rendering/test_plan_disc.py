@@ -1,4 +1,4 @@
-"""The scene plan's solar disc: left out near every threshold, against everything modelled."""
+"""The scene plan's solar disc: left out near every threshold, compared with everything modelled."""
 
 import math
 
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def rim(sun, times=1.0, count=256):
-    """Directions around the disc, its radius stretched."""
+    """Directions around the disc, with its radius scaled."""
     azimuth = math.atan2(sun[0], sun[1])
     elevation = math.asin(sun[2])
     right = np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
@@ -97,7 +97,7 @@ def test_the_discs_lower_limb_is_where_it_begins():
     offset=st.floats(-1.2, 1.2),
 )
 def test_a_narrow_penumbra_is_left_out_near_shadows_edges_only(elevation, pixels, accuracy, offset):
-    """On level ground behind a wall: what a point Sun gets wrong lies within the stated width."""
+    """On level terrain behind a wall: a point Sun is wrong only within the stated width."""
     sun = direction_enu(90.0, elevation)
     cot = [1 / math.tan(math.radians(elevation) + s * SOLAR_RADIUS_RAD) for s in (-1, 0, 1)]
     height = np.float32(pixels * GSD / (cot[0] - cot[2]))
@@ -132,7 +132,7 @@ def test_a_narrow_penumbra_is_left_out_near_shadows_edges_only(elevation, pixels
     elevation=st.sampled_from([0.1, 3.0, 25.0, 60.0]),
 )
 def test_a_point_sun_is_wrong_only_where_the_disc_is_cut(terrain, azimuth, elevation):
-    """Nodes that see all of a slightly larger disc's rim, or nothing of it, are exact."""
+    """Nodes that see all or nothing of the rim of a slightly larger disc are exact."""
     sun = direction_enu(azimuth, elevation)
     plan = plan_scene(terrain, sun, nadir_view())
     assert not plan.solar_disc.modelled
@@ -179,7 +179,7 @@ def test_part_of_the_disc_is_a_sun():
 
 @pytest.mark.parametrize(("name", "scale"), [("lambert", 0.12), ("lommel-seeliger", 0.0525)])
 def test_a_grazed_facet_is_dark_within_the_bound(name, scale):
-    """The radiance factor of the disc's middle against the mean over the disc: docs/explanation/scene-plan.md."""
+    """The radiance factor for the disc's centre, compared with the mean over the disc."""
     up = np.array([[0.0, 0.0, 1.0]])
 
     def radiance(to_sun, mu):

@@ -1,4 +1,4 @@
-"""The scene plan's perspective: parallel rays within their bound, and what that bound takes for granted."""
+"""The scene plan's perspective: parallel rays within their bound, and the assumptions of the bound."""
 
 import math
 
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def farthest_within(terrain, direction, tolerance):
-    """Distance at which the bound on parallel rays just falls below a tolerance; inf for none."""
+    """Distance at which the bound on parallel rays falls just below a tolerance; inf if there is none."""
 
     found = relief(terrain)
 
@@ -95,7 +95,7 @@ def test_parallel_rays_stay_within_their_bound(terrain, azimuth, over_deg, sun, 
 
 
 def test_the_bound_on_parallel_rays_is_nearly_reached():
-    """Saw teeth, one flank of which leans away from a camera just over it, in grazing light."""
+    """A sawtooth profile with one flank facing away from a camera just above it, in grazing light."""
     slope, col = 0.3, np.mgrid[0:5, 0:73][1]
     terrain = make(slope * GSD * np.abs((col % 12) - 6.0), core=(2, 3, 1, 72))
     flank = math.degrees(math.atan(slope))
@@ -125,7 +125,7 @@ def test_what_the_bound_on_parallel_rays_takes_for_granted(terrain, seed):
 
 
 def test_a_corners_normal_is_steeper_than_any_facet():
-    """Its differences east and south belong to two facets."""
+    """Its differences to the east and to the south belong to two facets."""
     z = np.array([[0.0, 8, 8], [8, 8, 8], [8, 8, 8]])
     found = relief(make(z))
     assert found.slope.tangent == pytest.approx(8 / GSD)
@@ -137,7 +137,7 @@ def test_a_corners_normal_is_steeper_than_any_facet():
 
 
 def test_holes_have_everything_modelled():
-    """A step across a gap is no facet: nothing can be ruled out."""
+    """A step across a gap is not a facet: no effect can be excluded."""
     z = np.zeros((20, 20))
     z[:, 12:] = 500.0
     z[:, 10:12] = np.nan

@@ -1,4 +1,6 @@
-"""The scene plan's cast shadows and occlusion: left out just above the steepest slope, against everything modelled."""
+"""The scene plan's cast shadows and occlusion: left out just above the steepest slope, compared with
+everything modelled.
+"""
 
 import math
 
@@ -60,7 +62,7 @@ def test_occlusion_left_out_was_none(terrain, azimuth, above):
 
 
 def camera_at(terrain, azimuth_deg, away_m, tangent):
-    """A camera that the lowest of the core's nodes' rays reaches under a tangent."""
+    """A camera with a given tangent of its elevation at the node where that is least."""
     x, y = (
         away_m * math.sin(math.radians(azimuth_deg)),
         away_m * math.cos(math.radians(azimuth_deg)),
@@ -92,7 +94,7 @@ def test_a_cameras_occlusion_left_out_was_none(terrain, azimuth, above, away_m):
 
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_the_steepest_slope_is_where_it_begins(share):
-    """A ridge with flanks of one slope: a hair lower and its foot is dark, or hidden."""
+    """A ridge with uniform flanks: slightly below their slope, its foot is dark or hidden."""
     z = np.zeros((9, 40))
     z[:, 19], z[:, 20], z[:, 21] = 8.0, 16.0, 8.0
     ray = towards(90.0, 8.0 / GSD * share)

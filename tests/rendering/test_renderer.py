@@ -1,4 +1,4 @@
-"""Renders against analytical cases: level ground, hills, holes, cameras."""
+"""Renders compared with analytical cases: level terrain, hills, holes, cameras."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def make(z, core=None, frame=None):
 
 
 def hills(rows=61, cols=75, seed=4, height=60.0):
-    """Smooth bumps, steep enough to cast shadows and to hide."""
+    """Smooth hills, steep enough to cast shadows and to hide terrain."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:rows, 0:cols]
     z = np.zeros((rows, cols))
@@ -61,8 +61,8 @@ def test_level_ground(azimuth, elevation):
 
 @pytest.mark.parametrize(("azimuth", "step"), [(90.0, (0, -1)), (270.0, (0, 1)), (180.0, (-1, 0))])
 def test_a_walls_shadow_is_as_long_as_the_textbook_says(azimuth, step):
-    """A wall of height h throws a shadow of h / tan(elevation) away from the Sun: east Sun, shadow
-    to the west.
+    """A wall of height h casts a shadow of length h / tan(elevation) away from the Sun: to the west for a Sun
+    in the east.
     """
     height, elevation, middle = 100.0, 12.0, 40
     z = np.zeros((81, 81))
@@ -205,7 +205,7 @@ def test_hits_lie_on_the_ground_under_their_pixels(position):
 
 
 def test_both_frames_show_the_same():
-    """Nodes projected into the camera's plane carry what the pixels there carry."""
+    """Bands at nodes projected into the camera's plane equal those of the pixels there."""
     terrain, sun = make(hills(height=30.0)), direction_enu(80.0, 20.0)
     camera = camera_over(terrain, [1500.0, 800.0, 3000.0], gsd=2.0)
     plane = render_camera(terrain, camera, sun)

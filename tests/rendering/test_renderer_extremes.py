@@ -1,7 +1,7 @@
-"""Whole renders where the Moon has an edge: at the poles, on the meridians 0, 180 and 360, half a metre
-and ten kilometres a node, the Sun overhead, level and below, the camera on the ground and far away.
+"""Renders at extremes: at the poles, on the meridians 0, 180 and 360, cells of 0.5 m and 10 km, the Sun at
+the zenith, on and below the horizon, the camera on the surface and far away.
 
-The ground is of constant height, so that everything is known in closed form.
+The terrain has a constant height, so all results have closed forms.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lcp_catalog.threads import limit_threads, thread_limit
 
 R = 1_737_400.0
 HEIGHTS = [0.0, 10_750.0, -9_100.0]
-"""The sphere, and about the Moon's highest and lowest ground."""
+"""The sphere, and about the greatest and the least height on the Moon."""
 
 PLACES = {
     "0": (0.0, 0.0),
@@ -45,7 +45,7 @@ PLACES = {
 
 @pytest.fixture(autouse=True, scope="module")
 def one_thread():
-    """Hundreds of small pictures."""
+    """One thread for hundreds of small images."""
     with limit_threads(1):
         yield
 
@@ -102,7 +102,7 @@ def test_heights_are_the_balls(moons, size_km, gsd_m):
 
 @pytest.mark.parametrize("place", ["north pole", "180"])
 def test_the_limb_is_where_the_ground_ends(moons, place):
-    """Out to the sphere's edge and beyond: heights as far as 80 degrees, nodata behind."""
+    """Beyond the sphere's limb: heights up to 80 degrees from the centre, nodata behind."""
     window = NodeWindow(-180, 181, -180, 181)
     terrain = build_terrain(moons[0.0], Area(*PLACES[place], 1.0).frame, window, 10_000.0)
     with np.errstate(invalid="ignore"):
@@ -119,7 +119,7 @@ SUNS = [(90.0, 89.9), (0.0, 90.0), (270.0, 0.1), (45.0, 30.0), (10.0, 0.0), (180
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_a_balls_light_is_known(moons, tier):
-    """Incidence, emission and phase of every node; all that the Sun stands above is lit."""
+    """Incidence, emission and phase of every node; nodes with the Sun above their horizon are lit."""
     for place, (size_km, gsd_m) in itertools.product(PLACES, [(0.02, 0.5), (2000.0, 50_000.0)]):
         terrain = terrain_from_area(moons[0.0], Area(*PLACES[place], size_km), gsd_m, ring_m=gsd_m)
         row0, row1, col0, col1 = terrain.core
@@ -157,7 +157,7 @@ def test_the_sun_overhead_is_no_cause_for_a_warning(moons, place):
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_a_ball_from_north_and_south_is_the_same_ball(moons, tier):
-    """Half a turn about the zenith takes the Sun of azimuth 60 to 240, and the picture with it."""
+    """Half a turn about the zenith takes a Sun azimuth of 60 deg to 240 deg and turns the image."""
     terrain = terrain_from_area(moons[0.0], Area(0.0, 90.0, 400.0), 8192.0)
     here = render_enu(terrain, direction_enu(60.0, 3.0), nadir_view(), accuracy=TIERS[tier])
     there = render_enu(terrain, direction_enu(240.0, 3.0), nadir_view(), accuracy=TIERS[tier])
@@ -196,7 +196,7 @@ def made(z, gsd_m=2.0) -> Terrain:
 
 
 def shapes() -> dict[str, np.ndarray]:
-    """Grounds that a render must survive."""
+    """Extreme terrains."""
     rough = np.random.default_rng(8).normal(size=(17, 13)) * 3
     holed, endless = rough.copy(), rough.copy()
     holed[4:7, 3:9] = holed[:, 11] = holed[0, 0] = np.nan
@@ -232,8 +232,8 @@ VIEWS = {
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_nothing_is_silently_nan(tier):
-    """Where there is ground with a normal every angle is a number; what is seen has a radiance, 0 when
-    it is dark; where there is none nothing is lit or seen.
+    """At nodes with a normal every angle is finite; at visible nodes the radiance is finite, 0 in shadow; nodes
+    without a height are neither lit nor visible.
     """
     for name in SHAPES:
         terrain = made(SHAPES[name])
@@ -258,8 +258,8 @@ def test_nothing_is_silently_nan(tier):
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_a_suns_disc_has_shares(tier):
-    """Between none and all of it, none where there is no ground, half of it on level ground when its
-    middle rises.
+    """Shares are between 0 and 1, 0 at nodes without a height, and one half on level terrain with the disc's
+    centre on the horizon.
     """
     for name in SHAPES:
         terrain = made(SHAPES[name])

@@ -1,4 +1,4 @@
-"""When the plan takes the sphere for a heightfield, and that its bound holds where it does."""
+"""The plan's choice of the sphere for a heightfield, and its error bound."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ WINDOW = NodeWindow(-HALF, HALF + 1, -HALF, HALF + 1)
 
 
 def ground(relief_m=0.0, offset_m=0.0, seed=0, hole=False):
-    """Random waves on the sphere, 16 km to every side."""
+    """Random waves on the sphere, up to 16 km from the centre."""
     x = np.arange(-HALF - 1, HALF + 2) * GSD
     x, y = np.meshgrid(x, -x)
     nodes = sphere_nodes(x, y)
@@ -94,7 +94,7 @@ def test_what_forbids_the_sphere(change, why):
 
 
 def test_far_terrain_may_throw_shadows_on_the_smoothest_ground():
-    """What stands beyond the area, on other cells, is known to no slope of it."""
+    """The slopes of an area do not bound terrain beyond it, on other cells."""
     far = SimpleNamespace(highest_m=9e3, span_m=4e5)
     assert decision(replace(ground(), far=far), nadir_view(), HIGH_SUN).modelled
 
@@ -138,8 +138,8 @@ def test_the_reason_says_what_the_sphere_costs():
 def test_the_bound_holds_where_the_sphere_is_taken(
     log_relief, offset, seed, elevation, off_nadir, azimuth, model
 ):
-    """Renders of the heightfield and of the sphere, node by node; the smoothness is chosen so that
-    most scenes are taken in draft.
+    """Renders of the heightfield and of the sphere, node by node, for terrains just smooth enough for the
+    plan to choose the sphere.
     """
     terrain = ground(10.0**log_relief, offset, seed)
     sun, view = direction_enu(azimuth, elevation), oblique_view(off_nadir, 77.0)

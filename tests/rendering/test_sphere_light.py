@@ -1,4 +1,4 @@
-"""Light on the plain sphere: the Sun's disc over a level horizon, several sources, and which way round."""
+"""Light on the plain sphere: the Sun's disc at a level horizon, several sources, and orientation."""
 
 import itertools
 import math
@@ -36,7 +36,7 @@ def test_a_disc_over_a_level_horizon(off_radii):
 
 
 def test_the_terminator_is_as_soft_as_the_sun_is_wide():
-    """Along the equator under a Sun over (90 E, 0): lit up to the upper limb's own horizon."""
+    """Along the equator with the subsolar point at (90 E, 0): lit up to the horizon of the upper limb."""
     frame, gsd = EnuFrame(0.0, 0.0), 500.0
     window = NodeWindow(0, 1, -100, 101)
     for disc in (False, True):

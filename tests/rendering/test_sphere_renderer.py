@@ -33,7 +33,7 @@ from lcp_catalog.terrain.terrain import Terrain
 
 
 def test_nodes_in_plain_arithmetic():
-    """Every band of a window over half the Moon from each node's own longitude and latitude."""
+    """Every band of a window over half the Moon, from each node's longitude and latitude."""
     frame, gsd = EnuFrame(33.0, -21.0), 43e3
     sun, view = direction_enu(70.0, 25.0), oblique_view(30.0, 200.0, 2e6)
     result = render_sphere_enu(frame, WHOLE, gsd, Lighting.of_sun(sun), view, model=LAMBERT)
@@ -111,7 +111,7 @@ def test_a_camera_limits_what_nodes_are_visible():
 
 
 def test_pixels_in_sixty_digits():
-    """Ranges of a picture of the whole disc, and the bands at what its pixels see."""
+    """Ranges in an image of the whole disc, and the bands at the points that its pixels see."""
     frame = EnuFrame(300.0, 17.0)
     camera, light = far_camera(frame, 4e6, 24), lit_from(80.0, 40.0)
     result = render_sphere_camera(frame, camera, light)
