@@ -87,7 +87,7 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
     views = [conditions.view_direction(v, 0.0) for v in range(len(conditions.off_nadir_deg))]
     pairs = np.array([(sun, view) for sun in suns for view in views])[:, :, None]
     asked = named(config.model.reflectance)
-    return choose(config.model.precision, pairs[:, 0], pairs[:, 1], asked=asked)
+    return choose(config.model.precision, pairs[:, 0], pairs[:, 1], requested=asked)
 
 
 @dataclass(frozen=True)

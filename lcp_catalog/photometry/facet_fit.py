@@ -148,17 +148,17 @@ def fit_reflectance(
     total. MeasurementError if an incidence has no measurement around its specular direction.
     """
     optics, shadowing = optics or Optics(), shadowing or Shadowing()
-    told = progress or (lambda done, total: None)
+    report = progress or (lambda done, total: None)
     taken = tuple(s.scaled() for s in measurements.samples) if normalize else measurements.samples
     task = _Task(taken, constants(optics, shadowing))
     total = len(taken) + _SWEEPS * len(PARAMETERS)
     rows = []
     for j in range(len(taken)):
         rows.append(fit_sample(task, j))
-        told(j + 1, total)
+        report(j + 1, total)
     alone = np.array(rows)
-    smooth, sweeps = regularise(task, alone, weight, lambda done: told(len(taken) + done, total))
-    told(total, total)
+    smooth, sweeps = regularise(task, alone, weight, lambda done: report(len(taken) + done, total))
+    report(total, total)
     nodes = _nodes(taken, smooth)
     levels = tuple(s.level for s in taken) if measurements.absolute else None
     held = min(max(measurements.largest_emission_deg, 5.0), 89.0)
@@ -229,7 +229,7 @@ def curve_length(cosines: Array, values: Array) -> float:
 
 
 def regularise(
-    task: _Task, alone: Array, weight: float, told: Callable[[int], None] = lambda done: None
+    task: _Task, alone: Array, weight: float, report: Callable[[int], None] = lambda done: None
 ) -> tuple[Array, int]:
     """Smooth curves (n, 6) through the parameters of incidences fitted alone, and the number of
     sweeps.
@@ -242,7 +242,7 @@ def regularise(
     for sweep in range(_SWEEPS):
         for k in range(len(PARAMETERS)):
             table[:, k] = _smoothed(task, table, k, before, weight, lengths)
-            told(sweep * len(PARAMETERS) + k + 1)
+            report(sweep * len(PARAMETERS) + k + 1)
         gained = d1(task.errors(table), before) + weight * d2(task.cosines, table, alone)
         if reached - gained < _GAIN:
             return table, sweep + 1
@@ -283,19 +283,19 @@ def _starts(task: _Task, which: int) -> list[Array]:
         node = Node(sample.incidence_deg, **unit)
         return lobes(node, task.head, sample.emission_deg, sample.azimuth_deg)
 
-    beams = [
+    directional_lobes = [
         ((shift, sigma), shape(w_b=1.0, shift_b_deg=shift, sigma_b=sigma))
         for shift, sigma in itertools.product(_STARTS["shift_b_deg"], _STARTS["sigma_b"])
     ]
-    glows = [
+    diffuse_lobes = [
         ((shift, sigma), shape(w_d=1.0, shift_d_deg=shift, sigma_d=sigma))
         for shift, sigma in itertools.product(_STARTS["shift_d_deg"], _STARTS["sigma_d"])
     ]
     found = []
-    for (shift_b, sigma_b), beam in beams:
-        for (shift_d, sigma_d), glow in glows:
-            (w_b, w_d), _ = nnls(np.column_stack([beam, glow]), data)
-            missed = w_b * beam + w_d * glow - data
+    for (shift_b, sigma_b), directional in directional_lobes:
+        for (shift_d, sigma_d), diffuse in diffuse_lobes:
+            (w_b, w_d), _ = nnls(np.column_stack([directional, diffuse]), data)
+            missed = w_b * directional + w_d * diffuse - data
             row = np.array([w_b, shift_b, sigma_b, w_d, shift_d, sigma_d])
             found.append((float(missed @ missed), row))
     found.sort(key=lambda pair: pair[0])

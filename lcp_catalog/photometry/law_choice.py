@@ -32,13 +32,13 @@ _NO_CONTRAST = 1e-24  # a variance below this is rounding
 
 @dataclass(frozen=True)
 class Cost:
-    """Error of a reflectance model relative to another: ``left_over``, the residual as a share of
+    """Error of a reflectance model relative to another: ``residual``, the residual as a share of
     the mean signal in the worst image. ``contrast``: standard deviation over mean of that image;
     ``phase_deg``, ``incidence_deg``: its lowest and highest angles on level terrain; ``images``:
     number of images compared.
     """
 
-    left_over: float
+    residual: float
     contrast: float
     phase_deg: tuple[float, float]
     incidence_deg: tuple[float, float]
@@ -47,13 +47,13 @@ class Cost:
     @property
     def correlation(self) -> float:
         """Correlation of the worst image under the two models; 1 without contrast."""
-        share = self.left_over / self.contrast if self.contrast > 0.0 else 0.0
+        share = self.residual / self.contrast if self.contrast > 0.0 else 0.0
         return math.sqrt(max(0.0, 1.0 - share**2))
 
 
 def cost(
     model: Reflectance,
-    judge: Reflectance,
+    reference: Reflectance,
     suns: Array,
     cameras: Array,
     slope_rms: float = SLOPE_RMS,
@@ -64,8 +64,8 @@ def cost(
     up, down = _facets(slope_rms)
     worst = Cost(-1.0, 0.0, (0.0, 0.0), (0.0, 0.0), len(suns))
     for sun, camera in zip(suns, cameras, strict=True):
-        left, contrast = _left_over(model, judge, sun, camera, up, down)
-        if left > worst.left_over:
+        left, contrast = _residual(model, reference, sun, camera, up, down)
+        if left > worst.residual:
             phase = np.degrees(np.arccos(np.clip(np.sum(sun * camera, axis=-1), -1.0, 1.0)))
             incidence = np.degrees(np.arccos(np.clip(sun[:, 2], -1.0, 1.0)))
             worst = Cost(left, contrast, _ends(phase), _ends(incidence), len(suns))
@@ -81,9 +81,9 @@ def _facets(slope_rms: float) -> tuple[Array, Array]:
     return normals, np.outer(weight, weight).ravel() / weight.sum() ** 2
 
 
-def _left_over(
+def _residual(
     model: Reflectance,
-    judge: Reflectance,
+    reference: Reflectance,
     suns: Array,
     cameras: Array,
     normals: Array,
@@ -97,7 +97,7 @@ def _left_over(
         looked = (normals @ sun > 0.0) & (normals @ camera > 0.0)
         seen, lit = normals[looked], np.ones(int(looked.sum()), dtype=np.bool_)
         ours.append(radiance_under(seen, sun, camera, lit, model))
-        theirs.append(radiance_under(seen, sun, camera, lit, judge))
+        theirs.append(radiance_under(seen, sun, camera, lit, reference))
         # the projected area of a facet is its weight in an image
         weights.append(share[looked] * (seen @ camera) / seen[:, 2])
     a, b, w = (np.concatenate(part) for part in (ours, theirs, weights))
@@ -115,13 +115,13 @@ def _ends(values: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Choice:
-    """The reflectance model of a scene, requested (``asked``) or chosen; the error of
+    """The reflectance model of a scene, ``requested`` or chosen; the error of
     Lommel-Seeliger (``cost``) and of the model itself (``own``) relative to Hapke; and the tier's
     limit.
     """
 
     model: Reflectance
-    asked: bool
+    requested: bool
     cost: Cost
     own: Cost
     limit: float
@@ -132,13 +132,13 @@ class Choice:
         low, high = self.cost.phase_deg
         phase = f"{low:.0f} deg" if high - low < 1.0 else f"{low:.0f} to {high:.0f} deg"
         text = (
-            f"{self.model.name}, {'as asked' if self.asked else 'chosen'}: at a phase of {phase} "
-            f"Lommel-Seeliger differs from Hapke by {_percent(self.cost.left_over)} of the mean signal, "
+            f"{self.model.name}, {'as asked' if self.requested else 'chosen'}: at a phase of {phase} "
+            f"Lommel-Seeliger differs from Hapke by {_percent(self.cost.residual)} of the mean signal, "
             f"gain and offset left free (correlation {self.cost.correlation:.4f}, the worst of "
             f"{self.cost.images} images of random relief); a law is chosen up to {_percent(self.limit)}"
         )
-        if self.own.left_over not in (0.0, self.cost.left_over):
-            text += f"; {self.model.name} differs by {_percent(self.own.left_over)}"
+        if self.own.residual not in (0.0, self.cost.residual):
+            text += f"; {self.model.name} differs by {_percent(self.own.residual)}"
         return text
 
 
@@ -151,18 +151,18 @@ def choose(
     suns: Array,
     cameras: Array,
     slope_rms: float = SLOPE_RMS,
-    asked: Reflectance | None = None,
+    requested: Reflectance | None = None,
 ) -> Choice:
     """Return the requested model, or the cheapest of `LAWS_BY_COST` whose error is within
     `Accuracy.law_residual`. Directions as in `cost`.
     """
     laws = [reflectance_model(name) for name in LAWS_BY_COST]
     first, limit = cost(laws[0], laws[-1], suns, cameras, slope_rms), accuracy.law_residual
-    for model in [asked] if asked else laws:
+    for model in [requested] if requested else laws:
         own = first if model == laws[0] else cost(model, laws[-1], suns, cameras, slope_rms)
-        if own.left_over <= limit:
+        if own.residual <= limit:
             break
-    return Choice(model, asked is not None, first, own, limit)
+    return Choice(model, requested is not None, first, own, limit)
 
 
 def named(spec: str) -> Reflectance | None:

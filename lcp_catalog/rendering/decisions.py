@@ -247,7 +247,7 @@ def reflectance(choice: Choice) -> Decision:
     if choice.model.file is not None:  # the result names the file's content, not its folder
         (facts,) = file_facts([choice.model.file])
         reason += f"; read from {facts['name']}, sha256 {facts['sha256']}"
-    return Decision(REFLECTANCE, True, reason, choice.own.left_over, REFLECTANCE_UNIT)
+    return Decision(REFLECTANCE, True, reason, choice.own.residual, REFLECTANCE_UNIT)
 
 
 def reflectance_as_asked(model: str) -> Decision:
