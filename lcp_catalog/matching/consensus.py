@@ -307,8 +307,6 @@ class _Linear:
         they stay the same.
         """
         for _ in range(_ROUNDS):
-            if not agrees.any():
-                break
             before = agrees
             agrees = self.agreeing(self.corrections(np.flatnonzero(agrees)[None])[0])
             if (agrees == before).all():

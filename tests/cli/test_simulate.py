@@ -1,4 +1,4 @@
-"""``lcp simulate`` from the outside: the frame, its camera, what is refused, what is left behind."""
+"""``lcp simulate`` as a command: the frame, its camera, refused options, and the files that remain."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_png_holds_the_detectors_numbers(folder, tmp_path, bits, kind):
 
 
 def test_the_camera_beside_it_took_the_frame(folder, tmp_path):
-    """The camera that was given, with the Sun that was stated, and what made the frame."""
+    """The given camera, with the stated Sun and the settings of the simulation."""
     sun = ["--sun-azimuth", "250", "--sun-elevation", "20"]
     options = ["--noise", "0.02", "--blur", "0.5", "--seed", "9", "--exposure", "0.04"]
     assert simulate(folder, tmp_path / "f.png", *sun, *options) == 0
@@ -83,7 +83,9 @@ def test_the_camera_beside_it_took_the_frame(folder, tmp_path):
 
 
 def test_a_tif_holds_radiance(folder, tmp_path):
-    """The numbers times their step, as a render in the camera's plane gives it; NaN is unknown ground."""
+    """The numbers times their step, as a render in the camera's plane gives it; NaN for unknown
+    terrain.
+    """
     wide = camera(CELL_M, 160).to_json()
     (tmp_path / "wide.json").write_text(json.dumps(wide))
     camera_of = ["--camera", str(tmp_path / "wide.json")]
@@ -139,7 +141,9 @@ def test_noise_and_blur_are_those_of_the_flags(folder, tmp_path):
 
 
 def test_the_suns_shape_and_the_tier_are_asked_for(folder, tmp_path, monkeypatch):
-    """Exact unless another tier is stated; a disc or a point by the flag, else by the tier."""
+    """The reference tier unless another one is stated; a disc or a point by the option, else by the
+    tier.
+    """
     asked = []
 
     def seen(request, margin_px=0):
