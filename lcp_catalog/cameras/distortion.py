@@ -278,8 +278,9 @@ class BrownConrady(_RadialTangential):
         r2 = x * x + y * y
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         tangential = r2 * (self.p1 + r2 * self.p2)
-        return x * radial - tangential * math.sin(self.phi), y * radial + tangential * math.cos(
-            self.phi
+        return (
+            x * radial - tangential * math.sin(self.phi),
+            y * radial + tangential * math.cos(self.phi),
         )
 
 

@@ -91,7 +91,7 @@ def test_one_camera_in_three_formats(all_three):
     assert others[0].sun_position_mcmf_m == pytest.approx(first.sun_position_mcmf_m, rel=1e-12)
 
 
-def test_what_is_which_is_told_by_content(all_three, tmp_path):
+def test_formats_are_recognised_by_content(all_three, tmp_path):
     for path in all_three:
         other = tmp_path / "a.txt"
         other.write_bytes(Path(path).read_bytes())
@@ -120,7 +120,7 @@ def test_the_image_has_the_cameras_size(all_three):
         (b"VERSION_4\n", "lacks fu"),
     ],
 )
-def test_what_is_no_camera(tmp_path, content, says):
+def test_refused_camera_files(tmp_path, content, says):
     (tmp_path / "c").write_bytes(content)
     with pytest.raises(CameraError, match=rf"/c: .*{says}"):
         read_sensor(tmp_path / "c")

@@ -72,7 +72,7 @@ def test_opencv_is_opencvs():
     assert np.abs(np.stack(lens.distort(x, y), -1) - theirs[:, 0]).max() < 1e-15
 
 
-def test_what_usgscsm_expects():
+def test_expected_values_of_usgscsm():
     """Expected values of its tests/DistortionTests.cpp: RadTanInversionTest, KaguyaLism
     testRemoveCoeffs and testCoeffs, LroLrocNac testLastDetectorSample, with their tolerances (the
     second one of TC holds to the 1e-5 used there).

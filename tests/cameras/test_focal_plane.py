@@ -61,7 +61,7 @@ def test_columns_run_along_x(angle, mirrored, flipped):
     assert isinstance(plane.lens, NoLens if down > 0 else OnPlane)
 
 
-def test_a_lens_in_units_of_the_focal_length_stays_what_it_is():
+def test_a_lens_in_units_of_the_focal_length_is_unchanged():
     lens = OpenCV(k1=0.1)
     plane, axes = plane_of(lens, 1.0, np.diag([300.0, 300.0]), (5.0, 6.0))
     assert plane == FocalPlane(pytest.approx(300.0), (5.0, 6.0), lens)
@@ -70,7 +70,7 @@ def test_a_lens_in_units_of_the_focal_length_stays_what_it_is():
     assert isinstance(oblong.lens, OnPlane)
 
 
-def test_what_is_behind_or_past_the_fold_is_not_seen():
+def test_points_behind_or_past_the_fold_are_nan():
     plane = FocalPlane(100.0, (0.0, 0.0), OpenCV(k1=-0.5))
     seen = plane.pixels(np.array([[0.1, 0, 1.0], [0.1, 0, -1.0], [0.9, 0, 1.0], [0.1, 0, 0.0]]))
     assert np.isfinite(seen[0]).all()

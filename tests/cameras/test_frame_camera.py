@@ -144,7 +144,7 @@ def test_up_in_the_image_is_north_and_right_is_east():
         ({"time_utc": 5}, "time_utc must be text"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, changes, says):
+def test_errors_name_the_field(tmp_path, changes, says):
     path = tmp_path / "CAMERA.json"
     path.write_text(json.dumps(document(**changes)))
     with pytest.raises(CameraError, match=rf"CAMERA\.json: {says}"):

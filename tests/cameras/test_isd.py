@@ -149,7 +149,7 @@ def test_ground_image_ground(real, name):
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_the_sun_stands_over_the_moon(real, name):
+def test_the_subsolar_latitude_is_possible(real, name):
     sensor = read_sensor(real[name])
     _, lat, height = mcmf_to_lonlat(sensor.sun_position_mcmf_m)
     assert abs(lat) < 1.59

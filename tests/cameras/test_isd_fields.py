@@ -171,7 +171,7 @@ def broken(path, value, document=None, delete=True):
         ("line_scan_rate", [[0.5, 4.0, 0.1]], "instrument_position.ephemeris_times do not cover"),
     ],
 )
-def test_what_is_wrong_is_named(path, value, says):
+def test_errors_name_the_field(path, value, says):
     with pytest.raises(CameraError, match=rf"^x\.json: .*{says}"):
         read(broken(path, value))
 
@@ -222,7 +222,7 @@ def test_oddities_anywhere_are_read_or_refused_in_one_line(make, turn):
         ({"starting_ephemeris_time": 990.0}, "do not cover the image, -9.975 to -7.075 s"),
     ],
 )
-def test_what_is_wrong_with_framelets(changes, says):
+def test_invalid_framelets(changes, says):
     with pytest.raises(CameraError, match=says):
         read(orbital_push_frame() | changes)
 

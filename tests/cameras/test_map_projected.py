@@ -25,7 +25,7 @@ from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lo
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_pixels_are_where_the_affine_puts_the_closed_form(name: str) -> None:
+def test_pixels_by_affine_and_closed_form(name: str) -> None:
     """Corner coordinates minus half a pixel; heights have no influence."""
     lon, lat = places(name)
     x, y = MAPS[name][1](lon, lat)
@@ -175,7 +175,7 @@ def test_the_pole_is_one_pixel() -> None:
     np.testing.assert_allclose(pole, [249.5, 199.5], atol=1e-6)
 
 
-def test_what_the_map_cannot_show_is_nan() -> None:
+def test_points_off_the_map_are_nan() -> None:
     behind = lonlat_to_mcmf(183.5, -26.0)
     image = image_of("orthographic")
     pixels = image.project(np.stack([behind, lonlat_to_mcmf(3.5, 26.0)]))
@@ -256,7 +256,7 @@ def test_seen_from_a_position() -> None:
 @pytest.mark.parametrize(
     "name", ["cylindrical, true at 8, centred at 180", "orthographic", "north polar", "south polar"]
 )
-def test_ground_lies_where_the_correction_says(name: str) -> None:
+def test_corrections_shift_the_surface(name: str) -> None:
     """At the centre a shift of (300, -200) m moves the surface 300 m east and 200 m south."""
     image = image_of(name)
     assert image.corrections == ON_MAP

@@ -218,7 +218,7 @@ def test_framelets_against_trying_them_all(lat, wobble, backwards, reverse, seed
         assert found == pytest.approx([column, row], abs=1e-6)
 
 
-def test_what_is_seen_twice_is_given_nearest_the_middle():
+def test_overlaps_use_the_framelet_nearest_the_middle():
     """Rows 0 and 13 of a framelet appear again, nearer to the middle, in its neighbours."""
     camera = push_frame()
     for row, other in ((14 * 20 + 0.5, 19), (14 * 20 + 12.5, 21), (14 * 20 + 6.0, 20)):
@@ -250,7 +250,7 @@ def test_gaps_between_framelets_are_not_seen():
     assert camera.project(seen) == pytest.approx([150.0, 14 * 20 + 3.0], abs=1e-6)
 
 
-def test_beside_the_first_and_last_framelet():
+def test_points_outside_the_first_and_last_framelet():
     camera = push_frame()
     points = sphere_intersection.hits(*camera.looks([[150.0, 0.0], [150.0, 559.0]]))[1]
     out = points + 3 * (

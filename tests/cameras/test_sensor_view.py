@@ -35,7 +35,7 @@ def camera():
     return looking_camera(FRAME, np.array([2e3, -3e3, 12e3]), 60.0, (12e3, 12e3))
 
 
-def test_brightness_goes_by_each_points_own_direction(terrain, camera) -> None:
+def test_brightness_uses_the_direction_of_each_point(terrain, camera) -> None:
     law = reflectance_model("hapke")
     seen = render_enu(terrain, SUN, camera_view(camera, FRAME), model=law)
     moving = render_enu(terrain, SUN, sensor_view(Reduced(camera, 1), FRAME), model=law)
@@ -48,13 +48,13 @@ def test_brightness_goes_by_each_points_own_direction(terrain, camera) -> None:
     assert np.abs(parallel[both] - seen.radiance[both]).max() > 1e-2 * seen.radiance[both].mean()
 
 
-def test_what_hides_what_goes_by_the_middles_direction(terrain, camera) -> None:
+def test_occlusion_uses_the_direction_at_the_centre(terrain, camera) -> None:
     view = sensor_view(Reduced(camera, 1), FRAME)
     assert np.allclose(view.direction, camera_view(camera, FRAME).directions(np.zeros(3)))
     assert np.isclose(np.linalg.norm(view.direction), 1.0)
 
 
-def test_a_camera_keeps_its_place(camera) -> None:
+def test_the_view_of_a_camera_has_its_position(camera) -> None:
     assert sensor_view(camera, FRAME).camera is camera
 
 

@@ -83,7 +83,7 @@ def test_rotations_turn_at_a_constant_rate_between_times():
     assert (there * expected.inv()).magnitude().max() < 1e-13
 
 
-def test_a_trajectory_puts_them_together():
+def test_camera_axes_of_a_trajectory():
     """Camera axes: from body-fixed to inertial axes, then to those of the camera, then the
     correction.
     """

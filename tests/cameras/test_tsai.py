@@ -177,7 +177,7 @@ def test_the_image_size_comes_from_the_image_or_from_a_line(tmp_path):
     assert read_sensor(path, (40, 50)).shape == (40, 50)
 
 
-def test_what_is_a_tsai():
+def test_recognition_of_tsai_files():
     assert is_tsai(text())
     assert is_tsai(text(header=""))
     assert not is_tsai('{"fu": 1}')
@@ -206,7 +206,7 @@ def test_what_is_a_tsai():
         (text(tsai("BrownConrady", xp=0, yp=0, k1=0, k2=0, k3=0, p1=0, p2=0)), "lacks phi"),
     ],
 )
-def test_what_is_wrong_is_named(content, says):
+def test_errors_name_the_field(content, says):
     with pytest.raises(CameraError, match=rf"^x\.tsai: {says}"):
         read(content)
 

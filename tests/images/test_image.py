@@ -1,7 +1,7 @@
-"""The renderer against a photograph: Apollo 15 Metric frame AS15-M-0414 of Hadley, its camera and
+"""The renderer compared with a real image: Apollo 15 Metric frame AS15-M-0414 of Hadley, its camera and
 its Sun.
 
-The photograph is smoothed to the scale of the rendered cells and sampled at the projected nodes
+The image is smoothed to the scale of the rendered cells and sampled at the projected nodes
 (474 m apart, block means of the 118 m DEM). Every 16 x 16 window of nodes, step 16, whose nodes are
 all visible and at least 8 pixels inside the frame (the frame's notched margin; nothing else is left
 out) is compared by centred normalised correlation.
@@ -39,17 +39,17 @@ class Score:
     whole: float  # correlation of all compared nodes
 
 
-def score(photo, render, compared):
+def score(image, render, compared):
     correlations, contrast = [], []
-    for row in range(0, photo.shape[0] - WINDOW + 1, WINDOW):
-        for col in range(0, photo.shape[1] - WINDOW + 1, WINDOW):
+    for row in range(0, image.shape[0] - WINDOW + 1, WINDOW):
+        for col in range(0, image.shape[1] - WINDOW + 1, WINDOW):
             here = np.s_[row : row + WINDOW, col : col + WINDOW]
             if compared[here].all():
-                correlations.append(correlation(photo[here], render[here]))
+                correlations.append(correlation(image[here], render[here]))
                 contrast.append(render[here].std())
     good = np.array(correlations) > 0.9
     textured = np.array(contrast) >= np.median(contrast)
-    whole = correlation(photo[compared], render[compared])
+    whole = correlation(image[compared], render[compared])
     return Score(good.size, good.mean(), good[textured].mean(), whole)
 
 
@@ -72,8 +72,8 @@ def smooth():
     camera = read_camera(CAMERA)
     pixel_m = (np.linalg.norm(camera.position_mcmf_m) - MOON_RADIUS_M) / camera.focal_length_px
     with rasterio.open(PHOTO) as file:
-        photo = file.read(1).astype(np.float32)
-    return cv2.GaussianBlur(photo, (0, 0), 2 * GSD_M / np.sqrt(8 * np.log(2)) / pixel_m)
+        image = file.read(1).astype(np.float32)
+    return cv2.GaussianBlur(image, (0, 0), 2 * GSD_M / np.sqrt(8 * np.log(2)) / pixel_m)
 
 
 @pytest.fixture(scope="module")
@@ -82,12 +82,12 @@ def ground(scene, smooth):
     camera, terrain = scene.camera, scene.terrain
     nodes = terrain.frame.to_mcmf(nodes_enu(terrain.field, terrain.core))
     column, row = np.moveaxis(camera.project(nodes).astype(np.float32), -1, 0)
-    photo = cv2.remap(smooth, column, row, cv2.INTER_CUBIC).astype(np.float64)
+    image = cv2.remap(smooth, column, row, cv2.INTER_CUBIC).astype(np.float64)
     render = scene.expose()
     width, height = camera.image_size_px
     inside = (column >= MARGIN_PX) & (column <= width - 1 - MARGIN_PX)
     inside &= (row >= MARGIN_PX) & (row <= height - 1 - MARGIN_PX)
-    return photo, np.nan_to_num(render.radiance), inside & render.visible
+    return image, np.nan_to_num(render.radiance), inside & render.visible
 
 
 def rendered(scene, sun=None, **options):
@@ -104,9 +104,9 @@ def test_render_correlates_with_the_image(ground):
 
 
 def test_without_cast_shadows_it_is_clearly_worse(scene, ground):
-    photo, render, compared = ground
-    lit = score(photo, rendered(scene, shadows=False), compared)
-    with_shadows = score(photo, render, compared)
+    image, render, compared = ground
+    lit = score(image, rendered(scene, shadows=False), compared)
+    with_shadows = score(image, render, compared)
     assert lit.above < with_shadows.above - 0.08
     assert lit.above_textured < with_shadows.above_textured - 0.15
     assert lit.whole < with_shadows.whole - 0.05
@@ -114,29 +114,29 @@ def test_without_cast_shadows_it_is_clearly_worse(scene, ground):
 
 @pytest.mark.parametrize("turn_deg", [-20.0, 20.0])
 def test_with_the_sun_turned_it_is_clearly_worse(scene, ground, turn_deg):
-    photo, _, compared = ground
+    image, _, compared = ground
     azimuth, elevation = azimuth_elevation(scene.sun)
     turned = rendered(scene, direction_enu(azimuth + turn_deg, elevation))
-    result = score(photo, turned, compared)
+    result = score(image, turned, compared)
     assert result.above < 0.4
     assert result.above_textured < 0.5
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_mirrored_it_is_another_place(ground, axis):
-    photo, render, compared = ground
+    image, render, compared = ground
     both = compared & np.flip(compared, axis)
-    for a, b in ((np.flip(photo, axis), render), (photo, np.flip(render, axis))):
+    for a, b in ((np.flip(image, axis), render), (image, np.flip(render, axis))):
         result = score(a, b, both)
         assert result.above < 0.01
         assert abs(result.whole) < 0.1
 
 
 def test_lit_from_behind_it_is_inverted(scene, ground):
-    photo, _, compared = ground
+    image, _, compared = ground
     azimuth, elevation = azimuth_elevation(scene.sun)
     opposite = rendered(scene, direction_enu(azimuth + 180.0, elevation))
-    assert score(photo, opposite, compared).whole < -0.5
+    assert score(image, opposite, compared).whole < -0.5
 
 
 def test_camera_plane_of_the_render_is_that_of_the_image(smooth):
@@ -148,10 +148,10 @@ def test_camera_plane_of_the_render_is_that_of_the_image(smooth):
     compared = np.zeros(smooth.shape, bool)
     compared[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = True
     assert render.visible[compared].all()
-    image = np.nan_to_num(render.radiance)
-    result = score(smooth.astype(np.float64), image, compared)
+    drawn = np.nan_to_num(render.radiance)
+    result = score(smooth.astype(np.float64), drawn, compared)
     assert result.above >= 0.65
     assert result.above_textured >= 0.94
     assert result.whole >= 0.78
-    for mirrored in (image[::-1], image[:, ::-1]):
+    for mirrored in (drawn[::-1], drawn[:, ::-1]):
         assert abs(score(smooth.astype(np.float64), mirrored, compared).whole) < 0.1

@@ -120,7 +120,7 @@ def test_the_cameras_sun_and_its_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("center", [None, (22.0, -9.0)])
-def test_angles_are_those_at_the_middle_or_where_it_is_said(
+def test_sun_angles_hold_at_the_centre_or_a_given_place(
     tmp_path: Path, center: tuple[float, float] | None
 ) -> None:
     path = files.write_image(tmp_path / "a.tif", scene())
@@ -138,7 +138,7 @@ def test_angles_are_those_at_the_middle_or_where_it_is_said(
 
 
 @pytest.mark.parametrize("sun", [SunChoice(time_utc="2024-01-01T00:00:00"), NOON])
-def test_a_stated_sun_goes_before_all_others_and_says_so(
+def test_a_given_sun_is_used_first_with_a_warning(
     tmp_path: Path, sun: SunChoice, caplog: pytest.LogCaptureFixture
 ) -> None:
     tags = {"sun_direction_mcmf": json.dumps([0.0, -1.0, 0.0])}
@@ -179,7 +179,7 @@ def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCapt
 # -- refusals
 
 
-def test_images_that_are_none(tmp_path: Path) -> None:
+def test_files_that_are_not_images(tmp_path: Path) -> None:
     camera = files.camera_over(SHAPE)
     refused("the image file does not exist", tmp_path / "none.tif", camera)
     refused("the image file does not exist", tmp_path, camera)

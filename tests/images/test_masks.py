@@ -64,7 +64,7 @@ def test_a_second_band_of_brightness_is_no_mask(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_what_is_not_finite_is_missing(tmp_path: Path, dtype: str, value: float) -> None:
+def test_samples_that_are_not_finite_are_missing(tmp_path: Path, dtype: str, value: float) -> None:
     samples = scene(dtype)
     samples[HOLE] = value
     assert_hole(opened(files.write_image(tmp_path / "a.tif", samples)), samples)

@@ -64,7 +64,7 @@ def test_codes_of_floats(kind: str, first: int) -> None:
     assert found.high[0].tolist() == [*3 * [False], True, True, *4 * [False]]
 
 
-def test_other_types_have_none() -> None:
+def test_other_types_have_no_special_codes() -> None:
     found = isis_special(np.array([[-128, 0, 127]], dtype=np.int8))
     assert not np.stack([found.missing, found.low, found.high]).any()
 
@@ -85,7 +85,7 @@ def test_a_bell_within_its_scale_has_no_plateau(seed: int) -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.01, 0.6), as_codes=st.booleans())
-def test_what_is_clipped_above_is_a_plateau(seed: int, share: float, as_codes: bool) -> None:
+def test_clipping_at_the_top_is_a_plateau(seed: int, share: float, as_codes: bool) -> None:
     values = bell(np.random.default_rng(seed), 128.0)
     top = float(np.floor(np.quantile(values, 1.0 - share)))
     clipped = np.minimum(values, top)

@@ -208,7 +208,7 @@ def test_tags_that_are_no_direction_are_left_aside(tmp_path: Path, text: str) ->
     assert label_of(path).direction() is None
 
 
-def test_an_image_without_a_label_says_nothing(tmp_path: Path) -> None:
+def test_an_image_without_a_label_has_no_sun(tmp_path: Path) -> None:
     found = label_of(files.write_image(tmp_path / "a.png", SAMPLES.astype(np.uint8), driver="PNG"))
     assert (found.source, found.time_utc, found.direction()) == ("", None, None)
 

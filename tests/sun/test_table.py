@@ -166,7 +166,7 @@ def test_records_are_rounded_within_the_circle():
     assert str(records[0]["elevation_deg"]) == str(records[0]["subsolar_lat"]) == "0.0"
 
 
-def test_years_without_a_stated_error_are_said():
+def test_remark_for_years_without_a_stated_error():
     for time, said in (("1989-12-31", True), ("1990-01-01", False), ("2051-01-01", True)):
         lines = sun_table.remarks(sun_table.sun_table(EnuFrame(0, 0), time))
         assert any("outside 1990-2050" in line for line in lines) == said

@@ -128,7 +128,7 @@ def test_a_range_across_a_leap_second_keeps_to_midnight():
     assert when.years() == (2016, 2017)
 
 
-def test_what_a_slice_is():
+def test_slices_of_instants():
     when = instant_range("2024-01-01", "2024-01-02", 3600.0)
     assert (len(when), when[3:5].labels()) == (25, ["2024-01-01T03:00:00Z", "2024-01-01T04:00:00Z"])
     assert instants(when) is when
