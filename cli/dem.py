@@ -1,4 +1,4 @@
-"""``lcp dem``: what is in a DEM product, as read from its label and its pixels, and what a set of them covers."""
+"""``lcp dem``: content of DEM files from labels and pixels, and the coverage of a set of them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def command() -> None:
-    """Look at DEM products."""
+    """Inspect DEM files."""
 
 
 command.add_command(dem_check.command)
@@ -33,7 +33,9 @@ command.add_command(dem_check.command)
 
 @command.command()
 @dem_argument
-@click.option("--json", "as_json", is_flag=True, help="One JSON list on stdout, one object a file.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
+)
 @click.option(
     "--at",
     "places",
@@ -41,17 +43,22 @@ command.add_command(dem_check.command)
     multiple=True,
     type=click.Tuple([LONGITUDE, LATITUDE]),
     metavar="LON LAT",
-    help="Also the height at a place, degrees; may be repeated.",
+    help="Also print the height at a place, degrees; may be repeated.",
 )
 @click.option(
     "--set",
     "only_set",
     is_flag=True,
-    help="Only what the files cover together; with --json one object instead of the list.",
+    help="Print only the coverage of all files together; with --json one object instead of the list.",
 )
-@click.option("--quick", is_flag=True, help="Read no pixels: no heights, no missing pixels.")
 @click.option(
-    "--map", "map_path", metavar="OUT.png", help="Also write a map: which product is used where."
+    "--quick", is_flag=True, help="Read no pixels: print no heights and no missing pixels."
+)
+@click.option(
+    "--map",
+    "map_path",
+    metavar="OUT.png",
+    help="Also write a map of the product used at each place.",
 )
 @product_order_option
 @overwrite_option
@@ -65,11 +72,12 @@ def info(
     product_order: tuple[str, ...] | None,
     overwrite: bool,
 ) -> None:
-    """Projection, bounds, cell, heights and missing share of DEM files (GeoTIFF, or PDS by image or
-    label), and what they cover together: by latitude and product, overlaps, gaps, holes.
+    """Show projection, bounds, cell size, heights and missing pixels of DEM files (GeoTIFF, or PDS
+    by image or label), and the coverage of all files together: areas by latitude and product,
+    overlaps, gaps, missing pixels.
     """
     if places and (quick or only_set):
-        raise click.UsageError("--at reads pixels of each file: not with --quick or --set")
+        raise click.UsageError("--at cannot be combined with --quick or --set")
     if overwrite and not map_path:
         raise click.UsageError("--overwrite needs --map OUT.png")
 
@@ -82,7 +90,7 @@ def info(
 
     if map_path:
         check_output(map_path, overwrite)
-    dems = DemSet.open(dem, product_order)  # a file that is none is said before the others are read
+    dems = DemSet.open(dem, product_order)  # fails before any pixel is read
     covered = set_coverage(dems)
     surveys = None if quick else [height_statistics(one) for one in dems.dems]
     differing = None if quick else set_disagreements(dems, covered)
@@ -97,7 +105,7 @@ def info(
     )
     if map_path:
         _write_map(dems, surveys, map_path, overwrite)
-    if as_json and not only_set:  # the list has no place for it
+    if as_json and not only_set:  # the list has no field for it
         for one in differing or []:
             click.echo(f"lcp: warning: {one}", err=True)
     if as_json:
@@ -123,7 +131,7 @@ def _describe(
     surveys: Sequence[HeightStatistics] | None,
     places: tuple[tuple[float, float], ...],
 ) -> dict[str, Any]:
-    """One file: the contract's fields, then what is known of the product and of its ground."""
+    """One file: the fields of the contract, published facts about the product, and its area."""
     from lcp_catalog.dem.coverage import MOON_KM2
     from lcp_catalog.dem.mosaic import height_at
 
@@ -159,7 +167,7 @@ def _describe(
 
 
 def _holes(found: HeightStatistics, own_km2: float) -> dict[str, Any]:
-    """Missing pixels of a file of so much ground, and the largest pieces that hang together."""
+    """Missing pixels of a file of an area, and their largest connected regions."""
     missing_km2 = found.hole_km2()
     return {
         "area_km2": missing_km2,
@@ -169,7 +177,7 @@ def _holes(found: HeightStatistics, own_km2: float) -> dict[str, Any]:
 
 
 def _share(part: float, whole: float) -> float:
-    """A share without the last bits, so that all of it is 1."""
+    """A share without the last bits, so that a whole is 1."""
     return round(part / whole, 12) if whole else 0.0
 
 
@@ -184,7 +192,7 @@ def _describe_set(
     surveys: Sequence[HeightStatistics] | None,
     differing: Sequence[Disagreement] | None,
 ) -> dict[str, Any]:
-    """The set: one object, with the files by the names that were given."""
+    """The set as one object; files by the names that were given."""
     from lcp_catalog.dem.coverage import MOON_KM2
 
     holes = None

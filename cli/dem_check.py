@@ -1,4 +1,4 @@
-"""``lcp dem check``: whether DEM files are what their labels say."""
+"""``lcp dem check``: check DEM files against their labels."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ EXIT_NOT_SOUND = 4
 
 @click.command("check")
 @dem_argument
-@click.option("--json", "as_json", is_flag=True, help="One JSON list on stdout, one object a file.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
+)
 def command(dem: tuple[str, ...], as_json: bool) -> int:
-    """Say whether DEM files are whole and are what their labels say.
+    """Check that DEM files are complete and agree with their labels.
 
-    Every pixel is read once. All files are checked, also behind a broken one; the exit code is 4 when one is broken.
+    Every pixel is read once. All files are checked, also after a faulty one; the exit code is 4 if
+    any is faulty.
     """
     from lcp_catalog.dem.file_check import check_dem  # rasterio: only when the command runs
 

@@ -1,4 +1,4 @@
-"""``lcp dem info`` in words: one file, and the set of all files, from what the JSON says."""
+"""Text of ``lcp dem info``, from its JSON: single files, and all files together."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 _MOST = 5
-"""Overlaps, gaps and files with holes that are listed; the JSON has all."""
+"""Greatest number of listed overlaps, gaps and files with missing pixels; the JSON has all."""
 
 
 def file_text(one: dict[str, Any]) -> str:
-    """A file's path, and its facts below each other."""
+    """Path and facts of a file, one a line."""
     span = one["abs_latitude_use"]
     size = f"{one['width']} x {one['height']} pixels of {one['gsd_m']:.10g} m"
     rows = [
@@ -35,7 +35,7 @@ def file_text(one: dict[str, Any]) -> str:
 
 
 def set_text(whole: dict[str, Any]) -> str:
-    """What all files cover together; of one file only that and its holes."""
+    """Coverage of all files together; of a single file only its coverage and missing pixels."""
     files = whole["files"]
     names = _short_names([file["path"] for file in files])
     title = "what it covers" if len(files) == 1 else f"{len(files)} files together"
@@ -50,7 +50,7 @@ def set_text(whole: dict[str, Any]) -> str:
 
 
 def _aligned(rows: list[tuple[str, str]]) -> list[str]:
-    """Names and values in two columns; a name that is repeated is said once."""
+    """Names and values in two columns; a repeated name is printed once."""
     width = max(len(name) for name, _ in rows)
     said, lines = "", []
     for name, value in rows:
@@ -60,7 +60,9 @@ def _aligned(rows: list[tuple[str, str]]) -> list[str]:
 
 
 def _table(bands: list[dict[str, Any]], together: bool) -> list[str]:
-    """One line a band of latitude; of one file only the share that it covers, neighbours alike on one line."""
+    """One line for each band of latitude; of one file only the covered share, equal neighbours in
+    one line.
+    """
     head = ["latitude", "covered"] + (["overlap", "gaps, km2", "used"] if together else [])
     cells = [head]
     for band in bands if together else _merged(bands):
@@ -77,7 +79,7 @@ def _table(bands: list[dict[str, Any]], together: bool) -> list[str]:
 
 
 def _merged(bands: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Neighbouring bands that are covered alike as one, from north to south."""
+    """Neighbouring bands with the same covered share as one, from north to south."""
     found: list[dict[str, Any]] = []
     for band in bands:
         if (
@@ -96,7 +98,7 @@ def _covered(whole: dict[str, Any]) -> str:
 
 
 def _reaches(whole: dict[str, Any]) -> str:
-    """Poles, ring and antimeridian, as far as they are there."""
+    """Poles, full ring and antimeridian, as far as the set reaches them."""
     poles = [name for name in ("north", "south") if whole[f"has_{name}_pole"]]
     said = [f"the {poles[0]} pole" if len(poles) == 1 else "both poles"] if poles else ["no pole"]
     if whole["is_full_ring"]:
@@ -107,7 +109,7 @@ def _reaches(whole: dict[str, Any]) -> str:
 
 
 def _uses(files: list[dict[str, Any]], names: dict[str, str]) -> list[tuple[str, str]]:
-    """How much of its ground each file is used for; only those that others replace somewhere."""
+    """Used share of each file that others replace somewhere."""
     return [
         (
             "used",
@@ -127,7 +129,9 @@ def _overlaps(overlaps: list[dict[str, Any]], names: dict[str, str]) -> list[tup
 
 
 def _gaps(gaps: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Gaps that files enclose come first: those at the box's edge are often no gap but an outline."""
+    """Gaps; those that files enclose come first, since gaps at the edge of the box are often only
+    an outline.
+    """
     ordered = sorted(gaps, key=lambda gap: (gap["at_edge"], -gap["area_km2"]))
     words = [
         f"{_km2(gap['area_km2'])} within {_box(gap['bounds'])}"
@@ -138,7 +142,7 @@ def _gaps(gaps: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 def _holes(holes: list[dict[str, Any]] | None, names: dict[str, str]) -> list[tuple[str, str]]:
-    """Missing pixels of each file; another file may have heights there."""
+    """Missing pixels of each file; another file can have heights there."""
     if holes is None:
         return [("holes", "not looked for (--quick)")]
     return _listed("holes", [f"{names[one['path']]}: {_hole(one)}" for one in holes])
@@ -153,13 +157,13 @@ def _hole(one: dict[str, Any]) -> str:
 
 
 def _listed(name: str, words: list[str]) -> list[tuple[str, str]]:
-    """The first few, and how many more there are."""
+    """The first words, and the number of the others."""
     more = [f"and {len(words) - _MOST} more"] if len(words) > _MOST else []
     return [(name, text) for text in (words[:_MOST] or ["none"]) + more]
 
 
 def _short_names(paths: list[str]) -> dict[str, str]:
-    """File names where they tell the files apart, else the paths as given."""
+    """File names if they are unique, else the paths as given."""
     names = [Path(path).name for path in paths]
     return {p: n if names.count(n) == 1 else p for p, n in zip(paths, names, strict=True)}
 
@@ -194,7 +198,7 @@ def _metres(height_m: float | None) -> str:
 
 
 def _percent(share: float) -> str:
-    """Never 100 % or 0 % for what is not: the last figure that is not all or nothing."""
+    """A percentage that is 100 % or 0 % only if it is exact."""
     if 0.0 < share < 1.0 - 1e-9:
         percent = 100.0 * share
         if percent < 0.005:

@@ -1,4 +1,4 @@
-"""Files that appear under their own name only when whole: written aside, synced, renamed."""
+"""Atomic output files: written under another name in the same folder, synced, then renamed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .errors import OutputError, OutputExistsError
 
 
 def check_output(path: Path | str, overwrite: bool = False) -> Path:
-    """The real path that an output will have; says early what would fail late.
+    """Return the real path of an output (of a link: its target).
 
-    OutputExistsError when it exists and ``overwrite`` was not said; OutputError when its folder is
-    missing or not writable, or when the name is taken by something that is no plain file (a folder,
-    a device).
+    OutputExistsError if it exists and ``overwrite`` is False; OutputError if its folder is missing
+    or not writable, or if the name belongs to something that is not a plain file (a folder, a
+    device).
     """
     target = Path(os.path.realpath(path))  # a link's target is replaced, not the link
     if not target.parent.is_dir():
@@ -30,34 +30,34 @@ def check_output(path: Path | str, overwrite: bool = False) -> Path:
         if not stat.S_ISREG(target.stat().st_mode):
             raise OutputError(f"{path}: is not a plain file and cannot be an output")
         if not overwrite:
-            raise OutputExistsError(f"{path} exists; say --overwrite to replace it")
+            raise OutputExistsError(f"{path} exists; use --overwrite to replace it")
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
 
 
 def check_folder(folder: Path, names: Iterable[str], overwrite: bool) -> None:
-    """The same for the files of a folder, which need not exist yet. OutputError for a place where no folder can be."""
+    """Check the files ``names`` of a folder, which need not exist yet, as `check_output` does.
+    OutputError if no folder can be at that place.
+    """
     names = tuple(names)
     if folder.is_dir():
         for name in names:
             check_output(folder / name, overwrite)
     elif folder.exists():
-        raise OutputError(
-            f"{folder}: is not a folder; -o wants one to write {', '.join(names)} into"
-        )
+        raise OutputError(f"{folder}: is not a folder; -o must name one for {', '.join(names)}")
     else:
         check_output(folder)
 
 
 @contextmanager
 def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
-    """A path in the same folder to write to; it becomes ``path`` when the block ends well, and
-    vanishes when it does not.
+    """Yield a path in the same folder to write to. It is renamed to ``path`` when the block ends
+    without an error, and removed otherwise.
 
-    The file is synced before it is renamed, the folder after. Raises as `check_output` does, and
-    OutputError for a full disk or a failed write. An output that somebody else made meanwhile is
-    not replaced unless ``overwrite`` was said.
+    The file is synced before it is renamed, the folder after it. Raises as `check_output` does, and
+    OutputError for a full disk or a failed write. An output that another process has made meanwhile
+    is replaced only with ``overwrite``.
     """
     target = check_output(path, overwrite)
     aside = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part"
@@ -80,7 +80,7 @@ def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool =
 
 
 def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Name, size and SHA-256 of files, for what a result says it was made from; no folders."""
+    """Names (without folders), sizes and SHA-256 sums of files, for the provenance of a result."""
     found = [(path, os.stat(path)) for path in paths]
     return [
         {
@@ -99,7 +99,7 @@ def _sha256(path: str, _mtime_ns: int, _size: int) -> str:
 
 
 def depfile_text(target: Path | str, sources: Iterable[Path | str]) -> str:
-    """One Make rule that says what an output was read from; the names are those the user gave."""
+    """A Make rule with the files that an output was made from, by the names that the user gave."""
     names = [_make_name(str(name)) for name in (target, *sources)]
     return f"{names[0]}: {' '.join(names[1:])}\n"
 
@@ -110,7 +110,7 @@ def _make_name(name: str) -> str:
 
 @contextmanager
 def _named(path: Path | str) -> Iterator[None]:
-    """Errors of the operating system as OutputError with the output's own name."""
+    """Raise errors of the operating system as OutputError with the name of the output."""
     try:
         yield
     except (OutputError, OutputExistsError):
@@ -133,9 +133,9 @@ def _publish(aside: Path, target: Path, overwrite: bool) -> None:
         os.replace(aside, target)
         return
     try:
-        os.link(aside, target)  # unlike a rename it fails if somebody made the target meanwhile
+        os.link(aside, target)  # unlike a rename, it fails if the target exists by now
     except FileExistsError as error:
-        text = f"{target} appeared while it was being made; say --overwrite to replace it"
+        text = f"{target} was created by another process meanwhile; use --overwrite to replace it"
         raise OutputExistsError(text) from error
     except OSError:  # a file system without hard links
         os.replace(aside, target)

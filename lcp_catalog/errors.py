@@ -1,16 +1,16 @@
-"""What can go wrong, by name.
+"""Errors of the library.
 
-Every error is one line that says what is wrong, where, and what to do. Each is also a builtin, so that a caller who does
-not know this library can still catch ``ValueError`` or ``OSError``.
+Every message is one line: what is wrong, in which file or option, and what to do. Each class is
+also a builtin error, so that a caller can catch ``ValueError`` or ``OSError``.
 """
 
 
 class LcpError(Exception):
-    """Base of every error this library raises on purpose."""
+    """Base of all errors that the library raises on purpose."""
 
 
 class LabelError(LcpError, ValueError):
-    """A product's label is missing, or says something that cannot be."""
+    """A product's label is missing or contradicts itself, or its content is not supported."""
 
 
 class DemError(LcpError, OSError):
@@ -18,39 +18,39 @@ class DemError(LcpError, OSError):
 
 
 class AlbedoError(LcpError, ValueError):
-    """An albedo map that cannot be read, is none, or does not cover the area."""
+    """An albedo map cannot be read, does not hold brightness, or does not cover the area."""
 
 
 class AreaError(LcpError, ValueError):
-    """An area is malformed, or has no heights in the DEM that was given."""
+    """An area is invalid, or the DEM has no heights in it."""
 
 
 class SunError(LcpError, ValueError):
-    """A Sun that is malformed or cannot light the area."""
+    """The position of the Sun is invalid, or the Sun does not light the area."""
 
 
 class CameraError(LcpError, ValueError):
-    """A camera file that cannot be read, or a camera that cannot see the area."""
+    """A camera file cannot be read, or the camera does not see the area."""
 
 
 class ImageError(LcpError, ValueError):
-    """A picture that cannot be read, or is not what it is given for."""
+    """An image file cannot be read, or is not of the expected kind."""
 
 
 class PoseError(LcpError, ValueError):
-    """Points that do not decide where a sensor stood."""
+    """The points do not determine the position of a sensor."""
 
 
 class ConfigError(LcpError, ValueError):
-    """A configuration value that is unknown or out of range."""
+    """A configuration value is unknown or out of range."""
 
 
 class MeasurementError(LcpError, ValueError):
-    """Measurements of a surface that cannot be read, or do not say enough for a fit."""
+    """Measurements of a surface cannot be read, or are too few for a fit."""
 
 
 class OutputExistsError(LcpError, FileExistsError):
-    """The output exists and nobody said that it may be replaced."""
+    """The output exists, and replacing it was not allowed."""
 
 
 class OutputError(LcpError, OSError):
@@ -58,8 +58,8 @@ class OutputError(LcpError, OSError):
 
 
 class CatalogError(LcpError, ValueError):
-    """A catalogue that is not one, or is damaged."""
+    """A file is not a catalogue, or is damaged."""
 
 
 class AreaFailedError(LcpError, RuntimeError):
-    """An area of a build failed; the message carries the area and the cause."""
+    """An area of a build failed; the message names the area and the cause."""

@@ -1,6 +1,6 @@
-"""The one owner of thread counts: how many threads the kernels and OpenCV may use in this process.
+"""Thread counts: the number of threads that the kernels and OpenCV may use in this process.
 
-Results never depend on it: every output value is computed by one thread from inputs that no thread
+Results do not depend on it: every output value is computed by one thread from inputs that no thread
 writes.
 """
 
@@ -14,19 +14,18 @@ import numba
 
 
 def thread_limit() -> int:
-    """The most threads the kernels can use in this process: what numba started with
-    (``NUMBA_NUM_THREADS``, else all cores).
+    """Greatest number of threads for the kernels in this process: ``NUMBA_NUM_THREADS`` at the
+    start of numba, else the number of cores.
     """
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # made when numba is imported
 
 
-class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes it)
-    """Let the kernels, and OpenCV where it has been imported, use at most ``count`` threads from
-    now on.
+class limit_threads:  # noqa: N801  (used like a function; ``with`` restores the limit)
+    """Limit the kernels, and OpenCV if it is imported, to ``count`` threads.
 
-    The limit is set at once and holds until the next one; as a context manager it is undone at the
-    end of the block. A count beyond ``thread_limit()`` is lowered to it. ``ValueError`` for a count
-    below 1.
+    The limit is set at once and holds until the next one; a context manager restores the previous
+    limit at the end of its block. A count above ``thread_limit()`` is lowered to it. ValueError for
+    a count below 1.
     """
 
     def __init__(self, count: int) -> None:
@@ -55,5 +54,5 @@ class limit_threads:  # noqa: N801  (used like a function; ``with`` only undoes 
 
 
 def _opencv() -> ModuleType | None:
-    """OpenCV where somebody has imported it; it is not loaded only to be told to keep still."""
+    """The OpenCV module if it is imported; None otherwise."""
     return sys.modules.get("cv2")

@@ -48,7 +48,7 @@ def test_a_failed_block_leaves_nothing_and_keeps_the_old(tmp_path, error):
 
 def test_overwrites_only_when_told(tmp_path):
     write_bytes(tmp_path / "a.bin", b"1")
-    with pytest.raises(OutputExistsError, match=r"a\.bin exists; say --overwrite"):
+    with pytest.raises(OutputExistsError, match=r"a\.bin exists; use --overwrite"):
         write_bytes(tmp_path / "a.bin", b"2")
     assert (tmp_path / "a.bin").read_bytes() == b"1"
     write_bytes(tmp_path / "a.bin", b"2", overwrite=True)
@@ -57,7 +57,7 @@ def test_overwrites_only_when_told(tmp_path):
 
 def test_does_not_replace_what_appeared_meanwhile(tmp_path):
     with (
-        pytest.raises(OutputExistsError, match="appeared"),
+        pytest.raises(OutputExistsError, match="created by another process"),
         write_aside(tmp_path / "a.bin") as aside,
     ):
         aside.write_bytes(b"mine")

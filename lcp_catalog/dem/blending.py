@@ -1,7 +1,9 @@
-"""Where products meet: the outer edges of what a product covers, and weights that rise smoothly from them.
+"""Outer edges of what a product covers, and weights that rise smoothly from them, for the blending
+of products.
 
-A product's weight is 0 at its outer edge and 1 from one band inside it on; between them it is the smoothstep 3 t^2 - 2 t^3 of the
-distance, whose slope is at most 1.5 / band and 0 at both ends, so that neither height nor slope jumps.
+The weight is 0 at the outer edge and 1 from one band inside it on; between them it is the
+smoothstep 3 t^2 - 2 t^3 of the distance. Its slope is at most 1.5 / band and 0 at both ends, so
+that neither height nor slope jumps.
 """
 
 from __future__ import annotations
@@ -16,14 +18,14 @@ from ..arrays import Array
 BAND_PX = 16.0
 """Width of a seam, in pixels of the coarser of the two products that meet."""
 BAND_SHARE = 0.125
-"""No band is wider than this share of the product's smaller side."""
+"""Greatest width of a band, as a share of the product's smaller side."""
 
 _SLACK = 1e-3  # pixels; tiles lie on whole ones
 
 
 class Tile(NamedTuple):
-    """A file's rectangle on its product's endless lattice, pixel edges: columns from ``left`` to ``right``, rows from ``top``
-    down to ``bottom``.
+    """A file's rectangle on the unbounded lattice of its product, pixel edges: columns ``left`` to
+    ``right``, rows ``top`` down to ``bottom``.
     """
 
     left: float
@@ -33,7 +35,9 @@ class Tile(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """A straight piece of an outer edge: the column (or the row) ``at``, from ``low`` to ``high`` along it, in pixels."""
+    """A straight piece of an outer edge: at the column (or row) ``at``, from ``low`` to ``high``
+    along it, in pixels.
+    """
 
     column: bool
     at: float
@@ -42,16 +46,16 @@ class Edge(NamedTuple):
 
 
 def smoothstep(share: Array) -> Array:
-    """0 up to 0, 1 from 1 on, and 3 t^2 - 2 t^3 between."""
+    """0 below 0, 1 above 1, and 3 t^2 - 2 t^3 between."""
     t = np.clip(share, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def outer_edges(tiles: Sequence[Tile], period: float, poles: tuple[bool, bool]) -> tuple[Edge, ...]:
-    """The edges of tiles behind which no other tile lies.
+    """Edges of tiles that have no other tile on their outer side.
 
-    ``period``: columns around the Moon, 0 for a map that has no seam. ``poles``: whether the tiles' first and last row end at a
-    pole, which is no edge.
+    ``period``: columns around the Moon, 0 for a map without a seam. ``poles``: True if the first or
+    last row of the tiles ends at a pole, which is no edge.
     """
     turns = (-period, 0.0, period) if period else (0.0,)
     around = [Tile(t.left + turn, t.right + turn, t.top, t.bottom) for t in tiles for turn in turns]
@@ -77,7 +81,7 @@ def outer_edges(tiles: Sequence[Tile], period: float, poles: tuple[bool, bool]) 
 def _behind(
     tiles: Iterable[Tile], column: bool, at: float, sign: int
 ) -> Iterable[tuple[float, float]]:
-    """Spans along an edge that have a tile on its other side."""
+    """Spans along an edge that have a tile on the other side."""
     for tile in tiles:
         low, high = (tile.left, tile.right) if column else (tile.top, tile.bottom)
         beyond = at + sign * 2.0 * _SLACK
@@ -88,7 +92,7 @@ def _behind(
 def _without(
     span: tuple[float, float], others: Iterable[tuple[float, float]]
 ) -> list[tuple[float, float]]:
-    """What is left of a span."""
+    """Parts of a span outside other spans."""
     left = [span]
     for low, high in others:
         cut = [piece for a, b in left for piece in ((a, min(b, low)), (max(a, high), b))]
@@ -97,7 +101,7 @@ def _without(
 
 
 def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Spans that touch as one: two edges in line must not count twice."""
+    """Spans, those that touch joined: two edges in line must count once."""
     out: list[tuple[float, float]] = []
     for low, high in sorted(spans):
         if out and low <= out[-1][1] + _SLACK:
@@ -115,9 +119,10 @@ def edge_weight(
     period: float,
     band: float,
 ) -> Array:
-    """Weight (n,) of a product at fractional pixels, from its distance to each of its edges.
+    """Weight (n,) of a product at fractional pixels, from the distance to each of its edges.
 
-    ``stretch``: width of a pixel on the ground over its height, (n,); ``band``: width of the seam in heights of a pixel.
+    ``stretch``: width of a pixel on the surface over its height, (n,); ``band``: width of the seam
+    in heights of a pixel.
     """
     weight = np.ones(column.shape)
     if not column.size:
@@ -150,7 +155,9 @@ def clear_of(
     period: float,
     band: float,
 ) -> bool:
-    """Whether every place of a box of pixels is at least a band away from every edge, taken as endless lines."""
+    """True if every place in a box of pixels is at least a band away from every edge, taken as an
+    unbounded line.
+    """
     for edge in edges:
         low, high = columns if edge.column else rows
         turns = (-period, 0.0, period) if edge.column and period else (0.0,)

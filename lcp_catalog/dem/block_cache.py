@@ -1,7 +1,7 @@
-"""Means of blocks of pixels, kept: the far terrain of neighbouring areas, and every step of a node's solution, want them again.
+"""Cache of means of blocks of pixels, which the far terrain of neighbouring areas needs again.
 
-A window of blocks is put together from square tiles of a fixed lattice, so that a block's mean is the same whatever is asked, and a
-large file is read once for each of its block sizes and not once for each question.
+A window of blocks is assembled from square tiles of a fixed lattice. So the mean of a block does
+not depend on the window, and a large file is read once for each block size.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 from ..arrays import Float32
 
 LIMIT_BYTES = 256 << 20
-"""Kept in a process at most; the tiles that were asked for longest ago go first."""
+"""Greatest size of the cache in a process; the least recently used tiles are removed first."""
 
 _TILE_PIXELS = 1024
 _TILE_BLOCKS = 64
-"""A tile's side: so many pixels, or so many blocks where these are more pixels."""
+"""Side of a tile: `_TILE_PIXELS` pixels, or so many blocks if these have more pixels."""
 
 
 class _Store:
-    """The tiles of this process, those asked for last at the end, and how much memory they take."""
+    """Tiles of this process, the most recently used last, and their memory."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -63,8 +63,8 @@ def window(
     col1: int,
     read: Callable[[int, int, int, int], Float32],
 ) -> Float32:
-    """Blocks row0..row1, col0..col1 (half open) of ``factor`` pixels a side of a source; ``read`` makes
-    those of such a window that are not kept.
+    """Blocks row0..row1, col0..col1 (half open) of ``factor`` pixels a side of a source; ``read``
+    computes a window of blocks that are not in the cache.
     """
     side = max(_TILE_BLOCKS, -(-_TILE_PIXELS // factor))
     out = np.empty((row1 - row0, col1 - col0), np.float32)
@@ -80,7 +80,7 @@ def window(
 
 
 def forget() -> None:
-    """Let everything go."""
+    """Remove all tiles."""
     _store.clear()
 
 

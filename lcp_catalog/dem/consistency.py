@@ -1,4 +1,6 @@
-"""Whether two products of a set say the same about the ground they share, as far as their uncertainties allow."""
+"""Agreement of two products of a set in the area that they share, within their published
+uncertainties.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,11 @@ from .mosaic import DemSet
 log = logging.getLogger(__name__)
 
 UNKNOWN_SIGMA_M = 10.0
-"""1 sigma taken for a product whose uncertainty is not published."""
+"""1 sigma assumed for a product whose uncertainty is not published."""
 FACTOR = 3.0
-"""Two products disagree when the median of their differences is beyond so many sigmas of a difference."""
+"""Two products disagree if the median of their absolute differences exceeds this many sigmas of a
+difference.
+"""
 
 _CLUSTERS = 4  # along a side of the box
 _NODES = 8  # along a side of a cluster: places close together are read in one small window
@@ -27,7 +31,8 @@ _PLACES_MIN = 30
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Of two products over ``places`` that both have: the median of |difference| and what their uncertainties explain, metres.
+    """Disagreement of two products at ``places`` that both have: the median absolute difference and
+    the limit that their uncertainties explain, metres.
 
     ``assumed``: those of the two whose uncertainty is not published, taken as `UNKNOWN_SIGMA_M`.
     """
@@ -46,15 +51,16 @@ class Disagreement:
         )
         if self.assumed:
             names = " and ".join(self.assumed)
-            text += f" (that of {names} is not published: {UNKNOWN_SIGMA_M:g} m taken)"
+            text += f" (that of {names} is not published: {UNKNOWN_SIGMA_M:g} m assumed)"
         return text
 
 
 def disagreements(dems: DemSet, box: Bounds) -> list[Disagreement]:
-    """Pairs of products that disagree inside a box of longitudes and latitudes, the worst first.
+    """Pairs of products that disagree in a box of longitudes and latitudes, the worst first.
 
-    Some thousand places are compared, in clusters spread over the box, each pair at the coarser one's pixel. Two products disagree
-    when the median of |difference| is above `FACTOR` * hypot(sigma, sigma). Fewer than 30 common places say nothing.
+    About a thousand places are compared, in clusters over the box, each pair at the pixel of the
+    coarser one. Two products disagree if the median absolute difference is above `FACTOR` *
+    hypot(sigma, sigma). Pairs with fewer than 30 common places are left out.
     """
     if len(dems.layers) < 2:
         return []
@@ -68,17 +74,17 @@ def disagreements(dems: DemSet, box: Bounds) -> list[Disagreement]:
 
 
 def warn_of_disagreements(dems: DemSet, box: Bounds) -> None:
-    """One warning in the log, about all products that disagree inside a box; nothing when none do."""
+    """Log one warning about all products that disagree in a box."""
     found = disagreements(dems, box)
     if found:
         log.warning(
-            "%s; what is made across their seam is tilted there: check the files, or leave one out",
+            "%s; terrain across their seam is tilted: check the files, or leave one out",
             "; ".join(map(str, found)),
         )
 
 
 def _compared(dems: DemSet, first: int, second: int, box: Bounds) -> Disagreement | None:
-    """How far two layers differ; None where they have too little in common."""
+    """Comparison of two layers; None if they share too few places."""
     layers = dems.layers[first], dems.layers[second]
     gsd_m = max(layer.pixel_m for layer in layers)
     differences = []
@@ -99,7 +105,9 @@ def _compared(dems: DemSet, first: int, second: int, box: Bounds) -> Disagreemen
 
 
 def _clusters(box: Bounds, gsd_m: float) -> list[tuple[Array, Array]]:
-    """Places in clusters whose middles are spread evenly over the box's ground, a cell apart inside a cluster."""
+    """Clusters of places whose centres are spread evenly over the area of the box; in a cluster
+    places are a cell apart.
+    """
     share = (np.arange(_CLUSTERS) + 0.5) / _CLUSTERS
     south, north = math.sin(math.radians(box.south)), math.sin(math.radians(box.north))
     step = math.degrees(gsd_m / MOON_RADIUS_M)

@@ -1,11 +1,11 @@
 """Coverage of a set of DEM files: areas by band of latitude and by product, overlaps, gaps.
 
-The box of the set is divided by the outer edges of all files, and each cell is assigned by its middle.
-Cylindrical files end at meridians and parallels, so that their areas are exact. The edges of polar files
-cross cells: their areas, overlaps and gaps are good to `POLAR_ERROR` of the area of the file, for up to 30
-polar files (tests/dem/test_coverage.py measures it); a gap between polar files that is narrower than a cell
-can be missed or fall into pieces. No pixel is read but by `set_disagreements`, which reads some hundred
-small windows.
+The box of the set is divided by the outer edges of all files, and each cell is assigned by its
+centre. Cylindrical files end at meridians and parallels, so their areas are exact. The edges of
+polar files cross cells: their areas, overlaps and gaps are good to `POLAR_ERROR` of the area of the
+file, for up to 30 polar files (tests/dem/test_coverage.py measures it); a gap between polar files
+that is narrower than a cell can be missed or split. Only `set_disagreements` reads pixels, in some
+hundred small windows.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ _PAIRS = 20  # of products that are compared
 
 @dataclass(frozen=True)
 class Band:
-    """Surface between two parallels, km2: the whole band, its parts in a file, in two or more files, and in gaps of the
-    set's box; ``used_km2`` by product, where it is the one that is used.
+    """Surface between two parallels, km2: all of it, and its parts in a file, in two or more files,
+    and in gaps of the set's box; ``used_km2`` by product, where that product is used.
     """
 
     south_deg: float
@@ -58,7 +58,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Surface that two files share, by their index in the set, and the box around it."""
+    """Surface in two files, by their index in the set, and the box around it."""
 
     first: int
     second: int
@@ -68,8 +68,8 @@ class Overlap:
 
 @dataclass(frozen=True)
 class Gap(Region):
-    """A connected part of the set's box in no file; ``at_edge`` if it reaches the edge of the box, so that files do not
-    enclose it.
+    """A connected part of the set's box in no file; ``at_edge`` is True if it reaches the edge of
+    the box, so that files do not enclose it.
     """
 
     at_edge: bool
@@ -77,10 +77,11 @@ class Gap(Region):
 
 @dataclass(frozen=True)
 class SetCoverage:
-    """Coverage of a set. Areas are those of the sphere of 1737.4 km.
+    """Coverage of a set. Areas are on the sphere of 1737.4 km.
 
-    ``file_km2`` is the footprint of each file, ``used_km2`` the part of it where that file is the one that is used. Gaps are
-    the surface of the box ``bounds`` in no file; gaps and overlaps are sorted, largest first. Missing pixels do not count here.
+    ``file_km2`` is the footprint of each file, ``used_km2`` the part of it where that file is used.
+    Gaps are the parts of the box ``bounds`` in no file. Gaps and overlaps are sorted, largest
+    first. Missing pixels do not count.
     """
 
     bounds: Bounds
@@ -103,8 +104,8 @@ class SetCoverage:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Cells of a box: edges of the columns (longitudes from the west edge of the box, up to 360 more) and rows (latitudes from
-    south to north), degrees.
+    """Cells of a box: edges of the columns (longitudes from the west edge of the box, up to 360
+    more) and of the rows (latitudes from south to north), degrees.
     """
 
     lon_edges: Array
@@ -112,12 +113,12 @@ class _Cells:
 
     @property
     def lon_deg(self) -> Array:
-        """Middles of the columns."""
+        """Centres of the columns."""
         return np.asarray(0.5 * (self.lon_edges[1:] + self.lon_edges[:-1]))
 
     @property
     def lat_deg(self) -> Array:
-        """Middles of the rows."""
+        """Centres of the rows."""
         return np.asarray(0.5 * (self.lat_edges[1:] + self.lat_edges[:-1]))
 
     @property
@@ -141,7 +142,9 @@ class _Cells:
 
 @dataclass(frozen=True)
 class _Footprint:
-    """Cells of one file: True inside, of the rows from ``first`` on (rows of the file's latitudes, columns)."""
+    """Cells of one file: True inside, for the rows of the file's latitudes from ``first`` on (rows,
+    columns).
+    """
 
     first: int
     inside: Mask
@@ -151,7 +154,7 @@ class _Footprint:
         return slice(self.first, self.first + len(self.inside))
 
     def shared(self, other: _Footprint, rows: int) -> Mask:
-        """Cells of both, (``rows``, columns)."""
+        """Cells in both, (``rows``, columns)."""
         out = np.zeros((rows, self.inside.shape[1]), np.bool_)
         out[self.rows] = self.inside
         both = np.zeros_like(out)
@@ -194,7 +197,9 @@ def set_coverage(dems: DemSet) -> SetCoverage:
 
 
 def set_disagreements(dems: DemSet, covered: SetCoverage) -> list[Disagreement]:
-    """Products that differ by more than their uncertainties where their files overlap, each pair in its largest overlap."""
+    """Products that differ by more than their uncertainties where files overlap, each pair in its
+    largest overlap.
+    """
     found: list[Disagreement] = []
     compared: set[frozenset[str]] = set()
     for one in covered.overlaps:
@@ -207,8 +212,9 @@ def set_disagreements(dems: DemSet, covered: SetCoverage) -> list[Disagreement]:
 
 
 def _divided(grids: Sequence[Grid], box: Bounds, latitudes_deg: Iterable[float]) -> _Cells:
-    """Cells of a box that end at ``latitudes_deg``, at the edges of cylindrical files, and at the longitudes and latitudes of
-    points along the edges of polar files: so cells are small where such an edge crosses them.
+    """Cells of a box that end at ``latitudes_deg``, at the edges of cylindrical files, and at
+    longitudes and latitudes of points along the edges of polar files, so that cells are small where
+    such an edge crosses them.
     """
     boxes = [grid.bounds for grid in grids]
     lons = [edge for b in boxes for edge in (b.west, b.east)]
@@ -224,14 +230,14 @@ def _divided(grids: Sequence[Grid], box: Bounds, latitudes_deg: Iterable[float])
 
 
 def _between(at: Array, length: float) -> Array:
-    """Edges of cells: 0, what lies between, ``length``."""
+    """Edges of cells: 0, the values of ``at`` between, and ``length``."""
     edges = np.unique([0.0, *at[(at > 0.0) & (at < length)], length])
     return edges[np.append(True, np.diff(edges) > _NARROW_DEG)]
 
 
 def _outline(grid: Grid, count: int, offset: float) -> tuple[Array, Array]:
-    """Longitudes and latitudes of ``count`` points at equal distances along each outer edge, the first ``offset`` distances
-    from the corner.
+    """Longitudes and latitudes of ``count`` points at equal distances along each outer edge, the
+    first ``offset`` distances from a corner.
     """
     along = (np.arange(count) + offset) / count
     across, down = along * grid.width - 0.5, along * grid.height - 0.5
@@ -250,7 +256,7 @@ def _footprint(grid: Grid, cells: _Cells) -> _Footprint:
 
 
 def _used(dems: DemSet, cells: _Cells, footprints: Sequence[_Footprint]) -> Int16:
-    """Index of the file that is used in each cell, -1 in no file, (rows, columns)."""
+    """Index of the file that is used in each cell, -1 without a file, (rows, columns)."""
     used = np.full((cells.lat_deg.size, cells.lon_deg.size), -1, np.int16)
     away = np.abs(cells.lat_deg)
     for low, high, files in dems.rankings:
@@ -263,13 +269,13 @@ def _used(dems: DemSet, cells: _Cells, footprints: Sequence[_Footprint]) -> Int1
 
 
 def _by_file(used: Int16, area_km2: Array, files: int) -> Array:
-    """Area of the cells where each file is used, (files,)."""
+    """Area where each file is used, (files,)."""
     there = used >= 0
     return np.asarray(np.bincount(used[there], area_km2[there], files), np.float64)
 
 
 def _bands(dems: DemSet, cells: _Cells, depth: Int16, used: Int16) -> list[Band]:
-    """The bands that the set's box reaches into, from north to south."""
+    """Bands that the set's box reaches into, from north to south."""
     found, areas = [], cells.area_km2
     for south, north in pairwise(BAND_EDGES_DEG):
         here = (cells.lat_deg > south) & (cells.lat_deg < north)
@@ -290,7 +296,7 @@ def _bands(dems: DemSet, cells: _Cells, depth: Int16, used: Int16) -> list[Band]
 def _overlaps(
     dems: DemSet, cells: _Cells, footprints: Sequence[_Footprint], pixel_km2: Sequence[float]
 ) -> list[Overlap]:
-    """Pairs of files that share more than a pixel."""
+    """Pairs of files that share more than the area of a pixel."""
     found, area = [], cells.area_km2
     boxes = [dem.grid.bounds for dem in dems.dems]
     for i, j in combinations(range(len(footprints)), 2):
@@ -302,7 +308,7 @@ def _overlaps(
 
 
 def _gaps(cells: _Cells, free: Mask, box: Bounds, least_km2: float) -> Iterator[Gap]:
-    """Connected parts of the box in no file larger than a pixel, largest first."""
+    """Connected parts of the box in no file that are larger than a pixel, largest first."""
     label: Index = connected_regions(free, cells.is_ring)
     area = np.bincount(label.ravel(), cells.area_km2.ravel())
     area[0] = 0.0  # in a file

@@ -1,4 +1,6 @@
-"""A set of DEM files as a small map picture: which product is used where, overlaps, gaps, holes, graticule and legend."""
+"""Picture of the coverage of a set of DEM files: the product used at each place, overlaps, gaps,
+missing pixels, graticule, legend.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ PRODUCT_COLOURS: tuple[Colour, ...] = (
     (240, 228, 66),
     (130, 90, 40),
 )
-"""Okabe and Ito's colours (2008), which colour-blind people tell apart, and a brown; by product in the order of the files."""
+"""Colours of Okabe and Ito (2008), which colour-blind readers can distinguish, and a brown; by
+product in the order of the files.
+"""
 GAP: Colour = (190, 190, 190)
 HOLE: Colour = (0, 0, 0)
 PAPER: Colour = (255, 255, 255)
@@ -44,7 +48,7 @@ _MOST_PRODUCTS = 16
 _NO_FILE, _MISSING = -1, -2
 
 POLAR_WITHIN_DEG = 30.0
-"""A set that lies within this distance of a pole is shown in the stereographic plane of that pole."""
+"""A set within this distance of a pole is shown in the stereographic plane of that pole."""
 
 _WIDE, _HIGH, _POLAR = 720, 480, 540  # largest sides in pixels
 _LEAST = 160
@@ -59,7 +63,9 @@ class _Legend:
 
 
 def set_map(dems: DemSet, surveys: Sequence[HeightStatistics] | None = None) -> bytes:
-    """The picture as PNG bytes; without ``surveys`` (one a file) holes are not shown."""
+    """The picture as PNG bytes; without ``surveys`` (one for each file) missing pixels are not
+    shown.
+    """
     view = view_of([dem.grid for dem in dems.dems], dems.bounds)
     used, striped = _uses(dems, view, surveys)
     canvas = _coloured(dems, used, striped)
@@ -73,7 +79,9 @@ def set_map(dems: DemSet, surveys: Sequence[HeightStatistics] | None = None) -> 
 def _uses(
     dems: DemSet, view: View, surveys: Sequence[HeightStatistics] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """For every pixel (height, width) the file that is used, _NO_FILE or _MISSING; and whether two or more files are there."""
+    """For every pixel (height, width) the file that is used, _NO_FILE or _MISSING; and True where
+    there are two or more files.
+    """
     lon, lat = (places.ravel() for places in view.places())
     inside = dems.candidates_at(lon, lat)
     used = np.asarray(dems.product_at(lon, lat), np.int64)
@@ -99,7 +107,9 @@ def _without_holes(
     absent: list[NDArray[np.bool_]],
     gsd_m: list[float],
 ) -> NDArray[np.int64]:
-    """Who is used where the first has no pixels: the finest file that has some, else _MISSING."""
+    """Index of the file used where the first one has no pixels: the finest file that has some, else
+    _MISSING.
+    """
     there = inside & ~np.array(absent)
     lost = (used >= 0) & ~np.take_along_axis(there, np.maximum(used, 0)[None], axis=0)[0]
     finest = np.argsort(gsd_m, kind="stable")
@@ -108,7 +118,7 @@ def _without_holes(
 
 
 def _colour(number: int) -> Colour:
-    """Of a product: after eight they come again, darker."""
+    """Colour of a product; after eight products the colours repeat, darker."""
     base, again = PRODUCT_COLOURS[number % len(PRODUCT_COLOURS)], number // len(PRODUCT_COLOURS)
     red, green, blue = (round(value * 0.65**again) for value in base)
     return red, green, blue
@@ -123,7 +133,7 @@ def _stripes(height: int, width: int) -> NDArray[np.bool_]:
 
 
 def _graticule(canvas: Bytes, view: View) -> None:
-    """Lines of one pixel where a multiple of the step lies between two pixels; they let the ground show through."""
+    """Lines of one pixel at multiples of the step; the map shows through."""
     lon, lat = view.places()
     near = np.zeros(lon.shape, np.bool_)
     if view.pole:
@@ -145,7 +155,7 @@ def _steps(values: Array, step: float) -> NDArray[np.bool_]:
 def _entries(
     dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_]
 ) -> Iterator[tuple[Bytes, str]]:
-    """All products, and of the other marks those that the map shows."""
+    """All products, and those of the other marks that the map shows."""
     names = list(dict.fromkeys(dems.products))
     for number, name in enumerate(names[:_MOST_PRODUCTS]):
         yield _swatch(_colour(number)), name
@@ -188,7 +198,9 @@ def _on_paper(canvas: Bytes, view: View, legend: _Legend) -> Bytes:
 
 
 def _labels(out: Bytes, view: View) -> None:
-    """Degrees where the graticule meets the frame; around a pole the latitudes stand along a meridian."""
+    """Degrees where the graticule meets the frame; around a pole the latitudes are written along a
+    meridian.
+    """
     left, _, top, _ = _MARGIN
     step_lon, step_lat = view.graticule_deg
     across, down = np.arange(view.width), np.arange(view.height)
@@ -226,7 +238,9 @@ def _along_meridian(out: Bytes, view: View) -> None:
 
 
 def _met(values: Array, step: float) -> list[tuple[int, float]]:
-    """(pixel, multiple of the step) where one lies between two pixels; a jump by a turn of longitude is one at 180."""
+    """(pixel, multiple of the step) where a multiple lies between two pixels; a jump by a full turn
+    is one at 180.
+    """
     part = np.floor(values / step)
     found = []
     for pixel in np.flatnonzero(np.diff(part)):
@@ -238,7 +252,7 @@ def _met(values: Array, step: float) -> list[tuple[int, float]]:
 
 
 def _row(out: Bytes, labels: list[tuple[int, str]], top: int) -> None:
-    """Labels beside each other, centred; one that would touch the one before is left out."""
+    """Labels in a row, centred; a label that would touch the previous one is left out."""
     free = 0
     for x, text in labels:
         start = x - width_px(text) // 2
@@ -248,7 +262,7 @@ def _row(out: Bytes, labels: list[tuple[int, str]], top: int) -> None:
 
 
 def _column(out: Bytes, labels: list[tuple[int, str]], right: int | None, left: int) -> None:
-    """Labels below each other that end at ``right``, or begin at ``left``."""
+    """Labels in a column that end at ``right``, or begin at ``left``."""
     free = 0
     for y, text in labels:
         if y - 4 >= free:
@@ -269,11 +283,13 @@ def _north(lat: float) -> str:
 
 @dataclass(frozen=True)
 class View:
-    """A picture of ``width`` x ``height`` pixels of a map plane; ``left`` and ``top`` are its outer edges, y grows upwards.
+    """A picture of ``width`` x ``height`` pixels of a map plane; ``left`` and ``top`` are its outer
+    edges, y grows upwards.
 
-    Without a ``pole`` the plane is longitude and latitude in degrees, each ``unit_x`` and ``unit_y`` wide a pixel. Around a
-    pole it is stereographic, t = tan(colatitude / 2) from the pole: longitude 0 lies below the north pole and above the south
-    pole, 90 E to the right of both, as on LOLA's maps.
+    Without a ``pole`` the plane is longitude and latitude in degrees; a pixel is ``unit_x`` wide
+    and ``unit_y`` high. Around a pole it is stereographic, t = tan(colatitude / 2) from the pole:
+    longitude 0 is below the north pole and above the south pole, 90 E to the right of both, as on
+    LOLA's maps.
     """
 
     pole: int
@@ -286,7 +302,7 @@ class View:
     graticule_deg: tuple[float, float]  # longitudes, latitudes
 
     def lonlat(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[Array, Array]:
-        """Longitude and latitude of pixels, centres at whole numbers."""
+        """Longitude and latitude of pixels; centres are at whole numbers."""
         x = self.left + (np.asarray(x_px, np.float64) + 0.5) * self.unit_x
         y = self.top - (np.asarray(y_px, np.float64) + 0.5) * self.unit_y
         if not self.pole:
@@ -295,7 +311,9 @@ class View:
         return np.degrees(np.arctan2(x, -self.pole * y)), lat
 
     def pixel(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
-        """Fractional pixels of places; a longitude is taken within the turn that begins at the left edge."""
+        """Fractional pixels of places; longitudes are taken within the turn that begins at the left
+        edge.
+        """
         lon, lat = np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64)
         if self.pole:
             x, y = _plane(lon, lat, self.pole)
@@ -310,7 +328,7 @@ class View:
 
     @property
     def has_pole(self) -> bool:
-        """Whether a pole lies inside the picture (polar views)."""
+        """True if a pole lies inside the picture (polar views)."""
         right, bottom = self.left + self.width * self.unit_x, self.top - self.height * self.unit_y
         return bool(self.pole) and self.left < 0.0 < right and bottom < 0.0 < self.top
 
@@ -322,7 +340,7 @@ class View:
 
 
 def view_of(grids: Sequence[Grid], box: Bounds) -> View:
-    """The view that shows footprints best, and the box of longitudes and latitudes around them."""
+    """The view for footprints and the box around them."""
     pole = (
         1
         if box.south >= 90.0 - POLAR_WITHIN_DEG
@@ -358,7 +376,7 @@ def _regional(box: Bounds, wide: float, margin: float) -> View:
 
 
 def _polar(grids: Sequence[Grid], box: Bounds, pole: int) -> View:
-    """A rectangle around the footprints' outlines in the plane of the pole."""
+    """A rectangle around the outlines of the footprints in the plane of the pole."""
     outlines = [np.stack(_plane(*_outline(grid), pole)) for grid in grids]
     x, y = np.concatenate(outlines, axis=1)
     left, right, low, top = (float(v) for v in (x.min(), x.max(), y.min(), y.max()))
@@ -376,7 +394,7 @@ def _polar(grids: Sequence[Grid], box: Bounds, pole: int) -> View:
 
 
 def _outline(grid: Grid) -> tuple[Array, Array]:
-    """Places along the outer edge of a grid, 721 a side."""
+    """Places along the outer edge of a grid, 721 for each side."""
     along = np.linspace(0.0, 1.0, 721)
     across, down = along * grid.width - 0.5, along * grid.height - 0.5
     left, right = np.full(721, -0.5), np.full(721, grid.width - 0.5)
@@ -394,5 +412,5 @@ def _plane(lon_deg: Array, lat_deg: Array, pole: int) -> tuple[Array, Array]:
 
 
 def _step(span_deg: float, parts: float) -> float:
-    """A round distance of graticule lines, so that a span has at most about ``parts`` of them."""
+    """A round distance of graticule lines that divides a span into at most about ``parts`` parts."""
     return next((step for step in _STEPS_DEG if span_deg / step <= parts), _STEPS_DEG[-1])

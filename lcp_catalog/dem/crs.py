@@ -1,5 +1,5 @@
-"""What the coordinate reference system of a raster says, by method, radius, origin and units: codes of the authorities are
-unreliable for the Moon.
+"""Coordinate reference systems of DEM files, reduced to the two projections of `grid`, by method,
+radius, origin and units: authority codes for the Moon are unreliable.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ Projection = Literal["equirectangular", "polar-stereographic"]
 
 
 class Crs:
-    """What a CRS says, by method, radius, origin and units."""
+    """Projection, origin, latitude of true scale and unit of a CRS. LabelError for other bodies,
+    radii and projections.
+    """
 
     def __init__(self, wkt: str) -> None:
         from ..geometry.map_projection import lunar_crs  # noqa: PLC0415  # 0.1 s for pyproj

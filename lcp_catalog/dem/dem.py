@@ -1,4 +1,4 @@
-"""DEM products: one file's pixels, grid and name; heights above the sphere of 1 737 400 m."""
+"""DEM products: pixels, grid and name of one file; heights above the sphere of 1 737 400 m."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .raster import Raster, open_dataset
 
 @dataclass(frozen=True)
 class Dem(Gridded):
-    """One product: its pixels, its grid and its name. Picklable; files are opened again where it
-    arrives.
+    """One product: its pixels, its grid and its name. Picklable; files are opened again in the
+    other process.
     """
 
     path: Path
     product: str
     grid: Grid
     raster: Raster
-    files: tuple[Path, ...]  # what the heights were read from: label and image
+    files: tuple[Path, ...]  # label and image
 
     @classmethod
     def open(cls, path: Path | str) -> Dem:
-        """A GeoTIFF with heights in metres, or a PDS3 or PDS4 product by its label or its image;
-        ``DemError`` or ``LabelError``.
+        """Open a GeoTIFF with heights in metres, or a PDS3 or PDS4 product by its label or its
+        image. DemError or LabelError if that fails.
         """
         path = Path(path)
         if not path.is_file():
@@ -52,9 +52,7 @@ class Dem(Gridded):
 
     @classmethod
     def _from_gdal_or(cls, path: Path) -> Dem:
-        """An .IMG without a label: ERDAS Imagine perhaps, else the missing label is what the user
-        must hear of.
-        """
+        """An .IMG without a label: an ERDAS Imagine file, or the error that its label is missing."""
         try:
             open_dataset(path)
         except DemError:
@@ -69,7 +67,7 @@ class Dem(Gridded):
         if image.suffix.lower() in (
             ".tif",
             ".tiff",
-        ):  # NAC DTMs: the GeoTIFF says everything itself
+        ):  # NAC DTMs: the GeoTIFF needs no label
             _compare_size(image, label)
             return cls._from_gdal(image)
         if label.compressed or image.suffix.lower() == ".jp2":
@@ -99,7 +97,7 @@ class Dem(Gridded):
             raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
         if dataset.crs is None or dataset.transform.is_identity:
             raise DemError(
-                f"{path}: has no map projection; a map-projected DEM of the Moon is wanted"
+                f"{path}: has no map projection; a map-projected DEM of the Moon is required"
             )
         try:
             grid = Grid.from_wkt(
@@ -115,24 +113,22 @@ class Dem(Gridded):
 
     @property
     def abs_latitude_use(self) -> tuple[float, float] | None:
-        """Absolute latitudes for which the method takes this product; None for others."""
+        """Absolute latitudes at which the method uses this product; None for other products."""
         return self.facts.abs_latitude_use
 
     @property
     def facts(self) -> ProductFacts:
-        """What is published about the product: uncertainty, resolution, where the method takes it."""
+        """Published facts about the product: uncertainty, resolution, latitudes of use."""
         return facts_of(self.product)
 
     @property
     def radius_m(self) -> float:
-        """Of the sphere above which heights are given; other spheres are refused when a file is
-        opened.
-        """
+        """Radius of the sphere above which heights are given; files on other spheres are refused."""
         return MOON_RADIUS_M
 
 
 def _refuse_other_kind(image: Path, label: Label) -> None:
-    """A label that describes a .TIF or .JP2 says nothing of the bytes of an .IMG."""
+    """Refuse a label that describes a .TIF or .JP2 for an .IMG."""
     if Path(label.image_name).suffix.lower() != image.suffix.lower():
         raise DemError(
             f"{image}: the label beside it, {label.path.name}, describes {label.image_name}; "
@@ -141,18 +137,18 @@ def _refuse_other_kind(image: Path, label: Label) -> None:
 
 
 def _compare_bytes(image: Path, label: Label) -> None:
-    """An image that is too long has a wrong label as surely as one that is too short; objects that
-    the label counts in its file's size may stand around it.
+    """Refuse an image that is shorter or longer than its label states, including the other objects
+    that the label counts in the file's size.
     """
     size, allowed = image.stat().st_size, max(label.image_bytes, label.declared.file_bytes or 0)
     if size < label.image_bytes:
         raise DemError(
-            f"{image}: has {size} bytes where its label {label.path.name} says {label.image_bytes}: "
+            f"{image}: has {size} bytes where its label {label.path.name} states {label.image_bytes}: "
             "cut short; fetch it again"
         )
     if size > allowed:
         raise DemError(
-            f"{image}: has {size} bytes, {size - allowed} more than its label {label.path.name} says: "
+            f"{image}: has {size} bytes, {size - allowed} more than its label {label.path.name} states: "
             "one of them belongs to another product; fetch both again"
         )
 
@@ -162,14 +158,14 @@ def _compare_size(image: Path, label: Label) -> None:
     if (dataset.height, dataset.width) != (label.lines, label.line_samples):
         raise DemError(
             f"{image}: has {dataset.height} x {dataset.width} pixels where its label "
-            f"{label.path.name} says "
+            f"{label.path.name} states "
             f"{label.lines} x {label.line_samples}; one of them belongs to another product"
         )
 
 
 def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
-    """Factor and offset that make metres above the sphere; an offset that is the sphere's radius is
-    no term of height.
+    """Factor and offset that give metres above the sphere; an offset equal to the radius of the
+    sphere is no term of height.
     """
     scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
     unit = (dataset.units[0] or "").strip().lower()

@@ -1,7 +1,8 @@
-"""Whether a DEM file is what its label says: sizes, extremes, sums, bounds, and heights that can be on the Moon.
+"""Check of a DEM file against its label: sizes, extremes, sums, bounds, and heights that are
+possible on the Moon.
 
-Every problem is one line that says what is wrong and what to do. Two things are not judged here: where the map lies on the
-ground, and whether the heights are good.
+Every problem is one line that states what is wrong and what to do. The position of the map on the
+Moon and the quality of the heights are not checked.
 """
 
 from __future__ import annotations
@@ -24,12 +25,14 @@ from .products import facts_of
 
 _AGAIN = "fetch both again"
 _APART_M, _REPEATED = 1000.0, 3
-"""An extreme value in so many pixels, so far from all others, is a sign for missing data and no ground."""
+"""An extreme value in at least so many pixels, so far from all others, is a code for missing data
+and no height.
+"""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one file: ``problems`` make it unfit, ``notes`` are worth knowing."""
+    """Result for one file: with ``problems`` it must not be used; ``notes`` are remarks."""
 
     path: str
     product: str | None  # None when the file cannot be opened
@@ -42,9 +45,8 @@ class Verdict:
 
 
 def check_dem(path: Path | str) -> Verdict:
-    """Open the file, read all its pixels once in strips, and hold them against the label.
-
-    Never raises for what is wrong with the file: that is the answer.
+    """Open a file, read all its pixels once, and compare them with the label. Faults of the file
+    are in the result and never raised.
     """
     try:
         dem = Dem.open(path)
@@ -69,7 +71,7 @@ def _line(error: BaseException) -> str:
 
 
 def _label_of(path: Path) -> Label | None:
-    """The product's label; of a GeoTIFF the one beside it that names it."""
+    """The product's label; for a GeoTIFF the one beside it that names it."""
     if path.suffix.lower() not in (".tif", ".tiff"):
         return product_label(path)
     for beside in sorted(path.parent.iterdir()):
@@ -84,12 +86,12 @@ def _is_geotiff(dem: Dem) -> bool:
 
 
 def _sizes(dem: Dem, label: Label | None) -> list[str]:
-    """The label's sizes; an image that is too short or too long was refused when it was opened."""
+    """Problems of the label's sizes; an image that is too short or too long was refused on opening."""
     if label is None:
         return []
     if _is_geotiff(dem):
         said, there = (label.lines, label.line_samples), (dem.grid.height, dem.grid.width)
-        text = f"has {there[0]} x {there[1]} pixels where its label {label.path.name} says {said[0]} x {said[1]}"
+        text = f"has {there[0]} x {there[1]} pixels where its label {label.path.name} states {said[0]} x {said[1]}"
         return [] if said == there else [f"{dem.path}: {text}; {_AGAIN}"]
     if label.compressed:
         return []
@@ -105,12 +107,10 @@ def _sizes(dem: Dem, label: Label | None) -> list[str]:
 def _names(dem: Dem, label: Label | None) -> list[str]:
     notes = []
     if facts_of(dem.product).family == "unknown":
-        notes.append(
-            "the product is none that is known here: nothing is said of its accuracy or where to use it"
-        )
+        notes.append("the product is not known: its accuracy and latitudes of use are unknown")
     if label is not None and label.image_name and label.image_name.lower() != dem.path.name.lower():
         notes.append(
-            f"the label calls its image {label.image_name}, the file is called {dem.path.name}"
+            f"the label names its image {label.image_name}, the file is called {dem.path.name}"
         )
     return notes
 
@@ -121,14 +121,14 @@ def _heights(dem: Dem, survey: SampleStatistics) -> list[str]:
         return ["every pixel is missing; fetch the file again"]
     if survey.looks_swapped:
         return [
-            "its bytes make ground only when they are swapped: the label's SAMPLE_TYPE is wrong, or the "
+            "its samples are plausible heights only with swapped bytes: the label's SAMPLE_TYPE is wrong, or the "
             "image was converted; take LSB for MSB (or MSB for LSB) in the label, or fetch the image again"
         ]
     if survey.lowest.value == survey.highest.value and survey.zero_rows == dem.grid.height:
-        return ["every pixel is zero: a download that was never filled; fetch the file again"]
+        return ["every pixel is zero: an incomplete download; fetch the file again"]
     signs = [extreme for extreme in (survey.lowest, survey.highest) if _is_a_sign(dem, extreme)]
     problems = [
-        f"the value {extreme.value:g} stands in {extreme.count} pixels ({extreme.count / survey.pixels:.2%}), "
+        f"the value {extreme.value:g} occurs in {extreme.count} pixels ({extreme.count / survey.pixels:.2%}), "
         f"{_apart(dem, extreme)}, and is not declared as missing; declare it (MISSING_CONSTANT in the label, nodata in a GeoTIFF)"
         for extreme in signs
     ]
@@ -147,13 +147,13 @@ def _metres(dem: Dem, sample: float) -> float:
 
 
 def _is_a_sign(dem: Dem, extreme: Extreme) -> bool:
-    """Not ground but a sign for missing data: far from all other values, and repeated or impossible."""
+    """True for a code of missing data: far from all other values, and repeated or impossible."""
     far = extreme.gap * dem.raster.scale_m >= _APART_M and math.isfinite(extreme.gap)
     return far and (extreme.count >= _REPEATED or abs(_metres(dem, extreme.value)) > POSSIBLE_M)
 
 
 def _apart(dem: Dem, extreme: Extreme) -> str:
-    return f"{extreme.gap * dem.raster.scale_m:.0f} m away from all others"
+    return f"{extreme.gap * dem.raster.scale_m:.0f} m from all others"
 
 
 def _stripes(survey: SampleStatistics) -> list[str]:
@@ -163,20 +163,21 @@ def _stripes(survey: SampleStatistics) -> list[str]:
         if n
     ]
     notes = (
-        [f"{' and '.join(stripes)} hold nothing but zero: perhaps undeclared missing data"]
+        [f"{' and '.join(stripes)} hold only zeros: possibly undeclared missing data"]
         if stripes
         else []
     )
     if survey.lowest is not None and survey.lowest == survey.highest and not stripes:
-        notes.append(f"all pixels hold the one value {survey.lowest.value:g}")
+        notes.append(f"all pixels have the same value {survey.lowest.value:g}")
     return notes
 
 
 def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
-    """MINIMUM and MAXIMUM against the pixels, as samples or as metres (the archive writes samples).
+    """Compare MINIMUM and MAXIMUM with the pixels, as samples or as metres (the archive writes
+    samples).
 
-    One step is allowed: LDEM_4's own label is one count away from its pixels; a real number is rounded to 1 m. A JP2 is
-    lossy by a count more.
+    One step is allowed: LDEM_4's own label is one count away from its pixels; real numbers are
+    rounded to 1 m. A JP2 is lossy by one count more.
     """
     problems = []
     step = 2.0 if label.compressed else 1.0
@@ -200,7 +201,9 @@ def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
 
 
 def _sums(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
-    """MD5 of the image (of the pixels alone where the label is in front of them), and the sum of its samples."""
+    """Compare the MD5 sum of the image (of the pixels alone if the label is attached) and the sum
+    of its samples.
+    """
     problems, declared = [], label.declared
     if declared.md5 is not None:
         digest = _md5(dem.path, label.image_offset_bytes if label.image_name == "" else 0)
@@ -226,7 +229,9 @@ def _md5(path: Path, start: int) -> str:
 
 
 def _map(dem: Dem, label: Label) -> list[str]:
-    """The label's bounds against its offsets and sizes, and against the GeoTIFF that it describes."""
+    """Compare the label's bounds with its offsets and sizes, and with the GeoTIFF that it
+    describes.
+    """
     grid = Grid.from_label(label)
     wrong = _polar_bounds(grid, label) if grid.pole else _cylinder_bounds(grid, label)
     problems = [
@@ -247,7 +252,7 @@ def _map(dem: Dem, label: Label) -> list[str]:
 
 
 def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
-    """North and west were compared when the label was read."""
+    """South and east; north and west were compared when the label was read."""
     box, declared = grid.bounds, label.declared
     pixel_deg = (box.north - box.south) / grid.height
     wrong = []
@@ -265,8 +270,8 @@ def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
 
 
 def _polar_bounds(grid: Grid, label: Label) -> list[str]:
-    """The archive's labels give the latitude in the middle of an edge: it lies between the nearest edge and the
-    farthest corner; and a pole that is stated to be there must be.
+    """Labels of the archive give the latitude in the middle of an edge: it must lie between the
+    nearest edge and the farthest corner. A pole that the label states must lie inside.
     """
     column, row = np.meshgrid(
         np.linspace(-0.5, grid.width - 0.5, 65), np.linspace(-0.5, grid.height - 0.5, 65)

@@ -1,5 +1,5 @@
-"""Pixels on a grid of the Moon, whatever they are of: windows that go on around the Moon and over the poles, and how many
-pixels make a cell. Heights (`dem`) and brightness (`albedo_pixels`) are read and sampled through it alike.
+"""Rasters with a grid on the Moon: windows that continue around the Moon and over the poles.
+Heights (`dem`) and brightness (`photometry.albedo_raster`) are read through it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ _COARSER = 1.5
 
 
 class Source(Protocol):
-    """What gives a window's values: rows row0..row1, columns col0..col1 (half open, inside the
-    raster), NaN where there is nothing.
+    """Source of values: rows row0..row1, columns col0..col1 (half open, inside the raster), NaN
+    without a value.
     """
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
@@ -29,7 +29,7 @@ class Source(Protocol):
 
 
 class Gridded:
-    """A raster with its grid; a base, whose heirs hold the three."""
+    """Base class of rasters with a grid."""
 
     path: Path
     grid: Grid
@@ -42,15 +42,15 @@ class Gridded:
 
     @property
     def identity(self) -> Hashable:
-        """What the values depend on: a file that was written anew is another."""
+        """Key of the values for caches; it changes when the file is written again."""
         stat = self.path.stat()
         return str(self.path), stat.st_mtime_ns, stat.st_size
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
-        """Values of a window that may reach beyond the raster: NaN there, but round the Moon and
-        over a pole where it does.
+        """Values of a window that may reach beyond the raster: NaN there, except where the product
+        continues around the Moon or over a pole.
 
-        Columns of a global product repeat; beyond the pole of a global cylinder its rows come back
+        Columns of a global product repeat; beyond the pole of a global cylinder its rows continue
         on the other side.
         """
         out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
@@ -65,7 +65,7 @@ class Gridded:
     def _row_runs(
         self, row0: int, row1: int
     ) -> Iterator[tuple[tuple[int, int], tuple[int, int, int], int]]:
-        """(rows of the raster), (rows of the window, direction), columns to turn by."""
+        """(rows of the raster), (rows of the window, direction), number of columns to turn by."""
         height, half = self.grid.height, self.grid.period // 2
         first, last = max(row0, 0), min(row1, height)
         if first < last:
@@ -103,10 +103,10 @@ class Gridded:
 
     def factor(self, gsd_m: float) -> int:
         """Pixels a side that are averaged before sampling at ``gsd_m``: 1 below a ratio of 1.5,
-        else the ratio, rounded.
+        else the rounded ratio.
 
-        Around the Moon it is lowered to a divisor of the columns, so that blocks do not depend on
-        where a window begins.
+        Around the Moon it is lowered to a divisor of the number of columns, so that blocks do not
+        depend on the start of a window.
         """
         ratio = gsd_m / self.grid.pixel_m
         if not ratio >= _COARSER:

@@ -2,10 +2,8 @@
 on the sphere.
 
 Pixel centres are at whole numbers, row 0 is north. The forms are those of Snyder (1987):
-equirectangular p. 90, polar
-stereographic on the sphere p. 157; tests hold them against PROJ. Codes of the authorities are
-unreliable for the Moon, so a
-CRS is read by its method, radius, origin and units.
+equirectangular p. 90, polar stereographic on the sphere p. 157; tests compare them with PROJ. A CRS
+is read by its method, radius, origin and units, since authority codes for the Moon are unreliable.
 """
 
 from __future__ import annotations
@@ -25,20 +23,20 @@ from ..pds.label import Label
 from .crs import Crs, Projection
 
 EDGE_PX = 1e-6
-"""A place this far outside the outermost pixel lies on its edge, but for the last bits."""
+"""Places up to this distance outside the outermost pixel count as inside (rounding errors)."""
 
 _DEGREE_M = math.radians(1.0) * MOON_RADIUS_M
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Pixels of one product on the sphere of 1 737 400 m.
+    """Pixels of one product on the sphere of 1 737 400 m. LabelError for values that are not
+    possible.
 
-    ``x0_m``, ``y0_m`` are the map coordinates of the centre of pixel (0, 0) relative to the
-    projection's origin: the
-    equator at ``center_lon_deg`` (cylinder), or the pole. ``true_lat_deg`` is the latitude of true
-    scale; at a pole its sign
-    says which pole, +-90 meaning true at the pole itself.
+    ``x0_m``, ``y0_m`` are the map coordinates of the centre of pixel (0, 0) relative to the origin
+    of the projection: the equator at ``center_lon_deg`` (cylinder), or the pole. ``true_lat_deg``
+    is the latitude of true scale; at a pole its sign gives the pole, and +-90 means true scale at
+    the pole itself.
     """
 
     projection: Projection
@@ -53,7 +51,7 @@ class Grid:
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1 or not 0.0 < self.pixel_m < math.inf:
             raise LabelError(
-                f"a grid of {self.width} x {self.height} pixels of {self.pixel_m:g} m is none"
+                f"invalid grid of {self.width} x {self.height} pixels of {self.pixel_m:g} m"
             )
         if not (
             math.isfinite(self.x0_m)
@@ -68,7 +66,7 @@ class Grid:
 
     @classmethod
     def from_label(cls, label: Label) -> Grid:
-        """The grid that a PDS3 label describes."""
+        """The grid of a PDS label."""
         polar = label.projection == "polar-stereographic"
         return cls(
             projection="polar-stereographic" if polar else "equirectangular",
@@ -86,8 +84,7 @@ class Grid:
         """The grid of a raster with a CRS and an affine transform (a, b, c, d, e, f) of pixel
         corners.
 
-        ``LabelError`` says what is not supported: another body or radius, a rotated or sheared
-        grid, an oblique projection.
+        LabelError for another body or radius, a rotated or sheared grid, an oblique projection.
         """
         a, b, c, d, e, f = affine[:6]
         if b != 0.0 or d != 0.0:
@@ -95,7 +92,7 @@ class Grid:
                 "a rotated or sheared grid is not supported; warp it to north-up first"
             )
         if not (a > 0.0 > e) or abs(a + e) > 1e-6 * a:
-            raise LabelError(f"square pixels with north up are wanted, not {a:g} x {e:g}")
+            raise LabelError(f"square pixels with north up are required, not {a:g} x {e:g}")
         crs = Crs(wkt)
         unit = crs.unit_m
         x0, y0 = (c + 0.5 * a) * unit - crs.false_m[0], (f + 0.5 * e) * unit - crs.false_m[1]
@@ -123,7 +120,7 @@ class Grid:
 
     @property
     def wraps(self) -> bool:
-        """True when the grid goes all the way around the Moon."""
+        """True if the grid goes all the way around the Moon."""
         return 0 < self.period <= self.width
 
     @property
@@ -140,8 +137,7 @@ class Grid:
         """Fractional (column, row) of places; whole numbers are pixel centres.
 
         On a cylinder the column lies within one turn east of the grid's west edge (less 1e-6
-        pixel). The other pole of a polar grid is
-        infinitely far away.
+        pixel). The other pole of a polar grid is infinitely far away.
         """
         lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         if self.pole:
@@ -176,8 +172,8 @@ class Grid:
         return self.located(lon_deg, lat_deg)[0]
 
     def lonlat(self, column: ArrayLike, row: ArrayLike) -> tuple[Array, Array]:
-        """Longitude (0..360) and latitude, degrees, of fractional pixels; latitudes beyond a pole
-        come out beyond +-90.
+        """Longitude (0..360) and latitude, degrees, of fractional pixels; rows beyond a pole give
+        latitudes beyond +-90.
         """
         x = self.x0_m + np.asarray(column, dtype=np.float64) * self.pixel_m
         y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
@@ -190,11 +186,11 @@ class Grid:
         return np.where(lon >= 360.0, 0.0, lon), lat
 
     def cell_weight(self, column: ArrayLike, row: ArrayLike) -> Array:
-        """Ground area of pixels relative to a pixel at true scale (a cylinder's: at the equator);
-        broadcasts its arguments.
+        """Area of pixels on the surface relative to a pixel at true scale (of a cylinder: at the
+        equator); broadcasts its arguments.
 
-        A polar map is 2 R / (k (1 + t^2)) long on the ground for its own length 1, where t is the
-        tangent of half the colatitude, x^2 + y^2 = (k t)^2 (Snyder 1987, p. 157).
+        A length on a polar map is 2 R / (k (1 + t^2)) times as long on the surface, where t is the
+        tangent of half the colatitude and x^2 + y^2 = (k t)^2 (Snyder 1987, p. 157).
         """
         y = self.y0_m - np.asarray(row, dtype=np.float64) * self.pixel_m
         if self.pole:
@@ -204,13 +200,11 @@ class Grid:
         weight = np.cos(np.clip(y / MOON_RADIUS_M, -math.pi / 2, math.pi / 2)) + 0.0 * np.asarray(
             column
         )
-        return np.maximum(
-            weight, 1e-9
-        )  # beyond a pole there is no ground, and no division by zero either
+        return np.maximum(weight, 1e-9)  # positive beyond a pole, where weights are divided by
 
     @property
     def bounds(self) -> Bounds:
-        """The box of longitudes and latitudes that encloses all pixels to their outer edges."""
+        """The box of longitudes and latitudes around all pixels, to their outer edges."""
         right, bottom = self.width - 0.5, self.height - 0.5
         if not self.pole:
             west = self.center_lon_deg + (self.x0_m - 0.5 * self.pixel_m) / self._ring_m
@@ -250,8 +244,8 @@ class Grid:
         return Bounds(west, float(lat.min()), east, float(lat.max()))
 
     def same_lattice(self, other: Grid) -> tuple[int, int] | None:
-        """(columns, rows) from this grid's pixel (0, 0) to the other's when both cut one endless
-        lattice, else None.
+        """(columns, rows) from this grid's pixel (0, 0) to that of the other if both belong to one
+        unbounded lattice, else None.
         """
         mine = dataclasses.replace(self, width=1, height=1, x0_m=0.0, y0_m=0.0, center_lon_deg=0.0)
         if mine != dataclasses.replace(
@@ -269,5 +263,5 @@ class Grid:
 
 
 def _tidy(value: float) -> float:
-    """Without the last bits, so that an edge at 30 deg is called 30."""
+    """The value without rounding errors of the last bits, so that an edge at 30 deg is 30."""
     return round(value, 10) + 0.0

@@ -1,8 +1,11 @@
-"""Many DEM files as one: which product answers where, seams between them, heights above the sphere of 1 737 400 m.
+"""Several DEM files as one DEM: the product used at each place, seams between products, heights
+above the sphere of 1 737 400 m.
 
-At every place the products are ranked: first the one whose latitudes of use (`products`) hold the place, then by finer pixel,
-then as given. Where two of them meet, heights are mixed by a smooth weight over a band (`seams`): centred on a latitude at which
-the ranking changes, inside the outer edge of a product that has another one beneath, and over a few pixels around its holes.
+At every place the products are ranked: first those whose latitudes of use (`products`) contain the
+place, then by finer pixel, then in the given order. Where two products meet, heights are blended by
+a smooth weight over a band (`blending`): centred on a latitude at which the ranking changes, inside
+the outer edge of a product with another one beneath, and over a few pixels around its missing
+pixels.
 """
 
 from __future__ import annotations
@@ -29,11 +32,13 @@ from .tiles import Layer
 
 _DEGREE_M = np.radians(1.0) * MOON_RADIUS_M
 _SEAM_MAX_DEG = 1.0
-"""No seam between latitudes is wider."""
+"""Greatest width of a seam between latitudes."""
 
 
 class Zone(NamedTuple):
-    """Absolute latitudes, degrees, of one ranking, and the layers in its order; ``seam_deg``: width of the seam at its north."""
+    """Absolute latitudes, degrees, of one ranking, and the layers in its order; ``seam_deg``: width
+    of the seam at its poleward end.
+    """
 
     low: float
     high: float
@@ -43,8 +48,11 @@ class Zone(NamedTuple):
 
 @dataclass(frozen=True)
 class DemSet:
-    """Several files as one DEM. ``order``: products (by name, family or file name) that come before all others, everywhere;
-    ``cell_m``: instead of any other ranking, the coarsest product comes first whose pixels are not wider, metres.
+    """Several files as one DEM. Picklable. DemError without files and for an ``order`` that matches
+    none.
+
+    ``order``: products (by name, family or file name) that come before all others everywhere;
+    ``cell_m``: rank instead by the coarsest product whose pixels are not wider, metres.
     """
 
     dems: tuple[Dem, ...]
@@ -58,18 +66,20 @@ class DemSet:
             if not any(_is_meant(dem, name) for dem in self.dems):
                 given = ", ".join(dict.fromkeys(self.products))
                 raise DemError(
-                    f"--product-order: no given DEM is called {name}; there are {given} "
-                    "(families and file names do as well)"
+                    f"--product-order: no DEM matches {name}; products given: {given} "
+                    "(families and file names are accepted too)"
                 )
 
     @classmethod
     def open(cls, paths: Sequence[Path | str], order: Sequence[str] | None = None) -> DemSet:
-        """Open every file; the first that cannot be opened ends it with its own error. No pixel is read."""
+        """Open all files. DemError or LabelError of the first that cannot be opened. No pixel is
+        read.
+        """
         return cls(tuple(Dem.open(path) for path in paths), tuple(order or ()))
 
     def for_cells(self, cell_m: float) -> DemSet:
-        """The same files for terrain far away, seen on cells of a width: of products that are as fine, the coarsest is enough,
-        and the least to read.
+        """The same files for distant terrain on cells of a width: of sufficiently fine products the
+        coarsest, which needs the least reading.
         """
         return replace(self, cell_m=cell_m)
 
@@ -80,18 +90,18 @@ class DemSet:
 
     @cached_property
     def bounds(self) -> Bounds:
-        """The box that holds all of them."""
+        """The box around all files."""
         boxes = [dem.grid.bounds for dem in self.dems]
         if len(boxes) == 1:
             return boxes[0]
         west, east = enclosing_arc([b.west for b in boxes], [b.east for b in boxes])
         return Bounds(west, min(b.south for b in boxes), east, max(b.north for b in boxes))
 
-    # -- who answers where
+    # -- the product used at a place
 
     @cached_property
     def _members(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of the files of each layer: those of one product that cut one lattice."""
+        """Indices of the files of each layer: files of one product on one lattice."""
         found: list[list[int]] = []
         for number, dem in enumerate(self.dems):
             for layer in found:
@@ -105,7 +115,7 @@ class DemSet:
 
     @cached_property
     def layers(self) -> tuple[Layer[Dem], ...]:
-        """The files of one product on one lattice as one, in the order of their first file."""
+        """The files of one product on one lattice as one layer, in the order of their first file."""
         return tuple(Layer(tuple(self.dems[i] for i in members)) for members in self._members)
 
     @cached_property
@@ -126,8 +136,8 @@ class DemSet:
 
     @cached_property
     def rankings(self) -> tuple[tuple[float, float, tuple[int, ...]], ...]:
-        """Of each zone its lowest and highest absolute latitude, degrees, and the files in the order of
-        their ranks.
+        """Of each zone the lowest and highest absolute latitude, degrees, and the files in the
+        order of their ranks.
         """
         return tuple(
             (zone.low, zone.high, tuple(i for layer in zone.order for i in self._members[layer]))
@@ -154,7 +164,7 @@ class DemSet:
         return tuple(sorted(range(len(self.layers)), key=rank))
 
     def _seam_deg(self, one: tuple[int, ...], other: tuple[int, ...]) -> float:
-        """Width of the seam between two rankings: by the coarsest layer that changes its rank."""
+        """Width of the seam between two rankings, by the coarsest layer whose rank changes."""
         pixel_m = max(
             max(self.layers[a].pixel_m, self.layers[b].pixel_m)
             for a, b in zip(one, other, strict=True)
@@ -164,8 +174,9 @@ class DemSet:
 
     @cached_property
     def bands_m(self) -> tuple[float, ...]:
-        """Width of the seam at each layer's outer edge, metres: by the coarser of it and the next coarser one that it overlaps
-        (by the boxes), at most a share of its smaller side."""
+        """Width of the seam at each layer's outer edge, metres: by the coarser of it and the next
+        coarser layer that it overlaps (by boxes), at most a share of its smaller side.
+        """
         found = []
         for layer in self.layers:
             below = [
@@ -180,7 +191,7 @@ class DemSet:
         return tuple(found)
 
     def candidates_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Mask:
-        """Whether each file's footprint holds each place, (files, n); geometry only, no pixel is read."""
+        """True where a file's footprint contains a place, (files, n). No pixel is read."""
         lon, lat = _flat(lon_deg, lat_deg)
         out = np.zeros((len(self.dems), lon.size), np.bool_)
         for members, layer in zip(self._members, self.layers, strict=True):
@@ -188,7 +199,9 @@ class DemSet:
         return out
 
     def product_at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Int16:
-        """Index (n,) of the first-ranked file whose footprint holds each place, -1 for none; geometry only, no pixel is read."""
+        """Index (n,) of the first-ranked file whose footprint contains each place, -1 without one.
+        No pixel is read.
+        """
         lon, lat = _flat(lon_deg, lat_deg)
         held, away = self.candidates_at(lon, lat), np.abs(lat)
         index = np.full(lon.size, -1, np.int16)
@@ -199,7 +212,7 @@ class DemSet:
         return index
 
     def native_gsd_m(self, lon_deg: float, lat_deg: float) -> float:
-        """Pixel size of the DEM that answers at a place; ``AreaError`` when none has a height there."""
+        """Pixel size of the DEM that is used at a place. AreaError if there is no height."""
         finest = min(dem.gsd_m for dem in self.dems)
         _, index = self.heights([lon_deg], [lat_deg], finest)
         if index[0] >= 0:
@@ -212,11 +225,13 @@ class DemSet:
     # -- heights
 
     def heights(self, lon_deg: ArrayLike, lat_deg: ArrayLike, gsd_m: float) -> tuple[Array, Int16]:
-        """Heights above the sphere, metres (NaN: none), and the index of the DEM with the greatest weight in each (-1: none).
+        """Heights above the sphere, metres (NaN without one), and the index of the DEM with the
+        greatest weight in each (-1 without one).
 
-        Cubic convolution, bilinear beside missing pixels; where ``gsd_m`` is 1.5 times a product's pixel or more, its pixels
-        are averaged in blocks first (``Dem.factor``), and along the parallel where a cylinder's pixels are narrow
-        (``layers.row_lengths``). A place's height does not depend on what else is asked.
+        Cubic convolution, bilinear beside missing pixels; if ``gsd_m`` is at least 1.5 times a
+        product's pixel, its pixels are first averaged in blocks (``Dem.factor``), and along the
+        parallel where a cylinder's pixels are narrow (``tiles.row_lengths``). The height of a place
+        does not depend on the other places.
         """
         shape = np.broadcast_shapes(np.shape(lon_deg), np.shape(lat_deg))
         lon, lat = _flat(lon_deg, lat_deg)
@@ -245,7 +260,7 @@ class DemSet:
         return shares
 
     def _mix(self, shares: Array, lon: Array, lat: Array, gsd_m: float) -> tuple[Array, Int16]:
-        """Places at a latitude where the ranking changes: both rankings' heights by their shares."""
+        """Heights at latitudes where the ranking changes: those of both rankings by their shares."""
         height, weights = np.zeros(lon.size), np.zeros((len(self.dems), lon.size))
         for zone, share in zip(self.zones, shares, strict=True):
             here = np.flatnonzero(share > 0.0)
@@ -261,8 +276,8 @@ class DemSet:
     def _blend(
         self, order: tuple[int, ...], lon: Array, lat: Array, gsd_m: float, parted: bool = False
     ) -> tuple[Array, Int16, Array | None]:
-        """Heights in one ranking: each layer takes its weight of what those before have left. ``parted``: also each file's share
-        of the height, (files, n).
+        """Heights in one ranking: each layer takes its weight of the remainder. ``parted``: also
+        each file's share of the height, (files, n).
         """
         count = lon.size
         left, total, sum_of_weights = np.ones(count), np.zeros(count), np.zeros(count)
@@ -296,14 +311,16 @@ class DemSet:
         return tuple(dict.fromkeys(path for dem in self.dems for path in dem.files))
 
     def sources(self) -> list[dict[str, Any]]:
-        """Name, size and SHA-256 of every file that heights come from, labels included; no folders,
-        in the given order.
+        """Name, size and SHA-256 of every file that heights are read from, labels included, in the
+        given order; no folders.
         """
         return file_facts(self.files)
 
 
 def height_at(dem: Dem, lon_deg: float, lat_deg: float) -> float | None:
-    """Height at a place, metres, from one product's own pixels, never their means; None where it has none."""
+    """Height at a place, metres, from one product's own pixels without averaging; None without a
+    height.
+    """
     height, _ = DemSet((dem,)).heights(lon_deg, lat_deg, 0.0)
     return None if np.isnan(height) else round(float(height), 6)
 
@@ -316,7 +333,9 @@ def _flat(lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
 
 
 def _is_meant(dem: Dem, name: str) -> bool:
-    """Whether ``name`` is a DEM's product, its family or one of its files, with or without the ending."""
+    """True if ``name`` is a DEM's product, its family or one of its files, with or without the
+    ending.
+    """
     files = {text.upper() for path in (dem.path, *dem.files) for text in (path.name, path.stem)}
     return is_called(dem.product, name) or name.upper() in files
 

@@ -1,5 +1,5 @@
 """Statistics of all pixels of a DEM file, each from one pass: heights and missing pixels
-(`height_statistics`), and the stored samples, by which damage is found (`sample_statistics`).
+(`height_statistics`), and stored samples, which show damage (`sample_statistics`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from .raster import Raster
 from .regions import Region, connected_regions
 
 POSSIBLE_M = 12_000.0
-"""Greatest possible height or depth: the Moon's lowest place is at -9.1 km, its highest at 10.8 km."""
+"""Greatest possible height or depth: the Moon's lowest place is at -9.1 km, its highest at 10.8 km.
+"""
 
 _BLOCKS = 1024
 """Missing pixels are counted in at most so many square blocks a side."""
@@ -28,8 +29,8 @@ _BLOCKS = 1024
 
 @dataclass(frozen=True)
 class HeightStatistics:
-    """Lowest and highest height, None in a file without heights; the share of missing pixels, and their
-    number in blocks of ``block`` x ``block`` pixels, ``missing`` (rows, columns).
+    """Lowest and highest height, None in a file without heights; the share of missing pixels, and
+    their number in blocks of ``block`` x ``block`` pixels, ``missing`` (rows, columns).
     """
 
     dem: Dem
@@ -40,7 +41,7 @@ class HeightStatistics:
     missing: NDArray[np.int64]
 
     def hole_km2(self) -> float:
-        """Ground of all missing pixels."""
+        """Area of all missing pixels."""
         rows, columns = np.nonzero(self.missing)
         return float(self._ground(rows, columns).sum())
 
@@ -57,7 +58,9 @@ class HeightStatistics:
         )
 
     def absent(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
-        """True at places of the footprint in whose block at least half of the pixels are missing."""
+        """True at places of the footprint in a block of which at least half of the pixels are
+        missing.
+        """
         grid = self.dem.grid
         inside, u, v = grid.located(lon_deg, lat_deg)
         column = np.clip(np.floor(np.where(inside, u, 0.0) + 0.5), 0, grid.width - 1).astype(
@@ -76,7 +79,7 @@ class HeightStatistics:
         return high[:, None] * wide
 
     def _ground(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
-        """Square kilometres of the missing pixels of blocks, each counted at its block's centre."""
+        """Area of the missing pixels of blocks, km2, each taken at the centre of its block."""
         left, right, top, bottom = self._edges(rows, columns)
         area = pixel_km2(self.dem.grid, 0.5 * (left + right), 0.5 * (top + bottom))
         return np.asarray(self.missing[rows, columns] * area)
@@ -94,7 +97,7 @@ class HeightStatistics:
     def _region(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], area_km2: float
     ) -> Region:
-        """The box around blocks that hang together."""
+        """The box around connected blocks, with their area."""
         grid = self.dem.grid
         left, right, top, bottom = self._edges(rows, columns)
         lon, lat = grid.lonlat(
@@ -138,21 +141,25 @@ def height_statistics(dem: Dem) -> HeightStatistics:
 
 
 def pixel_km2(grid: Grid, column: ArrayLike, row: ArrayLike) -> Array:
-    """Ground area of pixels, square kilometres (`Grid.cell_weight` leaves out a cylinder's standard parallel)."""
+    """Area of pixels on the surface, km2 (`Grid.cell_weight` leaves out a cylinder's standard
+    parallel).
+    """
     true = 1.0 if grid.pole else math.cos(math.radians(grid.true_lat_deg))
     return np.asarray((grid.pixel_m / 1000.0) ** 2 / true * grid.cell_weight(column, row))
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """The lowest or highest sample of a file: its value, in how many pixels it stands, and how far the next one is."""
+    """The lowest or highest sample of a file: its value, the number of its pixels, and the distance
+    to the next value.
+    """
 
     value: float
     count: int
     gap: float  # infinite when there is no other value
 
     def joined(self, other: Extreme | None, sign: float) -> Extreme:
-        """Of both; ``sign`` is +1 for the lowest, -1 for the highest."""
+        """Extreme of two parts of a file; ``sign`` is +1 for the lowest, -1 for the highest."""
         if other is None:
             return self
         first, second = (self, other) if sign * (other.value - self.value) >= 0.0 else (other, self)
@@ -164,7 +171,7 @@ class Extreme:
 
 @dataclass(frozen=True)
 class SampleStatistics:
-    """Of the whole file. Samples are the numbers as they are stored, heights are metres."""
+    """Statistics of a whole file. Samples are the stored numbers, heights are metres."""
 
     pixels: int
     missing: int  # declared missing, or not a finite number
@@ -253,10 +260,10 @@ def _extreme(samples: NDArray[Any], sign: float) -> Extreme:
 
 
 class _ByteOrder:
-    """Compares the samples of an uncompressed image with what they are when their bytes are swapped.
+    """Comparison of the samples of an uncompressed image with their values after a swap of bytes.
 
-    Whole numbers: neighbours in a row of a swapped image differ by tens of thousands, of the right one by the slope of the
-    ground. Real numbers: swapped ones are next to nothing or beyond all heights.
+    Integers: neighbours in a row of a swapped image differ by tens of thousands, those of the right
+    one by the slope of the terrain. Real numbers: swapped ones are next to 0 or beyond all heights.
     """
 
     def __init__(self, raster: Raster) -> None:

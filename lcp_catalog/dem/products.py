@@ -1,7 +1,8 @@
-"""What is known of DEM products from their names and from what was published about them.
+"""Published facts about DEM products, by their names.
 
-Only figures with a source stand here; None means that none was found, not that there is no error. A figure is the family's own:
-single places can be far better (on a laser track) or worse (in a gap between tracks, on a steep slope).
+Only figures with a source are given; None means that no figure was found, not that there is no
+error. A figure is that of the family: single places can be far better (on a laser track) or worse
+(in a gap between tracks, on a steep slope).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ProductFacts:
-    """Of a family of products: ``abs_latitude_use`` degrees for which the method takes it, ``sigma_m`` 1 sigma of a height,
-    ``resolution_m`` the size of what is truly resolved on the ground; None where nothing is published.
+    """Facts about a family of products: ``abs_latitude_use`` degrees at which the method uses it,
+    ``sigma_m`` 1 sigma of a height, ``resolution_m`` the effective resolution on the surface; None
+    if nothing is published.
     """
 
     family: str
@@ -77,7 +79,7 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
 _UNKNOWN = ProductFacts("unknown")
 
 _NAMES = (
-    # (pattern in the product id or the file's stem, the name it is called by)
+    # (pattern in the product id or the file's stem, name)
     (re.compile(r"(SLDEM2015_\d+)", re.I), "{0}"),
     (re.compile(r"(LDEM_\d+[NS]_\d+MPP(?:_ADJ)?)", re.I), "{0}"),  # PGDA, not the archive's
     (re.compile(r"(LDEM_\d+[NS]_\d+M)", re.I), "{0}"),
@@ -87,8 +89,8 @@ _NAMES = (
 
 
 def product_name(identifier: str) -> str:
-    """The name a product goes by: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the
-    identifier itself.
+    """Name of a product: SLDEM2015_512, LDEM_512, LDEM_80S_20M, GLD100_256; else the identifier
+    itself.
     """
     for pattern, name in _NAMES:
         found = pattern.search(identifier)
@@ -98,13 +100,15 @@ def product_name(identifier: str) -> str:
 
 
 def facts_of(product: str) -> ProductFacts:
-    """What is known of a product by its name (`product_name`); of the unknown family where nothing is."""
+    """Facts about a product by its name (`product_name`); of the family "unknown" if there are
+    none.
+    """
     return next((facts for pattern, facts in _FAMILIES if pattern.match(product)), _UNKNOWN)
 
 
 def is_called(product: str, name: str) -> bool:
-    """Whether a person who writes ``name`` means the product: its name, its family, or the start of its name up to an
-    underscore; capitals or not.
+    """True if ``name`` is the name of a product, its family, or the start of its name up to an
+    underscore; the case does not matter.
     """
     product, name = product.upper(), name.upper()
     return name in (product, facts_of(product).family.upper()) or product.startswith(f"{name}_")

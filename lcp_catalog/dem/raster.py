@@ -1,9 +1,8 @@
-"""Pixels of a DEM file as heights in metres: windows only, NaN where the file has nothing.
+"""Pixels of a DEM file as heights in metres: windows only, NaN for missing pixels.
 
-Uncompressed PDS images are mapped straight from the label's description; GeoTIFF and JPEG 2000 are
-read by GDAL. Open files
-belong to a process and a thread and are found again by path, so that a ``Raster`` can be pickled
-and sent to a worker.
+Uncompressed PDS images are mapped into memory by the label's description; GeoTIFF and JPEG 2000 are
+read by GDAL. Open files belong to a process and a thread and are found by their path, so that a
+``Raster`` can be pickled and sent to a worker.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ from ..arrays import Float32
 from ..errors import DemError
 
 HEIGHT_LIMIT_M = 20_000.0
-"""No ground of the Moon lies further from the sphere (lowest -9.1 km, highest 10.8 km): beyond it
-the samples are no heights.
+"""Greatest height or depth that is read (lowest place -9.1 km, highest 10.8 km): samples beyond it
+are no heights.
 """
 
 _OPEN_FILES = 16
@@ -38,7 +37,7 @@ _local = threading.local()
 
 @dataclass(frozen=True)
 class Raster:
-    """One band of heights: ``height_m = sample * scale_m + offset_m`` where the sample is none of
+    """One band of heights: ``height_m = sample * scale_m + offset_m`` for samples that are not in
     ``missing``.
     """
 
@@ -53,15 +52,15 @@ class Raster:
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
-        metres.
+        metres. DemError for a height beyond `HEIGHT_LIMIT_M`.
         """
         heights = self.heights_of(self.samples(row0, row1, col0, col1))
         self._refuse_impossible(heights)
         return heights.astype(np.float32)
 
     def windows(self, width: int | None = None) -> Iterator[tuple[int, int, int, int]]:
-        """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster once,
-        or its first ``width`` columns, in whole blocks of the file where these are no larger.
+        """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster,
+        or its first ``width`` columns, once; in whole blocks of the file if these are not larger.
         """
         width = self.width if width is None else width
         high, wide = 1, width
@@ -76,8 +75,8 @@ class Raster:
                 yield row, min(row + down, self.height), column, min(column + across, width)
 
     def heights_of(self, samples: NDArray[Any]) -> NDArray[np.float64]:
-        """Heights of samples, metres, NaN where they mean "nothing here"; not judged."""
-        with np.errstate(invalid="ignore"):  # the bits of a signalling NaN are no reason to warn
+        """Heights of samples, metres, NaN for missing data; not checked."""
+        with np.errstate(invalid="ignore"):  # bits of a signalling NaN
             heights = samples.astype(np.float64)
         if self.scale_m != 1.0:
             heights *= self.scale_m
@@ -90,7 +89,7 @@ class Raster:
         return heights
 
     def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
-        """The numbers of a window as they are stored; ``DemError`` when they cannot be read."""
+        """The stored numbers of a window. DemError if they cannot be read."""
         if self.raw_dtype is not None:
             return self._mapped()[row0:row1, col0:col1]
         try:
@@ -99,7 +98,7 @@ class Raster:
             )
         except (RasterioError, OSError) as error:
             raise DemError(
-                f"{self.path}: cannot be read; the file is damaged or cut short ({_cause(error)})"
+                f"{self.path}: cannot be read; the file is damaged or truncated ({_cause(error)})"
             ) from error
         return samples
 
@@ -127,7 +126,7 @@ class Raster:
 
 
 def open_dataset(path: Path) -> Any:
-    """The file opened by GDAL (kept open for this thread); ``DemError`` when it is no raster."""
+    """The file opened by GDAL (kept open for this thread). DemError if it is no raster."""
     try:
         return _dataset(path)
     except (RasterioError, OSError) as error:
@@ -135,8 +134,8 @@ def open_dataset(path: Path) -> Any:
 
 
 def _dataset(path: Path) -> Any:
-    """Open datasets of this process and thread, the latest used last; a file that changed is opened
-    anew.
+    """The open dataset of a file in this process and thread; a file that has changed is opened
+    again.
     """
     if getattr(_local, "pid", None) != os.getpid():
         _local.pid, _local.files = os.getpid(), OrderedDict()
@@ -147,7 +146,7 @@ def _dataset(path: Path) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore", NotGeoreferencedWarning
-            )  # said in our words by whoever wants the grid
+            )  # reported by the caller that needs the grid
             files[key] = rasterio.open(path)
         if len(files) > _OPEN_FILES:
             files.popitem(last=False)[1].close()

@@ -1,5 +1,5 @@
-"""The files of one product on one lattice as one raster: heights (or whatever its pixels hold) at any place, and how far a
-place lies inside what they cover.
+"""The files of one product on one lattice as one raster: values at any place, and the distance of a
+place from the outer edge of the files.
 """
 
 from __future__ import annotations
@@ -27,21 +27,27 @@ Box = tuple[tuple[float, float], tuple[float, float]]
 """Least and greatest column, least and greatest row, on the first file's lattice."""
 
 _WINDOW_PIXELS = 32_000_000
-"""A window of more pixels is read in parts."""
+"""Windows with more pixels are read in parts."""
 _MARGIN = 2
-"""Pixels beside a fractional one that cubic convolution reaches for."""
+"""Pixels beside a fractional one that cubic convolution uses."""
 HOLE_PX = 4.0
-"""Over so many pixels around missing ones a product gives way to the next."""
+"""Number of pixels around missing ones over which the next product takes over."""
 _STRETCHED = 2.0
-"""From this ratio of a cell to the east-west size of a (block of) pixels on, these are averaged along their row."""
+"""From this ratio of a cell to the east-west size of a (block of) pixels on, these are averaged
+along their row.
+"""
 _FULLY = 4.0
-"""From this ratio on they are averaged over the whole cell; the length grows steadily between the two."""
+"""From this ratio on they are averaged over the whole cell; the length grows steadily between the
+two.
+"""
 _ARC_MAX = 2.0
-"""Radians of longitude beyond which no row is averaged: the last rows around a pole."""
+"""Greatest length of a mean along a row, radians of longitude: the last rows around a pole."""
 
 
 class Sample(NamedTuple):
-    """Of places (n,): heights (metres, NaN: none), which file of the layer gave it (-1: none), its weight in a blend (0..1)."""
+    """Of places (n,): heights (metres, NaN without one), the file of the layer (-1 without one),
+    its weight in a blend (0..1).
+    """
 
     height: Array
     tile: Int16
@@ -50,7 +56,7 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Layer(Generic[File]):
-    """Files of one product that cut one lattice, in the order in which they are asked."""
+    """Files of one product on one lattice, in the order of their use."""
 
     dems: tuple[File, ...]
 
@@ -74,13 +80,13 @@ class Layer(Generic[File]):
 
     @property
     def _turn(self) -> float:
-        """Pixels around the Moon of a cylinder, whole or not; 0 of a polar map."""
+        """Pixels around the Moon of a cylinder, not always a whole number; 0 of a polar map."""
         grid = self.dems[0].grid
         return 0.0 if grid.pole else 2.0 * math.pi * MOON_RADIUS_M * _true_cos(grid) / grid.pixel_m
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:
-        """The outer edges of what the files cover together, on the first one's lattice."""
+        """The outer edges of all files together, on the first one's lattice."""
         grid, tiles = self.dems[0].grid, self._tiles
         if grid.pole:
             return outer_edges(tiles, 0.0, (False, False))
@@ -91,18 +97,18 @@ class Layer(Generic[File]):
 
     @property
     def smaller_side_m(self) -> float:
-        """Of the box around the files, on the map."""
+        """Smaller side of the box around the files, on the map."""
         wide = max(t.right for t in self._tiles) - min(t.left for t in self._tiles)
         high = max(t.bottom for t in self._tiles) - min(t.top for t in self._tiles)
         return min(wide, high) * self.pixel_m
 
     def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
-        """Whether each file's footprint holds each place, (files, n); no pixel is read."""
+        """True where a file's footprint contains a place, (files, n); no pixel is read."""
         return np.array([dem.grid.holds(lon, lat) for dem in self.dems])
 
     def sample(self, lon: Array, lat: Array, gsd_m: float, band_m: float | None = None) -> Sample:
-        """Heights at places (n,), the first file that has one; with ``band_m``, the width of the seam at the outer edge, also
-        each place's weight.
+        """Heights at places (n,), from the first file that has one; with ``band_m``, the width of
+        the seam at the outer edge, also the weight of each place.
         """
         count = lon.size
         height, tile = np.full(count, np.nan), np.full(count, -1, np.int16)
@@ -122,7 +128,9 @@ class Layer(Generic[File]):
         return Sample(height, tile, self._weights(lon, lat, tile >= 0, clear, band_m))
 
     def _all_whole(self, boxes: list[Box], lat: Array, clear: Array, band_m: float) -> bool:
-        """Whether places inside boxes of pixels all have weight 1; where the boxes are too coarse to say, False."""
+        """True if all places inside boxes of pixels have weight 1; False if the boxes are too
+        coarse to tell.
+        """
         if clear.min(initial=HOLE_PX) < HOLE_PX:
             return False
         if not self.edges or not lat.size:
@@ -137,7 +145,9 @@ class Layer(Generic[File]):
     def _weights(
         self, lon: Array, lat: Array, there: NDArray[np.bool_], clear: Array, band_m: float
     ) -> Array:
-        """0 where there is no height; else above 0, 1 from one band inside the outer edge and some pixels beside a hole on."""
+        """0 without a height; else above 0, and 1 from one band inside the outer edge and `HOLE_PX`
+        from missing pixels on.
+        """
         weight = np.zeros(lon.size)
         places: Places = slice(None) if there.all() else np.flatnonzero(there)
         if not there.any():
@@ -150,7 +160,9 @@ class Layer(Generic[File]):
             found = edge_weight(column, row, stretch, self.edges, self._turn, band_m / self.pixel_m)
         if clear[places].min() < HOLE_PX:
             found = found * smoothstep(clear[places] / HOLE_PX)
-        weight[places] = np.maximum(found, 1e-9)  # where nothing else is, it counts alone
+        weight[places] = np.maximum(
+            found, 1e-9
+        )  # positive: without another product it is used alone
         return weight
 
     def _fill(
@@ -164,7 +176,9 @@ class Layer(Generic[File]):
         tile: Int16,
         clear: Array | None,
     ) -> list[Box]:
-        """Heights of one file at the places ``todo``, written where it has some; the box of pixels asked for where that matters."""
+        """Write the heights of one file at the places ``todo`` where it has some; return the box of
+        their pixels if it is needed.
+        """
         grid = self.dems[number].grid
         inside, u, v = grid.located(lon[todo], lat[todo])
         if not inside.any():
@@ -210,8 +224,8 @@ class Layer(Generic[File]):
             heights.clearance(window, row0, col0, period, cover, u, v, HOLE_PX, away)
 
     def _cover(self, number: int, factor: int) -> tuple[int, int, int, int]:
-        """First and last row, first and last column (of blocks) of the box around all files, counted on one file's lattice;
-        endless around the Moon and over a pole.
+        """First and last row, first and last column (of blocks) of the box around all files,
+        counted on one file's lattice; unbounded around the Moon and over a pole.
         """
         column, row = self._offsets[number]
         wide = any(edge.column for edge in self.edges)
@@ -229,7 +243,9 @@ class Layer(Generic[File]):
     def _ground_window(
         self, number: int, window: tuple[int, int, int, int], factor: int, gsd_m: float
     ) -> Float32:
-        """A window of pixels (or of blocks), averaged along its rows where the cell is far wider than they are on the ground."""
+        """A window of pixels (or of blocks), averaged along its rows where the cell is far wider
+        than they are on the surface.
+        """
         row0, row1, col0, col1 = window
         grid = self.dems[number].grid
         if _widest_ratio(grid, row0, row1, factor, gsd_m) <= _STRETCHED:
@@ -244,8 +260,8 @@ class Layer(Generic[File]):
     def _window(
         self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
     ) -> Float32:
-        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, with the
-        neighbouring tiles' pixels.
+        """Heights of a window of pixels, or of blocks of ``factor`` x ``factor`` pixels, including
+        the pixels of neighbouring tiles.
         """
         if factor == 1:
             return self._pixels(number, row0, row1, col0, col1)
@@ -262,7 +278,7 @@ class Layer(Generic[File]):
 
     @cached_property
     def _identity(self) -> tuple[Hashable, ...]:
-        """What the pixels depend on."""
+        """Key of the pixels for the cache."""
         return tuple(dem.identity for dem in self.dems)
 
     def _blocks(
@@ -284,7 +300,7 @@ class Layer(Generic[File]):
         return out
 
     def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Float32:
-        """A window of one file's lattice; what is missing comes from the other files."""
+        """A window of one file's lattice; missing pixels are taken from the other files."""
         pixels = self.dems[number].read(row0, row1, col0, col1)
         column, row = self._offsets[number]
         for other, dem in enumerate(self.dems):
@@ -310,11 +326,12 @@ class Layer(Generic[File]):
 def row_lengths(
     grid: Grid, rows: NDArray[np.int64], factor: int, gsd_m: float
 ) -> tuple[Array, Array]:
-    """Over how many (blocks of) pixels each row of a cylinder is averaged, and by how many rows its mean lies too near the
-    pole, (rows,) each.
+    """Number of (blocks of) pixels over which each row of a cylinder is averaged, and the number of
+    rows by which its mean lies too near the pole, (rows,) each.
 
-    The length is the cell's width over the pixel's on the ground, at least 1. The mean of cos(longitude) over the pixels of the
-    mean, weighted alike, is what a plane through the Moon's axis shrinks by there.
+    The length is the cell's width over the pixel's on the surface, at least 1. The second value is
+    from the mean of cos(longitude) over the averaged pixels: the distance from the Moon's axis
+    shrinks by that factor.
     """
     lat = (grid.y0_m - ((rows + 0.5) * factor - 0.5) * grid.pixel_m) / MOON_RADIUS_M
     step = factor * grid.pixel_m / (MOON_RADIUS_M * _true_cos(grid))  # radians of longitude
@@ -334,7 +351,9 @@ def row_lengths(
 
 
 def _widest_ratio(grid: Grid, row0: int, row1: int, factor: int, gsd_m: float) -> float:
-    """Greatest ratio of the cell to the east-west size of a window's (blocks of) pixels; 0 of a polar map."""
+    """Greatest ratio of the cell to the east-west size of a window's (blocks of) pixels; 0 of a
+    polar map.
+    """
     if grid.pole:
         return 0.0
     ends = (grid.y0_m - (row * factor - 0.5) * grid.pixel_m for row in (row0 - 1, row1 + 1))
@@ -355,7 +374,9 @@ def _true_cos(grid: Grid) -> float:
 
 
 def _span(values: Array, period: int, margin: int) -> tuple[int, int]:
-    """Half-open range of whole pixels within ``margin`` of fractional ones; at most ``period`` of them."""
+    """Half-open range of whole pixels within ``margin`` of fractional ones; at most ``period`` of
+    them.
+    """
     whole = np.floor(values).astype(np.int64)
     low, high = int(whole.min()), int(whole.max())
     if period and high - low > period // 2:

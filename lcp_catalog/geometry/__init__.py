@@ -1,1 +1,1 @@
-"""Frames, rotations, map projections, boxes of longitude and latitude, spheres."""
+"""Frames, rotations, map projections, boxes of longitude and latitude, the reference sphere."""

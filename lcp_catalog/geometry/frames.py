@@ -1,7 +1,9 @@
-"""Longitude, latitude and height to and from the Moon-centred, Moon-fixed frame (MCMF), and east-north-up (ENU) frames.
+"""Conversions between longitude, latitude, height and the Moon-centred, Moon-fixed frame (MCMF),
+and east-north-up (ENU) frames.
 
-Latitudes are planetocentric, longitudes positive east; both are in degrees here because this is the border. Heights are
-metres above the reference sphere of 1 737 400 m. The closed forms are exact on a sphere; pyproj agrees to the last bits.
+Latitudes are planetocentric, longitudes positive east, both in degrees. Heights are metres above
+the reference sphere of 1 737 400 m. The closed forms are exact on a sphere; pyproj agrees to the
+last bits.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from ..constants import MOON_RADIUS_M
 
 
 def lonlat_to_mcmf(lon_deg: ArrayLike, lat_deg: ArrayLike, height_m: ArrayLike = 0.0) -> Array:
-    """MCMF position in metres, shape (..., 3), of points given in degrees and metres above the sphere."""
+    """MCMF positions, metres, shape (..., 3), of places in degrees and heights in metres above the
+    sphere.
+    """
     lon, lat, height = np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg), height_m)
     radius = MOON_RADIUS_M + np.asarray(height, dtype=np.float64)
     ring = radius * np.cos(lat)
@@ -25,9 +29,10 @@ def lonlat_to_mcmf(lon_deg: ArrayLike, lat_deg: ArrayLike, height_m: ArrayLike =
 
 
 def mcmf_to_lonlat(position_m: ArrayLike) -> tuple[Array, Array, Array]:
-    """Longitude (0..360 deg), latitude (deg) and height above the sphere (m) of MCMF positions of shape (..., 3).
+    """Longitude (0..360 deg), latitude (deg) and height above the sphere (m) of MCMF positions
+    (..., 3).
 
-    At a pole the longitude is what atan2 gives of the position's x and y: 0 for exact zeros.
+    At a pole the longitude is atan2(y, x) of the position: 0 for exact zeros.
     """
     x, y, z = np.moveaxis(np.asarray(position_m, dtype=np.float64), -1, 0)
     ring = np.hypot(x, y)
@@ -37,9 +42,9 @@ def mcmf_to_lonlat(position_m: ArrayLike) -> tuple[Array, Array, Array]:
 
 
 def enu_rotation(lon_deg: float, lat_deg: float) -> Array:
-    """Rotation MCMF -> ENU, shape (3, 3), rows east, north, up at a place.
+    """Rotation MCMF to ENU at a place, shape (3, 3): rows east, north, up.
 
-    At a pole east is the limit along the stated meridian: the rows stay those of the given longitude.
+    At a pole east is its limit along the given meridian.
     """
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
@@ -67,7 +72,9 @@ def direction_enu_rad(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Array
 
 
 def azimuth_elevation(direction: ArrayLike) -> tuple[Array, Array]:
-    """Azimuth (0..360 deg, clockwise from north) and elevation (deg) of ENU directions of shape (..., 3), any length."""
+    """Azimuth (0..360 deg, clockwise from north) and elevation (deg) of ENU directions (..., 3) of
+    any length.
+    """
     east, north, up = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
     azimuth = np.degrees(np.arctan2(east, north)) % 360.0
     return np.where(azimuth >= 360.0, 0.0, azimuth), np.degrees(
@@ -76,7 +83,9 @@ def azimuth_elevation(direction: ArrayLike) -> tuple[Array, Array]:
 
 
 def central_angle_deg(lon1: ArrayLike, lat1: ArrayLike, lon2: ArrayLike, lat2: ArrayLike) -> Array:
-    """Angle between two places seen from the centre, degrees; stable at 0 and 180 (atan2 of cross and dot products)."""
+    """Angle between two places as seen from the centre of the Moon, degrees; accurate at 0 and 180
+    (atan2 of cross and dot product).
+    """
     a, b = lonlat_to_mcmf(lon1, lat1), lonlat_to_mcmf(lon2, lat2)
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
@@ -84,7 +93,9 @@ def central_angle_deg(lon1: ArrayLike, lat1: ArrayLike, lon2: ArrayLike, lat2: A
 
 @dataclass(frozen=True)
 class EnuFrame:
-    """The tangent frame at a place: x east, y north, z up, metres; its origin lies ``height_m`` above the sphere."""
+    """The tangent frame at a place: x east, y north, z up, metres; origin ``height_m`` above the
+    sphere. ValueError for an invalid place.
+    """
 
     lon_deg: float
     lat_deg: float
@@ -94,11 +105,11 @@ class EnuFrame:
         if not (
             np.isfinite(self.lon_deg) and abs(self.lat_deg) <= 90.0 and np.isfinite(self.height_m)
         ):
-            raise ValueError(f"no such place: longitude {self.lon_deg}, latitude {self.lat_deg}")
+            raise ValueError(f"invalid place: longitude {self.lon_deg}, latitude {self.lat_deg}")
 
     @cached_property
     def rotation(self) -> Array:
-        """MCMF -> ENU, shape (3, 3), rows east, north, up."""
+        """Rotation MCMF to ENU, shape (3, 3): rows east, north, up."""
         return enu_rotation(self.lon_deg, self.lat_deg)
 
     @cached_property
@@ -107,17 +118,17 @@ class EnuFrame:
         return lonlat_to_mcmf(self.lon_deg, self.lat_deg, self.height_m)
 
     def to_mcmf(self, enu_m: ArrayLike) -> Array:
-        """MCMF metres of ENU points, shape (..., 3)."""
+        """MCMF metres of ENU points (..., 3)."""
         return np.asarray(enu_m, dtype=np.float64) @ self.rotation + self.origin_mcmf_m
 
     def from_mcmf(self, position_m: ArrayLike) -> Array:
-        """ENU metres of MCMF points, shape (..., 3)."""
+        """ENU metres of MCMF points (..., 3)."""
         return (np.asarray(position_m, dtype=np.float64) - self.origin_mcmf_m) @ self.rotation.T
 
     def direction_to_mcmf(self, direction: ArrayLike) -> Array:
-        """A direction (..., 3) of this frame in MCMF axes."""
+        """MCMF components of ENU directions (..., 3)."""
         return np.asarray(direction, dtype=np.float64) @ self.rotation
 
     def direction_from_mcmf(self, direction: ArrayLike) -> Array:
-        """An MCMF direction (..., 3) in this frame's axes."""
+        """ENU components of MCMF directions (..., 3)."""
         return np.asarray(direction, dtype=np.float64) @ self.rotation.T

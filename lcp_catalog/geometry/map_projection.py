@@ -1,4 +1,6 @@
-"""Longitude and latitude to the coordinates of a map and back, for any projection that PROJ knows, on the Moon."""
+"""Map projections of the Moon, for every projection that PROJ supports: longitude and latitude to
+map coordinates and back.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 
 RADIUS_RANGE_M = (1_730_000.0, 1_742_000.0)
-"""Axes that are taken for the Moon's: figures of 1735 to 1738.1 km are in use."""
+"""Range of axes that are accepted as the Moon's: radii of 1735 to 1738.1 km are in use."""
 
 _CYLINDERS = ("cylindrical", "plate carr", "equirectangular", "mercator")
 _NO_CYLINDERS = ("transverse", "oblique")
@@ -46,11 +48,12 @@ def lunar_crs(
 
 
 class MapProjection:
-    """A CRS of the Moon. Longitudes and latitudes are planetocentric degrees, whatever the CRS's own figure: a sphere of another
-    radius keeps them, an ellipsoid's geodetic latitudes are converted.
+    """A CRS of the Moon. Longitudes and latitudes are planetocentric degrees for any figure of the
+    CRS: on a sphere of another radius they stay, and geodetic latitudes of an ellipsoid are
+    converted.
 
-    Raises LabelError for what is no CRS, is neither geographic nor projected, or stands on a figure that
-    is not the Moon's.
+    LabelError for a text that is not a CRS, for a CRS that is neither geographic nor projected, and
+    for a figure that is not the Moon's.
     """
 
     def __init__(self, wkt: str) -> None:
@@ -59,13 +62,17 @@ class MapProjection:
 
     @cached_property
     def _transformer(self) -> pyproj.Transformer:
-        """From longitude and geodetic latitude in degrees, from the prime meridian of the Moon, to the map."""
+        """Transformer from longitude and geodetic latitude, degrees, from the Moon's prime
+        meridian, to the map.
+        """
         major, minor = self.radius_m, self.radius_m * self._axis_ratio
         longlat = pyproj.CRS.from_dict({"proj": "longlat", "a": major, "b": minor})
         return pyproj.Transformer.from_crs(longlat, self.crs, always_xy=True)
 
     def forward(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
-        """Map coordinates x, y of places, in the CRS's unit; NaN for what the map cannot show."""
+        """Map coordinates x, y of places, in the unit of the CRS; NaN outside the projection's
+        domain.
+        """
         lon, lat = np.broadcast_arrays(
             np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         )
@@ -75,7 +82,7 @@ class MapProjection:
         return _finite(x, y)
 
     def inverse(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-        """Longitude (-180..360) and latitude, degrees, of map coordinates; NaN for what lies off the map."""
+        """Longitude (-180..360) and latitude, degrees, of map coordinates; NaN off the map."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         lon, lat = self._transformer.transform(x, y, direction="INVERSE")
         lon, lat = _finite(lon, lat)
@@ -85,7 +92,7 @@ class MapProjection:
 
     @cached_property
     def is_cylinder(self) -> bool:
-        """Whether meridians are parallel lines, so that the map repeats itself from side to side."""
+        """True if meridians are parallel lines, so that the map repeats itself in x."""
         if self.crs.is_geographic:
             return True
         operation = self.crs.coordinate_operation
@@ -96,7 +103,9 @@ class MapProjection:
 
     @cached_property
     def period(self) -> float:
-        """By how much x grows once round the Moon, in the CRS's unit; infinite where the map does not repeat itself."""
+        """Increase of x once around the Moon, in the unit of the CRS; infinite for a map that does
+        not repeat itself.
+        """
         if not self.is_cylinder:
             return math.inf
         if self.crs.is_geographic:
@@ -109,12 +118,12 @@ class MapProjection:
 
 @lru_cache(maxsize=64)
 def map_projection(wkt: str) -> MapProjection:
-    """The projection of a CRS, made once: an image that is moved keeps its map."""
+    """The projection of a CRS. It is cached, since images of one map share it."""
     return MapProjection(wkt)
 
 
 def _finite(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """PROJ says infinity for what it cannot; NaN in both then."""
+    """Both coordinates as float64, NaN where either is infinite (PROJ's sign of failure)."""
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     known = np.isfinite(x) & np.isfinite(y)
     return np.where(known, x, np.nan), np.where(known, y, np.nan)

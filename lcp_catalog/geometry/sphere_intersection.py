@@ -1,11 +1,9 @@
-"""Camera rays and the reference sphere: ground or sky, how far, where, and how much of a pixel the
-limb leaves.
+"""Intersections of camera rays with the reference sphere.
 
-Positions are metres, MCMF or any axes whose origin is the sphere's centre; directions have any
-length. The numbers are taken as exact: ranges are good to a few 1e-16 of themselves from any
-height, inside or outside, and up to the limb; a ray counts as sky only if it misses the sphere (by
-more than 1e-20 of its radius; `kernels.sphere_rays`). After the geometry of "camera imaging with a
-sphere model" (seeds/003), whose discriminant cancels.
+Positions are metres, MCMF or any axes whose origin is the centre of the sphere; directions have any
+length. Ranges are good to a few 1e-16 of themselves from any height, inside or outside, and up to
+the limb, for the numbers as given. A ray misses the sphere only if it passes it by more than 1e-20
+of the radius (`kernels.sphere_rays`); the usual discriminant loses its digits there.
 """
 
 from __future__ import annotations
@@ -24,42 +22,42 @@ Indices = NDArray[np.intp]
 
 
 def ranges(position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
-    """Distances (...) in metres along rays to the sphere, from one position (3,) or as many as
-    directions (..., 3); NaN is sky.
+    """Distances (...) in metres along rays to the sphere, from one position (3,) or one for each of
+    the directions (..., 3); NaN for rays that miss it.
 
-    From outside the nearer crossing, from inside the far wall. On the sphere itself: 0 for a ray
-    that goes down, sky for one that does not. ValueError for what is not finite, and for a
+    From outside the nearer crossing, from inside the farther one. On the sphere: 0 for a ray that
+    goes down, NaN otherwise. ValueError for positions or directions that are not finite and for a
     direction of length 0.
     """
     rays = np.ascontiguousarray(directions, dtype=np.float64)
     starts = np.ascontiguousarray(position_m, dtype=np.float64)
     if rays.shape[-1:] != (3,) or starts.shape not in ((3,), rays.shape):
-        raise ValueError(f"no rays: {starts.shape} positions, {rays.shape} directions")
+        raise ValueError(f"invalid rays: {starts.shape} positions, {rays.shape} directions")
     flat = _scaled(rays.reshape(-1, 3))
     if not (np.isfinite(starts).all() and math.isfinite(radius_m)):
-        raise ValueError("no rays: a position or the radius is not finite")
+        raise ValueError("invalid rays: a position or the radius is not finite")
     out = np.empty(len(flat))
     kernel.ranges(starts.reshape(-1, 3), flat, float(radius_m), out)
     return out.reshape(rays.shape[:-1])
 
 
 def _scaled(rays: Array) -> Array:
-    """Rays (n, 3); those whose squares would over- or underflow times a power of two. ValueError for
-    one that is not finite, or has no length.
+    """Rays (n, 3); those whose squares would overflow or underflow are multiplied by a power of
+    two. ValueError for a ray that is not finite or has no length.
     """
     least, most = kernel.longest_components(rays)
     if least > 1e-100 and most < 1e100:
         return rays
     largest = np.abs(rays).max(axis=-1, initial=0.0)
     if not (np.isfinite(largest).all() and (largest > 0.0).all()):
-        raise ValueError("no rays: a direction has no length, or is not finite")
+        raise ValueError("invalid rays: a direction has no length, or is not finite")
     _, exponent = np.frexp(largest)
     return np.asarray(np.ldexp(rays, -exponent[:, None]))
 
 
 def heights(positions_m: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
-    """Heights (...) in metres of positions (..., 3) over the sphere, good to the last bits (|p| - R is
-    good to 0.2 nm only).
+    """Heights (...) in metres of positions (..., 3) above the sphere, good to the last bits (|p| -
+    R is good to 0.2 nm only).
     """
     points = np.ascontiguousarray(positions_m, dtype=np.float64)
     out = np.empty(points.size // 3)
@@ -70,7 +68,9 @@ def heights(positions_m: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:
 def hits(
     position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M
 ) -> tuple[Array, Array]:
-    """Ranges (...) and the points (..., 3) that rays meet, put onto the sphere; NaN is sky."""
+    """Ranges (...) of rays and the points (..., 3) where they meet the sphere; NaN for rays that
+    miss it.
+    """
     rays = np.ascontiguousarray(directions, dtype=np.float64)
     rays = _scaled(rays.reshape(-1, 3)).reshape(rays.shape)
     found = ranges(position_m, rays, radius_m)
@@ -79,7 +79,7 @@ def hits(
 
 
 def on_sphere(points_m: Array, radius_m: float = MOON_RADIUS_M) -> Array:
-    """Points (..., 3) moved along their vertical onto the sphere."""
+    """Points (..., 3) moved along their verticals onto the sphere."""
     away = np.sqrt(np.einsum("...i,...i", points_m, points_m))
     return np.asarray(points_m * (radius_m / away)[..., None])
 
@@ -91,16 +91,18 @@ def lonlat(points_m: ArrayLike) -> tuple[Array, Array]:
 
 
 def nadir_angles(position_m: Array, directions: Array) -> Array:
-    """Angles (...) between directions (..., 3) and the one to the sphere's centre, radians."""
+    """Angles (...) between directions (..., 3) and the direction to the centre of the sphere,
+    radians.
+    """
     across = np.linalg.norm(np.cross(directions, position_m), axis=-1)
     return np.arctan2(across, -(directions @ position_m))
 
 
 def limb_angle(position_m: Array, radius_m: float = MOON_RADIUS_M) -> float:
-    """Angle between the limb and the direction to the sphere's centre, radians; pi / 2 on the
-    sphere. ValueError from inside, where there is no limb.
+    """Angle between the limb and the direction to the centre of the sphere, radians; pi / 2 on the
+    sphere. ValueError for a position inside.
     """
     height = float(heights(position_m, radius_m))
     if height < 0.0:
-        raise ValueError(f"{-height:g} m under the sphere there is no limb")
+        raise ValueError(f"a position {-height:g} m below the sphere has no limb")
     return math.atan2(radius_m, math.sqrt(height * (height + 2.0 * radius_m)))

@@ -1,5 +1,5 @@
-"""The label of a lunar DEM product: its statements about the pixels and the map, in one form for PDS3
-and PDS4.
+"""The label of a lunar DEM product: its statements about the pixels and the map, in one form for
+PDS3 and PDS4.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class DeclaredStatistics:
-    """None where the label is silent. ``minimum`` and ``maximum`` are as the label writes them: samples or
-    heights; degrees for the bounds.
+    """Statements of a label that are not needed to read the pixels; None where the label has none.
+    `dem.file_check` compares them with the pixels.
+
+    ``minimum`` and ``maximum`` are samples or heights, as the label states them; bounds are in
+    degrees.
     """
 
     minimum: float | None = None
@@ -27,15 +30,12 @@ class DeclaredStatistics:
 
 @dataclass(frozen=True)
 class Label:
-    """What a PDS3 label says, in metres and degrees, checked; nothing here is guessed by a reader
-    of rasters.
+    """Statements of a label, in metres and degrees, checked.
 
-    ``height_m = sample * height_scale_m``: the label's OFFSET is the sphere's radius and no term of
-    height. Pixel (row,
-    column), counted from 0, has its centre at ``x = (column - sample_offset) * pixel_m``, ``y =
-    (line_offset - row) *
-    pixel_m`` of a map with its origin at the centre longitude and the equator (cylindrical) or at
-    the pole.
+    ``height_m = sample * height_scale_m``: a label's OFFSET is the radius of the sphere and no term
+    of height. The centre of pixel (row, column), counted from 0, is at ``x = (column -
+    sample_offset) * pixel_m``, ``y = (line_offset - row) * pixel_m`` of a map with its origin at
+    the centre longitude and the equator (cylindrical) or at the pole.
     """
 
     path: Path
@@ -50,7 +50,7 @@ class Label:
     line_samples: int
     height_scale_m: float
     missing: tuple[float, ...]
-    sample_dtype: str | None  # None: the compressed file itself says it
+    sample_dtype: str | None  # None: stated by the compressed file itself
     image_name: str
     image_offset_bytes: int
     compressed: bool
@@ -58,6 +58,6 @@ class Label:
 
     @property
     def image_bytes(self) -> int:
-        """Size that an uncompressed image file must have at least."""
+        """Least size of an uncompressed image file."""
         size = int((self.sample_dtype or "i2")[-1])
         return self.image_offset_bytes + self.lines * self.line_samples * size

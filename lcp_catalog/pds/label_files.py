@@ -1,4 +1,4 @@
-"""The files of a product: which label describes which image."""
+"""Files of a product: the label of an image, the image of a label."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from .pds4 import is_pds4, read_pds4
 
 
 def product_label(path: Path) -> Label | None:
-    """The label of a product given by its label or its image; None for files that say everything themselves.
+    """The label of a product, given by its label or its image; None for a file that needs none
+    (GeoTIFF).
 
-    ``LabelError`` for an .IMG or .JP2 whose label is missing, and for labels that cannot be trusted.
+    LabelError for an .IMG or .JP2 without its label, and for a label that is not supported or
+    contradicts itself.
     """
     ending = path.suffix.lower()
     if ending == ".lbl" or read_label_text(path) is not None:
@@ -35,11 +37,11 @@ def product_label(path: Path) -> Label | None:
 
 
 def find_label(image: Path) -> Path:
-    """The label of an image file: itself when attached, else beside it; ``LabelError`` when there
-    is none.
+    """The label file of an image: the image itself if the label is attached, else a file beside it.
+    LabelError if there is none.
 
-    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG lies on another grid
-    (0..360 against -180..180).
+    LDEM_4.JP2 belongs to LDEM_4_JP2.LBL and not to LDEM_4.LBL, whose .IMG has another grid (0..360
+    instead of -180..180).
     """
     if read_label_text(image) is not None:
         return image
@@ -51,17 +53,19 @@ def find_label(image: Path) -> Path:
             return label
     wanted = f"{image.stem}_JP2.LBL" if ending == "jp2" else f"{image.stem}.LBL"
     why = (
-        "a bare JP2 does not say its heights' scale"
+        "a JP2 does not state the scale of its heights"
         if ending == "jp2"
-        else "an .IMG is bare numbers"
+        else "an .IMG holds samples only"
     )
     raise LabelError(
-        f"{image}: its label {wanted} is missing ({why}); put the product's label beside it"
+        f"{image}: its label {wanted} is missing ({why}); put the label of the product beside it"
     )
 
 
 def find_image(label: Label) -> Path:
-    """The file that holds the label's pixels, whatever the case of its name."""
+    """The file with the pixels that a label describes; the case of its name does not matter.
+    LabelError if it is missing.
+    """
     if label.image_name == "":
         return label.path
     for path in sorted(label.path.parent.iterdir()):

@@ -1,9 +1,8 @@
-"""PDS3 labels of lunar DEM products: what they say about the pixels and the map.
+"""PDS3 labels of lunar DEM products.
 
-Heights are taken from here and never from a reader's own idea of scale, offset and nodata: GDAL
-3.10-3.12 gives scale 1 for
-LOLA JP2 products (0.5 m counts), the sphere's radius as an offset of height, and a nodata value
-that no label states.
+Scale, offset and missing values come from the label and not from GDAL: GDAL 3.10 to 3.12 gives
+scale 1 for LOLA's JP2 products (0.5 m counts), the radius of the sphere as an offset of height, and
+a nodata value that no label states.
 """
 
 from __future__ import annotations
@@ -41,13 +40,11 @@ _SAMPLES = {
     ("IEEE_REAL", 64): ">f8",
 }
 _MATERIAL_SHIFT_PX = 0.1
-"""A MAP_SCALE that moves the far edge by less than this share of a pixel is only rounded, and
-nobody needs to hear of it.
-"""
+"""A rounded MAP_SCALE is reported if it moves the far edge by more than this share of a pixel."""
 
 
 def read_pds3(path: Path) -> Label:
-    """The label in ``path``: detached, or attached in front of an image. LabelError names what is
+    """The label in ``path``, detached or attached in front of an image. LabelError states what is
     wrong with it.
     """
     text = read_label_text(path)
@@ -65,7 +62,7 @@ def parse_pds3(text: str, path: Path) -> Label:
 
 
 def read_label_text(path: Path) -> str | None:
-    """Text of the PDS3 label that ``path`` is or begins with; None for anything else."""
+    """Text of the PDS3 label that ``path`` is or begins with; None for other files."""
     with path.open("rb") as file:
         head = file.read(_MAX_LABEL_BYTES)
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"PDS_VERSION_ID"):
@@ -74,9 +71,7 @@ def read_label_text(path: Path) -> str | None:
 
 
 class _Interpreter:
-    """Turns a label's statements into a ``Label``; every refusal is a ``LabelError`` without the
-    path.
-    """
+    """Converts the statements of a label to a ``Label``; raises LabelError without the path."""
 
     def __init__(self, statements: Pvl, path: Path) -> None:
         self.root, self.path = statements, path
@@ -90,7 +85,9 @@ class _Interpreter:
 
     def label(self) -> Label:
         if not self.map:
-            raise LabelError("the label has no IMAGE_MAP_PROJECTION; a map-projected DEM is wanted")
+            raise LabelError(
+                "the label has no IMAGE_MAP_PROJECTION; a map-projected DEM is required"
+            )
         self._refuse_foreign_maps()
         projection = self._projection()
         lines, samples = self._size()
@@ -124,7 +121,7 @@ class _Interpreter:
         return label
 
     def _declared(self) -> DeclaredStatistics:
-        """Of the compressed file where there is one, else of the image and of its file."""
+        """Statements about the compressed file if there is one, else about the image and its file."""
         compressed, image, map_ = self.compressed, self.image, self.map
         tables = [image, self.file, self.root] if compressed is None else [compressed, self.root]
         md5 = next(
@@ -151,13 +148,15 @@ class _Interpreter:
     def _refuse_foreign_maps(self) -> None:
         target = pvl.text(self.root, "TARGET_NAME")
         if target not in ("", "MOON"):
-            raise LabelError(f"the label's target is {target}; only the Moon is catalogued")
+            raise LabelError(f"the label's target is {target}; only the Moon is supported")
         if not target and pvl.number(self.map, "A_AXIS_RADIUS") is None:
-            raise LabelError("neither TARGET_NAME nor A_AXIS_RADIUS says that this is the Moon")
+            raise LabelError(
+                "the label has neither TARGET_NAME nor A_AXIS_RADIUS, so the body is unknown"
+            )
         for key in ("A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"):
             self._refuse_foreign_radius(key, self._radius_m(key))
         if pvl.text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
-            raise LabelError("longitudes that grow to the west are not supported")
+            raise LabelError("west-positive longitudes are not supported")
         if (pvl.number(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
             raise LabelError(
                 f"a map rotated by {pvl.number(self.map, 'MAP_PROJECTION_ROTATION'):g} deg "
@@ -178,7 +177,7 @@ class _Interpreter:
     def _refuse_foreign_radius(key: str, radius_m: float | None) -> None:
         if radius_m is not None and abs(radius_m - MOON_RADIUS_M) > 0.5:
             raise LabelError(
-                f"{key} is {radius_m:.10g} m; heights are wanted above the sphere of "
+                f"{key} is {radius_m:.10g} m; heights must refer to the sphere of "
                 f"{MOON_RADIUS_M:.0f} m"
             )
 
@@ -203,12 +202,14 @@ class _Interpreter:
         lines = pvl.wanted(self.map, "LINE_LAST_PIXEL") if lines is None else lines
         samples = pvl.wanted(self.map, "SAMPLE_LAST_PIXEL") if samples is None else samples
         if lines < 1 or samples < 1 or (pvl.number(self.image, "BANDS") or 1.0) != 1.0:
-            raise LabelError(f"an image of {lines:g} x {samples:g} pixels with one band is wanted")
+            raise LabelError(
+                f"an image of {lines:g} x {samples:g} pixels is not supported; at least one pixel and exactly one band are required"
+            )
         return int(lines), int(samples)
 
     def _image_file(self) -> tuple[str, int]:
-        """Name of the image's file ("" when the label is attached to it) and the byte at which its
-        pixels begin.
+        """Name of the image's file ("" if the label is attached to it) and the offset of its
+        pixels, bytes.
         """
         if self.compressed is not None:
             return str(self.compressed.get("FILE_NAME", "")), 0
@@ -217,7 +218,7 @@ class _Interpreter:
         name = next((p for p in parts if isinstance(p, str)), "")
         place = next((p for p in parts if isinstance(p, float | Quantity)), 1.0)
         if pointer is None:
-            raise LabelError("the label does not say where its image is (^IMAGE)")
+            raise LabelError("the label does not name its image (^IMAGE)")
         if isinstance(place, Quantity):
             return name, int(place.value) - (1 if place.value > 0 else 0)
         record = (
@@ -242,8 +243,8 @@ class _Interpreter:
                 self._refuse_foreign_radius("OFFSET", radius * metres)
             return metres if factor is None else factor * metres
         if self.compressed is not None:
-            # SLDEM2015's JP2 labels are silent; the archive's JP2 files are all int16 counts of
-            # half a metre
+            # SLDEM2015's JP2 labels state no scale; all JP2 files of the archive are int16 counts
+            # of half a metre
             log.warning(
                 "%s: the label gives no SCALING_FACTOR; LOLA's JP2 counts of 0.5 m are assumed",
                 self.path,
@@ -252,7 +253,9 @@ class _Interpreter:
         return 1.0  # WAC GLD100 and NAC DTM labels give neither unit nor scale: metres
 
     def _is_of_other_samples(self, table: Pvl) -> bool:
-        """A JP2 holds integers: the scale of an uncompressed image of real numbers is not its own."""
+        """True for the scale of an uncompressed image of real numbers, which is not that of the
+        JP2's integers.
+        """
         return (
             self.compressed is not None
             and table is self.image
@@ -260,8 +263,9 @@ class _Interpreter:
         )
 
     def _unstated_unit_m(self, factor: float | None, radius: float | None) -> float:
-        """Metres in the unit of a scale without UNIT: the sphere's radius shows it, and whole numbers
-        that are not scaled are metres (ISIS writes SCALING_FACTOR = 1, OFFSET = 0); else nobody knows.
+        """Metres in the unit of a scale without UNIT: by the radius of the sphere, if it is given;
+        integers that are not scaled are metres (ISIS writes SCALING_FACTOR = 1, OFFSET = 0).
+        LabelError otherwise.
         """
         if radius:
             return 1000.0 if radius < 10_000.0 else 1.0
@@ -272,12 +276,12 @@ class _Interpreter:
         )
 
     def _pixel_m(self, projection: str, far_px: float) -> float:
-        """Pixel size on the map, metres; ``far_px`` is the distance of the far edge from the map's
-        origin.
+        """Pixel size on the map, metres; ``far_px``: distance of the far edge from the origin of
+        the map.
 
-        A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is rebuilt from
-        MAP_RESOLUTION and the
-        radius. A polar map's MAP_RESOLUTION is the rounded one (1516.17 pix/deg at 20 m).
+        A cylinder's MAP_SCALE is often rounded (0.059225 km at 512 pix/deg): it is computed from
+        MAP_RESOLUTION and the radius instead. Of a polar map MAP_RESOLUTION is the rounded one
+        (1516.17 pix/deg at 20 m).
         """
         scale = self._map_scale_m()
         resolution = pvl.number(self.map, "MAP_RESOLUTION")
@@ -310,8 +314,8 @@ class _Interpreter:
         return rebuilt
 
     def _map_scale_m(self) -> float | None:
-        """MAP_SCALE in metres; without a unit it decides nothing as long as MAP_RESOLUTION is there
-        (GDAL takes km).
+        """MAP_SCALE in metres; without a unit, metres or kilometres by MAP_RESOLUTION (GDAL assumes
+        kilometres).
         """
         value = self.map.get("MAP_SCALE")
         number = pvl.number(self.map, "MAP_SCALE")
@@ -331,7 +335,7 @@ class _Interpreter:
 
     def _compare_with_bounds(self, label: Label) -> None:
         """Refuse a cylinder whose offsets contradict its latitudes or longitudes (older LROC labels
-        turn the sign).
+        have the other sign).
         """
         if label.projection != "equirectangular":
             return
@@ -363,13 +367,13 @@ def _first(tables: list[Pvl], *keys: str) -> float | None:
 
 @dataclass(frozen=True)
 class _Samples:
-    """What a label's tables say about the numbers in its image; refusals are ``LabelError``."""
+    """Storage of the samples of an image, by the tables of its label; raises LabelError."""
 
     image: Pvl
-    compressed: Pvl | None  # the table of the compressed file, which is looked at first
+    compressed: Pvl | None  # its table comes before that of the image
 
     def dtype(self) -> str:
-        """numpy's name of the type in which an uncompressed image is stored."""
+        """NumPy type of the samples of an uncompressed image."""
         kind, bits = (
             pvl.text(self.image, "SAMPLE_TYPE"),
             int(pvl.wanted(self.image, "SAMPLE_BITS")),
@@ -379,13 +383,13 @@ class _Samples:
         return _SAMPLES[kind, bits]
 
     def tables(self) -> Iterator[Pvl]:
-        """Where a key of the pixels may stand, the file at hand first."""
+        """Tables that can hold a key of the pixels, that of the compressed file first."""
         if self.compressed is not None:
             yield self.compressed
         yield self.image
 
     def missing(self) -> Iterator[float]:
-        """Sample values that mean "nothing here"; "N/A" and silence mean that there are none."""
+        """Sample values of missing data. There are none for "N/A" or without a statement."""
         for table in self.tables():
             for key in ("MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "CORE_NULL", "NULL"):
                 yield from self._constants(table.get(key), key)

@@ -1,7 +1,8 @@
-"""PDS4 labels (XML) of lunar DEMs, as the same ``Label`` that PDS3 texts give.
+"""PDS4 labels (XML) of lunar DEM products.
 
-Elements as in LOLA's LDEM labels: ``cart:`` for the map, one ``Array_2D`` for the pixels. GDAL reads such files too, but
-gives zeros for the end of an image that is cut short, and takes no notice of longitudes that grow to the west.
+Elements as in LOLA's LDEM labels: ``cart:`` for the map, one ``Array_2D`` for the pixels. GDAL
+reads such files too, but gives zeros for the missing end of a truncated image and ignores
+west-positive longitudes.
 """
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ _CONSTANTS = (
 
 
 def is_pds4(path: Path) -> bool:
-    """True when the file is the label of a PDS4 observational product."""
+    """True if the file is the label of a PDS4 observational product."""
     with path.open("rb") as file:
         return b"<Product_Observational" in file.read(65_536)
 
 
 def read_pds4(path: Path) -> Label:
-    """The label in an XML file; ``LabelError`` says what is wrong with it."""
+    """The label in an XML file. LabelError states what is wrong with it."""
     try:
         return _Pds4(ElementTree.parse(path).getroot(), path).label()
     except ElementTree.ParseError as error:
@@ -52,7 +53,7 @@ def read_pds4(path: Path) -> Label:
 
 
 class _Pds4:
-    """A label's elements by their names; prefixes of namespaces are left out."""
+    """Elements of a label by their names without the prefixes of namespaces."""
 
     def __init__(self, root: ElementTree.Element, path: Path) -> None:
         self.path = path
@@ -61,7 +62,7 @@ class _Pds4:
             self.found.setdefault(str(element.tag).rpartition("}")[2], []).append(element)
 
     def text(self, key: str) -> str:
-        """The text of the first element of that name; empty when there is none."""
+        """Text of the first element of a name; empty if there is none."""
         return ((self.found[key][0].text or "") if key in self.found else "").strip()
 
     def number(self, key: str) -> float:
@@ -127,18 +128,18 @@ class _Pds4:
             for e in self.found.get("Target_Identification", [])
         ]
         if any(target.upper() != "MOON" for target in targets):
-            raise LabelError(f"the label's target is {targets[0]}; only the Moon is catalogued")
+            raise LabelError(f"the label's target is {targets[0]}; only the Moon is supported")
         if "map_projection_name" not in self.found:
             raise LabelError(
-                "the label has no cart:map_projection_name; a map-projected DEM is wanted"
+                "the label has no cart:map_projection_name; a map-projected DEM is required"
             )
         for key in ("a_axis_radius", "b_axis_radius", "c_axis_radius"):
             if abs(self.metres(key) - MOON_RADIUS_M) > 0.5:
                 raise LabelError(
-                    f"{key} is {self.metres(key):.10g} m; heights are wanted above the sphere of {MOON_RADIUS_M:.0f} m"
+                    f"{key} is {self.metres(key):.10g} m; heights must refer to the sphere of {MOON_RADIUS_M:.0f} m"
                 )
         if self.text("longitude_direction").lower() not in ("", "positive east"):
-            raise LabelError("longitudes that grow to the west are not supported")
+            raise LabelError("west-positive longitudes are not supported")
         for key in ("map_projection_rotation", "oblique_proj_pole_latitude"):
             if self.maybe(key):
                 raise LabelError(f"a map with {key} {self.number(key):g} is not supported")
@@ -171,18 +172,18 @@ class _Pds4:
         if set(axes) != {"line", "sample"} or not (
             lines.strip().isdigit() and samples.strip().isdigit()
         ):
-            raise LabelError("an array of lines and samples with one band is wanted")
+            raise LabelError("an array of lines and samples with one band is required")
         if (
             self.text("axis_index_order") != "Last Index Fastest"
             or len(self.found["Element_Array"]) != 1
         ):
-            raise LabelError("one array whose samples run fastest is wanted")
+            raise LabelError("one array whose samples run fastest is required")
         return int(lines), int(samples)
 
     def _pixel_m(self) -> float:
         across, down = self.metres("pixel_resolution_x"), self.metres("pixel_resolution_y")
         if not across > 0.0 or abs(across - down) > 1e-6 * across:
-            raise LabelError(f"square pixels are wanted, not {across:g} x {down:g} m")
+            raise LabelError(f"square pixels are required, not {across:g} x {down:g} m")
         return across
 
     def _height_scale_m(self) -> float:

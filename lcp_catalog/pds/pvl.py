@@ -1,4 +1,4 @@
-"""PVL, the language of PDS3 labels: its statements, and numbers, texts and lengths out of them."""
+"""PVL, the language of PDS3 labels: statements, and their numbers, texts and lengths."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import LabelError
 
 Pvl = dict[str, Any]
-"""A label's statements; an OBJECT or GROUP is a nested dictionary, a number with a unit a
+"""Statements of a label; an OBJECT or GROUP is a nested dictionary, a number with a unit a
 ``Quantity``.
 """
 
@@ -26,7 +26,7 @@ _METRES |= {
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number and the unit that stood behind it in angle brackets, upper case."""
+    """A number with the unit given after it in angle brackets, upper case."""
 
     value: float
     unit: str
@@ -40,7 +40,7 @@ _TOKEN = re.compile(
 
 
 def parse_pvl(text: str) -> Pvl:
-    """The statements of an ODL/PVL text, up to END; a key's first value counts."""
+    """Statements of an ODL/PVL text, up to END; of a repeated key the first value is kept."""
     tokens = [m for m in _TOKEN.finditer(text) if m.lastgroup is not None]
     stack: list[Pvl] = [{}]
     at = 0
@@ -64,7 +64,7 @@ def parse_pvl(text: str) -> Pvl:
 
 
 def _pvl_value(tokens: list[re.Match[str]], at: int) -> tuple[Any, int]:
-    """The value that begins at token ``at``, and where the next statement begins."""
+    """The value that begins at token ``at``, and the index of the token after it."""
     if at >= len(tokens):
         return None, at
     if tokens[at].group() in "({":
@@ -94,7 +94,7 @@ def _literal(word: str) -> float | str:
 
 
 def table(pvl: Pvl, key: str) -> Pvl | None:
-    """The OBJECT or GROUP of that name, if it is one."""
+    """The OBJECT or GROUP of a name; None for anything else."""
     value = pvl.get(key)
     return value if isinstance(value, dict) else None
 
@@ -107,7 +107,7 @@ def number(pvl: Pvl, key: str) -> float | None:
 
 
 def wanted(pvl: Pvl, key: str) -> float:
-    """The finite number of a key; ``LabelError`` when there is none."""
+    """The finite number of a key. LabelError if there is none."""
     value = number(pvl, key)
     if value is None:
         raise LabelError(f"the label does not give {key} as a number (it says {pvl.get(key)!r})")
@@ -115,15 +115,15 @@ def wanted(pvl: Pvl, key: str) -> float:
 
 
 def text(pvl: Pvl, key: str) -> str:
-    """The upper-case text of a key, the first of a list; empty when it is missing."""
+    """The upper-case text of a key, of a list its first item; empty if it is missing."""
     value = pvl.get(key, "")
     value = value[0] if isinstance(value, list) and value else value
     return str(value.value if isinstance(value, Quantity) else value).upper()
 
 
 def metres(unit: str, key: str) -> float:
-    """Metres in a unit of length; ``LabelError`` names the key when the unit is none."""
+    """Metres in a unit of length. LabelError with the key if the unit is unknown."""
     factor = _METRES.get(unit.upper().strip())
     if factor is None:
-        raise LabelError(f"the unit <{unit}> of {key} is not a length that is known here")
+        raise LabelError(f"the unit <{unit}> of {key} is not a known unit of length")
     return factor

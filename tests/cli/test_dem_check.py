@@ -77,7 +77,7 @@ def test_notes_do_not_make_a_file_unsound(
     assert run(["dem", "check", str(label.with_name("MINE.IMG"))]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0].endswith(": sound, SLDEM2015_512")
-    assert out[1].startswith("  note: the label calls its image ")
+    assert out[1].startswith("  note: the label names its image ")
 
 
 def test_what_is_no_dem_is_an_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -291,7 +291,7 @@ def test_a_map_is_written_once(
     assert first.startswith(b"\x89PNG")
     capsys.readouterr()
     assert run(["dem", "info", pair[0], "--map", str(out)]) == 1
-    assert capsys.readouterr().err == f"lcp: {out} exists; say --overwrite to replace it\n"
+    assert capsys.readouterr().err == f"lcp: {out} exists; use --overwrite to replace it\n"
     assert out.read_bytes() == first
     assert run(["dem", "info", pair[0], "--map", str(out), "--overwrite"]) == 0
     assert out.read_bytes() != first

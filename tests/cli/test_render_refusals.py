@@ -27,7 +27,7 @@ def test_an_output_is_replaced_only_when_told(dem, out, capsys):
     out.write_text("mine")
     arguments = ["render", dem, "-o", str(out), *AREA, *SUN]
     assert run(arguments) == 1
-    assert "OUT.tif exists; say --overwrite" in capsys.readouterr().err
+    assert "OUT.tif exists; use --overwrite" in capsys.readouterr().err
     assert out.read_text() == "mine"
     assert run([*arguments, "--overwrite"]) == 0
     assert read(out)[1]["count"] == 7

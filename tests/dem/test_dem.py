@@ -204,7 +204,7 @@ class TestRefusals:
         (tmp_path / "LDEM_4.IMG").write_bytes((ldem_4 / "LDEM_4.IMG").read_bytes()[:-1])
         with pytest.raises(
             DemError,
-            match=r"LDEM_4\.IMG: has 2073599 bytes where its label LDEM_4\.LBL says 2073600",
+            match=r"LDEM_4\.IMG: has 2073599 bytes where its label LDEM_4\.LBL states 2073600",
         ):
             Dem.open(tmp_path / "LDEM_4.IMG")
 
@@ -216,7 +216,7 @@ class TestRefusals:
 
     def test_bare_jp2(self, ldem_4: Path, tmp_path: Path) -> None:
         shutil.copy(ldem_4 / "LDEM_4.JP2", tmp_path)
-        with pytest.raises(LabelError, match="does not say its heights' scale"):
+        with pytest.raises(LabelError, match="does not state the scale of its heights"):
             Dem.open(tmp_path / "LDEM_4.JP2")
 
     def test_jp2_of_another_size(self, ldem_4: Path, tmp_path: Path) -> None:

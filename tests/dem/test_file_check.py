@@ -42,7 +42,7 @@ class TestSizes:
         path = archive_copy(image)
         (tmp_path / image).write_bytes((tmp_path / image).read_bytes()[:-2])
         assert re.search(
-            r"has \d+ bytes where its label .* says \d+: cut short", only_problem(path)
+            r"has \d+ bytes where its label .* states \d+: cut short", only_problem(path)
         )
 
     @pytest.mark.parametrize(
@@ -78,17 +78,17 @@ class TestSizes:
         path = archive_copy("LDEM_64.JP2")
         image = tmp_path / "LDEM_64.JP2"
         image.write_bytes(image.read_bytes()[:-200])
-        assert "damaged or cut short" in only_problem(path)
+        assert "damaged or truncated" in only_problem(path)
 
     def test_truncated_geotiff(self, archive_copy: Callable[[str], Path]) -> None:
         path = archive_copy("ldem_87s_5mpp.tif")
         path.write_bytes(path.read_bytes()[:9000])
-        assert re.search("cut short|not a DEM that can be read", only_problem(path))
+        assert re.search("truncated|not a DEM that can be read", only_problem(path))
 
     def test_jp2_of_another_size(self, archive_copy: Callable[[str], Path]) -> None:
         path = archive_copy("LDEM_64.JP2")
         edit(path, lambda text: cut(text, LINES=59))
-        assert "has 60 x 72 pixels where its label LDEM_64_JP2.LBL says 59 x 72" in only_problem(
+        assert "has 60 x 72 pixels where its label LDEM_64_JP2.LBL states 59 x 72" in only_problem(
             path
         )
 
@@ -96,7 +96,7 @@ class TestSizes:
     def test_tif_of_another_size(self, archive_copy: Callable[[str], Path], given_as: str) -> None:
         path = archive_copy("NAC_DTM_APOLLO15.TIF")
         edit(path, lambda text: cut(text, LINE_SAMPLES=71))
-        assert "60 x 72 pixels where its label NAC_DTM_APOLLO15.LBL says 60 x 71" in only_problem(
+        assert "60 x 72 pixels where its label NAC_DTM_APOLLO15.LBL states 60 x 71" in only_problem(
             path.with_suffix(f".{given_as}")
         )
 

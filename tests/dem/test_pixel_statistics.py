@@ -41,7 +41,7 @@ class TestPixels:
     ) -> None:
         path = archive_copy(image)
         edit(path, lambda text: text.replace(old, new))
-        assert any("only when they are swapped" in problem for problem in check_dem(path).problems)
+        assert any("only with swapped bytes" in problem for problem in check_dem(path).problems)
 
     @pytest.mark.parametrize("value", [-32768, 32767])
     def test_a_sign_that_is_not_declared(
@@ -55,7 +55,7 @@ class TestPixels:
         )
         problems = [p for p in check_dem(path).problems if "states M" not in p]
         assert len(problems) == 1
-        assert f"the value {value} stands in 5 pixels (0.12%)" in problems[0]
+        assert f"the value {value} occurs in 5 pixels (0.12%)" in problems[0]
         assert "MISSING_CONSTANT" in problems[0]
 
     def test_a_sign_within_the_possible_heights(
@@ -64,7 +64,7 @@ class TestPixels:
         heights = archive["LDEM_64.IMG"].heights_m.astype(np.float32)
         heights[7, 5:9] = -9999.0
         path = geotiff(tmp_path / "LDEM_64.tif", heights, 0.0, 29 * DEGREE_M, DEGREE_M / 64)
-        assert "the value -9999 stands in 4 pixels" in only_problem(path)
+        assert "the value -9999 occurs in 4 pixels" in only_problem(path)
         path = geotiff(
             tmp_path / "LDEM_64.tif", heights, 0.0, 29 * DEGREE_M, DEGREE_M / 64, nodata=-9999.0
         )
@@ -99,12 +99,12 @@ class TestPixels:
         set_samples(tmp_path / "LDEM_875N_5M.IMG", "<i2", stripe)
         edit(path, lambda text: cut(text, DERIVED_MINIMUM="'N/A'", DERIVED_MAXIMUM="'N/A'"))
         verdict = check_dem(path)
-        assert any("3 rows and 1 columns hold nothing but zero" in note for note in verdict.notes)
+        assert any("3 rows and 1 columns hold only zeros" in note for note in verdict.notes)
 
     def test_one_value_is_a_note(self, tmp_path: Path) -> None:
         path = geotiff(tmp_path / "LDEM_64.tif", np.full((4, 4), 7.0, np.float32), 0.0, 0.0, 10.0)
         assert check_dem(path) == Verdict(
-            str(path), "LDEM_64", (), ("all pixels hold the one value 7",)
+            str(path), "LDEM_64", (), ("all pixels have the same value 7",)
         )
 
     def test_an_unknown_product_is_a_note(self, tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ class TestPixels:
         )
         verdict = check_dem(path)
         assert verdict.sound
-        assert "none that is known here" in verdict.notes[0]
+        assert "the product is not known" in verdict.notes[0]
 
     def test_a_renamed_image_is_a_note(
         self, archive_copy: Callable[[str], Path], tmp_path: Path
@@ -122,7 +122,7 @@ class TestPixels:
         for ending in ("LBL", "IMG"):
             (tmp_path / f"LDEM_64.{ending}").rename(tmp_path / f"LDEM_64_mine.{ending}")
         assert check_dem(path.with_name("LDEM_64_mine.IMG")).notes == (
-            "the label calls its image LDEM_64.IMG, the file is called LDEM_64_mine.IMG",
+            "the label names its image LDEM_64.IMG, the file is called LDEM_64_mine.IMG",
         )
 
 

@@ -132,7 +132,7 @@ class TestDisagreement:
         text = caplog.records[0].getMessage()
         assert "mine and LDEM_512 differ by 100.0 m" in text
         assert "42.4 m" in text  # 3 hypot(10, 10)
-        assert "that of mine is not published: 10 m taken" in text
+        assert "that of mine is not published: 10 m assumed" in text
 
     def test_agreement_and_a_box_elsewhere_are_silent(
         self, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -180,7 +180,7 @@ class TestOrderIsHandedThrough:
         assert BuildConfig.from_dict(tomllib.loads(config.to_toml())) == config
         area = AreaConfig(center_deg=(11.0, 23.0), size_km=20.0)
         wrong = replace(config, area=area, dem=DemConfig(("middle",)))
-        with pytest.raises(DemError, match="called middle; there are high, low"):
+        with pytest.raises(DemError, match="matches middle; products given: high, low"):
             Build.plan(two, wrong)
         Build.plan(two, replace(config, area=area))
         with pytest.raises(ConfigError, match=r"dem\.product_order must be a list of texts"):

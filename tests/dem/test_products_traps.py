@@ -41,7 +41,8 @@ class TestTraps:
     def test_a_bare_jp2_is_refused(self, archive: dict[str, Product], tmp_path: Path) -> None:
         image = Path(shutil.copy(archive["LDEM_16.JP2"].image, tmp_path))
         with pytest.raises(
-            LabelError, match=r"LDEM_16_JP2\.LBL is missing .*does not say its heights' scale"
+            LabelError,
+            match=r"LDEM_16_JP2\.LBL is missing .*does not state the scale of its heights",
         ):
             Dem.open(image)
 
@@ -196,7 +197,7 @@ class TestTraps:
         label = archive["NAC_DTM_APOLLO15.TIF"].copied_to(tmp_path)
         label.write_text(cut(label.read_text(encoding="latin-1"), LINES=61), encoding="latin-1")
         with pytest.raises(
-            DemError, match=r"60 x 72 pixels where its label NAC_DTM_APOLLO15\.LBL says 61 x 72"
+            DemError, match=r"60 x 72 pixels where its label NAC_DTM_APOLLO15\.LBL states 61 x 72"
         ):
             Dem.open(label)
 

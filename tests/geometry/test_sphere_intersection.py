@@ -202,5 +202,5 @@ def test_shapes_and_refusals():
     assert sphere_intersection.ranges(p, d * 1e300)[0, 0] == R
     assert sphere_intersection.ranges(p, np.zeros((0, 3))).shape == (0,)
     for position, direction in ((p[:2], d), (p, d * 0), (p * np.nan, d), (p, d + np.inf)):
-        with pytest.raises(ValueError, match="no rays"):
+        with pytest.raises(ValueError, match="invalid rays"):
             sphere_intersection.ranges(position, direction)

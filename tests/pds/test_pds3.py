@@ -127,7 +127,7 @@ def test_map_scale_without_a_unit_is_decided_by_the_resolution(scale: str) -> No
         ({"MAP_PROJECTION_ROTATION": "90.0"}, "rotated by 90 deg"),
         ({"MAP_PROJECTION_TYPE": '"SINUSOIDAL"'}, "SINUSOIDAL is not supported"),
         ({"TARGET_NAME": "MARS"}, "target is MARS"),
-        ({"POSITIVE_LONGITUDE_DIRECTION": '"WEST"'}, "grow to the west"),
+        ({"POSITIVE_LONGITUDE_DIRECTION": '"WEST"'}, "west-positive longitudes"),
         ({"MAP_SCALE": "2000"}, "one of them is wrong"),
         ({"SAMPLE_BITS": "8"}, "8 bits are not supported"),
         ({"UNIT": "FATHOM"}, "FATHOM"),

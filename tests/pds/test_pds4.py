@@ -32,7 +32,7 @@ def test_pds4_agrees_with_gdal(archive: dict[str, Product]) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        (">Positive East<", ">Positive West<", "grow to the west"),
+        (">Positive East<", ">Positive West<", "west-positive longitudes"),
         ("<name>Moon<", "<name>Mars<", "target is Mars"),
         ('<cart:a_axis_radius unit="km">1737.4', '<cart:a_axis_radius unit="km">3396.19', "3396190 m"),
         (' unit="m/pixel">20</cart:pixel_resolution_x', ">20</cart:pixel_resolution_x", "no unit: metres or kilometres"),
