@@ -1,4 +1,4 @@
-"""``lcp report``: one page, kept unless --overwrite, and one line when it cannot be drawn."""
+"""``lcp report``: one page, not replaced without --overwrite, and one line for an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""``lcp trade`` from the outside: three files in a folder, one line for every mistake, nothing half-written."""
+"""``lcp trade`` as a user runs it: three files in a folder, one line for every mistake, no
+incomplete output.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ def test_it_writes_table_page_and_data(
     monkeypatch: pytest.MonkeyPatch,
     own: bool,
 ) -> None:
-    """Each tier in a process of its own (or here, which is quick); flags lie over the file; the file's own tier does not matter."""
+    """Each tier in a process of its own (or in this one, which is quicker); options override the
+    file; the file's tier has no effect.
+    """
     if not own:
         workers = timing.Workers
         monkeypatch.setattr(measurement, "Workers", lambda isolated: workers(isolated=not isolated))
@@ -79,7 +83,7 @@ def test_it_writes_table_page_and_data(
 def test_what_is_there_is_kept(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Refused before anything is computed."""
+    """Refused before the computation."""
     (tmp_path / "trade").mkdir()
     page = tmp_path / "trade" / "trade.html"
     page.write_text("mine")

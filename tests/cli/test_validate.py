@@ -1,4 +1,6 @@
-"""``lcp validate`` as a user runs it: on a frame that `lcp simulate` took of the sample's ground, and on what is wrong."""
+"""``lcp validate`` as a user runs it: on a simulated frame of the sample's terrain, and with
+invalid input.
+"""
 
 import csv
 import json
@@ -24,7 +26,9 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a catalogue of 49 places of the sample's DEM, a frame of them, and the frame's camera, 700 m wrong."""
+    """A folder with a catalogue of 49 places of the sample's DEM, a frame of them, and a camera
+    file with an error of 700 m.
+    """
     folder = tmp_path_factory.mktemp("validate")
     along = np.linspace(-0.32, 0.32, 7)
     lon, lat = (grid.ravel() for grid in np.meshgrid(CENTRE[0] + 1.1 * along, CENTRE[1] + along))
@@ -123,7 +127,7 @@ def test_without_a_dem_the_patches_are_compared(place, capsys) -> None:
 
 
 def test_the_wrong_place_is_refused(place, capsys) -> None:
-    """The same frame, said to be taken half a degree further west, where there are points as well."""
+    """The same frame, stated to be half a degree further west, where there are also points."""
     document = json.loads((place / "true.json").read_text())
     camera = looking_at(
         EnuFrame(CENTRE[0] - 0.25, CENTRE[1] + 0.2, -1500.0),
@@ -185,7 +189,7 @@ def test_wrong_flags_say_which(place, tmp_path, capsys, monkeypatch, flags, code
 
 
 def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys) -> None:
-    """It may stand in the report's folder, which is not there yet."""
+    """The make rule may be in the report's folder, which need not exist yet."""
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
     own = str(tmp_path / "out" / "report.json")
     assert run(["validate", *files, "--depfile", own]) == 1
@@ -207,12 +211,14 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
     ],
 )
 def test_images_of_one_name_are_told_apart(given, called) -> None:
-    """As few folders as do it; with one camera after the other an image may be given again."""
+    """With as few folders as needed; the same image may be given twice, with two cameras."""
     assert told_apart([ImageFiles(Path(name)) for name in given]) == called
 
 
 def test_what_cannot_be_tried_says_what_is_missing(place, tmp_path, capsys) -> None:
-    """In the report, beside an image that can: without geometry, of another size than its camera, blank."""
+    """Invalid images are results in the report beside a valid one: without geometry, of another
+    size than the camera, empty.
+    """
     other = json.loads((place / "true.json").read_text()) | {"image_size_px": [640, 480]}
     (tmp_path / "other.json").write_text(json.dumps(other))
     said = []
