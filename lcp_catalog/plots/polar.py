@@ -61,10 +61,10 @@ def polar_chart(panels: Sequence[Panel], title: str, columns: int) -> str:
         f'<g transform="translate({(k % columns) * width:g} {40 + (k // columns) * height:g})">{_draw(panel)}</g>'
         for k, panel in enumerate(panels)
     )
-    names = _legend(panels)
-    whole = 40 + rows * height + 24
+    names, names_width = _legend(panels)
+    wide, whole = max(columns * width, names_width + 16.0), 40 + rows * height + 24
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {columns * width:g} {whole:g}" width="{columns * width:g}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide:g} {whole:g}" width="{wide:g}" '
         f'height="{whole:g}" role="img" aria-label="{escape(title)}"><style>{_STYLE}</style>'
         f'<text class="title" x="16" y="24">{escape(title)}</text>{drawn}'
         f'<g transform="translate(16 {whole - 14:g})">{names}</g></svg>\n'
@@ -118,7 +118,8 @@ def _place(theta_deg: Array, share: Array) -> Array:
     return np.array([-np.sin(theta) * share * _RADIUS, -np.cos(theta) * share * _RADIUS])
 
 
-def _legend(panels: Sequence[Panel]) -> str:
+def _legend(panels: Sequence[Panel]) -> tuple[str, float]:
+    """Marks and names of the curves in one line, and its width in pixels."""
     names = {curve.name: curve.style for panel in panels for curve in panel.curves}
     parts, x = [], 0.0
     for name, style in names.items():
@@ -131,7 +132,7 @@ def _legend(panels: Sequence[Panel]) -> str:
             f'<g transform="translate({x:g} 0)">{mark}<text x="34" y="0">{escape(name)}</text></g>'
         )
         x += 50.0 + 8.0 * len(name)
-    return "".join(parts)
+    return "".join(parts), x
 
 
 def _round_up(value: float) -> float:
