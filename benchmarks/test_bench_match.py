@@ -91,9 +91,9 @@ def test_stages(benchmark, scene, monkeypatch):
         (templates, "nodes_mcmf"),
         (draw_patch, "draw_patches"),
         (point_spread, "templates"),
-        (search, "seek"),
+        (search, "find_templates"),
         (subpixel_fit, "refine"),
-        (point_search, "seek_back"),
+        (point_search, "find_backwards"),
     ):
         monkeypatch.setattr(module, name, timed(getattr(module, name), name, spent))
     with limit_threads(1):
@@ -131,7 +131,7 @@ def test_search_beside_opencv(benchmark, scene):
     out = {coarse: np.full((len(rows), search.NUMBERS), np.nan) for coarse in (True, False)}
 
     def ours(coarse: bool) -> None:
-        search.seek(
+        search.find_templates(
             image.fine, image.weight, image.half, image.half_weight, made.values, made.mask, made.origin,
             np.full(len(rows), REACH_PX), size, 0.7, np.full(len(rows), coarse), out[coarse],
         )  # fmt: skip

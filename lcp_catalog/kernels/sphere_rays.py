@@ -1,12 +1,12 @@
-"""Rays and a sphere around the origin, without cancellation; and how much of a pixel a limb leaves.
+"""Intersections of rays with a sphere around the origin, without cancellation, and the share of a
+pixel inside the limb.
 
 With p the ray's start, d its direction of any length and R the radius: a = d.d, b = p.d,
 c = p.p - R^2, and p + t d lies on the sphere where a t^2 + 2 b t + c = 0. Its discriminant
-b^2 - a c cancels for far cameras and near the limb, c for low ones. Both, and b, are summed of
-products that are kept whole: two floats hold 106 bits (Dekker, Numer. Math. 18, 1971; sums after
-Knuth, TAOCP 2, 4.2.2). So the numbers that are given are as good as exact, and what is left is the
-rounding of the last few operations. The roots are taken in the form that adds (t = c / (-b +- root)
-where -b -+ root would cancel).
+b^2 - a c cancels for far cameras and near the limb, c for low cameras. Both, and b, are sums of
+products in double-double arithmetic: two floats hold 106 bits (Dekker, Numer. Math. 18, 1971; sums
+after Knuth, TAOCP 2, 4.2.2). Only the rounding of the last few operations remains. The roots are
+computed in the form that adds (t = c / (-b +- root) where -b -+ root would cancel).
 """
 
 import math
@@ -15,14 +15,14 @@ import numpy as np
 from numba import njit
 
 _LANES = 256
-"""Rays whose components are laid side by side first: processors then follow several at once."""
+"""Rays whose components are stored side by side first, for SIMD processing."""
 
-_SPLITTER = 134217729.0  # 2^27 + 1: cuts a float64 into two halves of 26 bits
+_SPLITTER = 134217729.0  # 2^27 + 1: splits a float64 into two halves of 26 bits
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _two_sum(a, b):
-    """a + b, and what rounding took from it (Knuth)."""
+    """a + b and its rounding error (Knuth)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
@@ -30,7 +30,7 @@ def _two_sum(a, b):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _two_product(a, b):
-    """a b, and what rounding took from it (Veltkamp's halves, Dekker's product)."""
+    """a b and its rounding error (Veltkamp's splitting, Dekker's product)."""
     product = a * b
     big = _SPLITTER * a
     a1 = big - (big - a)
@@ -43,7 +43,7 @@ def _two_product(a, b):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add(a, a_rest, b, b_rest):
-    """Sum of two pairs, good to 2^-104 of the larger even where the high parts cancel."""
+    """Sum of two pairs, accurate to 2^-104 of the larger even if the high parts cancel."""
     high, low = _two_sum(a, b)
     rest, rest_low = _two_sum(a_rest, b_rest)
     low += rest
@@ -74,7 +74,7 @@ def _dot(ax, ay, az, bx, by, bz):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def above(px, py, pz, radius):
-    """p.p - R^2 as a pair: its sign says whether p is outside."""
+    """p.p - R^2 as a pair; positive for p outside the sphere."""
     high, low = _dot(px, py, pz, px, py, pz)
     square, rest = _two_product(radius, radius)
     return _add(high, low, -square, -rest)
@@ -82,17 +82,18 @@ def above(px, py, pz, radius):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def range_to(px, py, pz, dx, dy, dz, c, c_rest):
-    """Distance along a ray to the sphere, in the unit of p whatever the length of d; NaN: it misses.
+    """Distance along a ray to the sphere, in the unit of p for any length of d; NaN if the ray
+    misses.
 
-    From outside the nearer crossing, from inside the only one ahead; from the sphere itself (c = 0)
-    0 for a ray that goes in, and none for one that leaves or touches. ``c``: `above` of p.
+    From outside the nearer crossing, from inside the only one ahead. From the sphere itself (c = 0)
+    0 for a ray that enters, NaN for one that leaves or touches. ``c``: `above` of p.
     """
     a, a_rest = _dot(dx, dy, dz, dx, dy, dz)
     b, b_rest = _dot(px, py, pz, dx, dy, dz)
     square, square_rest = _times(b, b_rest, b, b_rest)
     product, product_rest = _times(a, a_rest, c, c_rest)
     under_root, _ = _add(square, square_rest, -product, -product_rest)
-    # values are chosen, not ways: so that many rays are followed at once. From outside b < 0, and the
+    # without branches, so that many rays are processed at once. From outside b < 0, and the
     # nearer root is c / (root - b); from inside -c / (root + b) or, where that cancels, (root - b) / a
     root = math.sqrt(max(under_root, 0.0))
     sum_of_both = root + abs(b)
@@ -104,7 +105,7 @@ def range_to(px, py, pz, dx, dy, dz, c, c_rest):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ranges(origins, directions, radius, out):
-    """`range_to` of rays (n, 3) from origins (n, 3), or (1, 3) for all; into ``out`` (n,)."""
+    """Write `range_to` of rays (n, 3) from origins (n, 3), or (1, 3) for all, into ``out`` (n,)."""
     if origins.shape[0] == 1:
         px, py, pz = origins[0]
         c, c_rest = above(px, py, pz, radius)
@@ -125,7 +126,7 @@ def ranges(origins, directions, radius, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def longest_components(directions):
-    """Least and greatest of the rays' (n, 3) longest components; NaN where their sum is not finite."""
+    """Least and greatest of the longest components of rays (n, 3); NaN if their sum is not finite."""
     least, most = np.inf, 0.0
     for k in range(directions.shape[0]):
         x, y, z = abs(directions[k, 0]), abs(directions[k, 1]), abs(directions[k, 2])
@@ -138,8 +139,8 @@ def longest_components(directions):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def heights(origins, radius, out):
-    """Height of points (n, 3) over the sphere into ``out`` (n,): (p.p - R^2) / (|p| + R), good to the
-    last bits at any height.
+    """Write the height of points (n, 3) over the sphere into ``out`` (n,): (p.p - R^2) / (|p| + R),
+    accurate to the last bits at any height.
     """
     for k in range(origins.shape[0]):
         px, py, pz = origins[k]
@@ -149,7 +150,7 @@ def heights(origins, radius, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _crossing(f, g):
-    """Where between 0 and 1 a line from f to g (one above 0, one not) crosses 0."""
+    """Share 0..1 of the way from f to g (one above 0, one not) at which a line crosses 0."""
     return f / (f - g)
 
 
@@ -157,9 +158,9 @@ def _crossing(f, g):
 def covered(values, shares, middles):
     """Share of each of n pixels in which a function is above 0, and the middle of that part.
 
-    values (n, k + 1, k + 1): the function at the corners of k x k equal cells of a pixel, whose zero
-    line is taken as straight within a cell. Into shares (n,) and middles (n, 2): column, row off
-    the pixel's middle, in pixels; 0 where the share is.
+    values (n, k + 1, k + 1): the function at the corners of k x k equal cells of a pixel, whose
+    zero line is taken as straight within a cell. Results go into shares (n,) and middles (n, 2):
+    column and row from the pixel's middle, in pixels; 0 where the share is 0.
     """
     cells = values.shape[1] - 1
     xs, ys = np.empty(8), np.empty(8)

@@ -43,7 +43,9 @@ def fill_missing(image: Float32, size: int) -> Float32:
 
 
 def robust_contrast(image: Float32) -> float:
-    """Robust standard deviation of the lit nodes, (84th - 16th percentile) / 2; 0 if no node is lit."""
+    """Robust standard deviation of the lit nodes, (84th - 16th percentile) / 2; 0 if no node is
+    lit.
+    """
     lit = image[np.isfinite(image) & (image > 0.0)]
     if not lit.size:
         return 0.0

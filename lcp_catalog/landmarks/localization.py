@@ -10,7 +10,8 @@ M is large along the gradient.
 
 Limits: first order, so for sigmas well below the width of the features; white noise, the same at
 every pixel. Central differences damp detail near one pixel (an ideal step counts half), so very
-sharp patches are located better than stated. With noise in both images sigmas are larger by sqrt(2).
+sharp patches are located better than stated. With noise in both images sigmas are larger by
+sqrt(2).
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ _SMALLEST_PX = 7
 
 @dataclass(frozen=True)
 class Localization:
-    """Error ellipse of each patch's position, shapes (n,): 1-sigma along both axes, and the angle of
-    the major axis.
+    """Error ellipse of each patch's position, shapes (n,): 1-sigma along both axes, and the angle
+    of the major axis.
 
     The angle is in radians from the direction of columns (east) towards the direction of rows
     (south), -pi/2..pi/2. Sigmas are infinite and the angle NaN for a patch that cannot be located.
@@ -78,8 +79,8 @@ def lit_share(patches: Float32) -> Array:
 
 
 def _tensors(patches: Float32) -> tuple[Array, Array]:
-    """xx, yy, xy (n, 3) of the plain structure tensor, and of the one with free gain and offset; NaN
-    for a patch with a missing node or without light.
+    """xx, yy, xy (n, 3) of the plain structure tensor, and of the one with free gain and offset;
+    NaN for a patch with a missing node or without light.
     """
     image = _normalised(patches)
     gy, gx = np.gradient(image, axis=(1, 2))

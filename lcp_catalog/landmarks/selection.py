@@ -1,5 +1,5 @@
-"""Choice of points among the candidates, coverage of the spacing cells, and ids that are the same in
-every build.
+"""Choice of points among the candidates, coverage of the spacing cells, and ids that are the same
+in every build.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..kernels.matching import search, subpixel_fit
-from ..kernels.matching.backward_search import seek_back
+from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.uniqueness import effective_samples, false_match_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches
@@ -192,10 +192,10 @@ def _judge_templates(templates: Templates, criteria: Criteria, code: Bytes) -> N
 
 
 def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Bytes) -> Array:
-    """Results (n, `search.NUMBERS`) of `search.seek` for the templates without a reason."""
+    """Results (n, `search.NUMBERS`) of `search.find_templates` for the templates without a reason."""
     image, size = task.image, templates.mask.sum(axis=(1, 2))
     found = np.full((len(code), search.NUMBERS), np.nan)
-    search.seek(
+    search.find_templates(
         image.fine, image.weight, image.half, image.half_weight,
         templates.values, templates.mask & (code == 0)[:, None, None], start,
         np.ceil(reach).astype(np.int64), 0.5 * np.sqrt(size), task.criteria.min_real_share,
@@ -255,7 +255,7 @@ def _sought_back(
     good = code == 0
     found = np.full((int(good.sum()), 3), np.nan)
     reach = max(2, int(_BACK_REACH * max(templates.shape)))
-    seek_back(
+    find_backwards(
         templates.values[good], templates.mask[good], task.image.fine, task.image.weight,
         places[good], _INNER, reach, _BACK_COVER, found,
     )  # fmt: skip

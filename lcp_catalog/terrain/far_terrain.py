@@ -23,7 +23,8 @@ from ..kernels.shadows import far_terrain
 from .heightfield import Heightfield, Window
 
 PLACES = 8
-"""Nodes between the lattice places at which tiers below `high` compute the heights of far shadows."""
+"""Nodes between the lattice places at which tiers below `high` compute the heights of far shadows.
+"""
 
 _BLOCK, _BLOCKS = 64, 16
 """Least number of nodes along a block of a window; greatest number of blocks along a window."""
@@ -73,7 +74,9 @@ class FarTerrain:
         return self.levels[0].gsd_m, self.levels[-1].gsd_m
 
     def occluded(self, points_m: ArrayLike, direction: ArrayLike) -> Mask:
-        """True where far terrain rises above the ray from a point (n, 3) of the area, bool (n,); NaN: False."""
+        """True where far terrain rises above the ray from a point (n, 3) of the area, bool (n,);
+        NaN: False.
+        """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
         asking = np.flatnonzero(~np.isnan(points[:, 2]))
@@ -192,7 +195,9 @@ class FarTerrain:
 
 @dataclass(frozen=True, eq=False)
 class _Tops:
-    """Highest points of a level's blocks: ENU x, y of the middles (n,), half a block's diagonal, height (n,)."""
+    """Highest points of a level's blocks: ENU x, y of the middles (n,), half a block's diagonal,
+    height (n,).
+    """
 
     x_m: Array
     y_m: Array
@@ -227,7 +232,9 @@ class _Tops:
         return _Tops(self.x_m[some], self.y_m[some], self.half_m, self.top_m[some])
 
     def _heights(self, place: Footprint, ahead: tuple[float, float], tangent: float) -> Array:
-        """Upper bound of the height of each block's shadow over each group of places, (groups, blocks)."""
+        """Upper bound of the height of each block's shadow over each group of places, (groups,
+        blocks).
+        """
         x, y = (np.stack(np.atleast_1d(*side)) for side in (place.x_m, place.y_m))
         corners = [(east, north) for east in x for north in y]
         along = np.stack([east * ahead[0] + north * ahead[1] for east, north in corners])
@@ -246,8 +253,8 @@ class _Tops:
 
 
 class _Blocks:
-    """Square blocks of a window's nodes, and the lattice of places over them; blocks that far terrain
-    cannot shadow are skipped.
+    """Square blocks of a window's nodes, and the lattice of places over them; blocks that far
+    terrain cannot shadow are skipped.
     """
 
     def __init__(self, field: Heightfield, window: Window, occluded: Mask) -> None:
@@ -285,7 +292,9 @@ class _Blocks:
 
     @property
     def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the places, counted from the window's first node; they enclose the window."""
+        """Rows and columns of the places, counted from the window's first node; they enclose the
+        window.
+        """
         rows, cols = (max(2, -(-(count - 1) // PLACES) + 1) for count in self._counts)
         return np.arange(rows) * PLACES, np.arange(cols) * PLACES
 
@@ -296,8 +305,8 @@ class _Blocks:
         return row1 - row0, col1 - col0
 
     def at_places(self, which: Mask) -> Mask:
-        """Mask of the places around the nodes of some blocks: one place before each block, and up to
-        the last place of the window, which lies beyond its nodes.
+        """Mask of the places around the nodes of some blocks: one place before each block, and up
+        to the last place of the window, which lies beyond its nodes.
         """
         spans = []
         for first, count in zip(self.places, self._counts, strict=True):

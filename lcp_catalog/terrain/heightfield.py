@@ -22,7 +22,9 @@ from ..kernels.rays import bundles, camera_tiles, isolated_patches, max_pyramid,
 from ..kernels.shadows import scan_lines, steep_tiles
 
 Window = tuple[int, int, int, int]
-"""Rows and columns, half open: first row, row behind the last, first column, column behind the last."""
+"""Rows and columns, half open: first row, row behind the last, first column, column behind the
+last.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,9 @@ class Heightfield:
 
     @property
     def traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:
-        """First arguments of every ray kernel: heights, True if any is missing, pyramid, highest height."""
+        """First arguments of every ray kernel: heights, True if any is missing, pyramid, highest
+        height.
+        """
         return self.z_m, self.has_holes, self._pyramid, self.extremes_m[1]
 
     @property
@@ -121,8 +125,8 @@ class Heightfield:
         return row0, row1, col0, col1
 
     def ray_in_cells(self, direction: ArrayLike) -> tuple[float, float, float]:
-        """A direction (3,) in cell units with max(|du|, |dv|) = 1; (0, 0, dz) if vertical. ValueError
-        for a direction that is zero or not finite.
+        """A direction (3,) in cell units with max(|du|, |dv|) = 1; (0, 0, dz) if vertical.
+        ValueError for a direction that is zero or not finite.
         """
         east, north, up = (float(v) for v in np.asarray(direction, dtype=np.float64))
         if not math.isfinite(east + north + up) or max(abs(east), abs(north), abs(up)) == 0.0:
@@ -209,8 +213,8 @@ class Heightfield:
     def occluded_alone(
         self, rows: ArrayLike, cols: ArrayLike, half: int, direction: ArrayLike
     ) -> Mask:
-        """Occlusion by a patch alone, for n patches of (2 half + 1)^2 nodes around (rows, cols), bool
-        (n, size, size).
+        """Occlusion by a patch alone, for n patches of (2 half + 1)^2 nodes around (rows, cols),
+        bool (n, size, size).
         """
         centre_rows = np.ascontiguousarray(rows, dtype=np.int64)
         centre_cols = np.ascontiguousarray(cols, dtype=np.int64)

@@ -55,8 +55,8 @@ class Nodes:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """ENU points (n, 3) on or above a field, metres, and the terrain beyond the field; points within
-    1 mm of the surface are moved onto it.
+    """ENU points (n, 3) on or above a field, metres, and the terrain beyond the field; points
+    within 1 mm of the surface are moved onto it.
     """
 
     field: Heightfield

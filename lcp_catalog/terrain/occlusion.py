@@ -8,9 +8,9 @@
 - high: proved bounds on both sides; nodes that they leave undecided are traced. No node is wrong.
 - reference: every node is traced.
 
-Terrain beyond the field (`far_terrain`) is tested for the nodes that the field itself leaves lit. In
-draft and standard the heights of its shadows at every eighth node are used where these are clear;
-otherwise, and in high and reference, rays are traced.
+Terrain beyond the field (`far_terrain`) is tested for the nodes that the field itself leaves lit.
+In draft and standard the heights of its shadows at every eighth node are used where these are
+clear; otherwise, and in high and reference, rays are traced.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def occluded(
     """True for nodes of the window, bool (rows, cols), where the surface rises above the ray in
     ``direction`` (3,), an ENU vector; at most a share ``accuracy.node_error`` of them is wrong.
 
-    ``far``: terrain beyond the field. Nodata is not occluded. ValueError for an invalid direction or
-    a window outside the raster.
+    ``far``: terrain beyond the field. Nodata is not occluded. ValueError for an invalid direction
+    or a window outside the raster.
     """
     out = _occluded(field, direction, accuracy, window)
     if far is not None:
@@ -74,9 +74,11 @@ def occluded_sweep(
     window: Window | None = None,
     far: FarTerrain | None = None,
 ) -> NDArray[np.uint8]:
-    """Occlusion for several elevations at one azimuth, uint8 (elevations, rows, cols): 1 where dark.
+    """Occlusion for several elevations at one azimuth, uint8 (elevations, rows, cols): 1 where
+    dark.
 
-    ValueError unless elevations lie between -90 (excluded) and 90 degrees and the azimuth is finite.
+    ValueError unless elevations lie between -90 (excluded) and 90 degrees and the azimuth is
+    finite.
     """
     elevations = np.atleast_1d(np.asarray(elevations_rad, dtype=np.float64))
     if not ((elevations > -math.pi / 2) & (elevations <= math.pi / 2 + 1e-12)).all():

@@ -31,8 +31,8 @@ _LEAST_STRIDE = (
 
 @dataclass(frozen=True)
 class Effort:
-    """Settings of a hybrid: lines per column, rows covered by the stencil, and True if dark nodes are
-    proved.
+    """Settings of a hybrid: lines per column, rows covered by the stencil, and True if dark nodes
+    are proved.
     """
 
     density: int
@@ -45,8 +45,8 @@ PROVED = Effort(density=4, cells=4, proved=True)
 
 
 class SunAhead:
-    """Orientation of a heightfield in which a ray (du, dv in cells, the greater one 1; dz in metres)
-    goes towards row 0, and the part of the field that can shadow a window.
+    """Orientation of a heightfield in which a ray (du, dv in cells, the greater one 1; dz in
+    metres) goes towards row 0, and the part of the field that can shadow a window.
     """
 
     def __init__(self, field: Heightfield, ray: tuple[float, float, float], window: Window) -> None:
@@ -87,7 +87,9 @@ class SunAhead:
         return 8 + self._rows_of_relief(abs(steepest_rise), self.field.extremes_m[0])
 
     def awake(self, slope: float, width: int) -> Mask:
-        """True for stretches of blocks of ``width`` lines that may contain a shadow (`kernels.shadows.steep_tiles`)."""
+        """True for stretches of blocks of ``width`` lines that may contain a shadow
+        (`kernels.shadows.steep_tiles`).
+        """
         reach = 8 + self._rows_of_relief(self.rise, self.field.extremes_m[0])
         gradients, holed = self.field.tile_gradients_m
         cliffs = np.where(holed, math.inf, gradients)  # beside nodata the slope is unknown
@@ -139,7 +141,9 @@ def draft_occluded(
 def hybrid_occluded(
     field: Heightfield, ray: tuple[float, float, float], window: Window, effort: Effort
 ) -> tuple[Mask, int]:
-    """Mask bool (rows, cols) of a ray in cells (not vertical), and the number of nodes that were traced."""
+    """Mask bool (rows, cols) of a ray in cells (not vertical), and the number of nodes that were
+    traced.
+    """
     row0, row1, col0, col1 = window
     out = np.empty((row1 - row0, col1 - col0), dtype=np.bool_)
     if not _casts(field, out.shape, ray[2]):
@@ -165,15 +169,15 @@ def hybrid_occluded(
 
 
 def slacks(field: Heightfield, rise: float, stride: int, rows: int) -> tuple[float, float]:
-    """Bounds of the float32 rounding error of a line's height (m) and of a stencil's tangent (m per cell).
+    """Bounds of the float32 rounding error of a line's height (m) and of a stencil's tangent (m per
+    cell).
 
     A line's height is two products, two sums and the rounded level, each within EPSILON of numbers
-    not above M = the highest |z| + |rise| (stride + 8); the ray's is one sum and a level: 8 EPSILON M
-    together, of which twice is used. Every rebase may add EPSILON M while a height still counts:
+    not above M = the highest |z| + |rise| (stride + 8); the ray's is one sum and a level: 8 EPSILON
+    M together, of which twice is used. Every rebase may add EPSILON M while a height still counts:
     twice for a Sun above the horizon, since the height is below all terrain after that; at every
-    rebase for a Sun below the horizon.
-    A stencil's weights are at most sqrt 2: three products, two sums, three rounded weights of
-    numbers not above sqrt 2 |z|.
+    rebase for a Sun below the horizon. A stencil's weights are at most sqrt 2: three products, two
+    sums, three rounded weights of numbers not above sqrt 2 |z|.
     """
     low, high, _ = field.extremes_m
     largest = max(abs(low), abs(high))

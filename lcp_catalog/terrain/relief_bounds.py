@@ -27,8 +27,8 @@ _ROUNDING = (
 
 @dataclass(frozen=True)
 class Steepness:
-    """Tangent of the steepest facet of a surface, and True if the surface is connected (every node has
-    a height).
+    """Tangent of the steepest facet of a surface, and True if the surface is connected (every node
+    has a height).
     """
 
     tangent: float
@@ -138,7 +138,9 @@ def tangent_of(direction: Array) -> float:
 
 
 def lowest_view_tangent(view: View, points_m: Array) -> float:
-    """Tangent of the camera's least elevation as seen from ENU points (..., 3); inf without a point."""
+    """Tangent of the camera's least elevation as seen from ENU points (..., 3); inf without a
+    point.
+    """
     if view.direction is not None:
         return tangent_of(view.direction)
     assert view.position_m is not None
@@ -164,8 +166,8 @@ def lowest_core_tangent(view: View, terrain: Terrain) -> float:
 
 
 def ring_needed_m(coarse: Terrain, tangent: float, margin_m: float) -> float:
-    """Greatest distance from the core, metres, at which terrain can rise above rays that climb from the
-    core with a tangent; from coarse heights.
+    """Greatest distance from the core, metres, at which terrain can rise above rays that climb from
+    the core with a tangent; from coarse heights.
 
     ``margin_m``: bound of the height that the coarse nodes smooth away; it is added to the terrain
     and subtracted from the core.
@@ -186,8 +188,8 @@ def ring_needed_m(coarse: Terrain, tangent: float, margin_m: float) -> float:
 
 @dataclass(frozen=True)
 class Ring:
-    """Gaps of the terrain around a core: share of its nodes without a height, and the distance of the
-    nearest missing surface from the core, metres (inf without any).
+    """Gaps of the terrain around a core: share of its nodes without a height, and the distance of
+    the nearest missing surface from the core, metres (inf without any).
     """
 
     missing: float

@@ -1,11 +1,11 @@
-"""An area with the terrain that can shadow it: cells of the area's size near by, nested coarser ones
-beyond (`far_terrain`).
+"""An area with the terrain that can shadow it: cells of the area's size near by, nested coarser
+ones beyond (`far_terrain`).
 
-Terrain within `NEAR_NODES` of the area has the area's cell size. Beyond, the cells of each level are
-twice as wide as those of the level before, and it extends twice as far, so that a cell is never
+Terrain within `NEAR_NODES` of the area has the area's cell size. Beyond, the cells of each level
+are twice as wide as those of the level before, and it extends twice as far, so that a cell is never
 wider than `CELL_SHARE` of its distance from the area: the detail that a cell smooths away then
-subtends the same small angle of the horizon at any distance (`HORIZON_RMS_DEG`). The outermost level
-is the last one with terrain that can rise above the lowest ray.
+subtends the same small angle of the horizon at any distance (`HORIZON_RMS_DEG`). The outermost
+level is the last one with terrain that can rise above the lowest ray.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ terrain of the Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Width of the ring of the area's cell size, the terrain beyond (None: it cannot shadow the area),
-    and the distance up to which terrain can shadow the area, metres.
+    """Width of the ring of the area's cell size, the terrain beyond (None: it cannot shadow the
+    area), and the distance up to which terrain can shadow the area, metres.
     """
 
     ring_m: float
@@ -83,8 +83,8 @@ def surroundings(
 def ring_for_rays_m(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, tangent: float, limit_m: float
 ) -> float:
-    """Greatest distance from a window, metres, at which terrain can rise above rays that climb from it
-    with a tangent; at most ``limit_m``.
+    """Greatest distance from a window, metres, at which terrain can rise above rays that climb from
+    it with a tangent; at most ``limit_m``.
     """
     if not math.isfinite(tangent):
         return 0.0
@@ -95,16 +95,16 @@ def ring_for_rays_m(
 def build_surrounded(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, found: Surroundings
 ) -> Terrain:
-    """The terrain of a window with its ring, at least one node wide (for the normals at the window's
-    border), and the far terrain.
+    """The terrain of a window with its ring, at least one node wide (for the normals at the
+    window's border), and the far terrain.
     """
     terrain = build_terrain(dems, frame, window, gsd_m, max(found.ring_m, gsd_m))
     return replace(terrain, far=found.far)
 
 
 def _sight_m(tangent: float, turn_rad: float) -> float:
-    """Distance, metres, beyond which no terrain of the Moon rises above a ray from any other terrain
-    that climbs with a tangent; verticals are tilted from the frame's by up to ``turn_rad``.
+    """Distance, metres, beyond which no terrain of the Moon rises above a ray from any other
+    terrain that climbs with a tangent; verticals are tilted from the frame's by up to ``turn_rad``.
 
     A ray from the lowest terrain, at radius a and elevation e, reaches the radius b of the highest
     after sqrt(b^2 - a^2 cos^2 e) - a sin e, and is above all terrain from there on.
@@ -153,8 +153,8 @@ def _levels(
     tangent: float,
     reach_m: float,
 ) -> tuple[FarTerrain, float] | None:
-    """The levels up to the last one that can shadow the area, and the distance up to which it can; None
-    if no level can.
+    """The levels up to the last one that can shadow the area, and the distance up to which it can;
+    None if no level can.
     """
     hole, cell_m, outer_m = own.grown(near_m), 2.0 * gsd_m, 2.0 * near_m
     levels: list[Heightfield] = []
@@ -218,8 +218,8 @@ class Extent:
 
 
 class Gaps(NamedTuple):
-    """Share of a level's nodes without a height, and the distance of the nearest of them from the area,
-    metres (inf: none).
+    """Share of a level's nodes without a height, and the distance of the nearest of them from the
+    area, metres (inf: none).
     """
 
     missing: float
@@ -266,8 +266,8 @@ def _off(field: Heightfield, own: Extent) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _span(values: NDArray[np.floating], low: float, high: float) -> tuple[int, int]:
-    """First index, and index behind the last, of monotone values within low..high; the middle index twice
-    if there are none.
+    """First index, and index behind the last, of monotone values within low..high; the middle index
+    twice if there are none.
     """
     inside = np.flatnonzero((values >= low) & (values <= high))
     middle = values.size // 2
@@ -275,7 +275,9 @@ def _span(values: NDArray[np.floating], low: float, high: float) -> tuple[int, i
 
 
 def _farthest_m(level: Heightfield, own: Extent, floor_m: float, tangent: float) -> float:
-    """Greatest distance from the area, metres, at which a level can rise above rays from it; 0 for none."""
+    """Greatest distance from the area, metres, at which a level can rise above rays from it; 0 for
+    none.
+    """
     dx, dy = _off(level, own)
     climb = np.maximum(np.hypot(dx, dy) - level.gsd_m, 0.0) * tangent
     margin_m = COARSE_SLOPE * level.gsd_m

@@ -29,8 +29,8 @@ from .heightfield import Heightfield, Window
 _TOLERANCE_M = 1e-3
 _ITERATIONS = 40
 _LIMB = 0.985
-"""Nodes further out than this share of the radius (80 deg from the centre), where the terrain is seen
-edge-on, get no height.
+"""Nodes further out than this share of the radius (80 deg from the centre), where the terrain is
+seen edge-on, get no height.
 """
 _BLOCK_NODES = 2_000_000
 _NODES_MAX = 400_000_000
@@ -53,8 +53,8 @@ class Terrain:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Square patch of terrain in the frame of its own centre node, whose origin lies on the surface:
-    z is 0 there.
+    """Square patch of terrain in the frame of its own centre node, whose origin lies on the
+    surface: z is 0 there.
     """
 
     z_m: NDArray[np.float32]
@@ -86,8 +86,8 @@ def build_terrain(
 
 
 def require_room(window: NodeWindow, ring_m: float = 0.0) -> None:
-    """AreaError if a window has too many nodes; ``ring_m``: width of the ring around the area, for the
-    message (0: not mentioned).
+    """AreaError if a window has too many nodes; ``ring_m``: width of the ring around the area, for
+    the message (0: not mentioned).
     """
     rows, cols = window.shape
     if rows * cols > _NODES_MAX:
@@ -143,8 +143,8 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
 
 
 def native_gsd_m(dems: DemSet, area: Area) -> float:
-    """Cell size of the DEM used at the area's centre; in a gap there, of the DEM used at most places of
-    the area. ``AreaError`` if there is none.
+    """Cell size of the DEM used at the area's centre; in a gap there, of the DEM used at most
+    places of the area. ``AreaError`` if there is none.
     """
     try:
         return dems.native_gsd_m(area.lon_deg, area.lat_deg)

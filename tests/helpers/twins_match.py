@@ -167,7 +167,7 @@ def sought(
     least_real: float,
     most: int,
 ) -> np.ndarray:
-    """Result of `kernels.matching.search.seek` for one template, by a loop over every place: its
+    """Result of `kernels.matching.search.find_templates` for one template, by a loop over every place: its
     rival is the highest of the ``most`` highest maxima (none of the eight places around is higher)
     farther than ``exclusion`` from the best.
     """
@@ -256,7 +256,7 @@ def way_back(
     reach: int,
     least_real: float,
 ) -> np.ndarray:
-    """Result of `kernels.matching.backward_search.seek_back` for one template: the image's inner
+    """Result of `kernels.matching.backward_search.find_backwards` for one template: the image's inner
     part, correlated with the template (its mean outside its mask) at every place; the best one by
     parabolas along both axes.
     """

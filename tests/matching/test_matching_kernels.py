@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.kernels.matching import correlation, point_spread, search, subpixel_fit
-from lcp_catalog.kernels.matching.backward_search import seek_back
+from lcp_catalog.kernels.matching.backward_search import find_backwards
 from lcp_catalog.matching.search_image import SearchImage
 
 photo = pytest.fixture(hadley_photo, scope="module")
@@ -99,7 +99,7 @@ def test_a_peak_at_the_edge_of_the_search_counts_and_reach_is_kept():
     ]:
         out = np.full((1, search.NUMBERS), np.nan)
         origin = np.array([[31 - right, 40 - down]])
-        search.seek(
+        search.find_templates(
             image, ones, half, half_ones, values, mask, origin, np.array([reach]), np.array([10.0]), 0.7,
             np.array([coarse]), out,
         )  # fmt: skip
@@ -123,12 +123,12 @@ def drawn(seed, size=30, sub=4, smooth=1.3):
 
 
 def shifted(fine, sub, sigma, right, down):
-    """Result of `point_spread.see` for a shifted drawing; 0 where nothing is seen."""
+    """Result of `point_spread.blurred` for a shifted drawing; 0 where nothing is seen."""
     light, known = np.empty_like(fine[0]), np.empty_like(fine[0])
-    point_spread.unveil(fine[0], sub, light, known)
+    point_spread.unpack_drawing(fine[0], sub, light, known)
     rows, cols = fine.shape[1] // sub, fine.shape[2] // sub
     out = np.empty((4, rows, cols), np.float32)
-    point_spread.see(light, known, sub, sigma, right, down, False, out)
+    point_spread.blurred(light, known, sub, sigma, right, down, False, out)
     return out[0], out[3]
 
 
@@ -210,6 +210,6 @@ def test_the_way_back_ends_where_it_began():
     for right, down in [(0, 0), (2, -1), (-3, 3)]:
         out = np.full((1, 3), np.nan)
         places = np.array([[12 + right, 10 + down]])
-        seek_back(values, mask, whole, ones, places, 0.6, 5, 0.8, out)
+        find_backwards(values, mask, whole, ones, places, 0.6, 5, 0.8, out)
         assert out[0, :2] == pytest.approx((right, down), abs=0.05)
         assert out[0, 2] > 0.99

@@ -44,14 +44,14 @@ def cut(
     return 3.0 + 40.0 * values, mask, row, col
 
 
-def seek(image, weight, values, mask, origin, reach, exclusion, coarse):
+def find(image, weight, values, mask, origin, reach, exclusion, coarse):
     half = np.s_[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
     small, share = (
         cv2.resize(a[half], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         for a in (image, weight)
     )
     out = np.full((1, search.NUMBERS), np.nan)
-    search.seek(
+    search.find_templates(
         image, weight, small, share, values[None].astype(np.float32), mask[None], np.array([origin]),
         np.array([reach]), np.array([exclusion]), LEAST_REAL, np.array([coarse]), out,
     )  # fmt: skip
@@ -70,7 +70,7 @@ def test_the_search_at_full_resolution_is_a_loop_over_every_place() -> None:
         )
         origin = (col + int(rng.integers(-6, 7)), row + int(rng.integers(-6, 7)))
         wanted = sought(image, weight, values, mask, origin, 8, 3.0, LEAST_REAL, search.PEAKS)
-        found = seek(image, weight, values, mask, origin, 8, 3.0, False)
+        found = find(image, weight, values, mask, origin, 8, 3.0, False)
         np.testing.assert_allclose(found, wanted, atol=2e-4)
         assert wanted[2] > 0.5
 
@@ -93,7 +93,7 @@ def test_a_rival_lies_beyond_the_exclusion_and_is_the_highest_there() -> None:
     assert fair > poor + 0.05
     ones = np.ones(image.shape, np.float32)
     for exclusion, second in ((5.0, fair), (9.9, fair), (10.0, poor), (13.9, poor)):
-        found = seek(image, ones, piece, mask, (19, 21), 16, exclusion, False)
+        found = find(image, ones, piece, mask, (19, 21), 16, exclusion, False)
         assert (found[0], found[1]) == (1.0, -1.0)
         assert found[3] == pytest.approx(second, abs=1e-4)
 
@@ -109,7 +109,7 @@ def test_from_half_resolution_it_ends_on_the_same_top() -> None:
         rng = np.random.default_rng(seed)
         origin = (col + int(rng.integers(-7, 8)), row + int(rng.integers(-7, 8)))
         wanted = sought(image, ones, values, mask, origin, 7, 4.0, LEAST_REAL, search.PEAKS)
-        found = seek(image, ones, values, mask, origin, 7, 4.0, True)
+        found = find(image, ones, values, mask, origin, 7, 4.0, True)
         np.testing.assert_allclose(found[[0, 1, 2, 4, 5]], wanted[[0, 1, 2, 4, 5]], atol=2e-4)
 
 
@@ -122,7 +122,7 @@ def test_nothing_is_found_beyond_the_reach(coarse: bool) -> None:
     ones = np.ones(image.shape, np.float32)
     values, mask = image[14:30, 18:34].copy(), np.ones((16, 16), bool)
     for right, down in ((7, 6), (-6, -7), (7, -6), (0, 7)):
-        found = seek(image, ones, values, mask, (18 - right, 14 - down), 5, 4.0, coarse)
+        found = find(image, ones, values, mask, (18 - right, 14 - down), 5, 4.0, coarse)
         assert np.abs(found[:2]).max() <= 5.0
         place = (14 - down + int(found[1]), 18 - right + int(found[0]))
         assert found[2] == pytest.approx(correlation_at(image, values, mask, *place), abs=1e-4)
@@ -137,7 +137,7 @@ def test_a_search_area_that_is_partly_real_says_how_much() -> None:
     weight[:, 20:22] = 1.0
     values, mask = image[10:18, 18:26].copy(), np.ones((8, 8), bool)
     for coarse in (False, True):
-        found = seek(image, weight, values, mask, (18, 10), 6, 4.0, coarse)
+        found = find(image, weight, values, mask, (18, 10), 6, 4.0, coarse)
         assert np.isnan(found[:4]).all()
         assert found[5] == pytest.approx(0.25)
 
@@ -153,7 +153,7 @@ def test_a_low_peak_at_half_resolution_that_is_the_highest_in_truth_is_climbed_t
     image[15:35, 60:80] = smooth + fine + 0.9 * cv2.blur(rng.standard_normal((20, 20)), (2, 2))
     image = image.astype(np.float32)
     ones, mask = np.ones(image.shape, np.float32), np.ones((20, 20), bool)
-    found = seek(image, ones, smooth + fine, mask, (36, 15), 30, 6.0, True)
+    found = find(image, ones, smooth + fine, mask, (36, 15), 30, 6.0, True)
     wanted = sought(image, ones, smooth + fine, mask, (36, 15), 30, 6.0, LEAST_REAL, 6)
     assert (found[0], found[1]) == (24.0, 0.0)
     np.testing.assert_allclose(found, wanted, atol=2e-4)

@@ -10,7 +10,7 @@ import pytest
 from helpers.twins_match import newey_west, way_back
 
 from lcp_catalog.kernels.matching import point_spread, subpixel_fit
-from lcp_catalog.kernels.matching.backward_search import seek_back
+from lcp_catalog.kernels.matching.backward_search import find_backwards
 
 SUB, SIGMA, LEAST = 4, 0.5, 0.95
 
@@ -27,9 +27,9 @@ def drawing(seed: int, rows: int = 22, cols: int = 26, smooth: float = 1.3) -> n
 def seen(fine: np.ndarray, right: float, down: float) -> np.ndarray:
     """Value, slopes right and down, and cover (4, rows, cols) of a shifted drawing."""
     light, known = np.empty_like(fine), np.empty_like(fine)
-    point_spread.unveil(fine, SUB, light, known)
+    point_spread.unpack_drawing(fine, SUB, light, known)
     out = np.empty((4, fine.shape[0] // SUB, fine.shape[1] // SUB), np.float32)
-    point_spread.see(light, known, SUB, SIGMA, right, down, True, out)
+    point_spread.blurred(light, known, SUB, SIGMA, right, down, True, out)
     return out
 
 
@@ -164,7 +164,7 @@ def test_the_way_back_is_a_loop_over_every_place(seed: int) -> None:
     mask[5, : wide // 2], least = False, 0.7 if seed % 2 else 0.9
     for right, down in ((0, 0), (1, -1), (-2, 2), (3, 0), (0, -3), (-3, 0), (2, 3)):
         place, out = (col + right, row + down), np.full((1, 3), np.nan)
-        seek_back(
+        find_backwards(
             values[None], mask[None], image, weight, np.array([place]), 0.6, 3, least, out
         )  # fmt: skip
         wanted = way_back(values, mask, image, weight, place, 0.6, 3, least)
@@ -179,5 +179,5 @@ def test_beyond_the_image_there_is_no_way_back() -> None:
         ((-2, 5), True), ((-3, 5), False), ((5, -3), False), ((22, 5), True), ((23, 5), False), ((5, 23), False),
     ):  # fmt: skip
         out = np.full((1, 3), np.nan)
-        seek_back(values, mask, image, ones, np.array([place]), 0.6, 2, 0.8, out)
+        find_backwards(values, mask, image, ones, np.array([place]), 0.6, 2, 0.8, out)
         assert np.isfinite(out[0, 2]) == inside  # of ten pixels the inner six, two from either side

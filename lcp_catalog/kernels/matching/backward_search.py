@@ -1,4 +1,6 @@
-"""What a template found in a photograph, sought backwards: the middle of the photograph's own pixels there, in the template."""
+"""Backward search: the inner part of an image at the place where a template was found, searched for
+in the template.
+"""
 
 import math
 
@@ -10,7 +12,9 @@ from .correlation import bounds, centred, correlations
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _vertex(before, here, after):
-    """Where the parabola through three values is highest, from the middle one; 0 without a bend."""
+    """Offset of the vertex of the parabola through three values from the middle one; 0 for a
+    straight line.
+    """
     bend = before - 2.0 * here + after
     if before <= -2.0 or after <= -2.0 or not bend < 0.0:
         return 0.0
@@ -19,7 +23,9 @@ def _vertex(before, here, after):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _filled(values, mask, share, out):
-    """A template with its mean where its mask is not, into out, and 1 where it is into share."""
+    """Write a template, with its mean outside the mask, into out, and its mask as 0 and 1 into
+    share.
+    """
     total, count = 0.0, 0
     for r in range(mask.shape[0]):
         for c in range(mask.shape[1]):
@@ -35,8 +41,8 @@ def _filled(values, mask, share, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _chip(mask, image, weight, top, left, chip, known):
-    """The photograph's pixels from (top, left) on as a template, into chip; pixels that count, 0 when it is flat or not in the
-    image.
+    """Write the image's pixels from (top, left) on as a template into chip. Return the number of
+    pixels used, 0 if the template is flat or leaves the image.
     """
     rows, cols = chip.shape
     if top < 0 or left < 0 or top + rows > image.shape[0] or left + cols > image.shape[1]:
@@ -49,7 +55,9 @@ def _chip(mask, image, weight, top, left, chip, known):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _summit(score):
-    """Row and column of a map's highest place, to a fraction, and its height; NaN where nothing is above 0."""
+    """Row and column of a map's maximum, to a fraction of a pixel, and its height; NaN if no value
+    is above 0.
+    """
     best, i, j = np.float32(0.0), -1, -1
     for y in range(score.shape[0]):
         for x in range(score.shape[1]):
@@ -66,7 +74,7 @@ def _summit(score):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _seek_back(values, mask, image, weight, row0, col0, inner, reach, least_real, out):
+def _find_backwards(values, mask, image, weight, row0, col0, inner, reach, least_real, out):
     r0, r1, c0, c1 = bounds(mask)
     if r0 >= r1:
         return
@@ -91,14 +99,16 @@ def _seek_back(values, mask, image, weight, row0, col0, inner, reach, least_real
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def seek_back(values, masks, image, weight, places, inner, reach, least_real, out):
-    """Seek the photograph's inner part (share ``inner`` of each side) at n found ``places`` (n, 2: column, row of the template's
-    first pixel) in the templates (n, h, w), within ``reach`` pixels: out (n, 3) shift right and down, correlation; NaN for none.
+def find_backwards(values, masks, image, weight, places, inner, reach, least_real, out):
+    """Search for the image's inner part (share ``inner`` of each side) at n found ``places`` (n, 2:
+    column, row of the template's first pixel) in the templates (n, h, w), within ``reach`` pixels:
+    out (n, 3) shift right and down, correlation; NaN for none.
 
-    At the photograph's pixels that a template does not cover it holds its mean; at least ``least_real`` must be covered.
+    A template has its mean outside its mask; at least a share ``least_real`` of the inner part must
+    lie on the mask.
     """
     for k in prange(values.shape[0]):
         out[k] = math.nan
-        _seek_back(
+        _find_backwards(
             values[k], masks[k], image, weight, places[k, 1], places[k, 0], inner, reach, least_real, out[k],
         )  # fmt: skip

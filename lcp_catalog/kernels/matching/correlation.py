@@ -1,7 +1,7 @@
 """Centred, normalised correlation of masked templates with an image, at every place of a window.
 
-What a template's mask does not cover does not count. Missing pixels of the image are filled; where too few
-under the mask are real, a place is not looked at.
+Only pixels under a template's mask are used. Missing pixels of the image are filled before; a place
+with too few valid pixels under the mask has no correlation.
 """
 
 import math
@@ -10,14 +10,16 @@ import numpy as np
 from numba import njit, prange
 
 NOWHERE = np.float32(-2.0)
-"""What stands in a map where a template was not looked at."""
+"""Value of a correlation map at places without a correlation."""
 FLAT = 1e-6
-"""A window whose variance is below this share of its region's correlates with nothing."""
+"""A window whose variance is below this share of its region's variance correlates 0."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bounds(mask):
-    """First row, row behind the last, first column, column behind the last of what a mask covers."""
+    """Half-open rows and columns of the box around a mask: first row, row behind the last, first
+    column, column behind the last.
+    """
     rows, cols = mask.shape
     r0, r1, c0, c1 = rows, 0, cols, 0
     for r in range(rows):
@@ -30,7 +32,9 @@ def bounds(mask):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def centred(values, mask, out):
-    """The template without its mean, of unit length, 0 outside its mask, into out; pixels of the mask, 0 when it is flat."""
+    """Write the template less its mean, of unit length, 0 outside its mask, into out. Return the
+    mask's pixels, 0 if it is flat.
+    """
     total, count = 0.0, 0
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
@@ -53,7 +57,9 @@ def centred(values, mask, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def window(shape, high, wide, row, col, reach):
-    """First and last row and column at which a window of high x wide within ``reach`` of (row, col) lies in an image."""
+    """First and last row, first and last column at which a window of high x wide pixels lies in an
+    image, within ``reach`` of (row, col).
+    """
     return (
         max(0, row - reach), min(shape[0] - high, row + reach),
         max(0, col - reach), min(shape[1] - wide, col + reach),
@@ -62,7 +68,9 @@ def window(shape, high, wide, row, col, reach):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _prefixes(region, share):
-    """Sums along the rows of a region's values, squares and weights, each with a 0 in front; and whether any weight is not 1."""
+    """Sums along the rows of a region's values, squares and weights, each after a leading 0; and
+    True if any weight is not 1.
+    """
     rows, cols = region.shape
     one, two = np.zeros((rows, cols + 1)), np.zeros((rows, cols + 1))
     real, gaps = np.zeros((rows, cols + 1)), False
@@ -78,7 +86,9 @@ def _prefixes(region, share):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _add_products(template, row, sums):
-    """Add to sums (nx,) what a template's row gives with an image's row from every one of nx places on; four pixels at a time."""
+    """Add the products of a template's row with an image's row at nx places to sums (nx,); four
+    pixels at a time.
+    """
     nx = sums.size
     j = 0
     while j + 3 < template.size:
@@ -101,8 +111,8 @@ def _add_products(template, row, sums):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_run(prefix, j0, j1, sums):
-    """Add to sums (nx,) the sums over pixels j0 to j1, seen from every one of nx places, of a row whose sums from its start are
-    ``prefix``.
+    """Add the sums of a row's pixels j0 to j1, relative to each of nx places, to sums (nx,);
+    ``prefix``: sums from the row's start.
     """
     low, high = prefix[j0 : j0 + sums.size], prefix[j1 : j1 + sums.size]
     for x in range(sums.size):
@@ -111,7 +121,7 @@ def _add_run(prefix, j0, j1, sums):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _region(image, row, col, high, wide):
-    """A part of an image without its mean, and its variance."""
+    """A part of an image less its mean, and its variance."""
     mean = 0.0
     for r in range(high):
         for c in range(wide):
@@ -128,7 +138,9 @@ def _region(image, row, col, high, wide):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_row(mask, one, two, real, gaps, first, second, known):
-    """Add to the sums of the places (nx,) what lies under a template's row: values, squares and, if there are gaps, weights."""
+    """Add the image's pixels under a row of the mask to the places' sums (nx,) of values, squares
+    and, with gaps, weights.
+    """
     j = 0
     while j < mask.size:
         if not mask[j]:
@@ -145,9 +157,10 @@ def _add_row(mask, one, two, real, gaps, first, second, known):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def correlations(image, weight, template, mask, count, row, col, ny, nx, least_real):
-    """Correlations (ny, nx) of a template (rows, cols; `centred`, ``count`` pixels of mask) with the windows from (row, col) on;
-    `NOWHERE` where less than ``least_real`` of the pixels under the mask are valid. Also the highest such share, and the
-    variance of the image over all these windows.
+    """Correlations (ny, nx) of a template (rows, cols; `centred`, ``count`` pixels of mask) with
+    the windows from (row, col) on; `NOWHERE` where less than ``least_real`` of the pixels under the
+    mask are valid. Also the highest such share, and the variance of the image over all these
+    windows.
     """
     rows, cols = template.shape
     region, variance = _region(image, row, col, ny + rows - 1, nx + cols - 1)
@@ -175,8 +188,9 @@ def correlations(image, weight, template, mask, count, row, col, ny, nx, least_r
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def maps(image, weight, values, masks, origins, reach, least_real, out):
-    """Correlations of n templates at every offset within ``reach``, into out (n, 2 reach + 1, 2 reach + 1) rows and columns; NaN
-    where a template does not lie in the image or too little under it is real.
+    """Write the correlations of n templates at every offset within ``reach`` into out (n, 2 reach +
+    1, 2 reach + 1) rows and columns; NaN where a template leaves the image or too few pixels under
+    it are valid.
     """
     for k in prange(values.shape[0]):
         out[k] = np.nan

@@ -1,8 +1,10 @@
-"""Patches of terrain, each as if it were all the terrain there is, drawn as a camera sees them on a grid finer than its pixels.
+"""Drawing of patches of terrain, each without other terrain, as a camera sees them, on a grid finer
+than its pixels.
 
-A patch's nodes are shaded, and how far each stands above the shadow of the rest is measured; both are
-interpolated over the surface's triangles, whichever of them is nearest to the camera at each sample. A
-sample is lit where the interpolated clearance is positive, so that the edge of a shadow lies between nodes.
+For each node of a patch the radiance and the clearance of its ray to the Sun above the patch are
+computed. Both are interpolated over the surface's triangles; at each sample the triangle nearest to
+the camera counts. A sample is lit if the interpolated clearance is positive, so that the edge of a
+shadow lies between nodes.
 """
 
 import math
@@ -14,23 +16,29 @@ from ..photometry.laws import phase_terms, radiance_factor
 from ..rays.surface import node_normal
 
 _ALONG = 1e-12
-"""A ray that turns by less than this from a row or a column runs along it."""
+"""A ray that deviates by less than this from a row or a column runs along it."""
 _ENDLESS = 1e9
 _NEAR = 2.5
-"""Steps from a node within which the ray's clearance says little of the shadows of others: it starts from 0."""
+"""Steps from a node within which the ray's clearance is not used as a distance from a shadow: it
+starts at 0.
+"""
 _FAR = np.float32(np.inf)
 _TOUCHING = 1.0 + 1e-12
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _lower(least, gap, s):
-    """The lesser of two clearances; one that is met right at the start counts only where the surface rises above the ray."""
+    """The smaller of two clearances; one near the start of the ray counts only where the surface
+    rises above the ray.
+    """
     return gap if gap < least and (s >= _NEAR or gap < 0.0) else least
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _over_columns(z, i, j, du, dv, dz, reach, least):
-    """Least clearance where the ray from node (i, j) crosses columns, up to ``reach`` steps away."""
+    """Least clearance at the ray's crossings with columns, from node (i, j), up to ``reach`` steps
+    away.
+    """
     step = 1.0 / abs(du)
     k = 1
     while k * step <= reach:
@@ -46,7 +54,7 @@ def _over_columns(z, i, j, du, dv, dz, reach, least):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _over_rows(z, i, j, du, dv, dz, reach, least):
-    """The same where it crosses rows."""
+    """Least clearance at the ray's crossings with rows."""
     step = 1.0 / abs(dv)
     k = 1
     while k * step <= reach:
@@ -62,7 +70,9 @@ def _over_rows(z, i, j, du, dv, dz, reach, least):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _over_diagonals(z, i, j, du, dv, dz, reach, least):
-    """The same where it crosses the cells' diagonals; a node of the border is left to its row or column."""
+    """Least clearance at the ray's crossings with the cells' diagonals; a node of the border counts
+    in its row or column.
+    """
     across = du - dv
     step = 1.0 / abs(across)
     k = 1
@@ -80,8 +90,8 @@ def _over_diagonals(z, i, j, du, dv, dz, reach, least):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _to_border(place, rate, last):
-    """Steps until a ray from ``place`` leaves 0..last, and so little more that the crossing on the border itself, which is
-    reckoned another way, is no later.
+    """Steps until a ray from ``place`` leaves 0..last, increased by rounding, so that the crossing
+    on the border itself, which is computed differently, is not later.
     """
     if rate == 0.0:
         return _ENDLESS
@@ -90,11 +100,12 @@ def _to_border(place, rate, last):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _clearance(z, i, j, du, dv, dz, summit):
-    """How far the ray from node (i, j) stays above the surface, metres, at the crossing where it is least; negative if and only
-    if the surface rises above it. du, dv, dz: columns, rows (the larger of the two 1) and metres a step.
+    """Least clearance of the ray from node (i, j) above the surface, metres; negative if and only
+    if the surface rises above the ray. du, dv, dz: columns, rows (the larger of the two 1) and
+    metres per step.
 
-    At every crossing with a row, a column or a diagonal the ray's height is compared with the edge crossed. Missing nodes
-    hide nothing.
+    At every crossing with a row, a column or a diagonal the ray's height is compared with the edge
+    crossed. Missing nodes do not occlude.
     """
     reach = min(_to_border(j, du, z.shape[1] - 1), _to_border(i, dv, z.shape[0] - 1))
     if dz > 0.0:
@@ -111,7 +122,9 @@ def _clearance(z, i, j, du, dv, dz, summit):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relief(z):
-    """Height of the summit, and the steepest facet in metres a cell; 0 for missing nodes."""
+    """Greatest height, and the gradient of the steepest facet in metres per cell; 0 for missing
+    nodes.
+    """
     rows, cols = z.shape
     summit, steepest = -1e30, 0.0
     for i in range(rows):
@@ -128,8 +141,8 @@ def _relief(z):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def clearances(z, gsd, sun, out):
-    """How far each node's ray towards the Sun (3,) stays above the patch's own surface, metres, into out; 1 everywhere where
-    no facet is as steep as the Sun is high.
+    """Write the least clearance of each node's ray towards the Sun (3,) above the patch's own
+    surface, metres, into out; 1 everywhere if no facet is as steep as the rays.
     """
     rows, cols = z.shape
     summit, steepest = _relief(z)
@@ -148,15 +161,18 @@ def clearances(z, gsd, sun, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corner_weights(f, g, out):
-    """Of the corners north-west, north-east, south-west, south-east at shares f (east) and g (south)."""
+    """Bilinear weights of the corners north-west, north-east, south-west, south-east at shares f
+    (east) and g (south).
+    """
     out[0], out[1] = (1.0 - f) * (1.0 - g), f * (1.0 - g)
     out[2], out[3] = (1.0 - f) * g, f * g
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def shade(z, gsd, sun, towards, code, law, out):
-    """Radiance factors of a patch's nodes, cast shadows left out, into out (rows, cols) float32. towards (4, 3): directions to the
-    camera from the corners nw, ne, sw, se; between them they, and what a law makes of the phase, are interpolated.
+    """Write the radiance factors of a patch's nodes, without cast shadows, into out (rows, cols)
+    float32. towards (4, 3): directions to the camera from the corners nw, ne, sw, se; they and the
+    law's terms of the phase are interpolated between.
 
     0 where the Sun is behind a node, NaN where a node has no normal.
     """
@@ -192,17 +208,20 @@ def shade(z, gsd, sun, towards, code, law, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _span(a, b, c, size):
-    """First and last whole number that three values enclose, within 0..size - 1."""
+    """First and last integer between the least and the greatest of three values, within 0..size -
+    1.
+    """
     low, high = min(a, b, c), max(a, b, c)
     return max(math.ceil(low), 0), min(math.floor(high), size - 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _triangle(x, y, d, b, m, depth, out):
-    """Draw one triangle: x, y (3,) samples, d depths, b radiance, m clearances, where it is the nearest so far.
+    """Draw one triangle where it is the nearest so far: x, y (3,) samples, d depths, b radiance, m
+    clearances.
 
-    Corners run clockwise as seen from outside the Moon (rows grow downwards); the other way round the
-    surface is seen from within: it hides what is behind it and shows nothing.
+    Corners run clockwise as seen from outside the Moon (rows grow downwards). In the opposite order
+    the surface is seen from below: it occludes what is behind it and is drawn as NaN.
     """
     x0, y0 = x[0], y[0]
     ax, ay, bx, by = x[1] - x0, y[1] - y0, x[2] - x0, y[2] - y0
@@ -233,7 +252,7 @@ def _triangle(x, y, d, b, m, depth, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _draw(x, y, far, light, clear, depth, out):
-    """All triangles of a patch; x, y, far, light, clear (rows, cols)."""
+    """Draw all triangles of a patch; x, y, far, light, clear (rows, cols)."""
     rows, cols = x.shape
     corners = np.empty((5, 3))
     for i in range(rows - 1):
@@ -255,12 +274,12 @@ def _pick(corners, k, x, y, far, light, clear, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def draw_patches(z, gsd, albedo, suns, towards, pixels, origins, sub, code, law, out):
-    """Draw n patches into out (n, rows, cols) float32: radiance factor at ``sub`` x ``sub`` samples of each pixel, NaN where
-    the patch is not seen.
+    """Draw n patches into out (n, rows, cols) float32: radiance factor at ``sub`` x ``sub`` samples
+    of each pixel, NaN where the patch is not visible.
 
-    z (n, p, p) heights, gsd (n,), albedo (n, p, p) or (n, 0, 0) for 1, suns (n, 3), towards (n, 4, 3) to
-    the camera from the corners nw, ne, sw, se, all in each patch's own frame; pixels (n, p, p, 2) of the nodes; origins
-    (n, 2): column and row of each drawing's first pixel.
+    z (n, p, p) heights, gsd (n,), albedo (n, p, p) or (n, 0, 0) for 1, suns (n, 3), towards (n, 4,
+    3) to the camera from the corners nw, ne, sw, se, all in each patch's own frame; pixels (n, p,
+    p, 2) of the nodes; origins (n, 2): column and row of each drawing's first pixel.
     """
     n, p, q = z.shape
     for k in prange(n):

@@ -1,5 +1,5 @@
-"""Drawings on a fine grid, seen through a pixel's square and a Gaussian point spread at any fraction of a pixel, and what a
-photograph says of that fraction.
+"""Images of drawings on a fine grid through a pixel's square and a Gaussian point spread, at any
+fraction of a pixel.
 """
 
 import math
@@ -13,7 +13,9 @@ _INVERSE_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ramp(x, sigma):
-    """Twice the integral of a Gaussian step from -infinity to x, and the step: (x Phi + sigma phi, Phi)."""
+    """Twice the integral of a Gaussian step from -infinity to x, and the step: (x Phi + sigma phi,
+    Phi).
+    """
     if sigma <= 0.0:
         return max(x, 0.0), (1.0 if x > 0.0 else (0.5 if x == 0.0 else 0.0))
     t = x / sigma
@@ -23,12 +25,12 @@ def _ramp(x, sigma):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def taps(sub, sigma, shift):
-    """Weights of the samples around a pixel, their slopes with the shift, and the first one's place (samples from the pixel's
-    own first sample).
+    """Weights of the samples around a pixel, their derivatives with respect to the shift, and the
+    index of the first of them, counted from the pixel's own first sample.
 
-    A sample stands for its square of 1/sub pixel; the pixel sees the mean over a unit square and a Gaussian of ``sigma`` pixels;
-    what is drawn is moved by ``shift`` pixels. The square of a sample widens the spread by 1/(12 sub^2) px^2, which the
-    Gaussian gives up.
+    A sample represents a square of 1/sub pixel; a pixel is the mean over a unit square and a
+    Gaussian of ``sigma`` pixels; the drawing is moved by ``shift`` pixels. The square of a sample
+    widens the spread by 1/(12 sub^2) px^2, which is subtracted from the Gaussian's variance.
     """
     narrow = math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
     half = 0.5 + 4.0 * narrow + 1.0 / sub
@@ -37,7 +39,7 @@ def taps(sub, sigma, shift):
     weights = np.empty(last - first, np.float32)
     slopes = np.empty(last - first, np.float32)
     for k in range(last - first):
-        # the sample's square reaches from a to b, from the pixel's middle
+        # extent a..b of the sample's square, from the pixel's middle
         a = (first + k) / sub - 0.5 + shift
         b = a + 1.0 / sub
         r1, s1 = _ramp(b + 0.5, narrow)
@@ -50,9 +52,10 @@ def taps(sub, sigma, shift):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def unveil(drawing, sub, light, known):
-    """A drawing (rows * sub, cols * sub) with 0 for what is not seen, and 1 where it is seen, into light and known, of its shape:
-    column c * sub + s at s * cols + c, so that what goes into neighbouring pixels with one weight lies side by side.
+def unpack_drawing(drawing, sub, light, known):
+    """Write a drawing (rows * sub, cols * sub), with 0 for NaN, into light, and its mask as 0 and 1
+    into known. Column c * sub + s is stored at s * cols + c, so that samples with the same weight
+    in neighbouring pixels are adjacent.
     """
     cols = light.shape[1] // sub
     for r in range(light.shape[0]):
@@ -66,7 +69,9 @@ def unveil(drawing, sub, light, known):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _down(rows, first, weights, out):
-    """Into out (n,): rows (m, n), from ``first`` on as far as there are any, times weights, four at a time."""
+    """Write the weighted sum of rows (m, n), from ``first`` to the last at most, into out (n,);
+    four at a time.
+    """
     k0, k1 = max(0, -first), min(weights.size, rows.shape[0] - first)
     out[:] = np.float32(0.0)
     k = k0
@@ -90,7 +95,9 @@ def _down(rows, first, weights, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _across(values, sub, first, weights, out):
-    """Into out (cols,): what the samples ``values`` (sub * cols,) from ``first`` on give with the weights."""
+    """Write the weighted sums of the samples ``values`` (sub * cols,), from ``first`` on, into out
+    (cols,).
+    """
     cols = out.size
     out[:] = np.float32(0.0)
     for k in range(weights.size):
@@ -104,9 +111,11 @@ def _across(values, sub, first, weights, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def see(light, known, sub, sigma, shift_x, shift_y, sloped, out):
-    """Pixels of a drawing, as `unveil` lays it out, moved by a shift, into out (4, rows, cols) float32: value, its slopes with the
-    shift right and down (where ``sloped``), and the share of the spread that falls on what is drawn. 0 where that is 0.
+def blurred(light, known, sub, sigma, shift_x, shift_y, sloped, out):
+    """Write the pixels of a drawing in the layout of `unpack_drawing`, moved by a shift, into out
+    (4, rows, cols) float32: value, its derivatives with respect to the shift right and down (if
+    ``sloped``), and the share of the point spread that falls on the drawing; 0 where this share is
+    0.
     """
     _, rows, cols = out.shape
     wx, gx, fx = taps(sub, sigma, shift_x)
@@ -138,16 +147,17 @@ def see(light, known, sub, sigma, shift_x, shift_y, sloped, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def templates(drawings, sub, sigma, least, values, mask):
-    """Templates of n drawings (n, rows * sub, cols * sub) as they are, into values (n, rows, cols) float32, 0 where not
-    mask: where less than ``least`` of the spread falls on what is drawn.
+    """Write the templates of n drawings (n, rows * sub, cols * sub), not moved, into values (n,
+    rows, cols) float32, and into mask True where at least a share ``least`` of the point spread
+    falls on the drawing; values are 0 elsewhere.
     """
     n, rows, cols = values.shape
     for k in prange(n):
         seen = np.empty((4, rows, cols), np.float32)
         light = np.empty((rows * sub, sub * cols), np.float32)
         known = np.empty_like(light)
-        unveil(drawings[k], sub, light, known)
-        see(light, known, sub, sigma, 0.0, 0.0, False, seen)
+        unpack_drawing(drawings[k], sub, light, known)
+        blurred(light, known, sub, sigma, 0.0, 0.0, False, seen)
         for r in range(rows):
             for c in range(cols):
                 good = seen[3, r, c] >= least

@@ -1,8 +1,11 @@
-"""Templates sought in an image by centred, normalised correlation: at half resolution everywhere, then at full resolution from the
-best few peaks uphill; or at full resolution everywhere.
+"""Search for templates in an image by centred, normalised correlation: at half resolution
+everywhere, then by steepest ascent at full resolution from the highest peaks; or at full resolution
+everywhere.
 
-A template has a mask: what it does not cover does not count. Missing pixels of the image are filled; where
-too few under the mask are real, a place is not looked at.
+`find_templates` finds templates in another image (point matching); `rivals` finds the places of an
+image that resemble a part of it (uniqueness). Only pixels under a template's mask are used. Missing
+pixels of the image are filled before; a place with too few valid pixels under the mask has no
+correlation.
 """
 
 import math
@@ -13,24 +16,28 @@ from numba import njit, prange
 from .correlation import FLAT, NOWHERE, bounds, centred, correlations, window
 
 NUMBERS = 6
-"""What is said of each template: offset right and down, correlation, highest other peak (NaN: none), share of the search area
-that lies in the image, highest share of real pixels under the mask."""
+"""Results for each template: offset right and down, correlation, highest other peak (NaN: none),
+share of the search area that lies in the image, highest share of valid pixels under the mask.
+"""
 
 PEAKS = 6
-"""Peaks at half resolution, at most, that are climbed at full resolution."""
+"""Greatest number of peaks at half resolution from which an ascent at full resolution starts."""
 _SLACK = 0.15
-"""Peaks at half resolution that are lower by more than this than what the highest of them came to at full resolution are left."""
+"""Peaks at half resolution that lie more than this below the result of the first ascent are left
+out.
+"""
 _STEPS = 8
-"""Steps of an ascent at full resolution, at most."""
+"""Greatest number of steps of an ascent."""
 _MARGIN = 3.0
 """Pixels by which a peak at half resolution may lie nearer than the exclusion."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _halved(values, mask, row_odd, col_odd):
-    """A template at half resolution, on the blocks of an image: means of what the mask covers, and where that is half a block.
+    """A template at half resolution, on the 2 x 2 blocks of an image: means of the pixels under the
+    mask, and the mask of blocks of which at least half is covered.
 
-    row_odd, col_odd: whether its first row and column are the second of a block.
+    row_odd, col_odd: 1 if the template's first row and column are the second of a block, else 0.
     """
     rows, cols = values.shape
     high, wide = (rows + row_odd + 1) // 2, (cols + col_odd + 1) // 2
@@ -50,7 +57,8 @@ def _halved(values, mask, row_odd, col_odd):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _at(image, weight, template, mask, count, flat, row, col, least_real):
-    """Correlation of a template with one window; `NOWHERE` if the window leaves the image or too few of its pixels are valid.
+    """Correlation of a template with one window; `NOWHERE` if the window leaves the image or too
+    few of its pixels are valid.
 
     A window whose sum of squares is not above ``flat`` correlates 0.
     """
@@ -75,8 +83,9 @@ def _at(image, weight, template, mask, count, flat, row, col, least_real):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _peaks(score, lowest, row, col, exclusion, places, heights):
-    """Insert the highest maxima (3 x 3) of a map above ``lowest`` into places (k, 2; row and column) and heights (k,), best
-    first. Return their number. Places within ``exclusion`` (negative: none) of (row, col) are left out.
+    """Insert the highest maxima (3 x 3) of a map above ``lowest`` into places (k, 2; row and
+    column) and heights (k,), best first. Return their number. Places within ``exclusion``
+    (negative: none) of (row, col) are left out.
     """
     ny, nx = score.shape
     found, size = 0, heights.size
@@ -110,7 +119,8 @@ def _peaks(score, lowest, row, col, exclusion, places, heights):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _climb(image, weight, template, mask, count, flat, row, col, limits, least_real):
-    """Steepest ascent from (row, col), one pixel a step, within limits (first and last row and column).
+    """Steepest ascent from (row, col), one pixel a step, within limits (first and last row and
+    column).
 
     Return the last place, its correlation, and True if it is a maximum.
     """
@@ -141,7 +151,9 @@ def _climb(image, weight, template, mask, count, flat, row, col, limits, least_r
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _choose(rows, cols, heights, exclusion, row, col, out):
-    """The best of the peaks and the highest one farther from it than ``exclusion``."""
+    """Write the highest of the peaks and the highest one farther from it than ``exclusion`` into
+    out.
+    """
     best = 0
     for k in range(heights.size):
         if heights[k] > heights[best]:
@@ -157,10 +169,12 @@ def _maxima(
     fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
     least_real, coarse, lowest, exclusion, places, heights,
 ):  # fmt: skip
-    """The highest maxima of a template's correlation within limits, into places (k, 2; row and column) and heights (k,).
+    """The highest maxima of a template's correlation within limits, into places (k, 2; row and
+    column) and heights (k,).
 
-    Return their number and the highest share of valid pixels under the mask. ``exclusion`` (negative: none): places no farther
-    than this from (row, col) do not count, nor do ascents that end there or before a maximum.
+    Return their number and the highest share of valid pixels under the mask. ``exclusion``
+    (negative: none): places no farther than this from (row, col) do not count, nor do ascents that
+    end there or before a maximum.
     """
     if not coarse:
         score, real, _ = correlations(
@@ -201,7 +215,7 @@ def _maxima(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _seek(
+def _find_template(
     fine,
     fine_weight,
     half,
@@ -216,7 +230,9 @@ def _seek(
     coarse,
     out,
 ):
-    """One template whose first pixel is expected at (row, col); what is found into out."""
+    """Search for one template whose first pixel is expected at (row, col); the result goes into
+    out.
+    """
     r0, r1, c0, c1 = bounds(mask)
     out[:] = math.nan
     out[4] = out[5] = 0.0
@@ -240,7 +256,7 @@ def _seek(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def seek(
+def find_templates(
     fine,
     fine_weight,
     half,
@@ -254,14 +270,15 @@ def seek(
     coarse,
     out,
 ):
-    """Seek n templates; out (n, `NUMBERS`), NaN where nothing correlates.
+    """Search for n templates; out (n, `NUMBERS`), NaN where no correlation is above 0.
 
-    fine (rows, cols) float32 without NaN and fine_weight 0..1, half and half_weight their 2 x 2 means; values (n, h, w) float32,
-    masks (n, h, w); origins (n, 2) column and row at which the first pixel is expected; reaches (n,); exclusion: another peak
-    is farther from the best than this many pixels; coarse (n,) bool: half resolution first.
+    fine (rows, cols) float32 without NaN and fine_weight 0..1, half and half_weight their 2 x 2
+    means; values (n, h, w) float32, masks (n, h, w); origins (n, 2) column and row at which the
+    first pixel is expected; reaches (n,) pixels; exclusion (n,): least distance of another peak
+    from the best, pixels; coarse (n,) bool: half resolution first.
     """
     for k in prange(values.shape[0]):
-        _seek(
+        _find_template(
             fine, fine_weight, half, half_weight, values[k], masks[k], origins[k, 1], origins[k, 0],
             reaches[k], exclusion[k], least_real, coarse[k], out[k],
         )  # fmt: skip
@@ -269,12 +286,13 @@ def seek(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def rivals(fine, fine_weight, half, half_weight, origins, size, reach, exclusion, coarse, out):
-    """Seek n windows (``size`` x ``size`` pixels) of an image in the image itself: out (n,) is the highest correlation at another
-    place, -1 if there is none.
+    """Search for n windows (``size`` x ``size`` pixels) of an image in the same image: out (n,) is
+    the highest correlation at another place, -1 if there is none.
 
-    Another place is a maximum (3 x 3 pixels) within ``reach`` in both axes and farther than ``exclusion`` from the window.
-    origins (n, 2) column and row of each window's first pixel, all of it in the image; the other arguments as in `seek`. If
-    half resolution leads to no maximum, the search is repeated at full resolution.
+    Another place is a maximum (3 x 3 pixels) within ``reach`` in both axes and farther than
+    ``exclusion`` from the window. origins (n, 2) column and row of each window's first pixel, all
+    of it in the image; the other arguments as in `find_templates`. If no ascent from half
+    resolution ends at such a place, the search is repeated at full resolution.
     """
     for k in prange(origins.shape[0]):
         col, row = origins[k, 0], origins[k, 1]

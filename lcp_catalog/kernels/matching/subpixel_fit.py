@@ -1,25 +1,29 @@
-"""Least squares between drawings and a photograph: the shift to a fraction of a pixel, its covariance, and the way back."""
+"""Least squares between drawings and an image: the shift to a fraction of a pixel, and its
+covariance.
+"""
 
 import math
 
 import numpy as np
 from numba import njit, prange
 
-from .point_spread import see, unveil
+from .point_spread import blurred, unpack_drawing
 
 NUMBERS = 10
-"""What `refine` says of each drawing: shift right and down, correlation, covariance xx, xy, yy (px^2), gain, noise, pixels,
-correlation of neighbouring residuals."""
+"""Results of `refine` for each drawing: shift right and down, correlation, covariance xx, xy, yy
+(px^2), gain, noise, pixels, correlation of neighbouring residuals.
+"""
 
 _STEPS = 8
 _SETTLED_PX = 0.01
 _LAST_STEP_PX = 0.05
 _FARTHEST_PX = 1.5
 _LAGS = 7
-"""Residuals farther apart than this, in pixels, are taken as independent."""
+"""Distance in pixels beyond which residuals are taken as independent."""
 _MISMATCH = 3.0
-"""By how much the variance grows, times the correlation of neighbouring residuals. What a render has wrong is smooth over more than
-the lags, and part of it looks like a shift and leaves no residual: measured (docs/matching.md).
+"""Factor of the growth of the variance with the correlation of neighbouring residuals; measured.
+Errors of a render are smooth over more than the lags, and part of them resembles a shift and leaves
+no residual.
 """
 _FEWEST = 12
 
@@ -41,7 +45,9 @@ def _solve3(a, b, c, d, e, f, r0, r1, r2):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weights(seen, weight, least, row0, col0, out):
-    """What each pixel of a template counts in the photograph, into out (rows, cols); their sum."""
+    """Write the weight of each pixel of a template in the image into out (rows, cols). Return the
+    sum of weights.
+    """
     total = 0.0
     for r in range(out.shape[0]):
         for c in range(out.shape[1]):
@@ -55,7 +61,7 @@ def _weights(seen, weight, least, row0, col0, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _centre(values, w, total):
-    """Take the weighted mean out of values (rows, cols), in place."""
+    """Subtract the weighted mean from values (rows, cols), in place."""
     mean = 0.0
     for r in range(w.shape[0]):
         for c in range(w.shape[1]):
@@ -77,8 +83,9 @@ def _dot(a, b, w):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _step(seen, light, w):
-    """One step of Gauss-Newton from a centred template, its slopes and the centred photograph: right, down, the gain, and the
-    correlation before it; NaN where there is none.
+    """One Gauss-Newton step from a centred template, its slopes and the centred image: right, down,
+    the gain, and the correlation before the step; NaN for a singular system or a gain that is not
+    positive.
     """
     t, gx, gy = seen[0], seen[1], seen[2]
     tt, ti, ii = _dot(t, t, w), _dot(t, light, w), _dot(light, light, w)
@@ -95,7 +102,9 @@ def _step(seen, light, w):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(image, row0, col0, seen, w, light, total):
-    """The photograph's pixels that count, into light; its mean, and those of the template and its slopes, taken out."""
+    """Write the image's pixels of positive weight into light; subtract its mean, and those of the
+    template and its slopes.
+    """
     for r in range(w.shape[0]):
         for c in range(w.shape[1]):
             light[r, c] = image[row0 + r, col0 + c] if w[r, c] > 0.0 else 0.0
@@ -106,14 +115,16 @@ def _gather(image, row0, col0, seen, w, light, total):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out):
-    """Gauss-Newton on shift, gain and offset from the template at (row0, col0); False where it does not settle nearby.
+    """Gauss-Newton iteration on shift, gain and offset from the template at (row0, col0). Return
+    False if it does not converge nearby.
 
-    Leaves the centred template and its slopes in ``seen``, the centred photograph in ``light``, the weights in w, and in out
-    the shift, correlation and gain. The last step, too small to matter, is taken without looking again.
+    On return ``seen`` has the centred template and its slopes, ``light`` the centred image, w the
+    weights, and out the shift, correlation and gain. The correlation is that before the last,
+    negligible step.
     """
     dx, dy, size = start[0], start[1], math.inf
     for _ in range(_STEPS):
-        see(drawn, known, sub, sigma, dx, dy, True, seen)
+        blurred(drawn, known, sub, sigma, dx, dy, True, seen)
         total = _weights(seen, weight, least, row0, col0, w)
         if total < _FEWEST:
             return False
@@ -123,9 +134,7 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
         short = 1.0 / max(size, 1.0)
         dx, dy = dx + right * short, dy + down * short
         out[0], out[1] = dx, dy
-        if (
-            not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX
-        ):  # also where there was no step
+        if not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX:  # also for a NaN step
             return False
         if size < _SETTLED_PX:
             return True
@@ -134,7 +143,9 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _at_lag(w, rest, gx, gy, down, right):
-    """Sums over pairs of pixels at a lag: of weights, of residuals, and of the slopes' products xx, xy (both ways, halved), yy."""
+    """Sums over pairs of pixels at a lag: of weights, of residuals, and of the slopes' products xx,
+    xy (both ways, halved), yy.
+    """
     rows, cols = w.shape
     c0, c1 = max(0, -right), cols - max(0, right)
     pairs = both = xx = xy = yy = 0.0
@@ -153,11 +164,13 @@ def _at_lag(w, rest, gx, gy, down, right):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _covariance(seen, light, w, out):
-    """Covariance of the shift, into out[3:6], the noise of a pixel, out[7], and pixels used, out[8].
+    """Covariance of the shift, into out[3:6], the noise of a pixel, out[7], and pixels used,
+    out[8].
 
-    M^-1 B M^-1, M the sum of a a^T over the pixels, a the slopes after what they share with gain and offset is taken out; B
-    the same sum over pairs of pixels up to `_LAGS` apart, each weighed with the covariance of the residuals at that lag
-    (Newey and West 1987, in two dimensions), tapered. Never less than for white residuals.
+    M^-1 B M^-1, M the sum of a a^T over the pixels, a the slopes after their projections on gain
+    and offset are subtracted; B the same sum over pairs of pixels up to `_LAGS` apart, each
+    weighted with the covariance of the residuals at that lag (Newey and West 1987, in two
+    dimensions), tapered. Not less than for white residuals.
     """
     rows, cols = w.shape
     t, gx, gy = seen[0], seen[1], seen[2]
@@ -210,8 +223,9 @@ def _covariance(seen, light, w, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def refine(fine, sub, sigma, least, image, weight, places, starts, out):
-    """Place n drawings in a photograph to a fraction of a pixel, from whole pixels ``places`` (n, 2: column and row of the
-    template's first pixel) and shifts ``starts`` (n, 2); out (n, `NUMBERS`), NaN for what does not settle.
+    """Locate n drawings in an image to a fraction of a pixel, from whole pixels ``places`` (n, 2:
+    column and row of the template's first pixel) and shifts ``starts`` (n, 2); out (n, `NUMBERS`),
+    NaN where the fit does not converge.
 
     image (rows, cols) float32 without NaN, weight (rows, cols) 0..1.
     """
@@ -221,7 +235,7 @@ def refine(fine, sub, sigma, least, image, weight, places, starts, out):
         seen = np.empty((4, rows, cols), np.float32)
         drawn = np.empty((rows * sub, sub * cols), np.float32)
         known = np.empty_like(drawn)
-        unveil(fine[k], sub, drawn, known)
+        unpack_drawing(fine[k], sub, drawn, known)
         light, w = np.empty((rows, cols)), np.empty((rows, cols))
         out[k] = np.nan
         out[k, 0], out[k, 1] = starts[k, 0], starts[k, 1]

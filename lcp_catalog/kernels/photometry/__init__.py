@@ -1,1 +1,1 @@
-"""Laws of reflection evaluated on arrays."""
+"""Reflectance models evaluated on arrays."""

@@ -6,8 +6,8 @@ equation numbers are theirs. Directions: the source at polar angle psi >= 0 and 
 receiver at theta, phi; theta = +psi, phi = 0 is back at the source, theta = -psi is specular.
 
 A law is one array: `HEAD` constants, the nodes over cos(incidence), rising, then values and slopes
-of the six parameters at them, then two tables of `TABLE` entries over sqrt(1 - cos). Everything
-here is finite for any directions over the surface.
+of the six parameters at the nodes, then two tables of `TABLE` entries over sqrt(1 - cos). All
+results are finite for any directions above the surface.
 """
 
 import math
@@ -21,7 +21,7 @@ POLAR_COS, POLAR_SIN = 4, 5
 """D_P cos(2 xi), D_P sin(2 xi)."""
 SIGMA_C, SIGMA_P, U_P, V_P = 6, 7, 8, 9
 COS_HELD = 10
-"""Cosine of the emission beyond which the brightness is held."""
+"""Cosine of the emission angle beyond which the brightness is constant."""
 HEAD = 11
 
 TABLE = 361
@@ -31,15 +31,15 @@ W_B, SHIFT_B, SIGMA_B, W_D, SHIFT_D, SIGMA_D = range(6)
 """The parameters in their order; shifts in radians."""
 
 CONE_SIN = math.sin(math.radians(5.0))
-"""Within this angle of normal incidence the azimuth loses its meaning: see `facet_factor`."""
+"""Angle from normal incidence within which the azimuth is averaged: see `facet_factor`."""
 
 IN_PLANE = 1e-7
-"""A half vector this close to the normal lies in the plane of incidence for all we know: its
-azimuth is 0/0, and rounding makes it out of 1e-16 at sin(phi) = 1e-8.
+"""A half vector this close to the normal is taken to lie in the plane of incidence: its azimuth is
+0/0, and at sin(phi) = 1e-8 it would be computed from rounding errors of 1e-16.
 """
 LEAST = 1e-12
-"""Of a squared sine over grazing light; keeps the model's one pole, both directions grazing and the
-facet's profile square to them, a number.
+"""Least squared sine over grazing light; it keeps the model's only pole finite, where both
+directions are grazing and the facet's profile is perpendicular to them.
 """
 
 
@@ -48,7 +48,8 @@ def reflectivity(n, k, cos_gamma, polarisation):
     """Fresnel's R of a facet at incidence gamma (paper, section 2); polarisation is D_P cos 2(xi -
     beta), 0 for natural light, 1 for light in the plane of incidence.
 
-    Without tan(gamma), and without differences of nearly equal numbers, so good to 90 deg.
+    Computed without tan(gamma) and without differences of nearly equal numbers: accurate up to
+    90 deg.
     """
     c = min(max(cos_gamma, 0.0), 1.0)
     s2 = 1.0 - c * c
@@ -62,7 +63,7 @@ def reflectivity(n, k, cos_gamma, polarisation):
         a = n * k / b
     below = (a + c) ** 2 + b * b
     if below <= 0.0:
-        return 1.0  # the same stuff on both sides, at grazing incidence
+        return 1.0  # equal media on both sides, at grazing incidence
     square = ((a - c) ** 2 + b * b) / below
     below = (a * c + s2) ** 2 + (b * c) ** 2
     parallel = square * ((a * c - s2) ** 2 + (b * c) ** 2) / below if below > 0.0 else square
@@ -76,7 +77,7 @@ def attenuation(law, cos_b, sin_b, cos_th, sin_th, cos_phi, sin_phi):
     length of its level part, 2 cos gamma_B sin alpha_B.
 
     With a = P_S / cos^2 psi_B and b = P_M / cos^2 theta it is cos psi_B cos theta a b + C_SM
-    sqrt(a b (1 - P_S)(1 - P_M)). A level facet has no azimuth: there the profile is taken in the
+    sqrt(a b (1 - P_S)(1 - P_M)). A horizontal facet has no azimuth: its profile is taken in the
     plane of incidence, the limit of theta -> -psi_B at phi = 0.
     """
     along, across = sin_b + sin_th * cos_phi, sin_th * sin_phi
@@ -105,7 +106,7 @@ def attenuation(law, cos_b, sin_b, cos_th, sin_th, cos_phi, sin_phi):
 def directional(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi):
     """The directional lobe of the brightness coefficient: first term of eq. (1), over cos theta.
 
-    psi_B = psi + dpsi ends at 90 deg: it is an angle of incidence.
+    psi_B = psi + dpsi is an angle of incidence, 90 deg at most.
     """
     if row[W_B] <= 0.0:
         return 0.0
@@ -150,7 +151,8 @@ def diffuse(row, cos_th, sin_th, cos_phi, sin_phi):
 @njit(cache=True, nogil=True, error_model="numpy")
 def parameters(law, cos_psi):
     """The six parameters at an incidence, a tuple: piecewise cubic Hermite over cos(incidence), eq.
-    (5) (which prints the nodes where it means the values); held beyond the first and last node.
+    (5) (printed there with the nodes in place of the values); constant beyond the first and last
+    node.
     """
     n = int(law[NODES])
     start = HEAD + n
@@ -184,15 +186,15 @@ def _hermite(law, at, n, rise, leave, arrive):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def brightness(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi):
-    """Brightness coefficient r of eq. (2) at cos theta > 0, for parameters that are known."""
+    """Brightness coefficient r of eq. (2) at cos theta > 0, for given parameters."""
     lobe = directional(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi)
     return lobe + diffuse(row, cos_th, sin_th, cos_phi, sin_phi) / cos_th
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def intensities(law, row, psi, theta, phi, out):
-    """I_rel of eq. (1) into out (n,), for directions theta, phi (n,), radians, under one incidence
-    psi with its six parameters.
+    """Write I_rel of eq. (1) into out (n,), for directions theta, phi (n,), radians, at one
+    incidence psi with its six parameters.
     """
     cos_psi, sin_psi = math.cos(psi), math.sin(psi)
     for m in range(theta.shape[0]):
@@ -204,8 +206,8 @@ def intensities(law, row, psi, theta, phi, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def misfit(law, row, psi, directions, data):
-    """Relative error of I_rel, eq. (4), for directions (n, 4): cosine and sine of theta, then of phi,
-    and the intensities measured there (n,).
+    """Relative error of I_rel, eq. (4), for directions (n, 4): cosine and sine of theta, then of
+    phi, and the intensities measured there (n,).
     """
     cos_psi, sin_psi = math.cos(psi), math.sin(psi)
     missed = whole = 0.0
@@ -222,7 +224,7 @@ def misfit(law, row, psi, directions, data):
 @njit(cache=True, nogil=True, error_model="numpy")
 def curve_length(x, y, intervals):
     """Length, eq. (6), over 0..1 of the shape-preserving cubic through (x, y), x rising within it,
-    held beyond the ends; by `intervals` chords.
+    constant beyond the ends; by `intervals` chords.
     """
     slopes = pchip_slopes(x, y)
     length, before = 0.0, hermite(x, y, slopes, 0.0)
@@ -235,7 +237,7 @@ def curve_length(x, y, intervals):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hermite(x, y, slopes, at):
-    """A piecewise cubic's value, eq. (5), held beyond its ends."""
+    """Value of a piecewise cubic, eq. (5), constant beyond its ends."""
     n = x.shape[0]
     c = min(max(at, x[0]), x[n - 1])
     if n == 1:
@@ -252,8 +254,8 @@ def hermite(x, y, slopes, at):
 @njit(cache=True, nogil=True, error_model="numpy")
 def pchip_slopes(x, y):
     """Slopes of the shape-preserving cubic through the points (n,), x rising: Fritsch and Butland's
-    weighted harmonic mean (1984), which lies in Fritsch and Carlson's region of monotony (1980), and
-    a three-point formula at the ends, cut to shape.
+    weighted harmonic mean (1984), which lies in Fritsch and Carlson's region of monotony (1980),
+    and a three-point formula at the ends, limited to keep the shape.
     """
     n = x.shape[0]
     slopes = np.zeros(n)
@@ -287,8 +289,8 @@ def _end_slope(h0, h1, step0, step1):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def held_brightness(law, row, cos_psi, sin_psi, cos_th, cos_phi):
-    """Brightness of unsigned directions, held beyond the law's largest emission: the mean of both
-    sides of the plane of incidence where polarised light tells them apart.
+    """Brightness of unsigned directions, constant beyond the law's largest emission; for polarised
+    light the mean of both sides of the plane of incidence.
     """
     cos_th = max(cos_th, law[COS_HELD])
     sin_th = math.sqrt(max(1.0 - cos_th * cos_th, 0.0))
@@ -303,8 +305,8 @@ def held_brightness(law, row, cos_psi, sin_psi, cos_th, cos_phi):
 def hemisphere(law, cos_psi, mu, weight, azimuths):
     """1/pi times the integral of held brightness times cos theta over the hemisphere: 1 for r = 1.
 
-    mu, weight (n,): nodes of a rule for the integral of 2 mu d mu over 0..1; azimuths: how many
-    over half a turn, at the middles of equal steps.
+    mu, weight (n,): nodes of a quadrature rule for the integral of 2 mu d mu over 0..1; azimuths:
+    number over half a turn, at the middles of equal steps.
     """
     row = parameters(law, cos_psi)
     sin_psi = math.sqrt(max(1.0 - cos_psi * cos_psi, 0.0))
@@ -316,7 +318,9 @@ def hemisphere(law, cos_psi, mu, weight, azimuths):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def around_normal(law, mu, azimuths, out):
-    """Mean held brightness over the azimuth at normal incidence into out (n,), for emissions mu."""
+    """Write the mean over azimuth of `held_brightness` at normal incidence into out (n,), for
+    emissions mu.
+    """
     row = parameters(law, 1.0)
     for k in range(mu.shape[0]):
         out[k] = _around(law, row, 1.0, 0.0, mu[k], azimuths)
@@ -334,13 +338,13 @@ def _around(law, row, cos_psi, sin_psi, mu, azimuths):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scale(law, cos_psi):
-    """What a law's brightness is multiplied by at an incidence."""
+    """Factor of a law's brightness at an incidence."""
     return _looked_up(law, HEAD + 13 * int(law[NODES]), cos_psi)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _looked_up(law, start, cosine):
-    """A table's value at a cosine, linear between entries."""
+    """Value of a table at a cosine, linear between entries."""
     x = math.sqrt(max(1.0 - cosine, 0.0)) * (TABLE - 1)
     k = min(int(x), TABLE - 2)
     share = x - k
@@ -352,9 +356,9 @@ def facet_factor(law, mu0, mu, cos_g):
     """I/F of a lit facet: scale(incidence) x brightness x mu0; mu0, mu, cos_g are the cosines of
     incidence, emission and true phase.
 
-    The azimuth follows from the three. Towards normal incidence it loses its meaning, and a surface
-    that is the same all around cannot depend on it: within 5 deg of the normal the model goes over
-    into its mean over the azimuth at normal incidence. Both the scale and that mean are tables.
+    The azimuth follows from the three. At normal incidence it is undefined, and an isotropic
+    surface does not depend on it: within 5 deg of the normal the model changes continuously to its
+    mean over the azimuth at normal incidence. The scale and that mean are tables.
     """
     if mu0 <= 0.0:
         return 0.0

@@ -1,9 +1,10 @@
-"""Hapke's bidirectional reflectance, the form of 2012: isotropic multiple scattering, both opposition
-effects, porosity, macroscopic roughness.
+"""Hapke's bidirectional reflectance, the form of 2012: isotropic multiple scattering, both
+opposition effects, porosity, macroscopic roughness.
 
-B. Hapke, *Theory of Reflectance and Emittance Spectroscopy*, 2nd ed., Cambridge 2012, ch. 8 to 12; the H function in
-Hapke, Icarus 157 (2002) 523; roughness in Hapke, Icarus 59 (1984) 41. A law is eleven numbers, `LAW_SIZE`, in the order of the
-constants below. mu0, mu, cos_g: cosines of incidence, emission and phase.
+B. Hapke, *Theory of Reflectance and Emittance Spectroscopy*, 2nd ed., Cambridge 2012, ch. 8 to 12;
+the H function in Hapke, Icarus 157 (2002) 523; roughness in Hapke, Icarus 59 (1984) 41. A law is
+eleven numbers, in the order of the constants below. mu0, mu, cos_g: cosines of incidence, emission
+and phase.
 """
 
 import math
@@ -11,25 +12,25 @@ import math
 from numba import njit
 
 W, B, C, B_S0, H_S, B_C0, H_C, POROSITY, COT, CHI, R0 = range(11)
-"""Places in a law: single-scattering albedo; the two of the Henyey-Greenstein function; amplitude and width of shadow hiding, of
-coherent backscatter; the porosity factor K; cotangent of the roughness, chi of the roughness; diffusive reflectance of w.
+"""Indices in a law: single-scattering albedo; the two of the Henyey-Greenstein function; amplitude
+and width of shadow hiding, of coherent backscatter; the porosity factor K; cotangent of the
+roughness, chi of the roughness; diffusive reflectance of w.
 """
-LAW_SIZE = 11
 
 COT_SMOOTH = 1e150
-"""Cotangent that stands for no roughness at all; its square is still a number."""
+"""Cotangent for a surface without roughness; its square is finite."""
 
-_TINY = 1e-30  # cosines and sines below it are it, so that what is divided by them has its limit
-_GONE = 700.0  # exp(-700) is 0 beside anything here
+_TINY = 1e-30  # lower limit of cosines and sines, so that quotients have their limits
+_GONE = 700.0  # exp(-700) is negligible
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hapke_terms(law, cos_g):
-    """All that depends on the phase alone: p(g) (1 + B_S(g)), and K w/4 (1 + B_C(g)).
+    """The terms that depend on the phase alone: p(g) (1 + B_S(g)), and K w/4 (1 + B_C(g)).
 
-    Double Henyey-Greenstein function, the lobe of (1 + c)/2 backward (Hapke 2012, eq. 6.7a); with t = tan(g/2),
-    B_S = B_S0 / (1 + t/h_S) (eq. 9.22) and
-    B_C = B_C0 (1 + (1 - exp(-t/h_C)) / (t/h_C)) / (2 (1 + t/h_C)^2) (Hapke 2002, eq. 32).
+    Double Henyey-Greenstein function, the lobe of (1 + c)/2 backward (Hapke 2012, eq. 6.7a); with t
+    = tan(g/2), B_S = B_S0 / (1 + t/h_S) (eq. 9.22) and B_C = B_C0 (1 + (1 - exp(-t/h_C)) / (t/h_C))
+    / (2 (1 + t/h_C)^2) (Hapke 2002, eq. 32).
     """
     b = law[B]
     narrow = 1.0 - b * b
@@ -50,11 +51,12 @@ def hapke_terms(law, cos_g):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hapke_factor(law, terms, mu0, mu, cos_g):
-    """I/F of a facet with mu0 > 0; one seen from behind counts as seen edge-on.
+    """I/F of a facet with mu0 > 0; a facet seen from behind counts as seen edge-on.
 
-    The two branches of the roughness (i <= e and i > e) are one here: a is the smaller of the two angles, b the larger, and all but
-    the factor mu0 is symmetric in them; so reciprocity holds to the last bit. Differences of near numbers are written so that
-    their grazing limits hold.
+    The two branches of the roughness (i <= e and i > e) are combined: a is the smaller of the two
+    angles, b the larger, and the result without the factor mu0 is symmetric in them, so that
+    reciprocity is exact. Differences of nearly equal numbers are written in forms that have the
+    correct limits at grazing angles.
     """
     steep, flat = max(mu0, mu, _TINY), max(min(mu0, mu), _TINY)
     cot, chi = law[COT], law[CHI]
@@ -87,7 +89,9 @@ def hapke_factor(law, terms, mu0, mu, cos_g):
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def h_function(x, w, r0):
-    """Chandrasekhar's H for isotropic scatterers, Hapke's second approximation (2002, eq. 13), within 1 %; x > 0."""
+    """Chandrasekhar's H for isotropic scatterers, Hapke's second approximation (2002, eq. 13),
+    within 1 %; x > 0.
+    """
     return 1.0 / (1.0 - w * x * (r0 + (0.5 - r0 * x) * math.log1p(1.0 / x)))
 
 

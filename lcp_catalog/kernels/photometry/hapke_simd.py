@@ -1,9 +1,10 @@
-"""Hapke's law for many nodes under one light and one view, in single precision and without branches, so that the compiler
-computes eight nodes at once.
+"""Hapke's law for many nodes under one light and one view, in single precision and without
+branches, so that the compiler computes eight nodes at once.
 
-The same formulae as `hapke.hapke_factor`, which is the authority. Measured against it (tests/test_shading.py): within 1e-6 of
-the radiance factor for any cosines, but where source and camera stand in one direction: there 2e-6 for cosines above 0.02, 3e-5
-above 1e-3, 1e-3 below. The azimuth, which loses half its digits near the principal plane, is prepared in double precision.
+The formulas are those of `hapke.hapke_factor`, the reference. Measured against it: within 1e-6 of
+the radiance factor for any cosines; for source and camera in the same direction 2e-6 for cosines
+above 0.02, 3e-5 above 1e-3, 1e-3 below. The azimuth, which loses half its digits near the principal
+plane, is computed in double precision.
 """
 
 import math
@@ -13,12 +14,12 @@ from numba import njit
 
 from .hapke import CHI, COT, POROSITY, R0, W
 
-_FLAGS = {"contract", "nsz", "arcp", "nnan", "ninf"}  # no NaN comes in: callers leave them out
+_FLAGS = {"contract", "nsz", "arcp", "nnan", "ninf"}  # callers leave NaN out
 
 _F = np.float32
 _ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
 _TINY, _FLOOR, _FAR = _F(1e-30), 1e-12, _F(60.0)
-_SMOOTH = 1e15  # cotangent of no roughness; COT_SMOOTH is no number in single precision
+_SMOOTH = 1e15  # cotangent without roughness; COT_SMOOTH overflows in single precision
 _LOG2E, _LN2 = _F(1.0 / math.log(2.0)), _F(math.log(2.0))
 _TWO_PI, _INV_PI = _F(2.0 / math.pi), _F(1.0 / math.pi)
 _LOWEST, _BIAS, _SHIFT, _SQRT_HALF = _F(-126.0), np.int32(127), np.int32(23), np.int32(0x3F3504F3)
@@ -62,7 +63,7 @@ def exp_lane(x):
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def gap_lane(x):
-    """1 - e^x for x <= 0, with all its digits where that is small."""
+    """1 - e^x for x <= 0, accurate also where it is small."""
     rest, scale = _power(x)
     return (_ONE - scale) - scale * rest
 
@@ -81,7 +82,8 @@ def log_lane(x):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
 def hapke_lanes(law, terms, mu0, mu, n, cos_g, work, out):
-    """I/F, float32, of the first n of nodes that are lit and seen (mu0, mu float64, above 0), into out; work (6, m) float32.
+    """Write I/F, float32, of the first n nodes, lit and visible (mu0, mu float64, above 0), into
+    out; work (6, m) float32.
 
     law, terms, cos_g as in `hapke.hapke_factor`.
     """
@@ -95,7 +97,9 @@ def hapke_lanes(law, terms, mu0, mu, n, cos_g, work, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _prepare(mu0, mu, n, cos_g, work):
-    """Larger and smaller cosine, their squared sines, sin^2 and cos^2 of half the azimuth."""
+    """Write larger and smaller cosine, their squared sines, sin^2 and cos^2 of half the azimuth
+    into work.
+    """
     for k in range(n):
         x, y = mu0[k], mu[k]
         a = max(y, x)
@@ -112,7 +116,7 @@ def _prepare(mu0, mu, n, cos_g, work):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _combine(work, n, numbers, cot, chi, out):
-    """I/F over mu0; names as in `hapke.hapke_factor`."""
+    """Write I/F divided by mu0 into out; names as in `hapke.hapke_factor`."""
     single, scale, w, r0, inverse_k = numbers
     tan = _ONE / cot
     for k in range(n):

@@ -1,6 +1,6 @@
-"""Images of nodes under one parallel light and one parallel view, in single precision, as many nodes at
-once as the machine can: short laws in one pass over a row; for long ones a run of a row is reduced
-to what is lit and seen, and that is shaded without branches.
+"""Images of nodes under one parallel light and one parallel view, in single precision, vectorised:
+simple laws in one pass over a row; for Hapke's law a run of a row is reduced to the nodes that are
+lit and visible, and these are shaded without branches.
 
 planes (3, rows, cols) float32: components of the nodes' normals, each a raster, so that they are
 read in order. sun, camera (3,): unit vectors from the surface. Cosines are double precision.
@@ -15,7 +15,7 @@ from .hapke_simd import exp_lane, hapke_lanes, log_lane
 from .laws import HAPKE, LUNAR_LAMBERT, MINNAERT, phase_terms, radiance_factor
 
 _RUN = 512
-"""Nodes shaded at once: what is kept of them stays in the nearest cache."""
+"""Nodes shaded at once; their data fit into the first-level cache."""
 
 _F = np.float32
 _ZERO, _ONE, _NAN = _F(0.0), _F(1.0), _F(np.nan)
@@ -38,8 +38,8 @@ _ATAN = (
 def shade_nodes(planes, sun, camera, dark, unseen, code, law):
     """Radiance factor, float32 (rows, cols).
 
-    dark, unseen (rows, cols): what terrain keeps from the Sun or the camera. 0 where seen but not
-    lit, NaN where not seen (facing away, or without a normal).
+    dark, unseen (rows, cols): nodes that terrain occludes from the Sun or the camera. 0 where
+    visible but not lit, NaN where not visible (occluded, facing away, or without a normal).
     """
     _, rows, cols = planes.shape
     out = np.empty((rows, cols), np.float32)
@@ -66,8 +66,8 @@ def shade_nodes(planes, sun, camera, dark, unseen, code, law):
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_light(radiance, planes, sun, camera, weight, code, law):
     """Add to radiance (rows, cols) float32 the radiance factor times weight (rows, cols) float32:
-    the light's irradiance, and the share of it that arrives. Nothing is added where the light or
-    the camera is behind the surface, or where there is no normal.
+    the light's irradiance, and the share of it that arrives. Nodes that face away from the light or
+    the camera, or have no normal, stay as they are.
     """
     _, rows, cols = planes.shape
     cos_g = _phase(sun, camera)
@@ -88,11 +88,12 @@ def add_light(radiance, planes, sun, camera, weight, code, law):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def angles_deg(planes, direction, out, faces):
-    """Angle between the nodes' normals and a unit vector (3,), degrees, into out (rows, cols)
-    float32, and whether it is below 90 deg into faces (bool); NaN and no without a normal. Within
-    2e-6 deg and the rounding of float32.
+    """Write the angle between the nodes' normals and a unit vector (3,), degrees, into out (rows,
+    cols) float32, and True where it is below 90 deg into faces; NaN and False without a normal.
+    Accurate to 2e-6 deg and the rounding of float32.
 
-    By the tangent of two lengths, so that the normals' own rounding does not matter near 0.
+    Computed from the tangent of two lengths, so that the rounding of the normals does not matter
+    near 0.
     """
     dx, dy, dz = direction[0], direction[1], direction[2]
     for row in range(out.shape[0]):
@@ -116,7 +117,7 @@ def angles_deg(planes, direction, out, faces):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _mixture_image(planes, sun, camera, dark, unseen, terms, out):
-    """`shade_nodes` under Lommel-Seeliger, Lambert and what lies between."""
+    """`shade_nodes` for Lommel-Seeliger, Lambert and their mixtures."""
     seeliger, lambert = _F(terms[0]), _F(terms[1])
     sx, sy, sz = sun[0], sun[1], sun[2]
     cx, cy, cz = camera[0], camera[1], camera[2]
@@ -140,8 +141,8 @@ def _phase(sun, camera):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _scratch():
-    """Cosines of a run, which of its nodes are wanted, and what a long law works in: cosines closed
-    up, where they come from, six rows of numbers, the factors.
+    """Work arrays of a run: cosines, mask of the nodes to be shaded, and for Hapke's law: packed
+    cosines, their indices, six rows of numbers, the factors.
     """
     packed, places = np.empty((2, _RUN)), np.empty(_RUN, np.int32)
     work, factor = np.empty((6, _RUN), np.float32), np.empty(_RUN, np.float32)
@@ -150,7 +151,7 @@ def _scratch():
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _dots(planes, row, start, n, sun, camera, mu0, mu):
-    """Cosines of incidence and emission of a run."""
+    """Write the cosines of incidence and emission of a run into mu0 and mu."""
     x, y, z = planes[0, row], planes[1, row], planes[2, row]
     sx, sy, sz = sun[0], sun[1], sun[2]
     cx, cy, cz = camera[0], camera[1], camera[2]
@@ -162,7 +163,7 @@ def _dots(planes, row, start, n, sun, camera, mu0, mu):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shade(code, law, terms, cos_g, mu0, mu, wanted, n, scratch, out):
-    """Radiance factors of a run into out; 0 where not wanted."""
+    """Write the radiance factors of a run into out; 0 where not ``wanted``."""
     if code <= LUNAR_LAMBERT:
         _shade_mixture(terms, mu0, mu, wanted, n, out)
     elif code == MINNAERT:
@@ -197,7 +198,7 @@ def _shade_minnaert(law, mu0, mu, wanted, n, out):
 def _shade_hapke(law, terms, cos_g, mu0, mu, wanted, n, scratch, out):
     packed, places, work, factor = scratch
     count = 0
-    for k in range(n):  # without a branch: what is not wanted is overwritten
+    for k in range(n):  # without a branch: unwanted values are overwritten
         packed[0, count], packed[1, count], places[count] = mu0[k], mu[k], k
         count += wanted[k]
     hapke_lanes(law, terms, packed[0], packed[1], count, cos_g, work, factor)

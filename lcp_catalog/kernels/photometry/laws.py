@@ -1,8 +1,8 @@
-"""The laws of reflection on numbers: radiance factors of facets and, with their photometric angles, of
-points; NaN normals (nodata) give NaN. Images of nodes are shaded in `shading`.
+"""Reflectance models (laws): radiance factors of facets and, with their photometric angles, of
+points; NaN normals (nodata) give NaN. For images of nodes see `images`.
 
-A law is a code and its numbers; `lcp_catalog.photometry.laws` says what they are and where they come
-from.
+A law is a code and an array of numbers; `lcp_catalog.photometry.laws` defines them with their
+sources.
 """
 
 import math
@@ -21,13 +21,13 @@ HAPKE = 4
 FACET = 5
 
 DISC_NUMBERS = 14
-"""A Lommel-Seeliger law of so many numbers has the phase function of a measured disc."""
+"""Count of numbers of a Lommel-Seeliger law that has the phase function of a measured disc."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def phase_terms(code, law, cos_g):
-    """Two numbers that hold all of a law that depends on the phase alone: computed once a scene
-    where light and view are parallel.
+    """The two terms of a law that depend on the phase alone; computed once for a scene with
+    parallel light and view.
 
     Lommel-Seeliger, Lambert and their mixture: the factors of mu0 / (mu0 + mu) and of mu0.
     """
@@ -45,11 +45,11 @@ def phase_terms(code, law, cos_g):
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def radiance_factor(code, law, terms, mu0, mu, cos_g):
-    """I/F of a lit and seen facet; mu0, mu, cos_g are the cosines of incidence, emission and phase,
-    law (n,) the law's numbers, terms its `phase_terms`.
+    """I/F of a lit and visible facet; mu0, mu, cos_g are the cosines of incidence, emission and
+    phase, law (n,) the law's numbers, terms its `phase_terms`.
 
     Finite everywhere: Lommel-Seeliger's 0/0 at mu0 = mu = 0 is taken as 0, the limit of its
-    numerator (no light arrives), and a facet seen from behind (mu < 0) counts as seen edge-on.
+    numerator (no light arrives); a facet seen from behind (mu < 0) counts as seen edge-on.
     """
     if mu0 <= 0.0:
         return 0.0
@@ -64,8 +64,8 @@ def radiance_factor(code, law, terms, mu0, mu, cos_g):
 
 @njit(cache=True, nogil=True)
 def mixture(cos_g):
-    """Share of Lommel-Seeliger in the lunar-Lambert law (McEwen 1996): a cubic in degrees that falls
-    from 1 at 0 to 0 at 104, and is 0 beyond.
+    """Share of Lommel-Seeliger in the lunar-Lambert law (McEwen 1996): a cubic in degrees that
+    falls from 1 at 0 to 0 at 104, and is 0 beyond.
     """
     g = math.degrees(math.acos(min(1.0, max(-1.0, cos_g))))
     return max(0.0, 1.0 + g * (-0.019 + g * (0.242e-3 - 1.46e-6 * g)))
@@ -74,8 +74,8 @@ def mixture(cos_g):
 @njit(cache=True, nogil=True, error_model="numpy")
 def two_lobes(law, cos_g):
     """Phase function of Yokota et al. (2011): (1 + B0 / (1 + tan(g/2) / h)) times a double
-    Henyey-Greenstein function; law[1:5] is B0, h, c, asymmetry. As their code has it, (1 - c)/2
-    weighs the backward lobe.
+    Henyey-Greenstein function; law[1:5] is B0, h, c, asymmetry. As in their code, (1 - c)/2 is
+    the weight of the backward lobe.
     """
     surge, width, c, b = law[1], law[2], law[3], law[4]
     above, below = math.sqrt(max(1.0 - cos_g, 0.0)), math.sqrt(max(1.0 + cos_g, 0.0))
@@ -87,12 +87,12 @@ def two_lobes(law, cos_g):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def even_sphere(law, cos_g):
-    """Lommel-Seeliger's factor under which a sphere is as bright as the Moon's disc was measured.
+    """Lommel-Seeliger's factor with which a sphere has the measured brightness of the Moon's disc.
 
     law: a0..a3, d1..d3, p1..p4 (phase in radians in a, in degrees elsewhere) of the disc's
-    reflectance A (Kieffer & Stone 2005, eq. 10, without libration and lunation); the last phase it was
-    measured at (radians); the logarithm of the factor there, and its slope, with which it goes on.
-    A sphere's disc is factor / 2 * (1 - sin(g/2) tan(g/2) ln cot(g/4)) bright.
+    reflectance A (Kieffer & Stone 2005, eq. 10, without libration and lunation); the last measured
+    phase (radians); the logarithm of the factor there, and its slope, for larger phases. The
+    brightness of a sphere's disc is factor / 2 * (1 - sin(g/2) tan(g/2) ln cot(g/4)).
     """
     g = math.acos(min(1.0, max(-1.0, cos_g)))
     if g > law[11]:
@@ -109,7 +109,7 @@ def even_sphere(law, cos_g):
 
 @njit(cache=True, nogil=True)
 def factors(mu0, mu, cos_g, code, law):
-    """Radiance factors (n,) of facets by their cosines, each (n,)."""
+    """Radiance factors (n,) of facets from their cosines, each (n,)."""
     out = np.empty(mu0.size)
     for k in range(mu0.size):
         terms = phase_terms(code, law, cos_g[k])
@@ -123,7 +123,7 @@ def shade_points(normals, sun, cameras, lit, seen, code, law):
     their own view.
 
     normals (n, 3); sun (3,); cameras (n, 3) or (1, 3) for all; lit, seen (n,) bool. The radiance is
-    0 where seen but not lit, NaN where not seen; the angles are there wherever the normal is.
+    0 where visible but not lit, NaN where not visible; angles are given wherever a normal is.
     """
     n = normals.shape[0]
     shared = cameras.shape[0] == 1
@@ -147,7 +147,7 @@ def shade_points(normals, sun, cameras, lit, seen, code, law):
 
 @njit(cache=True, nogil=True)
 def radiance_of_points(normals, sun, cameras, lit, code, law):
-    """Radiance factor alone, float64 (n,), of points that are seen: 0 where not lit, NaN without a
+    """Radiance factor alone, float64 (n,), of visible points: 0 where not lit, NaN without a
     normal. Shapes as in `shade_points`.
     """
     shared = cameras.shape[0] == 1
@@ -180,8 +180,8 @@ def _dot(a, b):
 
 @njit(cache=True, nogil=True)
 def _angle(a, b):
-    """Angle between two vectors of any length, radians; good to the last bits at 0 and pi, where
-    acos is not.
+    """Angle between two vectors of any length, radians; accurate to the last bits at 0 and pi,
+    unlike acos.
     """
     x = a[1] * b[2] - a[2] * b[1]
     y = a[2] * b[0] - a[0] * b[2]

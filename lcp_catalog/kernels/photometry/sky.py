@@ -1,4 +1,4 @@
-"""What many parallel lights add up to on nodes and on points between them."""
+"""Sum of the radiance of many parallel lights on nodes and on points between them."""
 
 import numpy as np
 from numba import njit, prange
@@ -37,8 +37,8 @@ def _add_to_band(planes, camera, directions, dark, irradiance, code, law, out):
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def add_to_planes(planes, camera, directions, dark, irradiance, code, law, out):
     """`add_to_nodes` under one view, in single precision and several times as fast: planes
-    (3, rows, cols) as in `shading`, camera (3,), dark (k, rows, cols), out (rows, cols) float32.
-    Nothing is added where a node faces away from the camera or has no normal.
+    (3, rows, cols) as in `images`, camera (3,), dark (k, rows, cols), out (rows, cols) float32.
+    Nodes that face away from the camera or have no normal stay as they are.
     """
     rows = out.shape[0]
     for band in prange((rows + _BAND_ROWS - 1) // _BAND_ROWS):
@@ -71,7 +71,7 @@ def _on_node(n, normal, camera, directions, phases, dark, code, law):
 def add_to_nodes(normals, cameras, directions, dark, irradiance, code, law, out):
     """Add to out (n,) the radiance under lights of one irradiance from ``directions`` (k, 3).
 
-    normals (n, 3); cameras (1, 3) for all, or (n, 3); dark (k, n): 1 where terrain keeps a light
+    normals (n, 3); cameras (1, 3) for all, or (n, 3); dark (k, n): 1 where terrain occludes a light
     from a node. A node without a normal becomes NaN.
     """
     shared = cameras.shape[0] == 1
@@ -85,7 +85,7 @@ def add_to_nodes(normals, cameras, directions, dark, irradiance, code, law, out)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _on_point(u, v, normal, camera, directions, dark, code, law):
-    """The same for a point at column u, row v, by what the nodes of its triangle see."""
+    """The sum at a point at column u, row v, with the occlusion of the nodes of its triangle."""
     j = min(max(int(u), 0), dark.shape[2] - 2)
     i = min(max(int(v), 0), dark.shape[1] - 2)
     x, y = u - j, v - i
@@ -105,8 +105,8 @@ def _on_point(u, v, normal, camera, directions, dark, code, law):
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def add_to_points(u, v, normals, cameras, directions, dark, irradiance, code, law, out):
     """`add_to_nodes` for points (n,) of cells, u columns and v rows from the first node of dark
-    (k, rows, cols), each with its camera (n, 3); what a point sees of a light is interpolated
-    between its triangle's nodes.
+    (k, rows, cols), each with its camera (n, 3); the visible share of a light is interpolated
+    between the nodes of the point's triangle.
     """
     for n in prange(out.size):
         out[n] += irradiance * _on_point(

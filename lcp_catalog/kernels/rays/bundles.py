@@ -1,8 +1,8 @@
 """Bundles of rays: nodes towards a direction or a camera, surface points towards a direction, a
 camera towards the surface.
 
-Every ray is answered by one thread, so that results do not depend on their number. Rays and units
-as in `tracing`.
+Every ray is traced by one thread, so that results do not depend on the number of threads. Rays and
+units as in `tracing`.
 """
 
 import math
@@ -15,33 +15,33 @@ from .tracing import NEVER, UNDERGROUND_M, blocked, inverse_of, met
 
 BAND_ROWS = 8
 NODE_LEVEL = 1
-"""Pyramid level at which a ray from the surface starts: most are decided close by."""
+"""Pyramid level at which a ray from the surface starts: most rays end close by."""
 
 CAMERA_LEVEL = 3
 CLEAR_LEVEL = 0
-"""Level at which a camera ray starts that is known to be clear down to the terrain around its hit."""
+"""Pyramid level at which a camera ray starts that is clear down to the terrain around its hit."""
 
 NEAR_CAMERA = 1e-6
-"""A segment's last cells' share in which terrain is not looked for: the camera itself may stand on
-a node.
+"""Length at the camera's end of a segment, in cells, in which terrain is ignored: the camera may be
+at a node.
 """
 
 ON_SURFACE_M = 1e-3
-"""A point this near the surface, above or below, lies on it."""
+"""Distance within which a point above or below the surface lies on it."""
 
 ON_GRID = 1e-9
-"""A position this near a grid line or diagonal (in cells) lies on it."""
+"""Distance, in cells, within which a position lies on a grid line or diagonal."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def scaled(du, dv, dz):
-    """A ray with max(|du|, |dv|) = 1, and the factor; components that only rounding made differ
-    from an axis or a diagonal are put on it.
+    """A ray scaled to max(|du|, |dv|) = 1, and the factor; a direction that differs from an axis or
+    a diagonal only by rounding is put on it.
 
-    (0, 0, dz, 0) when vertical. sin(pi) is 1.2e-16, not 0; the change moves a ray by 1e-10 cells
-    over 1e5.
+    (0, 0, dz, 0) if vertical. For example sin(pi) is 1.2e-16, not 0; the change moves a ray by
+    1e-10 cells over 1e5.
     """
-    # values are chosen, not ways: so that many rays can be scaled at once
+    # without branches, so that many rays are scaled at once
     longest = max(abs(du), abs(dv))
     level = longest > 1e-15 * abs(dz)
     u, v = du / longest, dv / longest
@@ -60,7 +60,7 @@ def scaled(du, dv, dz):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def on_grid(u, v):
-    """A position moved onto the grid line or diagonal beside which it lies only by rounding."""
+    """A position moved onto the grid line or diagonal from which it differs only by rounding."""
     if abs(u - round(u)) < ON_GRID:
         u = float(round(u))
     if abs(v - round(v)) < ON_GRID:
@@ -76,7 +76,7 @@ def on_grid(u, v):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _enter(rows, cols, ou, ov, du, dv):
-    """Parameters s >= 0 between which a ray is over the raster; the first is greater when it never
+    """Parameters s >= 0 between which a ray is over the raster; the first is greater if it never
     is.
     """
     first, last = 0.0, NEVER
@@ -92,8 +92,8 @@ def _enter(rows, cols, ou, ov, du, dv):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _spread(k, bands):
-    """The k-th band to do: neighbours in time lie a golden section apart, so that every thread's
-    share holds all kinds of ground.
+    """Index of the k-th band to process: successive bands lie a golden section apart, so that every
+    thread's share contains all kinds of terrain.
     """
     step = max(int(bands * 0.6180339887498949), 1)
     while math.gcd(step, bands) != 1:
@@ -103,8 +103,8 @@ def _spread(k, bands):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
-    """For every node of the window, whether the surface rises above its ray; nodata: False. (du,
-    dv) must not both be 0.
+    """Write True into out for nodes of the window where the surface rises above their ray; nodata:
+    False. (du, dv) must not both be 0.
     """
     row0, row1, col0, col1 = window
     bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
@@ -131,8 +131,8 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
-    """Whether the surface rises above the segment from a node to a camera that is not under the
-    ground.
+    """True if the surface rises above the segment from a node to a camera that is not below the
+    surface.
     """
     oz = np.float64(z[i, j])
     du, dv, dz, longest = scaled(cu - j, cv - i, cz - oz)
@@ -157,7 +157,7 @@ def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
-    """For every node of the window, whether the surface rises above the segment from it to the
+    """Write True into out for nodes of the window where the surface rises above the segment to the
     camera; nodata: False.
     """
     row0, row1, col0, col1 = window
@@ -177,7 +177,7 @@ def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
 def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
     u, v = on_grid(u, v)
     ground = surface_height(z, u, v)
-    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no ground
+    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no surface
         oz = ground
     elif ground > oz:
         return True
@@ -197,7 +197,7 @@ def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
-    """For points (n,), whether the surface rises above their rays; NaN: False."""
+    """Write True into out (n,) for points where the surface rises above their ray; NaN: False."""
     for k in prange(u.size):
         known = not math.isnan(u[k] + v[k] + above[k])
         out[k] = known and _point_blocked(
@@ -207,8 +207,8 @@ def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _across(start, rate, inverse, limit):
-    """Parameters between which a ray is between 0 and ``limit`` of an axis; NEVER, -NEVER if at
-    none.
+    """Parameters between which a ray is between 0 and ``limit`` of an axis; NEVER, -NEVER if it
+    never is.
     """
     a, b = -start * inverse, (limit - start) * inverse
     inside = 0.0 <= start <= limit
@@ -219,11 +219,11 @@ def _across(start, rate, inverse, limit):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
-    """A camera ray in cell units from where it comes over the raster and under the summit: (du, dv,
-    dz, their inverses, length, first, u, v, z).
+    """A camera ray in cell units from the point where it is over the raster and below the summit:
+    (du, dv, dz, their inverses, length, first, u, v, z).
 
-    length: cells that the direction itself goes along the greater axis, 0 where it is vertical;
-    first: the parameter there, NaN where it never comes there or is no ray.
+    length: cells of the direction vector along the greater axis, 0 if vertical; first: the
+    parameter of that point, NaN if the ray never gets there or is invalid.
     """
     du, dv, dz, longest = scaled(east, -north, up * gsd)
     inverse_u, inverse_v, inverse_z = inverse_of(du), inverse_of(dv), inverse_of(dz)
@@ -246,11 +246,11 @@ def hit_from(
     z, holes, pyramid, summit, oz, clear,
     du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
 ):  # fmt: skip
-    """Range at which a ray that `approach` gave first meets the surface from above, in units of
-    its direction; NaN when it does not.
+    """Range of the first intersection of a ray of `approach` with the surface from above, in units
+    of its direction; NaN without any.
 
-    ``clear``: a height down to which no terrain lies above the ray, or inf; it changes the time
-    that the answer takes, and not one bit of it.
+    ``clear``: a height down to which no terrain lies above the ray, or inf; it changes the time,
+    not the result.
     """
     if math.isnan(first):
         return math.nan
@@ -271,8 +271,8 @@ def hit_from(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
-    """First hits of rays along ENU directions (n, 3) of any length that leave one point, each ray
-    by itself: what `coherent.first_hits` must equal.
+    """First hits of rays along ENU directions (n, 3) of any length from one point, each ray by
+    itself; the reference for `camera_tiles.first_hits`.
     """
     rows, cols = z.shape
     ou, ov = on_grid(ou, ov)

@@ -1,18 +1,18 @@
-"""Camera rays in tiles: what a tile's rays have in common is looked up once, and each ray starts near
-the terrain that it meets.
+"""Camera rays in tiles: the max pyramid is read once for all rays of a tile, and each ray starts
+near the terrain that it meets.
 
-All rays leave one point. Those of a tile that go down are held in a cone: ranges of the cells east
-and south that they go per metre of fall. At a height h the tile's rays lie in the rectangle that
-the cone has there, and between two heights in the box around the rectangles of both. If no node of
-any cell that the box touches is higher than its lower end, no ray of the tile meets anything in
-between; if the highest is M, none does above M. So one look into the max pyramid moves the height
-down to which the tile is clear (`_clear_height`): first for a block of tiles, then on from there
-for each tile. Rays of a tile need not be neighbours for this to hold, only for it to help: nothing
-is assumed of the camera, its roll or its distortion.
+All rays start at one point. The descending rays of a tile are bounded by a cone: ranges of the
+cells east and south that they move per metre of descent. At a height h the rays lie in the cone's
+rectangle, and between two heights in the box around both rectangles. If no node of a cell that the
+box touches is higher than its lower end, no ray of the tile meets the surface in between; if the
+highest node is M, none does above M. One read of the max pyramid thus lowers the height down to
+which the tile is clear (`_clear_height`): first for a block of tiles, then for each tile. The
+result is valid for any rays and efficient for neighbouring ones: nothing is assumed of the camera,
+its roll or its distortion.
 
-Each ray then goes on from the cell it is in at that height, cell by cell as if it were alone: first
-all rays of a tile together (`_walk`), then those that are left one by one (`tracing.met`). Where a
-ray starts changes no bit of where it ends.
+Each ray then continues from its cell at that height, cell by cell as if it were alone: first all
+rays of a tile together (`_walk`), then the remaining ones one by one (`tracing.met`). The start of
+a ray does not change the result by a single bit.
 """
 
 import math
@@ -28,22 +28,23 @@ TILES = 8
 """Tiles along a block's side."""
 
 LOOKS = 24
-"""Looks for a block or tile at most."""
+"""Greatest number of reads of the pyramid for a block or tile."""
 
 LOOSE = 2048.0
-"""A bundle of rays wider than this (in cells) is not worth a look."""
+"""Width of a bundle of rays, in cells, above which the pyramid is not read."""
 
 READS = 16
-"""Values of the pyramid that one look reads at most, but on its top level."""
+"""Greatest number of values of the pyramid in one read, except on its top level."""
 
 SMALL_CELLS, SMALL = 1e-6, 1e-12
-"""What rounding may move a ray by: cells, and a share of all the lengths that go into its place."""
+"""Bound of the rounding error of a ray's position: cells, and a share of all lengths that enter it.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cone(directions, gsd, i0, i1, j0, j1):
     """Least and greatest cells east, then south, per metre of fall, of the rays that fall; an empty
-    range (inf, -inf) when none does.
+    range (inf, -inf) if none falls.
     """
     a0, a1, b0, b1 = math.inf, -math.inf, math.inf, -math.inf
     for i in range(i0, i1):
@@ -59,7 +60,7 @@ def _cone(directions, gsd, i0, i1, j0, j1):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _highest(pyramid, u0, u1, v0, v1):
-    """Highest node of the cells that a box of positions touches, or of some more; -inf off the
+    """Upper bound of the highest node of the cells that a box of positions touches; -inf off the
     raster.
     """
     levels, offsets, widths, heights = pyramid
@@ -84,7 +85,9 @@ def _highest(pyramid, u0, u1, v0, v1):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _clear_height(pyramid, ou, ov, oz, cone, height):
-    """A height down to which no terrain lies above any ray of the cone, given one (``height``)."""
+    """Height down to which no terrain lies above any ray of the cone, lowered from one
+    (``height``).
+    """
     a0, a1, b0, b1 = cone
     reach = max(abs(a0), abs(a1), abs(b0), abs(b1))
     spread = max(a1 - a0, b1 - b0)
@@ -118,8 +121,8 @@ def _clear_height(pyramid, ou, ov, oz, cone, height):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
-    """`approach` of every ray of a tile into queue (11, rays). Nothing in it branches, so that the
-    compiler takes several rays at once.
+    """Write `approach` of every ray of a tile into queue (11, rays), without branches, so that the
+    compiler processes several rays at once.
     """
     k = 0
     for i in range(i0, i1):
@@ -137,9 +140,9 @@ def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, q
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start(z, summit, clear, queue, count, place, walk, alive):
-    """Put the rays that come in from above and are clear down to ``clear`` into their first cells:
-    row and column into place (2, rays), parameter into walk (2, rays), their numbers into alive.
-    Returns how many; the others keep walk[1] = NaN.
+    """Put the rays that enter from above and are clear down to ``clear`` into their first cells:
+    row and column into place (2, rays), parameter into walk (2, rays), indices into alive. Return
+    their number; the others keep walk[1] = NaN.
     """
     rows, cols = z.shape
     walking = 0
@@ -166,11 +169,11 @@ def _start(z, summit, clear, queue, count, place, walk, alive):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(z, queue, place, walk, alive, walking):
-    """One cell on for every ray that walks: walk[1] is where it meets the surface there, else -1.
-    Returns how many walk on.
+    """Move every walking ray on by one cell: walk[1] is the parameter of its hit there, else -1.
+    Return the number of rays that walk on.
 
-    No way is chosen by what a ray meets, so that the processor works on many rays at once: waiting
-    for one ray's cell to know where it ends cost more than all arithmetic.
+    Without branches that depend on a hit, so that the processor works on many rays at once: waiting
+    for the result of one ray's cell took longer than all arithmetic.
     """
     rows, cols = z.shape
     on = 0
@@ -205,10 +208,10 @@ def _tile_solid(
     z, pyramid, summit, oz, clear, queue, place, walk, alive, out,
     i0, i1, j0, j1,
 ):  # fmt: skip
-    """Trace a tile's rays over a raster without nodata: together for some cells, then those that
-    are left each by itself.
+    """Trace a tile's rays over a raster without nodata: together for some cells, then the remaining
+    rays one by one.
     """
-    count = max(i1 - i0, 0) * max(j1 - j0, 0)  # tiles beside the image have no ray
+    count = max(i1 - i0, 0) * max(j1 - j0, 0)  # tiles outside the image have no rays
     walking = _start(z, summit, clear, queue, count, place, walk, alive)
     for _ in range(PATIENCE):
         if walking == 0:
@@ -237,7 +240,9 @@ def _tile_solid(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
-    """The same over one with nodata: a copy, so that the compiler makes a function of each."""
+    """`_tile_solid` for a raster with nodata: a copy, so that the compiler makes a function of
+    each.
+    """
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
@@ -266,7 +271,7 @@ def _block(
     tile_rows,
     tile_cols,
 ):
-    """A block of TILES x TILES tiles."""
+    """Trace a block of TILES x TILES tiles."""
     rows, cols = out.shape
     cones = np.empty((TILES * TILES, 4))
     queue, walk = np.empty((11, TILE * TILE)), np.empty((2, TILE * TILE))
@@ -309,8 +314,8 @@ def _block(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
-    """First hits of rays along ENU directions (rows, cols, 3) that leave one point, into out (rows,
-    cols): `rays.first_hits`, faster where neighbours in the array are neighbours in the sky.
+    """Write the first hits of rays along ENU directions (rows, cols, 3) from one point into out
+    (rows, cols): `bundles.first_hits`, faster if neighbours in the array have similar directions.
     """
     ou, ov = on_grid(ou, ov)
     rows, cols = out.shape

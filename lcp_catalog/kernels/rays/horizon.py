@@ -1,9 +1,9 @@
-"""Exact horizons: how steeply the surface rises at most along a vertical plane, seen from a node or
-a point of it.
+"""Exact horizons: greatest slope of the surface along a vertical plane, seen from a node or a point
+of it.
 
 The rise of the surface over the observer, divided by the distance, is monotone between two edge
 crossings (both are linear in s), so that its maximum lies at a crossing: the same crossings, in the
-same arithmetic, as in `tracing`. Rays live in cell units as there: (ou, ov) + s (du, dv) with
+same arithmetic, as in `tracing`. Rays are in cell units as there: (ou, ov) + s (du, dv) with
 max(|du|, |dv|) = 1, slopes in metres per unit of s. Parts of the max pyramid that lie below the
 steepest slope so far are skipped.
 """
@@ -23,9 +23,8 @@ def _moved_clear(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
     z, holes, turns, pyramid, summit, ou, ov, du, dv, base, rate, enough
 ):
     """A line in the vertical plane of (du, dv), at the height base + rate s over (ou, ov) + s (du,
-    dv), moved up until it clears every crossing at s > 0: turned about its start (``turns``; its
-    rate comes back, the first one found that is at least ``enough`` where there is one), or lifted
-    (its base comes back).
+    dv), moved up until it clears every crossing at s > 0: turned about its start (``turns``: return
+    its rate, or the first rate found that is at least ``enough``), or lifted (return its base).
     """
     levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
@@ -103,9 +102,7 @@ def _lifted_holed(z, pyramid, summit, ou, ov, du, dv, lowest, rate):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
-    """The horizon's slope between ``best`` and ``enough``, whichever of the two where it lies
-    beyond.
-    """
+    """The horizon's slope, clipped to ``best``..``enough``."""
     if holes:
         return min(_steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
     return min(_steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
@@ -113,9 +110,8 @@ def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
-    """Up to which height the surface's shadow reaches over places (n,) inside the raster, under
-    parallel rays that climb by ``rates`` (k,) metres per unit of (du, dv): ``heights`` (k, n) are
-    raised where it is higher.
+    """Raise ``heights`` (k, n) to the height of the surface's shadow over places (n,) inside the
+    raster, under parallel rays that climb by ``rates`` (k,) metres per unit of (du, dv).
     """
     for n in prange(u.size):
         for k in range(rates.size):
@@ -126,8 +122,8 @@ def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
-    """Horizons of nodes (n,) in the planes (k, 4) du, dv, best, enough, into out (n, k), metres per
-    unit of s; ``best`` at nodata.
+    """Write the horizons of nodes (n,) in the planes (k, 4) du, dv, best, enough into out (n, k),
+    metres per unit of s; ``best`` at nodata.
     """
     for n in prange(rows.size):
         i, j = rows[n], cols[n]
@@ -143,20 +139,20 @@ def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _onto_surface(z, u, v, oz):
-    """A point within 1 mm of the surface put on it, and beside a grid line on that (as `rays`
-    does); its height NaN off the raster, and infinity where it lies under the surface.
+    """A point moved onto the surface if it is within 1 mm, and onto a grid line beside it (as in
+    `bundles`); its height is NaN off the raster and infinite below the surface.
     """
     u, v = on_grid(u, v)
     ground = surface_height(z, u, v)
-    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no ground
+    if abs(oz - ground) <= ON_SURFACE_M:  # False where there is no surface
         return u, v, ground
     return u, v, math.inf if ground > oz else oz
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
-    """The same for points (n,) over the raster: ``enough`` for those under the surface, ``best``
-    for NaN and those off the raster.
+    """`node_horizons` of points (n,) over the raster: ``enough`` for those below the surface,
+    ``best`` for NaN and those off the raster.
     """
     rows, cols = z.shape
     for n in prange(u.size):
@@ -175,11 +171,12 @@ def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
-    """Flux of a disc above the horizons (n, k) of its k strips, into out (n,).
+    """Write the flux of a disc above the horizons (n, k) of its k strips into out (n,).
 
     ``tangents`` (k,): tangent of elevation, foreshortened into the disc's middle plane, of a unit
     slope; ``sine``, ``cosine`` of the middle's elevation; ``radius``: the disc's, a tangent;
-    ``tables`` (k, m): flux of each strip above m equal steps from the bottom of the disc to its top.
+    ``tables`` (k, m): flux of each strip above m equal steps from the bottom of the disc to its
+    top.
     """
     last = tables.shape[1] - 1
     for n in prange(slopes.shape[0]):
@@ -196,8 +193,8 @@ def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def rim_nodes(z, window, out):
-    """Which nodes of a window have a height, and a neighbour without one: the raster's border and
-    the rims of holes, where a horizon may jump with azimuth.
+    """Write True into out for nodes of a window with a height and a neighbour without one: the
+    raster's border and the rims of holes, where a horizon may be discontinuous in azimuth.
     """
     row0, row1, col0, col1 = window
     rows, cols = z.shape

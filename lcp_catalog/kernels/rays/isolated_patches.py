@@ -1,6 +1,4 @@
-"""Fragments of the surface traced as if each were all the terrain there is: what a navigator sees
-of a patch alone.
-"""
+"""Occlusion within patches of the surface, each traced without the terrain around it."""
 
 import math
 
@@ -14,10 +12,10 @@ from .tracing import NEVER, blocked
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _trace_part(part, du, dv, dz, row, col, out):
-    """Answers of the nodes of one part, into out from (row, col) on."""
+    """Write the occlusion of the nodes of one patch into out, from (row, col) on."""
     rows, cols = part.shape
     _, summit, holes = extremes(part)
-    # a pyramid without levels: a fragment is small, so every ray walks its cells one by one
+    # a pyramid without levels: a patch is small, so every ray walks its cells one by one
     pyramid = (
         np.empty(1, np.float32),
         np.zeros(1, np.int64),
@@ -40,8 +38,8 @@ def _trace_part(part, du, dv, dz, row, col, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_alone(z, rows, cols, half, du, dv, dz, out):
-    """out (n, size, size), False at first: for every node of each fragment, whether the fragment
-    itself rises above its ray.
+    """Set out (n, size, size), initially False, to True for nodes of each patch where the patch
+    itself rises above their ray.
     """
     for n in prange(rows.size):
         row0, row1 = max(rows[n] - half, 0), min(rows[n] + half + 1, z.shape[0])

@@ -1,9 +1,10 @@
-"""Max pyramid over the cells of a heightfield: what a ray may skip because it passes above.
+"""Max pyramid over the cells of a heightfield, for skipping blocks of cells that a ray passes
+above.
 
-Level 1 holds the highest node of 2 x 2 cells (3 x 3 nodes), each further level the highest of 2 x 2
-of the level below. There is no level 0: a ray that gets down to one cell reads that cell's nodes
-anyway. Nodata (NaN) counts as minus infinity. All levels lie one after the other in one flat array:
-1.33 bytes a node beside the 4 of the heights.
+Level 1 has the highest node of 2 x 2 cells (3 x 3 nodes), each further level the highest of 2 x 2
+values of the level below. There is no level 0: at a single cell a ray reads the nodes. Nodata (NaN)
+counts as minus infinity. All levels are stored in sequence in one flat array: 1.33 bytes per node,
+besides 4 for the heights.
 """
 
 import numpy as np
@@ -37,7 +38,9 @@ def build_pyramid(z):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _first_level(z, out):
-    """The highest node of each 3 x 3 nodes around the odd ones; fewer at the far borders."""
+    """Write the highest of the 3 x 3 nodes around each odd node into out; fewer nodes at the far
+    borders.
+    """
     for i in prange(out.shape[0]):
         for j in range(out.shape[1]):
             top = LOWEST
@@ -61,7 +64,7 @@ def _halve(below, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def extremes(z):
-    """(lowest, highest, whether any is NaN) of a raster; (inf, -inf, ...) where all are NaN."""
+    """(lowest, highest, True if any is NaN) of a raster; (inf, -inf, True) if all are NaN."""
     low, high, holes = np.float32(np.inf), LOWEST, False
     for i in range(z.shape[0]):
         for j in range(z.shape[1]):

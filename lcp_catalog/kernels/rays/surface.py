@@ -1,11 +1,11 @@
-"""The triangulated surface of a heightfield: which parts of it exist, its heights and its normals.
+"""The triangulated surface of a heightfield: existence of its parts, heights and normals.
 
 Each cell (i, j) has an upper triangle (i, j), (i, j+1), (i+1, j+1) and a lower one (i, j), (i+1,
 j), (i+1, j+1); a triangle exists when its three nodes have heights. Positions are in cell units: u
 = column, v = row.
 
-Heights become np.float64 before anything is done with them: numba's float() leaves a float32 what
-it is.
+Heights are converted by np.float64 before any arithmetic: numba's float() leaves a float32 as it
+is.
 """
 
 import math
@@ -14,12 +14,14 @@ import numpy as np
 from numba import njit, prange
 
 SNAP = 1e-10
-"""Where the surface has holes, a crossing this near a node (in cells) is a crossing of the node."""
+"""Distance from a node, in cells, within which a crossing is one of the node, on a surface with
+holes.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def triangle_exists(z, i, j, upper):
-    """Whether cell (i, j) is inside the raster and its upper (or lower) triangle has all three
+    """True if cell (i, j) is inside the raster and its upper (or lower) triangle has all three
     heights.
     """
     if i < 0 or j < 0 or i >= z.shape[0] - 1 or j >= z.shape[1] - 1:
@@ -30,7 +32,7 @@ def triangle_exists(z, i, j, upper):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def node_exists(z, i, j):
-    """Whether a node belongs to any of the six triangles around it."""
+    """True if any of the six triangles around a node exists."""
     return (
         triangle_exists(z, i, j, True)
         or triangle_exists(z, i, j, False)
@@ -43,7 +45,7 @@ def node_exists(z, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def edge_exists(z, i, j, i2, j2):
-    """Whether the edge from (i, j) to its east, south or south-east neighbour (i2, j2) belongs to a
+    """True if the edge from (i, j) to its east, south or south-east neighbour (i2, j2) belongs to a
     triangle on either side.
     """
     if i2 == i:
@@ -64,8 +66,8 @@ def edge_height(z, i, j, i2, j2, f):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def edge_height_careful(z, i, j, i2, j2, f):
-    """The same where nodes may be missing: NaN unless the edge exists, or the node where the
-    crossing meets one.
+    """`edge_height` where nodes may be missing: NaN unless the edge exists, or the node at which
+    the crossing lies.
     """
     if f <= SNAP:
         return np.float64(z[i, j]) if node_exists(z, i, j) else math.nan
@@ -78,8 +80,8 @@ def edge_height_careful(z, i, j, i2, j2, f):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def facet_height(z, i, j, x, y):
-    """Height in cell (i, j) at x, y in 0..1 from its north-west corner; NaN heights spread over the
-    facet.
+    """Height in cell (i, j) at x, y in 0..1 from its north-west corner; NaN if a node of the facet
+    is missing.
     """
     z00, z11 = np.float64(z[i, j]), np.float64(z[i + 1, j + 1])
     if x >= y:
@@ -91,7 +93,8 @@ def facet_height(z, i, j, x, y):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def surface_height(z, u, v):
-    """Height of the surface at (u, v), float64; NaN outside the raster and where no triangle is.
+    """Height of the surface at (u, v), float64; NaN outside the raster and where no triangle
+    exists.
 
     Edges and nodes belong to every triangle around them, so that a point on the rim of a hole has a
     height.
@@ -112,8 +115,8 @@ def surface_height(z, u, v):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stretch_exists(z, i, j, x, y):
-    """Whether the stretch of a ray whose middle lies at (x, y) in cell (i, j) runs over, or along
-    the edge of, a triangle.
+    """True if the stretch of a ray whose middle lies at (x, y) in cell (i, j) runs over, or along
+    the edge of, an existing triangle.
     """
     if abs(x - y) <= SNAP:
         return edge_exists(z, i, j, i + 1, j + 1)
@@ -130,8 +133,8 @@ def stretch_exists(z, i, j, x, y):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stretch_height(z, i, j, x, y, mid_x, mid_y):  # noqa: PLR0911
-    """Height at (x, y), the end of such a stretch, on the triangle or edge that its middle picks;
-    only edge heights along an edge.
+    """Height at (x, y), the end of a stretch, on the triangle or edge at its middle (mid_x, mid_y);
+    along an edge only edge heights are used.
     """
     if abs(mid_x - mid_y) <= SNAP:
         return edge_height(z, i, j, i + 1, j + 1, x)
@@ -153,7 +156,7 @@ def stretch_height(z, i, j, x, y, mid_x, mid_y):  # noqa: PLR0911
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def existing_nodes(z, window, out):
-    """Which nodes of a window belong to a triangle."""
+    """Write True into out for nodes of a window that belong to an existing triangle."""
     row0, row1, col0, col1 = window
     for k in prange(row1 - row0):
         for j in range(col0, col1):
@@ -198,7 +201,7 @@ def node_normal(z, gsd, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def normals(z, gsd, row0, col0, out):
-    """Node normals of the window at (row0, col0) into out (rows, cols, 3) float32."""
+    """Write the node normals of the window at (row0, col0) into out (rows, cols, 3) float32."""
     for i in prange(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j, 0], out[i, j, 1], out[i, j, 2] = node_normal(z, gsd, row0 + i, col0 + j)
@@ -206,7 +209,7 @@ def normals(z, gsd, row0, col0, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_normal(z, gsd, i, j, weight, out):
-    if weight != 0.0:  # a node that does not count may be missing
+    if weight != 0.0:  # a node of weight 0 may be missing
         x, y, up = node_normal(z, gsd, i, j)
         out[0] += weight * x
         out[1] += weight * y
@@ -215,8 +218,8 @@ def _add_normal(z, gsd, i, j, weight, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def normals_at(z, gsd, u, v):
-    """Node normals interpolated over the triangle at each position, of unit length again; float64
-    (n, 3), NaN without a surface.
+    """Node normals interpolated over the triangle at each position and normalised, float64 (n, 3);
+    NaN without a surface.
     """
     rows, cols = z.shape
     out = np.full((u.size, 3), np.nan)

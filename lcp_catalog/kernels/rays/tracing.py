@@ -1,12 +1,12 @@
-"""Exact rays over the triangulated surface: a max-mipmap traversal whose leaf compares the ray with
-the edges it crosses.
+"""Exact rays over the triangulated surface: a max-mipmap traversal that compares the ray, in single
+cells, with the edges that it crosses.
 
 Between two edge crossings the profile of the surface under a ray is linear, and so is the ray: the
 surface rises above the ray if and only if it does so at a crossing. Every existing triangle is
 entered and left through its own edges, so testing each crossed edge that belongs to an existing
 triangle is complete; no bias or lift is needed, and there are no cracks.
 
-Rays live in cell units: u = column, v = row (down), z in metres: (ou, ov, oz) + s (du, dv, dz) with
+Rays are in cell units: u = column, v = row (down), z in metres: (ou, ov, oz) + s (du, dv, dz) with
 max(|du|, |dv|) = 1, so that crossings along an axis or a diagonal are computed without rounding.
 Cell steps after Amanatides and Woo 1987, hierarchy after Tevs, Ihrke and Seidel 2008 (maximum
 mipmaps).
@@ -21,13 +21,12 @@ from .surface import edge_height, edge_height_careful, facet_height, stretch_exi
 
 NEVER = 1e300
 PATIENCE = 6
-"""Cells that a ray which starts near the ground goes before it looks at larger ones."""
+"""Cells that a ray from near the surface walks before it uses higher levels of the pyramid."""
 
 AT_ONCE = 1e-300
-"""Less than any crossing but one at the start itself."""
+"""A parameter less than that of any crossing except one at the start itself."""
 UNDERGROUND_M = 1e-6
-"""A camera less than this below the surface stands on it; further down it is under the ground and
-sees nothing.
+"""Distance within which a camera below the surface is on it; from further below nothing is visible.
 """
 
 
@@ -52,11 +51,11 @@ def edge_at(z, holes, i, j, i2, j2, f):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
-    """Where between s and s_below, one stretch of cell (i, j), a ray comes through the surface;
-    ``below`` (< 0) is its height at s_below.
+    """Parameter between s and s_below, in one stretch of cell (i, j), at which a ray passes through
+    the surface; ``below`` (< 0) is its height at s_below.
 
-    NEVER when the ray was under no triangle before: it has come under the surface from the side,
-    through a hole.
+    NEVER if there was no triangle at s: the ray has come below the surface from the side, through a
+    hole.
     """
     x, y = unit(ou + du * s - j), unit(ov + dv * s - i)
     if holes:
@@ -75,11 +74,11 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
-    """Where a ray first comes through the surface in cell (i, j), whose nodes all have heights,
-    between s and s_out; -1 where it does not.
+    """Parameter between s and s_out at which a ray first passes through the surface in cell (i, j),
+    whose nodes all have heights; -1 without any.
 
-    What `_trace` and `_meeting` do else, with choices of values in place of branches: which edge a
-    ray meets is not to be guessed, and guessing wrong costs more than both edges.
+    Equivalent to `_trace` and `_meeting`, with selected values in place of branches: the edge that
+    a ray meets is not predictable, and a mispredicted branch costs more than both edges.
     """
     z00, z01 = np.float64(z[i, j]), np.float64(z[i, j + 1])
     z10, z11 = np.float64(z[i + 1, j]), np.float64(z[i + 1, j + 1])
@@ -110,7 +109,7 @@ def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def first_cell(rows, cols, ou, ov, du, dv):
-    """(column, row) of the cell that a ray from (ou, ov), inside the raster, goes through first."""
+    """(column, row) of the first cell of a ray from (ou, ov), inside the raster."""
     col = min(max(math.floor(ou), 0), cols - 2)
     row = min(max(math.floor(ov), 0), rows - 2)
     if du < 0.0 and ou == col and col > 0:
@@ -122,8 +121,8 @@ def first_cell(rows, cols, ou, ov, du, dv):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def child_at(u, v, du, dv, col, row, level):
-    """(column, row) of the block of ``level`` that a ray at (u, v) goes on through, of the four in
-    block (col, row) of the next level.
+    """(column, row) of the block of ``level`` through which a ray at (u, v) continues, of the four
+    in block (col, row) of the next level.
     """
     c = min(max(math.floor(u) >> level, 2 * col), 2 * col + 1)
     r = min(max(math.floor(v) >> level, 2 * row), 2 * row + 1)
@@ -136,11 +135,11 @@ def child_at(u, v, du, dv, col, row, level):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def entered(start, rate, inverse, size, level, s):
-    """The block of 2^level cells along an axis that a ray is in once it has crossed every grid line
-    whose crossing is not behind s, and the crossing at which it came into it.
+    """The block of 2^level cells along an axis in which a ray is after all crossings with grid
+    lines up to s, and the crossing at which it entered the block.
 
-    -1 or ``size`` (blocks of this level) where it has left the raster. The position only gives a
-    first guess; crossings, computed as `_trace` does, decide.
+    -1 or ``size`` (blocks of this level) if it has left the raster. The position is only a first
+    guess; the crossings, computed as in `_trace`, determine the block.
     """
     block = int(min(max(start + rate * s, 0.0), (size << level) - 1.0)) >> level
     if rate > 0.0:
@@ -166,15 +165,15 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     """Follow a ray from (ou, ov), inside the raster, until it leaves it, rises above ``summit`` or
     passes s_end.
 
-    ``first_hit`` false: 1 as soon as a crossing with 0 < s <= s_end lies strictly above the ray,
-    else -1. ``first_hit`` true, for a ray that starts on or above the surface: the s at which it
-    first meets the surface, else -1. ``holes`` and ``first_hit`` are literals of the callers: the
-    compiler makes one function of each pair.
+    ``first_hit`` False: return 1 as soon as a crossing with 0 < s <= s_end lies strictly above the
+    ray, else -1. ``first_hit`` True, for a ray that starts on or above the surface: return the s at
+    which it first meets the surface, else -1. ``holes`` and ``first_hit`` are literals of the
+    callers: the compiler makes one function for each pair.
 
-    With ``first_hit`` the way may begin at s_clear > 0, up to which no crossing lies above the ray,
-    and the bits of the answer depend neither on that nor on the level: a child is chosen by
-    comparing crossings, so that the cells and the s of every crossing are those of a walk from cell
-    to cell. (Crossings of one s: the row's line comes first.)
+    With ``first_hit`` the ray may start at s_clear > 0, up to which no crossing lies above it. The
+    bits of the result depend neither on that nor on the level: a child is chosen by comparing
+    crossings, so that the cells and the s of every crossing are those of a walk from cell to cell.
+    (For crossings at the same s the row's line comes first.)
     """
     levels, offsets, widths, heights = pyramid
     rows, cols = z.shape
@@ -298,7 +297,7 @@ def _blocked_holed(
 def blocked(
     z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
-    """Whether an existing triangle rises strictly above the ray at 0 < s <= s_end; (du, dv) must
+    """True if an existing triangle rises strictly above the ray at 0 < s <= s_end; (du, dv) must
     not both be 0.
     """
     if holes:
@@ -311,8 +310,9 @@ def met(
     z, holes, pyramid, summit, ou, ov, oz, du, dv, dz,
     inverse_u, inverse_v, s_clear, level,
 ):  # fmt: skip
-    """Where a ray that starts on or above the surface first meets it; -1 where it never does, or
-    comes under it through a hole. Nothing must lie above it up to s_clear (0: not known).
+    """Parameter s at which a ray that starts on or above the surface first meets it; -1 if it never
+    does, or gets below it through a hole. No terrain may lie above the ray up to s_clear (0: not
+    known).
     """
     if holes:
         return _trace(

@@ -1,9 +1,9 @@
-"""Means of an image over parallelograms, one for each cell of the ground.
+"""Means of an image over parallelograms, one for each cell of the terrain.
 
-Inside a parallelogram samples lie at the middles of equal parts, at most a pixel apart in each of its
-directions (`SAMPLES_MAX` at most). A sample is taken by cubic convolution (Keys 1981, a = -1/2:
-exact for quadratics); where one of its 16 pixels is missing by the four around it and their weights. Pixels beyond the
-border repeat those at it.
+Inside a parallelogram samples lie at the middles of equal parts, at most a pixel apart in each of
+its directions (`SAMPLES_MAX` parts at most). A sample is interpolated by cubic convolution (Keys
+1981, a = -1/2: exact for quadratics), or, if one of its 16 pixels is missing, from the four around
+it with their weights. The pixels of the border are repeated beyond it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ _A = -0.5
 
 @njit(cache=True, nogil=True)
 def means(light, weight, at, down, right, signal, mass):
-    """Fill signal and mass (n,) from an image's light and weight (rows, cols), float32; ``at``, ``down``, ``right`` (n, 2):
-    (column, row) of a parallelogram's middle and its sides. Parallelograms with NaN get NaN and 0.
+    """Fill signal and mass (n,) from an image's light and weight (rows, cols), float32; ``at``,
+    ``down``, ``right`` (n, 2): (column, row) of a parallelogram's middle and its sides.
+    Parallelograms with NaN get NaN and 0.
     """
     for k in range(at.shape[0]):
         signal[k], mass[k] = np.nan, 0.0
@@ -45,14 +46,16 @@ def means(light, weight, at, down, right, signal, mass):
 
 @njit(cache=True, nogil=True)
 def _parts(side):
-    """Into how many parts a side is cut, so that they are a pixel long at most."""
+    """Number of parts of a side, each at most one pixel long."""
     length = max(abs(side[0]), abs(side[1]))
     return int(min(max(math.ceil(length - 1e-9), 1), SAMPLES_MAX))
 
 
 @njit(cache=True, nogil=True)
 def _sample(light, weight, x, y):
-    """Value and weight of an image at a place; weight 0 outside the image or where nothing is."""
+    """Value and weight of an image at a position; weight 0 outside the image or where pixels are
+    missing.
+    """
     rows, cols = light.shape
     if not (-0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5):
         return 0.0, 0.0
@@ -85,7 +88,7 @@ def _sample(light, weight, x, y):
 
 @njit(cache=True, nogil=True)
 def _keys(s):
-    """Keys's cubic kernel at a distance."""
+    """Keys' cubic kernel at a distance."""
     s = abs(s)
     if s < 1.0:
         return ((_A + 2.0) * s - (_A + 3.0)) * s * s + 1.0

@@ -1,5 +1,5 @@
-"""Resampling of height grids: cubic convolution beside which nodata is never smeared, block means,
-ENU to longitude/latitude.
+"""Resampling of height grids: cubic convolution that does not spread nodata, block means, ENU to
+longitude and latitude.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ def _keys(t, w):
     """Weights of Keys' cubic convolution with a = -0.5 (IEEE ASSP 29, 1981, eq. 15) at fraction
     ``t`` of the middle interval.
 
-    Third order: a quadratic is reproduced exactly.
+    Third order: exact for quadratics.
     """
     w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
@@ -25,7 +25,7 @@ def _keys(t, w):
 
 @njit(cache=True, nogil=True, inline="always")
 def _column(col, col0, cols, period):
-    """Index in the window of a column of the raster, turned around the Moon where need be; -1
+    """Index in the window of a column of the raster, modulo ``period`` if the raster has a seam; -1
     outside.
     """
     c = col - col0
@@ -44,10 +44,9 @@ def sample(grid, row0, col0, period, u, v, out):
     """Heights at fractional pixels (column ``u``, row ``v``) of a raster of which ``grid`` is the
     window from (row0, col0).
 
-    Cubic convolution where all sixteen pixels are there, bilinear over those of the four that are
-    there otherwise, NaN where
-    the nearest pixel is missing. ``period``: columns around the Moon, 0 when the raster has no
-    seam.
+    Cubic convolution where all sixteen pixels are valid, otherwise bilinear over the valid ones of
+    the four; NaN where the nearest pixel is missing. ``period``: columns around the Moon, 0 if the
+    raster has no seam.
     """
     rows, cols = grid.shape
     wx = np.empty(4)
@@ -84,11 +83,9 @@ def sample(grid, row0, col0, period, u, v, out):
 
 @njit(cache=True, nogil=True)
 def _bilinear(grid, i, c1, c2, tu, tv):
-    """Mean of the pixels that are there, by their bilinear weights; NaN where the nearest is
-    missing.
-    """
+    """Mean of the valid pixels with their bilinear weights; NaN if the nearest is missing."""
     rows = grid.shape[0]
-    nearest_there = False  # half-way between pixels there are two nearest, or four
+    nearest_there = False  # half-way between pixels two or four are nearest
     for a in range(2):
         if i + a < 0 or i + a >= rows or (a == 0 and tv > 0.5) or (a == 1 and tv < 0.5):
             continue
@@ -120,7 +117,7 @@ def block_means(grid, weight, factor, out):
     """Means of ``factor`` x ``factor`` blocks by ``weight``; NaN where less than half a block's
     weight has data.
 
-    ``weight`` broadcasts by its shape: (rows, cols), or (rows, 1) when it depends on the row only.
+    ``weight`` broadcasts by its shape: (rows, cols), or (rows, 1) if it depends on the row only.
     """
     wide = weight.shape[1] > 1
     for bi in range(out.shape[0]):
@@ -156,17 +153,20 @@ def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
 
 
 _STEPS = 8192.0
-"""Steps in a metre: sums along a row are of whole numbers, so that they do not depend on where the row begins."""
+"""Steps in a metre: sums along a row are sums of integers, so that they do not depend on its first
+column.
+"""
 
 
 @njit(cache=True, nogil=True)
 def row_means(grid, length, turn, pad, out):
-    """Means along the rows of ``grid`` over ``length`` (rows,) pixels, a real number of them from 1 on, corrected for the
-    parallel's bend.
+    """Means along the rows of ``grid`` over ``length`` (rows,) pixels, real numbers of at least 1,
+    corrected for the curvature of the parallel.
 
-    ``grid`` has one row more on either side than ``out`` and ``pad`` columns more. A mean is that of the pixels which are
-    there, NaN where less than half are. Along a parallel near its pole a mean lies nearer to the pole than its middle; it is moved
-    back along the meridian by ``turn`` (rows,) rows, with the slope between the neighbouring rows.
+    ``grid`` has one row more on either side than ``out``, and ``pad`` columns more. A mean is that
+    of the valid pixels, NaN if less than half are valid. Along a parallel near a pole the centre of
+    a mean lies off the parallel; the mean is moved back along the meridian by ``turn`` (rows,)
+    rows, with the slope between the neighbouring rows.
     """
     rows, wide = grid.shape
     cols = wide - 2 * pad
@@ -206,9 +206,10 @@ def row_means(grid, length, turn, pad, out):
 
 @njit(cache=True, nogil=True)
 def clearance(grid, row0, col0, period, cover, u, v, reach, out):
-    """Distance (pixels, at most ``reach``) of fractional pixels from the nearest missing one's square; the window is that of
-    `sample` and must hold ``reach`` + 1 pixels around every place. ``cover``: first and last row, first and last column of
-    the raster; what lies beyond is not there, but not missing either.
+    """Distance (pixels, at most ``reach``) of fractional pixels from the nearest missing one's
+    square; the window is that of `sample` and must contain ``reach`` + 1 pixels around every place.
+    ``cover``: first and last row, first and last column of the raster; pixels beyond it do not
+    count as missing.
     """
     rows, cols = grid.shape
     span = math.ceil(reach) + 1

@@ -1,8 +1,9 @@
 """Draft shadows: several Suns of one azimuth from one pass of lines over the raster.
 
-Two lines a column carry the shadows of the row crossings; a node between two lines takes what they
-give, interpolated. The first two cells towards the Sun, where that interpolation is worst, are
-answered by a stencil of their edge crossings. Approximate: see `shadows.occluded_sweep`.
+Two lines per column carry the shadows of the row crossings; the height of a shadow at a node is
+interpolated between the two lines beside it. The first two cells towards the Sun, where that
+interpolation is worst, are covered by a stencil of their edge crossings. Approximate: see
+`terrain.occlusion.occluded_sweep`.
 """
 
 import math
@@ -27,7 +28,7 @@ from .scan_lines import (
 NEAR_CELLS = 2
 DENSITY = 2
 SUNS = 8
-"""Elevations answered in one pass: one bit each of a byte."""
+"""Elevations processed in one pass: one bit of a byte for each."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -38,8 +39,8 @@ def _between(za, zb, wa, wb, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _answer(a, b, f, heights, level, near, slope, bit, kept, bits):
-    """Set a bit where the lines beside a node, or the stencil, say shadow; of the others, those in
-    ``kept`` stay.
+    """Set a bit where the lines beside a node, or the stencil, give shadow; of the other bits,
+    those in ``kept`` remain.
     """
     g = np.float32(1.0) - f
     for q in range(heights.size):
@@ -51,7 +52,7 @@ def _answer(a, b, f, heights, level, near, slope, bit, kept, bits):
 def _answer_four(
     a0, b0, a1, b1, a2, b2, a3, b3, w, slope, left, right, f, heights, level, bits
 ):  # fmt: skip
-    """`near_row` of four edges and `_answer` for one Sun, in one pass."""
+    """`near_row` for four edges and `_answer` for one Sun, in one pass."""
     g = np.float32(1.0) - f
     w0, v0, t0, w1, v1, t1 = w[0, 0], w[0, 1], w[0, 2], w[1, 0], w[1, 1], w[1, 2]
     w2, v2, t2, w3, v3, t3 = w[2, 0], w[2, 1], w[2, 2], w[3, 0], w[3, 1], w[3, 2]
@@ -67,7 +68,9 @@ def _answer_four(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _inside(z, nodes):
-    """First and behind-the-last column, then row, for which all edges of a stencil are inside."""
+    """Half-open range of columns, then of rows, for which all edges of a stencil are inside the
+    raster.
+    """
     low = min(nodes[:, 0].min(), nodes[:, 2].min())
     high = max(nodes[:, 0].max(), nodes[:, 2].max())
     left = min(nodes[:, 1].min(), nodes[:, 3].min())
@@ -77,7 +80,7 @@ def _inside(z, nodes):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _carry(z, flip, shear, rises, k, origin, b0, carried, heights):
-    """Raise all lines by their crossings of turned row k."""
+    """Raise all lines to their crossings of turned row k."""
     cols, row = z.shape[1], turned_row(z, flip, k)
     for p in range(DENSITY):
         x = p / DENSITY + shear * k
@@ -108,7 +111,7 @@ def _carry(z, flip, shear, rises, k, origin, b0, carried, heights):
 def _scan_lines(
     z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, line0, line1, bits
 ):  # fmt: skip
-    """The nodes beside the lines line0 .. line1 - 1 of a window."""
+    """Process the nodes beside the lines line0 .. line1 - 1 of a window."""
     row0, row1, col0, col1 = window
     b0, count = line0, line1 - line0 + 1
     carried = np.full((rises.size, DENSITY, count), LOWEST, np.float32)
@@ -128,7 +131,7 @@ def _scan_lines(
                 row = row1 - 1 - r if upright and flip else r - row0
                 bits[row, first - col0 : last - col0] = 0
             continue
-        if r - NEAR_CELLS >= top:  # what is nearer is the stencil's
+        if r - NEAR_CELLS >= top:  # nearer rows are covered by the stencil
             _carry(z, flip, shear, rises, r - NEAR_CELLS, origin, b0, carried, heights)
         shift, p, f = strip_of(shear, r, DENSITY)
         first, last = max(col0, line0 - shift), min(col1, line1 - shift)
@@ -180,12 +183,13 @@ def _scan_lines(
 def draft(
     z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, bits
 ):  # fmt: skip
-    """Set bit s of bits (rows, cols) uint8 where a node of the window of z (turned) is in the shadow
-    of Sun s, and no other; ``upright``: rows as in the raster, not turned towards the Sun.
+    """Set bit s of bits (rows, cols) uint8 where a node of the window of z (turned) is in the
+    shadow of Sun s, and clear the others; ``upright``: rows as in the raster, not turned towards
+    the Sun.
 
-    shear: columns a line moves a row; rises (s <= 8,): metres the ray climbs a row; slopes (s,):
-    metres a cell of length; stride: rows after which heights are counted anew; top: the first row
-    that can cast.
+    shear: columns by which a line moves per row; rises (s <= 8,): metres by which the ray climbs
+    per row; slopes (s,): metres per cell of length; stride: rows after which heights are rebased;
+    top: the first row that can cast a shadow.
     """
     first, last = line_range(shear, *window)
     for block in prange((last - first + LINES - 1) // LINES):
@@ -212,8 +216,8 @@ def draft(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def unpack(bits, transpose, flip, out):
-    """Bits (a, b), rows upright unless ``transpose``, into out (k, rows, cols) uint8 of the raster's
-    own orientation; ``flip`` tells how a transposed window was turned.
+    """Write bits (a, b), rows upright unless ``transpose``, into out (k, rows, cols) uint8 in the
+    raster's orientation; ``flip``: direction of the rows of a transposed window.
     """
     count, rows, cols = out.shape
     last = bits.shape[0] - 1

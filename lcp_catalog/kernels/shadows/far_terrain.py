@@ -1,5 +1,5 @@
-"""Shadows of far terrain on the nodes of an area, from the heights to which they reach over a few
-of its places.
+"""Shadows of far terrain on the nodes of an area, interpolated from their heights over a lattice of
+places.
 """
 
 from numba import njit, prange
@@ -9,10 +9,10 @@ LIT, DARK, OPEN = 0, 1, 2
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def shade(z, window, step, heights, doubt, marks):
-    """Mark the window's nodes that are not `DARK` yet: so below the shadow's heights over the four
-    places around them, `OPEN` among these heights or within ``doubt`` times their range of it,
-    `LIT` above. Places lie ``step`` nodes apart from the window's first node on (``heights``: rows,
-    columns of them). Nodata is lit.
+    """Mark the window's nodes that are not `DARK` yet: `DARK` below the shadow's heights over the
+    four places around them, `OPEN` between these heights or within ``doubt`` times their range,
+    `LIT` above. Places lie ``step`` nodes apart, from the window's first node on (``heights``:
+    rows, columns of places). Nodata is lit.
     """
     row0, row1, col0, col1 = window
     for k in prange(row1 - row0):

@@ -1,12 +1,13 @@
-"""Two bounds on the shadow that reaches each node, and exact rays for the nodes that they leave open.
+"""Two bounds on the shadow at each node, and exact rays for the nodes that they leave undecided.
 
-Every node lies in a strip between two neighbouring lines (`lines`), and so does its ray to the Sun.
+Every node lies in a strip between two neighbouring lines (`scan_lines`), and so does its ray to the
+Sun.
 Write g = h + rise k for a point of the surface at height h in row k (k not whole between rows): the
 node at height z in row r is in shadow if and only if g > z + rise r somewhere on its ray, in a
 row k < r.
 
-*Upper bound.* The surface and g are linear within every triangle, so along the ray g is greatest at a
-crossing of an edge. The part of that edge inside the closed strip is a segment; its ends are
+*Upper bound.* The surface and g are linear within every triangle, so along the ray g is greatest at
+a crossing of an edge. The part of that edge inside the closed strip is a segment; its ends are
 crossings of the edge with one of the two lines, or nodes inside the strip. g is linear along the
 segment, so at the ray's crossing it is at most the greater of the two ends. Hence
 
@@ -20,12 +21,12 @@ surface is not below the lower one of them, nor below a node that lies between:
 
     max g on the ray  >=  max over rows k of min(left, right, node between).
 
-Both hold for rows k <= r - N; the crossings nearer than N rows are tested one by one (the stencil of
-`lines`). Where nodata breaks the surface, an edge may belong to no triangle: it may enter an upper
-bound, never a lower one; ``sure`` is the raster without the nodes beside nodata.
+Both hold for rows k <= r - N; the crossings nearer than N rows are tested one by one (the stencil
+of `scan_lines`). Beside nodata an edge may belong to no triangle: it may be used in an upper bound,
+not in a lower one; ``sure`` is the raster without the nodes beside nodata.
 
-Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding (`shadow_lines.slacks`), and
-whatever lies within them is left open.
+Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding
+(`terrain.occlusion_scan.slacks`); nodes within them are left undecided.
 """
 
 import math
@@ -54,7 +55,7 @@ NODE_LEVEL = 1
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _raise_lowest(za, zb, zc, zd, zn, wa, wb, wc, wd, level, floor):
-    """Raise strips to the lowest of two crossings and a node each."""
+    """Raise each strip to the lowest of two crossings and a node."""
     for q in range(floor.size):
         left = wa * za[q] + (wb * zb[q] + level)
         right = wc * zc[q] + (wd * zd[q] + level)
@@ -66,7 +67,7 @@ def _raise_lowest(za, zb, zc, zd, zn, wa, wb, wc, wd, level, floor):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _raise_lower(za, zb, zc, zd, wa, wb, wc, wd, level, floor):
-    """Raise strips to the lower of two crossings each."""
+    """Raise each strip to the lower of two crossings."""
     for q in range(floor.size):
         left = wa * za[q] + (wb * zb[q] + level)
         right = wc * zc[q] + (wd * zd[q] + level)
@@ -89,7 +90,7 @@ def _mark(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _mark_likely(left, right, inside, heights, level, near, slope, slack, near_slack, out):
-    """The same without a lower bound: dark where both lines say so."""
+    """`_mark` without a lower bound: dark where both lines give shadow."""
     for q in range(heights.size):
         ray = heights[q] + level
         highest = left[q] if left[q] > right[q] else right[q]
@@ -102,8 +103,8 @@ def _mark_likely(left, right, inside, heights, level, near, slope, slack, near_s
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _carry_line(z, flip, shear, rise, sigma, density, p, k, top, origin, b0, carried, inside):
-    """Raise line p of every column by all its crossings between turned rows k - 1 and k, and the
-    strip beside it by the nodes of row k.
+    """Raise line p of every column to all its crossings between turned rows k - 1 and k, and the
+    strip beside it to the nodes of row k.
     """
     row = turned_row(z, flip, k)
     x = p / density + shear * k
@@ -131,7 +132,7 @@ def _carry_line(z, flip, shear, rise, sigma, density, p, k, top, origin, b0, car
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _carry_floor(sure, flip, shear, rise, density, p, k, origin, b0, floor):
-    """Raise the strip beside line p by what the surface has at least there in turned row k."""
+    """Raise the strip beside line p to the lower bound of the surface there in turned row k."""
     cols, row = sure.shape[1], turned_row(sure, flip, k)
     x = p / density + shear * k
     y = x + 1.0 / density
@@ -159,7 +160,7 @@ def _carry_floor(sure, flip, shear, rise, density, p, k, origin, b0, floor):
 def _bound_lines(
     z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, lines, marks
 ):  # fmt: skip
-    """The nodes beside the lines lines[0] .. lines[1] - 1 of a window."""
+    """Process the nodes beside the lines lines[0] .. lines[1] - 1 of a window."""
     row0, row1, col0, col1 = window
     shear, rise, slope, sigma = sun
     slack, near_slack = np.float32(slacks[0]), np.float32(slacks[1])
@@ -214,15 +215,17 @@ def _bound_lines(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, marks):  # fmt: skip
-    """Mark every node of a window of z (turned) `LIT`, `DARK` or `OPEN` in marks (rows, cols) uint8.
+    """Mark every node of a window of z (turned) `LIT`, `DARK` or `OPEN` in marks (rows, cols)
+    uint8.
 
-    sun: (shear, metres the ray climbs a row, metres a cell of length, lean of the diagonals: +1
-    where they run down to the right). density: lines a column; cells: rows that the stencil
-    answers. slacks: what rounding may take, for the lines (m) and the stencil (m a cell). rows: the
-    first row that can cast, and the rows after which heights are counted anew. proved: with the
-    lower bound, from ``sure``; without it a node is dark where both its lines are. stencil: nodes
-    and weights, with crossings beside a node taken to be on it; sure_stencil: without that, as a ray
-    may leave the raster there. unlike: whether ``sure`` differs from z, or the stencils do.
+    sun: (shear, metres by which the ray climbs per row, metres per cell of length, lean of the
+    diagonals: +1 if they run down to the right). density: lines per column; cells: rows covered by
+    the stencil. slacks: bounds of the rounding, for the lines (m) and the stencil (m per cell).
+    rows: the first row that can cast a shadow, and the rows after which heights are rebased.
+    proved: use the lower bound, from ``sure``; without it a node is dark where both its lines are.
+    stencil: nodes and weights, with crossings beside a node taken to be on it; sure_stencil:
+    without that, since a ray may leave the raster there. unlike: True if ``sure`` differs from z,
+    or the stencils differ.
     """
     first, last = line_range(sun[0], *window)
     for block in prange((last - first + LINES - 1) // LINES):
@@ -236,7 +239,7 @@ def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stenc
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turned_back(marks, transpose, flip, i0, j0, part, some):
     """Copy the tile at (i0, j0) of the raster's window out of turned marks into part (TILE, TILE);
-    some (TILE,) is non-zero in rows that hold an open node.
+    some (TILE,) is non-zero in rows with an open node.
     """
     last, (rows, cols) = marks.shape[0] - 1, part.shape
     if transpose:
@@ -258,8 +261,8 @@ def _turned_back(marks, transpose, flip, i0, j0, part, some):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
-    """Marks of the turned window as masks of the raster's own window, bool (rows, cols); open nodes
-    are traced along ray (du, dv, dz). Returns how many were.
+    """Write the marks of the turned window as a mask into out, bool (rows, cols) of the raster's
+    own window; open nodes are traced along ray (du, dv, dz). Return their number.
     """
     row0, row1, col0, col1 = window
     rows, cols = row1 - row0, col1 - col0
@@ -290,7 +293,9 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def without_borders(z):
-    """A copy of heights in which nodes beside nodata (8 neighbours) are `LOWEST`, like nodata itself."""
+    """A copy of heights in which nodes beside nodata (8 neighbours) are `LOWEST`, like nodata
+    itself.
+    """
     rows, cols = z.shape
     out = np.empty((rows, cols), np.float32)
     for i in prange(rows):

@@ -1,15 +1,14 @@
-"""Parallel lines drawn over the raster towards the Sun, and the highest shadow that each carries.
+"""Parallel lines over the raster towards the Sun, and the highest shadow along each.
 
-The Sun stands towards row 0 of the raster (turned by `towards_sun` where it does not). Lines run
-down it, ``density`` of them for each column, all shifted by ``shear`` columns a row (|shear| <= 1):
-line (b, p) lies at column b + p / density + shear r in row r. A point of the surface at height h in
-row k shadows whatever lies in row r > k on the same line below h - rise (r - k). So the highest
-h + rise k so far is all that a line has to carry, and no rounding piles up; the rows are counted
-from an origin that is moved on (`rebase`) before the numbers grow.
+The Sun is in the direction of row 0 of the (possibly turned) raster. Lines run down the raster,
+``density`` of them for each column, all shifted by ``shear`` columns per row (|shear| <= 1): line
+(b, p) lies at column b + p / density + shear r in row r. A point of the surface at height h in row
+k shadows points in row r > k on the same line below h - rise (r - k). A line therefore carries only
+the highest h + rise k so far, and rounding does not accumulate; rows are counted from an origin
+that is moved on (`rebase`) before the numbers grow.
 
-Everything here works on a run of neighbouring lines at once: what fraction of a cell they are
-shifted by is the same for all of them. Lines outside the raster keep what they had. Nodata (NaN)
-compares false: it casts nothing.
+All functions work on a run of neighbouring lines at once, which are shifted by the same fraction of
+a cell. Lines outside the raster keep their values. Nodata (NaN) compares false: it casts no shadow.
 """
 
 import math
@@ -20,11 +19,11 @@ from numba import njit, prange
 LOWEST = np.float32(-1e30)
 FAST = {"contract", "reassoc", "nsz"}  # not nnan: NaN must compare false
 LINES = 512
-"""Lines that one task carries down the raster; what they carry stays in the first cache."""
+"""Lines that one task carries down the raster; their values fit into the first-level cache."""
 
 TILE = 64
 ON_LINE = 1e-9
-"""A node this near a line (in columns) lies on it."""
+"""Distance, in columns, within which a node lies on a line."""
 
 
 def near_stencil(du, dv, cells, on_node=ON_LINE):
@@ -33,8 +32,8 @@ def near_stencil(du, dv, cells, on_node=ON_LINE):
 
     Two arrays: (n, 4) row and column offsets of the edge's ends, and (n, 3) the ends' weights and
     the whole, each divided by the distance in cells, so that w0 z0 + w1 z1 - w2 z is the tangent of
-    the crossing's elevation times the cell size. A crossing this near a node (``on_node``, in cells)
-    is taken to be on it, so that a missing neighbour does not matter.
+    the crossing's elevation times the cell size. A crossing this near a node (``on_node``, in
+    cells) is taken to be on it, so that a missing neighbour does not matter.
     """
     reach = cells / max(abs(du), abs(dv)) + 1e-9
     nodes, weights = [], []
@@ -73,14 +72,14 @@ def transposed(z):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def turned_row(z, flip, r):
-    """Row r of the raster as it lies towards the Sun."""
+    """Row r of the raster turned towards the Sun."""
     return z[z.shape[0] - 1 - r if flip else r]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def strip_of(shear, r, density):
-    """For row r: (shift, p, f). Node c lies between line (c + shift, p) and the next, a share f of
-    the way.
+    """(shift, p, f) for row r: node c lies between line (c + shift, p) and the next line, a share f
+    of the way.
     """
     shift = math.floor(-shear * r)
     place = (-shear * r - shift) * density
@@ -90,14 +89,14 @@ def strip_of(shear, r, density):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def line_range(shear, row0, row1, col0, col1):
-    """First and behind-the-last b of the lines beside a window's nodes."""
+    """Half-open range of b of the lines beside a window's nodes."""
     a, b = math.floor(-shear * row0), math.floor(-shear * (row1 - 1))
     return col0 + min(a, b), col1 + max(a, b)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def raise_edge(za, zb, wa, wb, level, carried):
-    """Raise lines to a point between two nodes each."""
+    """Raise each line to a point between two nodes."""
     for q in range(carried.size):
         h = wa * za[q] + (wb * zb[q] + level)
         carried[q] = h if h > carried[q] else carried[q]
@@ -105,7 +104,7 @@ def raise_edge(za, zb, wa, wb, level, carried):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def raise_node(za, level, carried):
-    """Raise lines to a node each."""
+    """Raise each line to a node."""
     for q in range(carried.size):
         h = za[q] + level
         carried[q] = h if h > carried[q] else carried[q]
@@ -117,7 +116,7 @@ def raise_crossing(above, ja, below, jb, f, level, b0, carried):
     above[b + ja] to below[b + jb].
     """
     cols = above.size
-    if f == 0.0:  # 0 times a missing neighbour would be missing
+    if f == 0.0:  # 0 times NaN is NaN
         first, last = max(b0, -ja), min(b0 + carried.size, cols - ja)
         if last > first:
             part = above[first + ja : last + ja]
@@ -137,7 +136,7 @@ def raise_crossing(above, ja, below, jb, f, level, b0, carried):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def rebase(carried, drop):
-    """Count heights from a later row: all fall by ``drop``."""
+    """Lower all heights by ``drop``, to count them from a later row."""
     flat = carried.reshape(-1)
     for q in range(flat.size):
         flat[q] -= np.float32(drop)
@@ -161,8 +160,9 @@ def _steeper_one(za, zb, z, wa, wb, wz, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def near_row(z, casting, flip, r, first, last, nodes, weights, out):
-    """Largest tangent (times the cell) over the stencil, float32, for nodes first..last of turned
-    row r of z; the edges are those of ``casting`` (z itself, or z without what is not sure).
+    """Largest tangent (times the cell size) over the stencil, float32, for nodes first..last of
+    turned row r of z; the edges are those of ``casting`` (z itself, or z without the nodes beside
+    nodata).
     """
     rows, cols = z.shape
     out[: last - first] = LOWEST

@@ -1,9 +1,10 @@
-"""Which parts of a raster can cast a shadow under a high Sun: those with a facet steeper than its rays.
+"""Tiles of a raster that can cast a shadow under a high Sun: those with a facet steeper than its
+rays.
 
-Where a ray comes to be under the surface, it does so through a facet that climbs more steeply than
-the ray; and what the surface rises above the ray is most at the upper edge of such a facet. So a
-tile without one casts nothing, and a stretch of lines behind which no such tile lies within reach
-of its shadow is lit. Beside nodata there may be cliffs: such tiles count as steep.
+A ray gets below the surface through a facet that is steeper than the ray, and the height of the
+surface above the ray is greatest at the upper edge of such a facet. A tile without such a facet
+casts no shadow, and a stretch of lines is lit if no such tile lies within reach of its shadow.
+Beside nodata there may be cliffs: such tiles count as steep.
 """
 
 import math
@@ -14,13 +15,15 @@ from numba import njit, prange
 from .scan_lines import TILE, line_range
 
 STEEPER = 1.0 - 1e-5
-"""float32 heights and the stencil's float32 tangents stay far within this."""
+"""Factor on slopes that exceeds the rounding of float32 heights and of the stencil's tangents by
+far.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def tile_gradients(z):
-    """Of the facets that touch each tile of `TILE` x `TILE` nodes the greatest gradient, metres a
-    cell, 0 where there is none; and whether a node of theirs has no height.
+    """Greatest gradient of the facets that touch each tile of `TILE` x `TILE` nodes, metres per
+    cell, 0 without any; and True if one of their nodes has no height.
     """
     rows, cols = z.shape
     shape = ((rows + TILE - 1) // TILE, (cols + TILE - 1) // TILE)
@@ -43,7 +46,7 @@ def tile_gradients(z):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _casts(gradients, transpose, flip, shape, rows, cols, slope):
-    """Whether a box of turned rows and columns touches a tile that casts."""
+    """True if a box of turned rows and columns touches a tile that can cast a shadow."""
     row0, row1 = rows
     if flip:
         row0, row1 = shape[0] - row1, shape[0] - row0
@@ -58,11 +61,11 @@ def _casts(gradients, transpose, flip, shape, rows, cols, slope):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def awake(gradients, transpose, flip, shape, shear, slope, reach, top, window, width):
-    """Which stretches of `TILE` turned rows (counted from row 0) of each block of ``width`` lines may
-    hold a shadow, bool (blocks, stretches).
+    """True for stretches of `TILE` turned rows (counted from row 0) of each block of ``width``
+    lines that may contain a shadow, bool (blocks, stretches).
 
-    shape: of the turned raster; slope: metres a cell that the lowest rays climb; reach: rows after
-    which they are above all ground; the blocks are those that begin at the window's first line.
+    shape: of the turned raster; slope: metres per cell by which the lowest rays climb; reach: rows
+    after which they are above all terrain; blocks are counted from the window's first line.
     """
     first, last = line_range(shear, *window)
     blocks, stretches = (last - first + width - 1) // width, (shape[0] + TILE - 1) // TILE
