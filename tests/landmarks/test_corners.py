@@ -1,5 +1,5 @@
-"""Corners: contrast does not matter, gaps do not answer, moving shadows do not last, candidates are
-spread evenly.
+"""Corners: independence of contrast, gaps, persistence under moving shadows, and the spread of
+candidates.
 """
 
 from __future__ import annotations
@@ -31,9 +31,7 @@ def noise(seed, shape=(96, 96)):
 
 
 def naive_harris(image, block, k):
-    """Sums of Sobel gradients in plain NumPy, cv2's scale (1 / (4 block) of 8-bit-free images),
-    inner nodes only.
-    """
+    """Sums of Sobel gradients in plain NumPy with cv2's scale, 1 / (4 block); inner nodes only."""
     z = np.pad(image.astype(float), 1, mode="reflect")
     gx = (z[:-2, 2:] + 2 * z[1:-1, 2:] + z[2:, 2:]) - (z[:-2, :-2] + 2 * z[1:-1, :-2] + z[2:, :-2])
     gy = (z[2:, :-2] + 2 * z[2:, 1:-1] + z[2:, 2:]) - (z[:-2, :-2] + 2 * z[:-2, 1:-1] + z[:-2, 2:])
@@ -63,7 +61,7 @@ def test_brightness_does_not_matter(factor):
 def test_a_shifted_image_has_shifted_corners():
     image = noise(3)
     whole, part = harris(image), harris(np.ascontiguousarray(image[8:, 5:]))
-    ratio = whole[8:, 5:] / part  # the contrast of the part is a little another
+    ratio = whole[8:, 5:] / part  # the contrast of the part differs a little
     known = np.isfinite(ratio)
     assert np.ptp(ratio[known & (np.abs(part) > 1e-3 * np.nanmax(part))]) < 1e-2
 
@@ -75,7 +73,7 @@ def test_a_mirrored_image_has_mirrored_corners(flip):
     np.testing.assert_allclose(mirrored, flip(relative_response(image)), atol=1e-4)
 
 
-def test_a_gap_answers_nothing_and_makes_no_corner_beside_it():
+def test_a_gap_has_no_response_and_makes_no_corner_beside_it():
     image = bumps([(30, 30)])
     image[60:70, 60:70] = np.nan
     response = harris(image)
@@ -96,7 +94,7 @@ def test_missing_nodes_are_filled_with_what_is_around_them():
     filled = fill_missing(image, 5)
     assert filled[2, 2] == pytest.approx(1.0)
     assert filled[15, 17] == pytest.approx(3.0)
-    assert np.isnan(image[2, 2])  # the caller's array is his
+    assert np.isnan(image[2, 2])  # the caller's array is not changed
     far = np.full((20, 20), np.nan, np.float32)
     far[0, 0], far[0, 1] = 1.0, 2.0
     assert fill_missing(far, 3)[19, 19] == pytest.approx(1.5)
@@ -109,12 +107,12 @@ def moving_shadow(step):
     return image
 
 
-def test_persistence_keeps_ground_and_drops_shadow_edges():
+def test_persistence_keeps_terrain_and_drops_shadow_edges():
     one = relative_response(moving_shadow(4))
     shadow, ground = np.s_[30:50, 47:69], np.s_[24:37, 24:37]
     assert np.nanmax(one[shadow]) > 1.5 * np.nanmax(
         one[ground]
-    )  # in a single image the shadow wins
+    )  # in a single image the shadow is stronger
     persistence = Persistence((96, 96))
     for step in range(12):
         persistence.add(moving_shadow(step))

@@ -34,7 +34,7 @@ def test_one_pair_without_weights_is_numpys_corrcoef():
 
 def test_constant_empty_and_weightless_samples_correlate_zero():
     a = np.random.default_rng(2).normal(size=50)
-    constant = np.full(50, 0.1)  # its mean is not exactly 0.1: what is left is rounding
+    constant = np.full(50, 0.1)  # its mean is not exactly 0.1: the rest is rounding
     assert moments(a, constant).correlation == 0.0
     assert moments(constant, a).correlation == 0.0
     assert moments(a[:0], a[:0]).correlation == 0.0

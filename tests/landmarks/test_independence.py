@@ -1,4 +1,4 @@
-"""Patches cut from arrays, and the share of a patch that other terrain takes."""
+"""Patches cut from arrays, and the share of a patch that other terrain occludes."""
 
 from __future__ import annotations
 

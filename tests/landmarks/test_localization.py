@@ -1,5 +1,5 @@
-"""Localisation: the stated covariance against registrations of noisy images, and what has no place
-at all.
+"""Localisation: the stated covariance against registrations of noisy images, and patches that
+cannot be located.
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ P = 33
 
 
 class Texture:
-    """A smooth field that is known everywhere: a sum of waves, optionally stretched along a
-    direction.
-    """
+    """A smooth field, defined everywhere: a sum of waves, optionally stretched along a direction."""
 
     def __init__(self, seed, stretch=1.0, angle=0.0, waves=40, contrast=0.1):
         rng = np.random.default_rng(seed)
@@ -36,8 +34,8 @@ class Texture:
 
 
 def register(texture, images):
-    """Shifts (n, 2) that fit noisy images best in the least squares of texture(shift), gain and
-    offset: Gauss-Newton.
+    """Shifts (n, 2) of least squares between noisy images and texture(shift), with gain and offset:
+    Gauss-Newton.
     """
     found, e = [], 1e-4
     gx = (texture(e, 0.0) - texture(-e, 0.0)) / (2 * e)
@@ -85,7 +83,7 @@ def test_a_ridge_lies_along_its_own_axis():
     assert (found.sigma_major_px > 5.0 * found.sigma_minor_px).all()
 
 
-def test_what_has_no_place():
+def test_patches_that_cannot_be_located():
     row, col = np.mgrid[0:P, 0:P].astype(np.float32)
     gap = Texture(1)().astype(np.float32)
     gap[3, 3] = np.nan
@@ -109,7 +107,7 @@ def test_what_has_no_place():
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 0.3))
-def test_sigma_grows_with_noise_and_does_not_know_brightness(gain, noise):
+def test_sigma_grows_with_noise_and_does_not_depend_on_brightness(gain, noise):
     patch = Texture(2)()[None].astype(np.float32)
     one, other = localization(patch, 0.01), localization((patch * gain).astype(np.float32), noise)
     np.testing.assert_allclose(other.sigma_major_px, one.sigma_major_px * noise / 0.01, rtol=1e-4)
@@ -138,7 +136,7 @@ def test_harris_is_that_of_the_plain_tensor():
     )
 
 
-def test_many_patches_answer_as_each_alone():
+def test_many_patches_give_the_results_of_each_alone():
     patches = np.stack([Texture(s, waves=5)() for s in range(300)]).astype(np.float32)
     whole = localization(patches, 0.02)
     for i in (0, 255, 256, 299):
@@ -156,7 +154,7 @@ def test_the_lit_share_counts_neither_shadow_nor_gaps():
 @pytest.mark.parametrize("scale", [1.0, 1.3, 1.5, 2.0**0.5, 2.5, 4.0, 5.9])
 def test_decimation_is_the_mean_over_the_area_of_a_coarse_pixel(scale):
     patch, fine = np.random.default_rng(1).random((P, P)), 200
-    repeated = np.repeat(patch[16], fine)  # one row suffices: rows and columns are treated alike
+    repeated = np.repeat(patch[16], fine)  # one row suffices: rows and columns are treated equally
     m = int(P / scale + 1e-9)
     edges = np.rint(((P - m * scale) / 2.0 + scale * np.arange(m + 1)) * fine).astype(int)
     expected = [repeated[a:b].mean() for a, b in pairwise(edges)]
@@ -174,7 +172,7 @@ def test_decimation_by_whole_numbers_is_block_means():
     np.testing.assert_allclose(decimate(patch, 1.0), patch, rtol=1e-6)
 
 
-def test_the_coarsest_scale_is_the_end_of_an_unbroken_climb():
+def test_the_coarsest_scale_is_the_last_before_the_first_that_fails():
     patches = np.stack([Texture(1)(), 1.0 + 0.25 * (Texture(1)() - 1.0), np.ones((P, P))]).astype(
         np.float32
     )
@@ -195,7 +193,7 @@ def test_the_coarsest_scale_is_the_end_of_an_unbroken_climb():
     assert np.isnan(coarsest_scale(patches, noise, scales, 0.1, min_lit=1.1)).all()
     assert (
         coarsest_scale(patches, 1e-6, (1.0, 4.0, 5.0), 0.1)[0] == 4.0
-    )  # at 5, six pixels are left
+    )  # at scale 5 six pixels remain
 
 
 def test_a_shift_that_is_a_gain_is_no_shift():
@@ -203,5 +201,5 @@ def test_a_shift_that_is_a_gain_is_no_shift():
     ridge = 1.0 + 0.2 * np.sin(row / 3.0)
     grows, slopes = np.exp(0.03 * col) * ridge, Texture(1)() * ridge
     found = localization(np.stack([grows, slopes]).astype(np.float32), 0.01)
-    assert found.sigma_major_px[0] > 1.0  # its plain tensor would say noise / (0.03 * 33) = 0.01
+    assert found.sigma_major_px[0] > 1.0  # the plain tensor would give noise / (0.03 * 33) = 0.01
     assert found.sigma_major_px[1] < 0.1

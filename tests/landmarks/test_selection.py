@@ -1,4 +1,6 @@
-"""The choice against brute force, its promises anywhere, ids, and why a cell is empty."""
+"""The choice of points against brute force and its bounds anywhere on the Moon, ids, and the status
+of cells.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ def distance_m(lon1, lat1, lon2, lat2):
 
 
 def scattered(seed, count, centre):
-    """Candidates within about 60 km of any place: made at the north pole and turned there."""
+    """Candidates within about 60 km of any place: made at the north pole and rotated to it."""
     rng = np.random.default_rng(seed)
     away, turn = (
         60.0 * KM / MOON_RADIUS_M * np.sqrt(rng.random(count)),
@@ -78,7 +80,7 @@ def test_the_choice_is_that_of_brute_force(centre):
     st.floats(0.3, 40.0),
     st.sampled_from([1.0, 0.75, 0.5]),
 )
-def test_no_two_are_close_and_nobody_is_left_far(seed, centre, spacing_km, fill):
+def test_no_two_points_are_close_and_no_candidate_is_far(seed, centre, spacing_km, fill):
     lon, lat, rng = scattered(seed, 120, centre)
     usable, quality = rng.integers(0, 4, 120), rng.random(120)
     chosen = select(lon, lat, usable, quality, spacing_km * KM, fill)
@@ -117,7 +119,7 @@ def test_more_conditions_win_then_quality():
     assert select(lon, lat, [2, 2, 2], [0.0, 0.0, 0.0], 5 * KM).tolist() == [0]
 
 
-def test_who_is_never_chosen():
+def test_candidates_that_are_never_chosen():
     assert select([], [], [], [], 1.0).size == 0
     assert select([1.0, 2.0], [0.0, 0.0], [0, 3], [1.0, np.nan], 1.0).size == 0
     assert (
@@ -144,7 +146,7 @@ lons, lats = st.floats(-720.0, 720.0), st.floats(-90.0, 90.0)
 
 
 @given(lons, lats)
-def test_an_id_stands_for_a_place(lon, lat):
+def test_an_id_belongs_to_a_place(lon, lat):
     number = stable_id(lon, lat)
     back_lon, back_lat = id_to_lonlat(number)
     assert number > 0
@@ -177,7 +179,7 @@ def test_neighbouring_cells_have_different_ids():
     assert stable_id(0.0015, -0.0005) == 90_000 * 2**20 + 1
 
 
-def test_what_is_no_place_has_no_id():
+def test_an_invalid_place_has_no_id():
     for lon, lat in ((np.nan, 0.0), (np.inf, 0.0), (0.0, 90.1), (0.0, np.nan)):
         with pytest.raises(ValueError, match="degrees"):
             stable_id(lon, lat)
@@ -193,7 +195,7 @@ def test_nearest_is_that_of_brute_force():
     assert nearest(lon, lat, [], [])[1].tolist() == [np.inf] * 80
 
 
-def test_a_cell_says_why_it_is_empty():
+def test_the_status_of_a_cell_gives_the_reason_why_it_is_empty():
     spacing = 10 * KM
     step = spacing / DEG_M
     cells = (np.arange(8) * step, np.zeros(8))

@@ -1,5 +1,5 @@
-"""Uniqueness: the second peak against plain NumPy, twins and gaps, and the statistics against noise
-that was made.
+"""Uniqueness: the second peak against plain NumPy, with copies and gaps, and the statistics against
+simulated noise.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HALF, SEARCH = 8, 20
 
 
 def field(seed, shape=(120, 120), smooth=1.5, level=1.0, contrast=0.1):
-    """White noise under a Gaussian of ``smooth`` nodes, periodic."""
+    """White noise smoothed by a Gaussian of ``smooth`` nodes, periodic."""
     rng = np.random.default_rng(seed)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.fftfreq(shape[1])[None, :]
     transfer = np.exp(-2.0 * (np.pi * smooth) ** 2 * (fx**2 + fy**2))
@@ -65,7 +65,7 @@ PLACES = [(60, 60), (60, 20), (10, 60), (111, 111), (30, 95)]
 
 
 @pytest.mark.parametrize("smooth", [0.5, 1.5, 4.0])
-def test_the_exact_answer_is_that_of_plain_numpy(smooth):
+def test_the_exact_result_is_that_of_plain_numpy(smooth):
     image = field(1, smooth=smooth)
     rows, cols = np.array(PLACES).T
     expected = [naive_second_peak(image, r, c, HALF, SEARCH, HALF) for r, c in PLACES]
@@ -102,19 +102,19 @@ def test_a_second_crater_within_the_search_makes_a_point_ambiguous(exact, dr, dc
     nearer = max(abs(dr), abs(dc)) - 4
     assert (
         second_peak(image, [60], [60], HALF, nearer, exact=exact)[0] < 0.8
-    )  # outside the search it does no harm
+    )  # outside the search it has no effect
 
 
 def test_the_flank_of_a_broad_main_lobe_is_no_second_peak():
     row, col = np.mgrid[0:120, 0:120] - 60.0
     image = np.exp(-(row**2 + col**2) / (2 * 12.0**2)).astype(np.float32)
     score, dr, dc = naive_map(image, 60, 60, HALF, SEARCH)
-    # just outside an exclusion of 3 nodes the correlation is the main lobe's
+    # just outside an exclusion of 3 nodes the correlation is that of the main lobe
     assert score[-dr, 4 - dc] > 0.6
     assert second_peak(image, [60], [60], HALF, SEARCH, exclusion=3, exact=True)[0] < 0.4
 
 
-def test_a_ridge_without_change_along_it_is_everywhere_like_itself():
+def test_a_ridge_without_change_along_itself_is_ambiguous():
     row, _ = np.mgrid[0:120, 0:120] - 60.0
     image = np.exp(-(row**2) / 18.0).astype(np.float32)
     for exact in (True, False):
@@ -143,7 +143,7 @@ def test_a_mirrored_image_has_the_same_second_peak(flip):
     np.testing.assert_allclose(one, other, atol=1e-5)
 
 
-def test_shifted_ground_has_the_same_second_peak():
+def test_shifted_terrain_has_the_same_second_peak():
     image = field(5, (140, 140))
     one = second_peak(image, [70], [70], HALF, SEARCH, exact=True)
     other = second_peak(np.ascontiguousarray(image[13:, 22:]), [57], [48], HALF, SEARCH, exact=True)
@@ -151,7 +151,7 @@ def test_shifted_ground_has_the_same_second_peak():
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_gaps_shadow_and_flat_ground_are_like_nothing(exact):
+def test_gaps_shadow_and_flat_terrain_correlate_with_nothing(exact):
     image = field(6)
     image[:, 75:90] = np.nan
     image[:45, :] = 0.0
@@ -163,7 +163,7 @@ def test_gaps_shadow_and_flat_ground_are_like_nothing(exact):
     only = np.full((120, 120), 0.5, np.float32)
     only[52:69, 52:69] = field(7)[52:69, 52:69]
     score = second_peak(only, [60], [60], HALF, 40, exclusion=3 * HALF, exact=exact)[0]
-    assert score == 0.0  # flat ground all around, where no window touches the patch
+    assert score == 0.0  # flat terrain all around, where no window touches the patch
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -171,9 +171,11 @@ def test_degenerate_points(exact):
     image = field(8)
     image[:40, :40] = 0.7
     found = second_peak(image, [20, 3, 60], [20, 60, 117], HALF, SEARCH, exact=exact)
-    assert found[0] == 1.0  # a flat patch is like anything
+    assert found[0] == 1.0  # a flat patch is not unique
     assert np.isnan(found[1:]).all()  # the patch is cut by the border
-    assert second_peak(image, [60], [60], HALF, 4, exact=exact)[0] == -1.0  # nowhere else to look
+    assert (
+        second_peak(image, [60], [60], HALF, 4, exact=exact)[0] == -1.0
+    )  # no other place within the search
     assert second_peak(image, [], [], HALF, SEARCH, exact=exact).shape == (0,)
     blank = np.full((60, 60), np.nan, np.float32)
     assert second_peak(blank, [30], [30], HALF, SEARCH, exact=exact)[0] == 1.0
@@ -199,7 +201,7 @@ def test_expected_correlation_of_what_has_no_contrast():
     found = expected_correlation(np.concatenate([flat, gap, 0 * flat]), 0.02)
     assert found.tolist() == [0.0, 0.0, 0.0]
     shadowed = field(9, (9, 9))[None]
-    shadowed[0, :4] = 0.0  # noise is stated over the lit level
+    shadowed[0, :4] = 0.0  # noise is relative to the lit level
     lit = shadowed[shadowed > 0].mean()
     assert expected_correlation(shadowed, 0.1)[0] == pytest.approx(
         1 / np.hypot(1, 0.1 * lit / shadowed.std()), rel=1e-5
@@ -230,8 +232,8 @@ def test_effective_samples_stay_in_bounds():
 
 
 def test_false_matches_are_as_frequent_as_stated():
-    """Two pairs of fields with known correlations and independent samples: how often the lower one
-    comes out on top.
+    """Two pairs of fields with known correlations and independent samples: frequency with which the
+    lower one comes out higher.
     """
     n, rng = 60, np.random.default_rng(0)
     truth, second = 0.6, 0.45
@@ -270,14 +272,14 @@ def test_the_chain_for_many_points():
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_two_gaps_of_one_shape_are_not_alike(exact):
+def test_two_gaps_of_the_same_shape_do_not_correlate(exact):
     image = field(11)
     for col in (60, 80):
         image[54:67, col - 6 : col + 3] = np.nan
     assert second_peak(image, [60], [60], HALF, SEARCH, exact=exact)[0] < 0.6
 
 
-def test_a_high_level_costs_no_digits():
+def test_a_high_level_does_not_reduce_precision():
     image = field(12, contrast=1.0, level=0.0)
     rows, cols = np.array(PLACES).T
     low, high = (

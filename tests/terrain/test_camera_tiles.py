@@ -1,6 +1,7 @@
-"""Camera rays in tiles against each ray by itself: the same bits, whatever the terrain, the camera and the order of the rays.
+"""Camera rays in tiles against each ray by itself: the same bits for any terrain, camera and order
+of the rays.
 
-That the rays by themselves are right is the matter of test_heightfield_occluded.py.
+Single rays are checked in test_heightfield_occluded.py.
 """
 
 from __future__ import annotations
@@ -73,7 +74,9 @@ def somewhere(rng: np.random.Generator, field: Heightfield) -> Array:
 
 
 def image(rng: np.random.Generator, field: Heightfield, origin: Array) -> Array:
-    """Rays (rows, cols, 3) of a camera with any roll, opening and distortion, aimed at the terrain or anywhere, of any length."""
+    """Rays (rows, cols, 3) of a camera with any roll, field of view and distortion, towards the
+    terrain or anywhere, of any length.
+    """
     rows, cols = (int(n) for n in rng.choice([1, 2, 7, 8, 9, 31, 64, 65, 77], 2))
     target = np.array(
         [
@@ -186,7 +189,7 @@ def test_no_rays(shape: tuple[int, ...]) -> None:
 @settings(max_examples=100, deadline=None)
 @given(seed=seeds, kind=st.sampled_from(KINDS), holes=st.booleans())
 def test_no_terrain_lies_above_a_clear_height(seed: int, kind: str, holes: bool) -> None:
-    """Judged by the nodes beside the rays' places at many heights, without the pyramid."""
+    """Checked with the nodes beside the rays at many heights, without the pyramid."""
     rng = np.random.default_rng(seed)
     field = terrain(rng, kind, holes)
     u, v = rng.uniform(-5.0, 95.0, 2)
@@ -199,7 +202,7 @@ def test_no_terrain_lies_above_a_clear_height(seed: int, kind: str, holes: bool)
     clear = camera_tiles._clear_height(levels, u, v, oz, (a[0], a[1], b[0], b[1]), top)
     assert clear <= top
     high = np.where(np.isnan(z), -np.inf, z)
-    for height in np.linspace(clear, top, 60) if clear < top else ():  # else it promises nothing
+    for height in np.linspace(clear, top, 60) if clear < top else ():  # otherwise there is no bound
         for x, y in ((s, t) for s in a for t in b):
             c = int(np.floor(u + x * (oz - height)))
             r = int(np.floor(v + y * (oz - height)))

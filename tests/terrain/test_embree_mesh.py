@@ -1,4 +1,6 @@
-"""The judge judged: closed forms against PROJ, a mesh without leaks, a shadow whose length is known."""
+"""Checks of the Embree reference: closed forms against PROJ, a closed mesh, a shadow of known
+length.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +54,8 @@ BALL_M = 1000.0
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Mesh:
-    """The whole Moon, 1000 m over the sphere, in pixels of half a degree, read like any other DEM: seam and poles have to be
-    closed.
+    """The whole Moon, 1000 m above the sphere, in pixels of half a degree, read like any other DEM:
+    seam and poles must be closed.
     """
     heights = np.full((360, 720), BALL_M, "f4")
     half_moon = np.pi * RADIUS_M
@@ -69,7 +71,7 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> Mesh:
 
 
 def test_the_ring_and_the_pole_are_closed(ball):
-    """Rays from the Moon's middle meet the ball everywhere, the seam and the north pole among them."""
+    """Rays from the Moon's centre meet the mesh everywhere, also at the seam and the north pole."""
     lon = np.append(np.random.default_rng(9).uniform(0, 360, 4000), [0.0, 359.9, 0.1, 12.0])
     lat = np.append(np.random.default_rng(10).uniform(-89, 90, 4000), [3.0, -60.0, 89.9, 90.0])
     outward = (mcmf(lon, lat) / RADIUS_M).astype(np.float32)
@@ -80,7 +82,7 @@ def test_the_ring_and_the_pole_are_closed(ball):
 
 
 def test_a_bare_ball_is_lit_on_the_sunny_side(ball):
-    """Facets turn by half a degree, so that half a degree about the terminator is left out."""
+    """Neighbouring facets differ by half a degree: half a degree about the terminator is left out."""
     sun = sun_direction(40.0, 20.0, 70.0, 30.0)
     rng = np.random.default_rng(11)
     points = mcmf(rng.uniform(0, 360, 4000), rng.uniform(-89, 89, 4000), BALL_M)
@@ -93,9 +95,9 @@ def test_a_bare_ball_is_lit_on_the_sunny_side(ball):
 
 @pytest.mark.parametrize("elevation_deg", [0.5, 2.0, 10.0])
 def test_a_peaks_shadow_ends_where_the_sphere_says(elevation_deg):
-    """On a bare sphere the top of a peak of height H, an angle t away, stands at
-    tan e = ((R + H) cos t - R) / ((R + H) sin t) above the horizontal; on a plane its shadow would be longer by a third
-    at 2 degrees, three times as long at half a degree.
+    """On a smooth sphere the top of a peak of height H, an angle t away, has the elevation tan e =
+    ((R + H) cos t - R) / ((R + H) sin t); on a plane its shadow would be longer by a third at a Sun
+    elevation of 2 degrees, three times as long at half a degree.
     """
     peak_m, step = 2000.0, 1.0 / 64.0
     lon, lat = np.meshgrid(np.arange(-64, 257) * step, np.arange(8, -9, -1) * step)

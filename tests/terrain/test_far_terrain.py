@@ -1,5 +1,5 @@
-"""Far terrain: nested levels against the brute-force judge of all their triangles, drafts of its
-shadows against the exact ones, and the finite Sun behind it.
+"""Far terrain: nested levels against brute force over all their triangles, drafts of its shadows
+against exact ones, and the finite solar disc behind it.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 
 GSD = 4.0
 CORE = (3, 8, 3, 8)
-"""Nodes under which no level has ground: over a cell inside the finer terrain."""
+"""Nodes for which no level has heights: more than a cell inside the finer terrain."""
 
 quick = settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def holed(z: np.ndarray, gsd_m: float, half_m: float) -> Heightfield:
-    """A square level around the origin, without the nodes further than a cell inside +-half_m."""
+    """A square level around the origin, without the nodes more than a cell inside +-half_m."""
     away = (np.arange(len(z)) - len(z) // 2) * gsd_m
     inside = np.abs(away) <= half_m - gsd_m
     z = z.astype(np.float32)
@@ -41,7 +41,9 @@ def holed(z: np.ndarray, gsd_m: float, half_m: float) -> Heightfield:
 
 @st.composite
 def places(draw) -> tuple[Heightfield, FarTerrain]:
-    """11 x 11 nodes, of which `CORE` asks, and two levels around: noise, ties or spikes, some with nodata."""
+    """11 x 11 nodes with the window `CORE`, and two levels around: noise, ties or spikes, some with
+    nodata.
+    """
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind, scale = draw(st.sampled_from(["noise", "ties", "spikes"])), draw(st.floats(0.5, 8.0))
 
@@ -63,8 +65,10 @@ def places(draw) -> tuple[Heightfield, FarTerrain]:
 
 
 azimuths = st.builds(lambda k, off: 45.0 * k + off, st.integers(0, 7), st.floats(0.01, 44.99))
-"""Off the grid's lines and diagonals: along them a float's direction misses nodes by 1e-16, and the judge and the kernel differ
-beside nodata (the kernels' own rules there: tests/test_heightfield_occluded.py)."""
+"""Directions off the grid's lines and diagonals: along these a float direction misses nodes by
+1e-16, and the reference and the kernel differ beside nodata (rules of the kernels:
+test_heightfield_occluded.py).
+"""
 
 elevations = st.sampled_from([0.0, 1.0, -5.0, 30.0]) | st.floats(-30, 60)
 
@@ -74,7 +78,7 @@ def core(field: Heightfield) -> np.ndarray:
 
 
 def judged(field: Heightfield, far: FarTerrain, direction: np.ndarray) -> np.ndarray:
-    """By how much the levels' triangles rise above the ray of each core node at most, metres."""
+    """Greatest height of the levels' triangles above the ray of each core node, metres."""
     row0, row1, col0, col1 = CORE
     out = np.full((row1 - row0, col1 - col0), -math.inf)
     for level in far.levels:
@@ -103,7 +107,7 @@ def test_far_shadows_are_those_of_all_triangles(place, azimuth_deg, elevation_de
 @quick
 @given(places(), azimuths, elevations)
 def test_shadows_reach_as_high_as_the_triangles_do(place, azimuth_deg, elevation_deg) -> None:
-    """Over a place at height 0 a shadow reaches as high as the triangles rise above the ray from there."""
+    """At a place of height 0 the shadow's height is that of the triangles above the ray from there."""
     _, far = place
     direction = direction_enu(azimuth_deg, elevation_deg)
     u, v = (one.ravel() for one in np.meshgrid([5.3, 6.0, 6.9], [5.1, 6.0, 6.7]))
@@ -128,7 +132,7 @@ def test_a_far_horizon_is_where_rays_are_just_free(place, azimuth_deg) -> None:
     length_m = field.gsd_m * math.hypot(du, dv)
     for k in range(0, len(rows), 5):
         if slopes[k] < -1e8:
-            continue  # nothing stands ahead
+            continue  # no terrain ahead
         elevation = math.degrees(math.atan(slopes[k] / length_m))
         for off, dark in ((-1e-4, True), (1e-4, False)):
             ray = direction_enu(azimuth_deg, elevation + off)
@@ -162,7 +166,9 @@ def test_most_levels_are_not_asked_under_a_high_sun() -> None:
 
 @pytest.fixture(scope="module")
 def highland() -> tuple[Heightfield, FarTerrain]:
-    """241 x 241 nodes of a gentle plain, and around it, twice as coarse, ranges that shadow most of it."""
+    """241 x 241 nodes of a smooth plain, surrounded by ranges on cells twice as wide, which shadow
+    most of it.
+    """
     z = cratered(1024, seed=5)
     field = Heightfield(0.05 * z[392:633, 392:633], 20.0, -2400.0, 2400.0)
     coarse = 3.0 * z[2::2, 2::2]  # of 511 nodes the middle one is the origin's, (512, 512)
@@ -182,7 +188,7 @@ def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None
         beyond.append((exact & ~occluded(field, sun, TIERS["reference"], window)).mean())
         for tier, shares in wrong.items():
             shares.append((occluded(field, sun, TIERS[tier], window, far) != exact).mean())
-    assert np.mean(beyond) > 0.3  # far terrain decides
+    assert np.mean(beyond) > 0.3  # far terrain has an effect
     assert np.mean(wrong["draft"]) < 0.001
     assert np.mean(wrong["standard"]) < 0.0002
     assert max(wrong["high"]) == 0.0
@@ -200,8 +206,8 @@ def test_a_sweep_is_its_suns(highland, tier) -> None:
 
 @pytest.mark.parametrize("tier", ["standard", "high", "reference"])
 def test_a_far_ridge_cuts_the_disc(tier) -> None:
-    """A plain, and a wall of uneven height around it on far cells: shares against a disc cut into
-    420 directions, on one field that holds both.
+    """A plain, and around it a wall of uneven height on far cells: shares of the disc against 420
+    directions of the disc on one field with both.
     """
     rng = np.random.default_rng(3)
     size, half = 81, 40
@@ -227,7 +233,7 @@ def test_a_far_ridge_cuts_the_disc(tier) -> None:
 
 
 def test_a_flat_field_is_shadowed_by_far_terrain_alone() -> None:
-    """The field itself is clear of the Sun; what lies beyond is not."""
+    """The field itself does not shadow its nodes; the terrain beyond does."""
     near = Heightfield(np.zeros((5, 5)), GSD, -8.0, 8.0)
     z = np.zeros((21, 21))
     z[:, 18:] = 40.0
@@ -242,7 +248,9 @@ def test_a_flat_field_is_shadowed_by_far_terrain_alone() -> None:
 
 @pytest.mark.parametrize("shape", [(5, 300), (129, 129), (200, 65)])
 def test_every_node_of_a_block_has_its_four_places(shape) -> None:
-    """Places around the nodes of the chosen blocks, also those on a block's far edge, which the next one begins with."""
+    """Places around the nodes of the chosen blocks, also those on a block's far edge, the first of
+    the next block.
+    """
     field = Heightfield(np.zeros(shape), GSD)
     blocks = _Blocks(field, (0, shape[0], 0, shape[1]), np.zeros(shape, np.bool_))
     rng = np.random.default_rng(4)

@@ -1,5 +1,5 @@
-"""Heightfields against judges that share no code with the kernels (`twins`): what rays hit, normals and heights; only
-the public interface is used.
+"""Heightfields against independent implementations (`twins`): hits of rays, normals and heights,
+through the public interface.
 """
 
 from __future__ import annotations

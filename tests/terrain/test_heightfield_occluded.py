@@ -1,5 +1,5 @@
-"""What a heightfield hides, against judges that share no code with the kernels (`twins`); only the public
-interface is used.
+"""Occlusion by a heightfield against independent implementations (`twins`), through the public
+interface.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class TestOccludedNodes:
         ray = in_cells(direction, GSD)
         margins, answer = node_margins(z.astype(float), ray), field(z).occluded_nodes(direction)
         for i, j in np.argwhere(np.abs(margins) > 1e-6):
-            # a ray that starts under its own facets hits nothing from above: only the answer "free"
+            # a ray that starts below its own facets hits nothing from above: only the result "free"
             # is compared
             if not answer[i, j]:
                 assert math.isnan(

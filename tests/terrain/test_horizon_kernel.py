@@ -1,5 +1,5 @@
-"""Exact horizons against the shadow rays and their brute-force judge: a horizon is above a ray
-exactly where the ray is blocked.
+"""Exact horizons against shadow rays and brute force: a horizon is above a ray exactly where the
+ray is blocked.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ def test_no_triangle_rises_above_a_horizon_and_one_reaches_it(z, azimuth_deg) ->
 @quick
 @given(terrains(), azimuths, st.floats(-3.0, 3.0), st.floats(0.01, 3.0))
 def test_bounds_clip_a_horizon_and_change_nothing_else(z, azimuth_deg, low, width) -> None:
-    """But for rounding: what is skipped as too low depends on the slope that it is compared with."""
+    """Equal but for rounding: the parts skipped as too low depend on the slope they are compared
+    with.
+    """
     field = Heightfield(z, GSD, X0, Y0)
     ray = field.ray_in_cells(sun(azimuth_deg, 0.0))
     free = horizons(all_nodes(field), ray, *ANY)

@@ -1,4 +1,5 @@
-"""The tiers' promises, held against exact rays; those are held against brute force in test_heightfield_occluded.
+"""Error bounds of the tiers, checked with exact rays; these are checked by brute force in
+test_heightfield_occluded.
 
 Bounds of `accuracy.TIERS`: draft at most 0.5 % of the nodes, 95 % of them within two nodes of a
 shadow's edge; standard at most 0.02 %; high none, on any terrain.
@@ -58,8 +59,8 @@ def terrain(rng: np.random.Generator) -> Heightfield:
 
 
 def towards(rng: np.random.Generator, hair: bool) -> np.ndarray:
-    """Any direction, often along rows, columns, diagonals or through nodes (or, with ``hair``, a
-    hair's breadth beside them), often grazing.
+    """Any direction, often along rows, columns, diagonals or through nodes (or, with ``hair``, very
+    close to them), often grazing.
     """
     if rng.random() < 0.3:
         direction = rng.integers(-3, 4, 3).astype(float)
@@ -73,7 +74,7 @@ def towards(rng: np.random.Generator, hair: bool) -> np.ndarray:
 
 
 def scene(rng: np.random.Generator) -> tuple[Heightfield, np.ndarray, tuple[int, ...]]:
-    """A terrain, a direction and a window, half of the time the whole."""
+    """A terrain, a direction and a window, in half of the cases all nodes."""
     field = terrain(rng)
     row0, col0 = (int(rng.integers(0, n)) for n in field.shape)
     row1, col1 = (
@@ -81,7 +82,7 @@ def scene(rng: np.random.Generator) -> tuple[Heightfield, np.ndarray, tuple[int,
         int(rng.integers(col0, field.shape[1])) + 1,
     )
     window = (row0, row1, col0, col1) if rng.random() < 0.5 else field.whole
-    # a hair beside a node with nodata next to it, `reference` itself takes the node for the edge
+    # very close to a node beside nodata `reference` itself takes the node for the edge
     return field, towards(rng, not field.has_holes), window
 
 
@@ -89,7 +90,7 @@ scenes = st.integers(0, 2**32 - 1).map(lambda seed: scene(np.random.default_rng(
 
 
 class Craters:
-    """A cratered highland under many Suns, exactly and in a tier."""
+    """A cratered highland under many Suns: exact masks and those of a tier."""
 
     def __init__(self) -> None:
         self.field = Heightfield(cratered(384), 20.0)
@@ -114,7 +115,7 @@ class TestDraft:
     def test_wrong_nodes_are_few_under_every_sun(self, craters):
         share = (craters.swept("draft") != craters.exact).mean(axis=(2, 3))
         assert share.max() <= TIERS["draft"].node_error
-        assert share.max() > 0.1 * TIERS["draft"].node_error  # the bound says something
+        assert share.max() > 0.1 * TIERS["draft"].node_error  # the bound is not far too wide
 
     def test_wrong_nodes_lie_at_the_edges_of_shadows(self, craters):
         wrong = craters.swept("draft") != craters.exact
@@ -125,16 +126,16 @@ class TestDraft:
         assert (wrong & edge).sum() >= 0.95 * wrong.sum()
 
     def test_fewer_lines_would_not_keep_the_bound(self, craters, monkeypatch):
-        """What the bound owes to two lines a column and the stencil: without the stencil, it breaks."""
-        none = (np.zeros((1, 4), np.int64), np.zeros((1, 3)))  # an edge that is nowhere
+        """Without the stencil the bound is exceeded."""
+        none = (np.zeros((1, 4), np.int64), np.zeros((1, 3)))  # an edge of no effect
         monkeypatch.setattr(scan_lines, "near_stencil", lambda *_: none)
         share = (craters.swept("draft") != craters.exact).mean(axis=(2, 3))
         assert share.max() > TIERS["draft"].node_error
 
     def test_what_is_skipped_under_a_high_sun_is_lit(self, craters, monkeypatch):
-        """Stretches without a steep facet in reach: skipping them changes a node only from wrong to right."""
+        """Skipping stretches without a steep facet in reach only corrects nodes."""
         rng, cases = np.random.default_rng(3), []
-        # nearly flat but for a hill of 900 m, steeper than every Sun here, off the middle
+        # nearly flat except for a hill of 900 m off the middle, steeper than every ray here
         row, col = np.ogrid[:768, :512]
         hill = np.maximum(900.0 - 30.0 * np.hypot(row - 500.0, col - 200.0), 0.0)
         patch = 0.03 * np.tile(cratered(64), (12, 8)) + hill
@@ -163,7 +164,7 @@ class TestDraft:
         z[10:20, 10:20] = np.nan
         field = Heightfield(z, 1.0)
         z = z.copy()
-        z[30, 30] = 1e-6  # so that the plain is not recognised as one
+        z[30, 30] = 1e-6  # so that the field is not recognised as flat
         rough = Heightfield(z, 1.0)
         for azimuth in range(0, 360, 30):
             for hollow in (field, rough):
@@ -201,11 +202,11 @@ class TestStandard:
         assert share.max() <= TIERS["standard"].node_error
 
     def test_wrong_nodes_are_dark(self, craters):
-        """What the proved upper bound calls lit is lit."""
+        """Nodes that are lit by the proved upper bound are lit."""
         assert not (~craters.swept("standard") & craters.exact).any()
 
     def test_on_a_lunar_dem_at_low_suns(self, craters):
-        """Half the craters' relief, and twice: other statistics than those it was made with."""
+        """Half and twice the craters' relief: other statistics than those of its calibration."""
         for relief in (0.3, 2.0):
             field = Heightfield(cratered(384, seed=5, relief_m=relief), 20.0)
             for azimuth in (33, 160):
@@ -216,7 +217,7 @@ class TestStandard:
                 assert wrong.mean() <= TIERS["standard"].node_error
 
     def test_with_lines_farther_apart_it_would_not(self, craters):
-        """One line a column is wrong at over 0.02 % of the nodes somewhere."""
+        """One line per column is wrong at more than 0.02 % of the nodes in some scene."""
         worst = 0.0
         for a, azimuth in enumerate(AZIMUTHS):
             for e, elevation in enumerate(ELEVATIONS):
@@ -240,7 +241,7 @@ class TestHigh:
 
     @pytest.mark.slow
     def test_search_for_counter_examples(self):
-        """Forty thousand scenes, twenty million nodes: none where a bound is crossed."""
+        """Forty thousand scenes, twenty million nodes: no bound is violated."""
         for seed in range(40_000):
             field, direction, window = scene(np.random.default_rng(seed))
             np.testing.assert_array_equal(
@@ -253,14 +254,14 @@ class TestHigh:
         np.testing.assert_array_equal(craters.swept("high"), craters.exact)
 
     def test_traces_few(self, craters):
-        """The bounds are near enough to decide almost all nodes."""
+        """The bounds decide almost all nodes."""
         for effort, share in ((PROVED, 0.01), (LIKELY, 0.015)):
             ray = craters.field.ray_in_cells(direction_enu(77, 5))
             _, traced = hybrid_occluded(craters.field, ray, craters.field.whole, effort)
             assert 0 < traced < share * craters.exact[0, 0].size
 
     def test_slacks_cover_float32(self):
-        """Without them, ties decide by rounding: Sun along a plane's own slope."""
+        """Without slacks rounding decides ties: Sun along the slope of a plane."""
         rows, cols = np.mgrid[:60, :60]
         field = Heightfield((0.7 * rows + 0.1 * cols).astype(np.float32) + 1e4, 1.0)
         direction = np.array([0.3, 1.0, 0.03 - 0.7])

@@ -1,4 +1,4 @@
-"""The shadows of ``lcp render`` against Embree on the DEM's own nodes in MCMF (docs/measurements/embree-check.md).
+"""The shadows of ``lcp render`` against Embree on the DEM's own nodes in MCMF.
 
 Run with ``-rP`` to see every comparison's figures.
 """
@@ -30,7 +30,7 @@ EVERY_TIME = {
     ("60 N", 0),
     ("80 S", 0),
     ("89.9 N", 1),
-}  # the last looks at the ridge
+}  # the last one has the ridge in view
 CASES = [
     pytest.param(name, number, marks=() if (name, number) in EVERY_TIME else pytest.mark.slow)
     for name in PLACES
@@ -41,7 +41,7 @@ CASES = [
 
 @pytest.fixture(scope="module")
 def sites(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Site]:
-    """Made when first asked for."""
+    """Sites, each made at its first use."""
 
     class Sites(dict):
         def __missing__(self, name: str) -> Site:
@@ -71,10 +71,10 @@ def test_standard_shadows_are_embrees(sites, name):
 
 
 def faulty(site: Site, fault: str) -> tuple[Path, float]:
-    """A DEM with a fault, and by how much the Sun's azimuth is wrong."""
+    """A DEM with an error, and the error of the Sun's azimuth."""
     z, pixel = site.heights_m, site.place.pixel_m
     away = np.hypot(site.east_m, site.north_m)
-    fallen = away**2 / (2.0 * RADIUS_M)  # what the sphere falls away by
+    fallen = away**2 / (2.0 * RADIUS_M)  # drop of the sphere below the tangent plane
     match fault:
         case "none":
             return site.path, 0.0
@@ -108,8 +108,8 @@ FAULTS = [
 
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
 def test_the_comparison_finds_faults(sites, name, fault):
-    """Rendered eight nodes to a pixel, on ground that is smooth over pixels, half a pixel is more than an edge's width;
-    at the DEM's own cell the edges that are left out would hide it.
+    """With eight nodes per pixel, on terrain that is smooth over pixels, half a pixel is more than
+    the width of an edge; at the DEM's own cell size the edges that are left out would conceal it.
     """
     site, place = sites[name], PLACES[name]
     azimuth, elevation = place.suns[0 if name == "smooth" else 1]
@@ -122,7 +122,7 @@ def test_the_comparison_finds_faults(sites, name, fault):
     assert (found.away_from_judges >= AGREED) == (fault == "none")
 
 
-# Real ground, where it is at hand
+# Real terrain, if the data are available
 
 REAL = {
     "016 equator": ("gld100_016ppd_global.tif", 183.0, 0.0, 150e3, ((200, 5.0), (310, 10.0))),

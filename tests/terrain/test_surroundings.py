@@ -1,4 +1,6 @@
-"""What stands around an area: closed forms on the sphere, and horizons of the area's own cells all the way."""
+"""Terrain around an area against closed forms on the sphere and horizons on the area's cell size at
+all distances.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ RIDGE_DEG, RIDGE_M, RIDGE_WIDTH_DEG = 5.3, 9000.0, 0.8
 
 
 def ridge(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
-    """A plain on the sphere with a range of mountains from pole to pole, 161 km east of longitude 0."""
+    """A plain on the sphere with a range of mountains from pole to pole, 161 km east of longitude
+    0.
+    """
     return RIDGE_M * np.exp(
         -(((lon + 180.0) % 360.0 - 180.0 - RIDGE_DEG) ** 2) / RIDGE_WIDTH_DEG**2
     )
@@ -52,8 +56,8 @@ def ridge(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 def horizon_deg(lon_deg: float) -> float:
     """Elevation of the range seen eastwards from the equator, in the frame of longitude 0.
 
-    The great circle is the equator: a point at longitude a and radius r stands at east r sin a, up
-    r cos a. The greatest elevation over all longitudes, found by trying them.
+    The great circle is the equator: a point at longitude a and radius r has east r sin a, up
+    r cos a. The greatest elevation over all longitudes, by search.
     """
     a = np.radians(np.linspace(lon_deg + 0.02, lon_deg + 12.0, 200_001))
     r = MOON_RADIUS_M + ridge(np.degrees(a), 0.0)
@@ -69,8 +73,8 @@ def range_dem(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("east_km", [-1.5, 0.0, 1.5])
-def test_a_range_160_km_away_stands_where_the_sphere_says(range_dem, east_km) -> None:
-    """The tangent plane alone would put it 7.4 km higher: 2.6 degrees."""
+def test_a_range_160_km_away_has_its_elevation_on_the_sphere(range_dem, east_km) -> None:
+    """On the tangent plane it would be 7.4 km higher: 2.6 degrees."""
     window = NodeWindow(-20, 21, -20, 21)
     place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
     around = surroundings(*place, math.tan(math.radians(0.5)))
@@ -110,8 +114,8 @@ def test_the_render_sees_it(range_dem, tmp_path, tier, off_deg, dark) -> None:
 def test_no_ground_of_the_moon_shadows_from_further_than_sight(
     angle, low, high, elevation, turn
 ) -> None:
-    """Observer and ground on one great circle; the frame's vertical turned from the observer's by
-    up to the width of an area.
+    """Observer and terrain on one great circle; the frame's vertical is tilted from the observer's
+    by up to the width of an area.
     """
     up = np.array([math.sin(turn), math.cos(turn)])
     east = np.array([math.cos(turn), -math.sin(turn)])
@@ -126,7 +130,9 @@ def test_no_ground_of_the_moon_shadows_from_further_than_sight(
 @pytest.mark.parametrize("elevation_deg", [-0.5, 0.0, 1.0, 5.0, 20.0])
 @pytest.mark.parametrize("turn_rad", [-0.02, 0.0, 0.02])
 def test_sight_is_not_longer_than_it_must_be(elevation_deg, turn_rad) -> None:
-    """The lowest ground of all and the highest, ever further apart on the sphere, until the one no longer shadows the other."""
+    """The Moon's lowest and highest terrain, further and further apart on the sphere, until it
+    casts no shadow.
+    """
     angle = np.linspace(1e-3, 0.3, 100_000)
     low, high = MOON_RADIUS_M - 9.2e3, MOON_RADIUS_M + 10.8e3
     east, up = high * np.sin(angle), high * np.cos(angle) - low
@@ -140,7 +146,7 @@ def test_sight_is_not_longer_than_it_must_be(elevation_deg, turn_rad) -> None:
 
 
 def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
-    """No slope of the plain itself reaches the Sun; what stands on far cells is no part of that argument."""
+    """The Sun is above all slopes of the plain itself; terrain on far cells may still shadow it."""
     place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
     terrain = build_surrounded(*place, surroundings(*place, math.tan(math.radians(0.5))))
     for far, modelled in ((terrain.far, True), (None, False)):
@@ -168,9 +174,9 @@ def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
             | (y[:, None] < inner.y0) | (y[:, None] > inner.y1)
         )  # fmt: skip
         known = (np.abs(y[:, None]) < 5.9 * DEGREE_M) & (np.abs(x[None, :]) < 5.9 * DEGREE_M)
-        assert there[outside & known].all()  # every node that the finer terrain does not hold
+        assert there[outside & known].all()  # every node outside the finer terrain
         ring = ~outside & ~np.isnan(level.z_m)
-        assert ring.any()  # and a seam of cells that both hold
+        assert ring.any()  # and a seam of cells in both
         inner = module.Extent.of_field(level)
 
 
@@ -199,7 +205,9 @@ def test_missing_ground_is_told(range_dem) -> None:
 
 @pytest.mark.parametrize("share", [16, 64])
 def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
-    """`HORIZON_RMS_DEG` where far cells decide, against own cells all the way; and coarser cells are worse."""
+    """`HORIZON_RMS_DEG` where far cells form the horizon, against the area's cell size; coarser
+    cells are worse.
+    """
     monkeypatch.setattr(module, "NEAR_NODES", share)
     z = cratered(700, gsd_m=500.0, seed=8)
     dem = DemSet.open([geotiff(tmp_path / "c.tif", z, -175e3, 175e3, 500.0)])
@@ -230,7 +238,9 @@ def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
 
 
 def test_a_build_sees_it(range_dem) -> None:
-    """A sweep's images, and what a patch owes to terrain outside it, under a Sun behind the range and above it."""
+    """A sweep's images, and the dependence of a patch on terrain outside it, under a Sun behind and
+    above the range.
+    """
     config = BuildConfig(
         area=AreaConfig(center_deg=(0.0, 0.0), size_km=2.0, gsd_m=100.0),
         sun=SunConfig(azimuths_deg=(90.0,), elevations_deg=(0.5, 3.0)),

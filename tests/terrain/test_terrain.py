@@ -1,5 +1,5 @@
-"""Areas and their heightfields: every node lies on the DEM's surface, over seams, over a pole, and
-the same in every window.
+"""Areas and their heightfields: every node lies on the DEM's surface, also over seams and a pole,
+and is the same in every window.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def test_every_node_lies_on_the_surface(
     if gsd_m < 5000.0:
         np.testing.assert_allclose(
             height, hills(lon, lat), atol=3.0
-        )  # what 8 pixels a degree make of the hills
+        )  # error of 8 pixels per degree on these hills
 
 
 def test_curvature_is_inside(flat: DemSet) -> None:
@@ -89,9 +89,10 @@ def test_row_0_is_north_and_column_0_west(moon: DemSet) -> None:
 def test_windows_of_one_frame_share_their_nodes(
     moon: DemSet, at: tuple[float, float], tolerance_m: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Bit for bit, whatever the window, so that the same ground gives the same id in every build.
+    """Heights are equal to the bit in any window, so that the same terrain gets the same id in
+    every build.
 
-    With a large tolerance nodes are left at different steps: none may depend on its neighbours.
+    With a large tolerance the iteration stops at different steps: no node may depend on others.
     """
     monkeypatch.setattr(terrain_module, "_TOLERANCE_M", tolerance_m)
     frame = EnuFrame(*at)
