@@ -135,7 +135,7 @@ def nearest(
 
 def coverage(
     cells: Places,
-    has_ground: Mask,
+    has_heights: Mask,
     candidates: Places,
     stages: Index,
     points: Places,
@@ -144,7 +144,7 @@ def coverage(
     """`Status` of each spacing cell; places are (longitudes, latitudes) in degrees, cells are given
     by their centres.
 
-    ``has_ground``: True for cells with heights. ``stages`` of the candidates: 0 never localisable,
+    ``has_heights``: True for cells with heights. ``stages`` of the candidates: 0 never localisable,
     1 localisable but never unique as well, 2 both but never independent as well, 3 usable. A
     candidate counts for the cell whose centre is nearest, within one spacing. POINT: a point lies
     within one spacing of the centre, or a usable candidate lies in the cell (`select` then has a
@@ -152,7 +152,7 @@ def coverage(
     candidates: DEPENDENT, AMBIGUOUS, or FEATURELESS, also for a cell without candidates. NODATA:
     no heights, no point near and no candidate.
     """
-    best = np.where(np.asarray(has_ground, dtype=np.bool_), 0, -1)
+    best = np.where(np.asarray(has_heights, dtype=np.bool_), 0, -1)
     cell, away_m = nearest(*candidates, *cells)
     own = away_m <= spacing_m
     np.maximum.at(best, cell[own], np.asarray(stages, dtype=np.int64)[own])

@@ -54,15 +54,15 @@ def second_peak(
     out = np.where(cut, np.float32(np.nan), np.float32(1.0))
     patches = gather_patches(fine, centres[:, 1], centres[:, 0], half)
     contrast = patches.std(axis=(1, 2), dtype=np.float64)
-    sought = np.flatnonzero(contrast > _FLAT * fine.std(dtype=np.float64))
-    found = np.empty(len(sought))
+    textured = np.flatnonzero(contrast > _FLAT * fine.std(dtype=np.float64))
+    found = np.empty(len(textured))
     coarse = halved(fine)
     rivals(
-        fine, np.ones_like(fine), coarse, np.ones_like(coarse), centres[sought] - half, size, search,
+        fine, np.ones_like(fine), coarse, np.ones_like(coarse), centres[textured] - half, size, search,
         float(half) if exclusion is None else max(float(exclusion), 0.0),
         half >= _COARSE_HALF_MIN and not exact, found,
     )  # fmt: skip
-    out[sought] = found
+    out[textured] = found
     return out
 
 

@@ -79,14 +79,14 @@ class FarTerrain:
         """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
-        asking = np.flatnonzero(~np.isnan(points[:, 2]))
-        if not asking.size:
+        remaining = np.flatnonzero(~np.isnan(points[:, 2]))
+        if not remaining.size:
             return out
-        low, high = points[asking].min(axis=0), points[asking].max(axis=0)
+        low, high = points[remaining].min(axis=0), points[remaining].max(axis=0)
         place = Footprint((low[0], high[0]), (low[1], high[1]), float(low[2]))
         for level in self.towards(place, direction):
-            asking = asking[~out[asking]]
-            out[asking] = level.occluded_points(points[asking], direction)
+            remaining = remaining[~out[remaining]]
+            out[remaining] = level.occluded_points(points[remaining], direction)
         return out
 
     def shadowed(
@@ -101,16 +101,16 @@ class FarTerrain:
         if direction[0] == direction[1] == 0.0 or occluded.size == 0:
             return
         blocks = _Blocks(field, window, occluded)
-        asked = self._asked(blocks, direction)
+        reaching = self._reaching(blocks, direction)
         if accuracy.far_doubt is None:
-            for level, which in asked:
+            for level, which in reaching:
                 rows, cols = np.nonzero(~occluded & blocks.spread(which))
                 points = _nodes(field, rows + window[0], cols + window[2])
                 occluded[rows, cols] = level.occluded_points(points, direction)
-        elif asked:
-            self._shadowed_by_places(blocks, asked, direction, accuracy.far_doubt, occluded)
+        elif reaching:
+            self._shadowed_by_places(blocks, reaching, direction, accuracy.far_doubt, occluded)
 
-    def _asked(self, blocks: _Blocks, direction: Array) -> list[tuple[Heightfield, Mask]]:
+    def _reaching(self, blocks: _Blocks, direction: Array) -> list[tuple[Heightfield, Mask]]:
         """The levels that can rise above rays from some block, each with the mask of these blocks."""
         level_m = math.hypot(direction[0], direction[1])
         ahead = (direction[0] / level_m, direction[1] / level_m)
@@ -133,7 +133,7 @@ class FarTerrain:
     def _shadowed_by_places(
         self,
         blocks: _Blocks,
-        asked: list[tuple[Heightfield, Mask]],
+        reaching: list[tuple[Heightfield, Mask]],
         direction: Array,
         doubt: float,
         occluded: Mask,
@@ -144,7 +144,7 @@ class FarTerrain:
         y = field.y0_m - (row0 + rows) * field.gsd_m
         # below all nodes: no shadow
         heights = np.full((rows.size, cols.size), blocks.footprint.lowest_m.min() - 1.0)
-        for level, which in asked:
+        for level, which in reaching:
             some = blocks.at_places(which)
             i, j = np.nonzero(some)
             du, dv, dz = level.ray_in_cells(direction)

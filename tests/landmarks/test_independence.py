@@ -1,41 +1,11 @@
-"""Patches cut from arrays, and the share of a patch that other terrain occludes."""
+"""The share of a patch that other terrain occludes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lcp_catalog.landmarks.independence import dependence
-from lcp_catalog.landmarks.patches import gather_patches
-
-
-@given(st.integers(-9, 30), st.integers(-9, 35), st.integers(0, 6))
-def test_a_patch_is_what_a_slice_of_the_padded_array_is(row, col, half):
-    array = np.arange(20 * 25, dtype=np.float32).reshape(20, 25)
-    padded = np.pad(array, 20, constant_values=np.nan)
-    found = gather_patches(array, np.array([row, 10]), np.array([col, 12]), half)
-    for patch, (r, c) in zip(found, ((row, col), (10, 12)), strict=True):
-        np.testing.assert_array_equal(
-            patch, padded[20 + r - half : 21 + r + half, 20 + c - half : 21 + c + half]
-        )
-
-
-def test_patches_keep_their_type_and_do_not_alias():
-    array = np.ones((9, 9), dtype=bool)
-    inside = gather_patches(array, np.array([4]), np.array([4]), 2)
-    outside = gather_patches(array, np.array([0]), np.array([4]), 2)
-    assert inside.dtype == outside.dtype == bool
-    assert not outside[0, :2].any()
-    assert outside[0, 2:].all()
-    inside[...] = False
-    assert array.all()
-    assert gather_patches(array, np.array([], dtype=int), np.array([], dtype=int), 2).shape == (
-        0,
-        5,
-        5,
-    )
 
 
 def test_dependence_is_the_share_that_other_terrain_darkens():
