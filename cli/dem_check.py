@@ -10,7 +10,7 @@ import click
 from .options import dem_argument
 
 if TYPE_CHECKING:
-    from lcp_catalog.dem.file_check import Verdict
+    from lcp_catalog.dem.file_check import CheckResult
 
 EXIT_NOT_SOUND = 4
 
@@ -38,7 +38,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
     return 0 if all(one.sound for one in verdicts) else EXIT_NOT_SOUND
 
 
-def _object(one: Verdict) -> dict[str, Any]:
+def _object(one: CheckResult) -> dict[str, Any]:
     return {
         "path": one.path,
         "product": one.product,
@@ -48,7 +48,7 @@ def _object(one: Verdict) -> dict[str, Any]:
     }
 
 
-def _text(one: Verdict) -> str:
+def _text(one: CheckResult) -> str:
     lines = [
         f"{one.path}: {'sound' if one.sound else 'NOT SOUND'}{f', {one.product}' if one.product else ''}"
     ]

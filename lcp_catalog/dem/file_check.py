@@ -31,7 +31,7 @@ and no height.
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckResult:
     """Result for one file: with ``problems`` it must not be used; ``notes`` are remarks."""
 
     path: str
@@ -44,7 +44,7 @@ class Verdict:
         return not self.problems
 
 
-def check_dem(path: Path | str) -> Verdict:
+def check_dem(path: Path | str) -> CheckResult:
     """Open a file, read all its pixels once, and compare them with the label. Faults of the file
     are in the result and never raised.
     """
@@ -52,18 +52,18 @@ def check_dem(path: Path | str) -> Verdict:
         dem = Dem.open(path)
         label = _label_of(Path(path))
     except (LcpError, OSError) as error:
-        return Verdict(str(path), None, (_line(error),))
+        return CheckResult(str(path), None, (_line(error),))
     problems, notes = _sizes(dem, label), _names(dem, label)
     try:
         survey = sample_statistics(dem.raster)
     except (LcpError, OSError) as error:
-        return Verdict(str(path), dem.product, (*problems, _line(error)), tuple(notes))
+        return CheckResult(str(path), dem.product, (*problems, _line(error)), tuple(notes))
     problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
     notes += _stripes(survey)
     if label is not None:
         wrong = [*_extremes(dem, label, survey), *_sums(dem, label, survey), *_map(dem, label)]
         problems += [f"{label.path}: {text}" for text in wrong]
-    return Verdict(str(path), dem.product, tuple(problems), tuple(notes))
+    return CheckResult(str(path), dem.product, tuple(problems), tuple(notes))
 
 
 def _line(error: BaseException) -> str:

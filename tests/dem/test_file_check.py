@@ -13,7 +13,7 @@ from helpers.archive_files import Product
 from helpers.damaged import edit, only_problem
 from helpers.products import cut
 
-from lcp_catalog.dem.file_check import Verdict, check_dem
+from lcp_catalog.dem.file_check import CheckResult, check_dem
 
 
 def test_every_product_is_sound(archive: dict[str, Product]) -> None:
@@ -29,7 +29,7 @@ def test_every_product_is_sound(archive: dict[str, Product]) -> None:
 def test_the_archives_own_files_are_sound(ldem_4: Path) -> None:
     """LDEM_4's label is one count away from its pixels (-17758 and -17757), its JP2 is lossy: both are as archived."""
     for path in sorted(ldem_4.iterdir()):
-        assert check_dem(path) == Verdict(str(path), "LDEM_4", ())
+        assert check_dem(path) == CheckResult(str(path), "LDEM_4", ())
 
 
 class TestSizes:

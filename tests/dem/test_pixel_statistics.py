@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.dem import raster as raster_module
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.file_check import Verdict, check_dem
+from lcp_catalog.dem.file_check import CheckResult, check_dem
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.pixel_statistics import height_statistics, pixel_km2, sample_statistics
 from lcp_catalog.dem.raster import Raster
@@ -103,7 +103,7 @@ class TestPixels:
 
     def test_one_value_is_a_note(self, tmp_path: Path) -> None:
         path = geotiff(tmp_path / "LDEM_64.tif", np.full((4, 4), 7.0, np.float32), 0.0, 0.0, 10.0)
-        assert check_dem(path) == Verdict(
+        assert check_dem(path) == CheckResult(
             str(path), "LDEM_64", (), ("all pixels have the same value 7",)
         )
 
