@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .validation.run import validate as validate
 
 _MODULES = {
-    "Area": "terrain.terrain",
+    "Area": "terrain.area",
     "BuildConfig": "build.config",
     "Camera": "cameras.frame_camera",
     "Catalog": "catalog.catalogue",
