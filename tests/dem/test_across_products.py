@@ -81,7 +81,7 @@ def test_no_point_stands_twice(straddling, polar) -> None:
 
 
 def test_the_same_point_from_either_side_has_the_same_id(at_75, straddling, tmp_path) -> None:
-    """Catalogues of the ground south and north of the seam, which share a strip with it in the middle."""
+    """Catalogues of the areas south and north of the seam, which share a strip around it."""
     south = build(tmp_path / "s.h5", at_75, "--bounds", 35, 74.2, 45, 75.15, suns=AT_75)
     north = build(tmp_path / "n.h5", at_75, "--bounds", 35, 74.85, 45, 75.8, suns=AT_75)
     for one, other in ((south, north), (south, straddling), (north, straddling)):
@@ -94,7 +94,7 @@ def test_the_same_point_from_either_side_has_the_same_id(at_75, straddling, tmp_
 
 
 def test_the_seam_is_not_seen(at_75, tmp_path) -> None:
-    """3 m of height between the products, across 0.03 deg of latitude: a tenth of the ground's own contrast at most."""
+    """3 m of height between the products, across 0.03 deg of latitude: at most a tenth of the contrast of the terrain."""
     radiance = {}
     for name, labels in (("set", at_75), ("one", at_75[1:])):
         out = tmp_path / f"{name}.tif"

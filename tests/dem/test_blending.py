@@ -199,7 +199,7 @@ class TestEdges:
         assert (index == 0).all()
 
     def test_between_tiles_of_one_product_nothing_is_mixed(self, tmp_path: Path) -> None:
-        """Two tiles side by side over a constant: the edge between them is none."""
+        """Two tiles side by side over a constant: no outer edge lies between them."""
         zero = np.zeros((200, 100))
         one = geotiff(tmp_path / "LDEM_1024_a.tif", zero, 0.0, 2e4, 100.0)
         two = geotiff(tmp_path / "LDEM_1024_b.tif", zero, 1e4, 2e4, 100.0)
@@ -217,7 +217,7 @@ class TestGeometry:
     @settings(max_examples=60, deadline=None)
     @given(st.lists(st.tuples(*[st.integers(0, 7)] * 4), min_size=1, max_size=5))
     def test_outer_edges_are_where_the_cover_ends(self, boxes: list[tuple[int, ...]]) -> None:
-        """Judge: a raster of unit cells. Along every lattice line, an edge lies exactly where covered and bare meet."""
+        """Reference: a raster of unit cells. Along every lattice line, an edge lies exactly between covered and free cells."""
         tiles = [Tile(c, c + w + 1, r, r + h + 1) for c, r, w, h in boxes]
         cover = np.zeros((18, 18), bool)
         for t in tiles:

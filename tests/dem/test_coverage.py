@@ -1,4 +1,4 @@
-"""What a set of files covers: areas against closed forms and random points put through PROJ."""
+"""Coverage of a set of files: areas against closed forms and against random points projected by PROJ."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from lcp_catalog.dem.coverage import MOON_KM2, POLAR_ERROR
 from lcp_catalog.dem.dem import Dem
 
 
-def test_the_judge_of_polar_rectangles() -> None:
-    """An endless plane is the whole Moon, a small rectangle is flat, and Gauss and Legendre's sums agree with the closed form."""
+def test_the_reference_for_polar_rectangles() -> None:
+    """The whole plane is the whole Moon, a small rectangle is flat, and Gauss-Legendre sums agree with the closed form."""
     assert 4.0 * corner(1e9, 1e9) == pytest.approx(MOON_KM2, rel=1e-8)
     assert plane_rectangle(0.0, 0.0, 1.0, 2.0) == pytest.approx(2.0, rel=1e-5)
     t, weight = np.polynomial.legendre.leggauss(30)

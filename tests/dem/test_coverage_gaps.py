@@ -1,4 +1,4 @@
-"""The gaps in what a set of files covers, against flood fill and closed forms."""
+"""Gaps in the coverage of a set of files, against flood fill and closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The map of a set of files, judged by its decoded pixels."""
+"""The map of a set of files, checked by its decoded pixels."""
 
 from __future__ import annotations
 

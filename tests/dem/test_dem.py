@@ -163,7 +163,7 @@ class TestGeotiff:
     def test_the_radius_as_offset_is_no_height(
         self, tmp_path: Path, scale: float, offset: float, factor: float
     ) -> None:
-        """What gdal_translate makes of a LOLA label."""
+        """The label that gdal_translate derives from a LOLA label."""
         values = np.full((3, 3), 2.0, np.float32)
         dem = Dem.open(
             geotiff(tmp_path / "o.tif", values, 0.0, 300.0, 100.0, scale=scale, offset=offset)

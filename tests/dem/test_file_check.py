@@ -1,4 +1,6 @@
-"""What ``check_dem`` finds of sizes and statements: every kind of damage is made on purpose, on products with real heights."""
+"""Problems that ``check_dem`` finds in sizes and statements: each kind of damage is made on purpose, on products with real
+heights.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed forms of the grids against PROJ, round trips, and CRSs read by what they mean."""
+"""Closed forms of the grids against PROJ, round trips, and CRSs of many spellings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sets of DEM products: resampling against GDAL's and surfaces with known answers, and how products join."""
+"""Sets of DEM products: resampling against GDAL and known surfaces, and the joining of products."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class TestResampling:
         assert np.isnan(dems.heights(*outside, 100.0)[0]).all()
 
     def test_block_means_are_true_to_area(self, tmp_path: Path) -> None:
-        """A linear surface seen in blocks: a mean by cos(latitude) sits where the block's ground
+        """A linear surface seen in blocks: a mean by cos(latitude) lies where the block's surface
         has its centre.
         """
         dems = DemSet.open(
@@ -165,7 +165,7 @@ class TestResampling:
 
 class TestSets:
     def test_of_equal_pixels_the_first_given_answers(self, tmp_path: Path) -> None:
-        """And what it does not have comes from the next."""
+        """Heights that it lacks come from the next product."""
         first = np.full((200, 200), 1.0, np.float32)
         first[50:100, 50:100] = np.nan
         a = geotiff(tmp_path / "a.tif", first, 0.0, 20000.0, 100.0)
@@ -260,7 +260,7 @@ class TestSets:
     def test_forty_gigabytes_are_opened_without_reading_them(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """All 32 tiles of SLDEM2015_512 (sparse): only the window of the asked area is read."""
+        """All 32 tiles of SLDEM2015_512 (sparse): only the window of the requested area is read."""
         paths = [_sparse_tile(tmp_path, west, north) for west in range(0, 360, 45) for north in (60, 30, 0, -30)]  # fmt: skip
         assert sum(path.with_suffix(".IMG").stat().st_size for path in paths) > 40e9
         read: list[int] = []

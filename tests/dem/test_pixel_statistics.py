@@ -134,7 +134,7 @@ class TestPixels:
 def test_strips_change_nothing(
     samples: list[list[int]], missing: tuple[float, ...], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """The survey in strips of one row against plain numpy over the whole."""
+    """Statistics in windows of one row against plain numpy over the whole file."""
     values = np.array(samples, "<i2")
     path = tmp_path_factory.mktemp("strips") / "x.img"
     path.write_bytes(values.tobytes())
@@ -162,7 +162,7 @@ def test_strips_change_nothing(
     assert (whole.zero_rows, whole.zero_columns) == (zero.all(axis=1).sum(), zero.all(axis=0).sum())
 
 
-def test_a_survey_counts_what_numpy_counts(tmp_path: Path) -> None:
+def test_counts_are_those_of_numpy(tmp_path: Path) -> None:
     """1500 x 2600 pixels: blocks of three, the last ones cut; holes of any shape."""
     lost = np.random.default_rng(1).random((1500, 2600)) < 1e-3
     heights = np.where(
@@ -182,7 +182,7 @@ def test_a_survey_counts_what_numpy_counts(tmp_path: Path) -> None:
     assert found.nodata_share == lost.mean()
 
 
-def test_holes_are_pieces_of_ground(tmp_path: Path) -> None:
+def test_holes_are_connected_regions(tmp_path: Path) -> None:
     """A global file of one degree: a hole over its seam is one piece, the largest comes first."""
     holes = [np.s_[80:100, :10], np.s_[80:100, 350:], np.s_[10:20, 100:110]]
     found = height_statistics(
@@ -235,8 +235,8 @@ def test_a_hole_beside_the_pole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("true_lat", [0.0, 30.0, -55.0])
-def test_pixels_of_a_cylinder_add_up_to_its_ground(true_lat: float) -> None:
-    """True to scale away from the equator: a pixel's ground is not its square at the equator."""
+def test_pixels_of_a_cylinder_add_up_to_its_area(true_lat: float) -> None:
+    """True to scale away from the equator: a pixel's area is not its square at the equator."""
     squeeze = math.cos(math.radians(true_lat))
     pixel_m = DEGREE_M / 10
     grid = Grid("equirectangular", 200, 300, pixel_m, 0.5 * pixel_m, 399.5 * pixel_m, 0.0, true_lat)
@@ -244,7 +244,7 @@ def test_pixels_of_a_cylinder_add_up_to_its_ground(true_lat: float) -> None:
     assert total == pytest.approx(rectangle(0.0, 10.0, 20.0 / squeeze, 40.0), rel=1e-5)
 
 
-def test_pixels_of_a_polar_map_add_up_to_its_ground() -> None:
+def test_pixels_of_a_polar_map_add_up_to_its_area() -> None:
     grid = Grid("polar-stereographic", 400, 400, 1000.0, -199_500.0, 199_500.0, 0.0, -80.0)
     column, row = np.meshgrid(np.arange(400), np.arange(400))
     scale = (1.0 + math.sin(math.radians(80.0))) / 2.0  # the plane's kilometres are true at 80 S

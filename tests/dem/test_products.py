@@ -1,4 +1,4 @@
-"""What is known of products: the method's latitudes, published figures, and whether two products agree."""
+"""Facts about products: the method's latitudes, published figures, and the agreement of two products."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from lcp_catalog.pds.pds3 import parse_pds3
 
 
 class TestTraps:
-    """One test for each line of the list of what goes wrong in reading LOLA and SLDEM products."""
+    """One test for each known error in reading LOLA and SLDEM products."""
 
     def test_jp2_counts_are_half_metres_whatever_gdal_says(
         self, archive: dict[str, Product]
@@ -60,7 +60,7 @@ class TestTraps:
     def test_no_missing_value_is_invented(
         self, archive: dict[str, Product], tmp_path: Path, said: str
     ) -> None:
-        """Silence and "N/A": neither -32768 (GDAL's guess) nor 0 (what GDAL makes of "N/A") turns into a hole."""
+        """No statement and "N/A": neither -32768 (GDAL's default) nor 0 (GDAL's reading of "N/A") is missing."""
         label = archive["LDEM_16.IMG"].copied_to(tmp_path)
         if said:
             substitute(label, "    UNIT  ", f"    MISSING_CONSTANT = {said}\r\n    UNIT  ")
@@ -142,7 +142,7 @@ class TestTraps:
     def test_one_byte_too_few_is_refused_at_once(
         self, archive: dict[str, Product], tmp_path: Path, image: str
     ) -> None:
-        """GDAL opens it; of the PDS4 product it even gives zeros for what is not there."""
+        """GDAL opens it; for the missing end of the PDS4 product it gives zeros."""
         label = archive[image].copied_to(tmp_path)
         path = tmp_path / image
         path.write_bytes(path.read_bytes()[:-1])
@@ -151,7 +151,7 @@ class TestTraps:
                 Dem.open(given)
 
     def test_map_scale_without_a_unit(self, archive: dict[str, Product], tmp_path: Path) -> None:
-        """GDAL takes kilometres: 20 without a unit would be 20 km. MAP_RESOLUTION decides; without it nobody knows."""
+        """GDAL assumes kilometres: 20 without a unit would be 20 km. MAP_RESOLUTION decides; without it the label is refused."""
         label = archive["LDEM_80S_20M.IMG"].copied_to(tmp_path)
         substitute(label, "20 <m/pix>", "20")
         assert Dem.open(label).gsd_m == 20.0

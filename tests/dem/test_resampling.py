@@ -1,4 +1,4 @@
-"""What resampling does to heights and slopes, and how a cylinder's narrow pixels near a pole are averaged.
+"""Effect of resampling on heights and slopes, and averages of a cylinder's narrow pixels near a pole.
 
 Judges: analytic surfaces, and means of a product's own pixels over the ground of a cell, taken place by place.
 """
@@ -141,7 +141,7 @@ def ground_means(pixels: np.ndarray, lon: np.ndarray, lat: np.ndarray, cell_m: f
 
 @pytest.mark.parametrize("lat", [85.3, 87.0, 88.5, 89.5, 89.9])
 def test_noise_is_averaged_over_the_ground(noise: tuple[DemSet, np.ndarray], lat: float) -> None:
-    """One-pixel noise has the spread of true means over the cell's ground; sampled without averaging it has 3 to 20 times as
+    """One-pixel noise has the spread of true means over the cell's area; sampled without averaging it has 3 to 20 times as
     much."""
     dems, pixels = noise
     rng = np.random.default_rng(int(lat * 10))
@@ -207,7 +207,7 @@ def test_hills_seen_at_the_ground_s_cell(tmp_path: Path) -> None:
 def test_it_does_not_matter_where_a_file_begins(
     tmp_path: Path, noise: tuple[DemSet, np.ndarray]
 ) -> None:
-    """The same ground in a file of 0..360 instead of -180..180, over its seam and the pole: the same bits, since sums along a
+    """The same surface in a file of 0..360 instead of -180..180, over its seam and the pole: the same bits, since sums along a
     row are of whole numbers."""
     dems, pixels = noise
     turned = np.roll(pixels, 11_520, axis=1)
@@ -240,7 +240,7 @@ def test_holes_and_ends_of_rows(tmp_path: Path) -> None:
 @settings(max_examples=80, deadline=None)
 @given(st.floats(0.0, 89.95), st.floats(0.2, 20.0), st.integers(1, 8))
 def test_row_lengths(lat: float, ratio: float, factor: int) -> None:
-    """The cell's width in pixels on the ground, from 4 pixels on; 1 below 2; steady in latitude. The shrinking is that of the mean
+    """The cell's width in pixels on the surface, from 4 pixels on; 1 below 2; steady in latitude. The shrinking is that of the mean
     of cos over the pixels, summed one by one."""
     grid = Grid("equirectangular", 23_040, 11_520, CELL_M, 0.0, 90.0 * DEGREE_M - CELL_M / 2)
     row = int((90.0 - lat) * 64 / factor)

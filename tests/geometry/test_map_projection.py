@@ -1,4 +1,4 @@
-"""Map projections: against their closed forms (Snyder 1987, sphere); ellipsoids, prime meridians, units; what is refused."""
+"""Map projections: against their closed forms (Snyder 1987, sphere); ellipsoids, prime meridians, units; refused CRSs."""
 
 from __future__ import annotations
 

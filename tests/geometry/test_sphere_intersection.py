@@ -89,7 +89,7 @@ def test_any_ray_of_any_length(up, direction, log_height, inside, log_length):
 @settings(max_examples=200, deadline=None)
 @given(vectors, vectors, st.floats(0.0, 9.0), st.floats(-15.0, -3.0), st.booleans())
 def test_sky_is_what_passes_outside(up, side, log_height, log_off, outside):
-    """A ray aimed a share of the radius off the limb: sky and ground as in 60 digits, whatever that
+    """A ray aimed a share of the radius off the limb: a miss or a hit as with 60 digits, whatever that
     share is (asked: beyond 1e-9).
     """
     up = unit(up)

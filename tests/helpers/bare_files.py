@@ -1,4 +1,4 @@
-"""Files of a DEM set without pixels, their footprints alone; and the ground of rectangles on their maps in closed form."""
+"""Files of a DEM set without pixels, only footprints; and areas of rectangles on their maps in closed form."""
 
 from __future__ import annotations
 
@@ -70,13 +70,13 @@ def rectangle(west: float, south: float, east: float, north: float) -> float:
 
 
 def corner(a: float, b: float) -> float:
-    """Ground of the stereographic rectangle 0..a x 0..b (units of 2 R): the integral of 4 / (1 + x^2 + y^2)^2."""
+    """Area of the stereographic rectangle 0..a x 0..b (units of 2 R): the integral of 4 / (1 + x^2 + y^2)^2."""
     p, q = math.sqrt(1.0 + a * a), math.sqrt(1.0 + b * b)
     return 2.0 * R_KM**2 * (a / p * math.atan(b / p) + b / q * math.atan(a / q))
 
 
 def plane_rectangle(x0: float, y0: float, x1: float, y1: float) -> float:
-    """Ground of a rectangle of a polar map, kilometres at the pole."""
+    """Area of a rectangle of a polar map, kilometres at the pole."""
     x0, y0, x1, y1 = (v / (2.0 * R_KM) for v in (x0, y0, x1, y1))
     return corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 

@@ -1,4 +1,4 @@
-"""PDS3 labels: what the archive's texts say, and every trap that facts.md names."""
+"""PDS3 labels: content of the archive's labels, and known errors in them."""
 
 from __future__ import annotations
 
