@@ -26,14 +26,14 @@ _PLAN = "scene_plan"
 
 
 @dataclass(frozen=True)
-class Shards:
+class Checkpoints:
     """The checkpoints of one run."""
 
     folder: Path
     fingerprint: str
 
     @classmethod
-    def beside(cls, output: Path, fingerprint: str) -> Shards:
+    def beside(cls, output: Path, fingerprint: str) -> Checkpoints:
         """The checkpoints of an output file."""
         return cls(output.with_name(output.name + ".parts"), fingerprint)
 

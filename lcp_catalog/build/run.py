@@ -31,7 +31,7 @@ from ..terrain.terrain import native_gsd_m
 from .area_job import AreaJob, AreaResult, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble
-from .checkpoints import Shards
+from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
 from .sweep import Conditions, law_of_build
@@ -174,11 +174,11 @@ def run_build(
     Finished areas are kept beside the output until the catalogue has been written.
     """
     check_output(output, overwrite)
-    shards = Shards.beside(output, build.fingerprint())
-    shards.begin(resume)
-    failed = _run_areas(build, shards, jobs, scheduler, keep_going, progress)
+    checkpoints = Checkpoints.beside(output, build.fingerprint())
+    checkpoints.begin(resume)
+    failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress)
     results = {
-        job.task.name: shards.read(job.task.name)
+        job.task.name: checkpoints.read(job.task.name)
         for job in build.jobs
         if job.task.name not in failed
     }
@@ -197,20 +197,20 @@ def run_build(
         build.albedo,
     )
     write_catalog(catalog, output, overwrite=overwrite)
-    shards.remove()
+    checkpoints.remove()
     return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
 
 
 def _run_areas(
     build: Build,
-    shards: Shards,
+    checkpoints: Checkpoints,
     jobs: int,
     scheduler: str | None,
     keep_going: bool,
     progress: Progress,
 ) -> dict[str, str]:
     """Compute the areas without a checkpoint. Return the causes of those that failed, by name."""
-    todo = [job for job in build.jobs if shards.read(job.task.name) is None]
+    todo = [job for job in build.jobs if checkpoints.read(job.task.name) is None]
     done, failed = len(build.jobs) - len(todo), {}
     progress(done, len(build.jobs))
     for index, outcome in run_tasks(run_area, todo, jobs, scheduler):
@@ -224,7 +224,7 @@ def _run_areas(
             log.warning("%s", cause)
             failed[name] = cause
         else:
-            shards.write(name, _checked(outcome))
+            checkpoints.write(name, _checked(outcome))
         done += 1
         progress(done, len(build.jobs))
     return failed

@@ -256,7 +256,7 @@ def test_keep_going_writes_what_there_is(
     assert verify(tmp_path / "partly.h5") == []
 
 
-def test_shards_of_another_run_are_not_mixed_in(plan: Build, built: Path, tmp_path: Path) -> None:
+def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_path: Path) -> None:
     output = tmp_path / "mixed.h5"
     parts = tmp_path / "mixed.h5.parts"
     parts.mkdir()

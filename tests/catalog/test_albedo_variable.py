@@ -17,7 +17,7 @@ from helpers.products import DEGREE_M, geotiff
 
 from lcp_catalog.build import run
 from lcp_catalog.build.area_job import area_sweep, run_area
-from lcp_catalog.build.checkpoints import Shards
+from lcp_catalog.build.checkpoints import Checkpoints
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -235,10 +235,10 @@ def test_areas_of_another_map_are_not_mixed_in(
     ]
     assert prints[0] == prints[1]
     assert len(set(prints)) == 4
-    shards = Shards.beside(tmp_path / "x.h5", prints[0])
-    shards.begin(resume=False)
+    checkpoints = Checkpoints.beside(tmp_path / "x.h5", prints[0])
+    checkpoints.begin(resume=False)
     with pytest.raises(OutputExistsError, match="another configuration"):
-        Shards.beside(tmp_path / "x.h5", prints[2]).begin(resume=True)
+        Checkpoints.beside(tmp_path / "x.h5", prints[2]).begin(resume=True)
 
 
 def test_where_the_map_ends_inside_a_patch_is_no_point(
