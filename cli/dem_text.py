@@ -29,7 +29,7 @@ def file_text(one: dict[str, Any]) -> str:
     if one["vertical_uncertainty_m"] is not None:
         rows.append(("uncertainty", f"{one['vertical_uncertainty_m']:g} m of height (1 sigma)"))
     if one["true_resolution_m"] is not None:
-        rows.append(("resolves", f"{one['true_resolution_m']:g} m of ground"))
+        rows.append(("resolves", f"{one['true_resolution_m']:g} m on the surface"))
     rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
     return "\n".join([one["path"], *_aligned(rows)])
 
@@ -38,7 +38,7 @@ def set_text(whole: dict[str, Any]) -> str:
     """Coverage of all files together; of a single file only its coverage and missing pixels."""
     files = whole["files"]
     names = _short_names([file["path"] for file in files])
-    title = "what it covers" if len(files) == 1 else f"{len(files)} files together"
+    title = "coverage" if len(files) == 1 else f"{len(files)} files together"
     rows = [("covered", _covered(whole)), ("reaches", _reaches(whole))]
     if len(files) > 1:
         rows.insert(0, ("bounds", _box(whole["bounds"])))
@@ -113,7 +113,7 @@ def _uses(files: list[dict[str, Any]], names: dict[str, str]) -> list[tuple[str,
     return [
         (
             "used",
-            f"{names[file['path']]}: {_percent(file['used_km2'] / file['area_km2'])} of its ground",
+            f"{names[file['path']]}: {_percent(file['used_km2'] / file['area_km2'])} of its area",
         )
         for file in files
         if file["used_km2"] < 0.999999 * file["area_km2"]
@@ -144,14 +144,14 @@ def _gaps(gaps: list[dict[str, Any]]) -> list[tuple[str, str]]:
 def _holes(holes: list[dict[str, Any]] | None, names: dict[str, str]) -> list[tuple[str, str]]:
     """Missing pixels of each file; another file can have heights there."""
     if holes is None:
-        return [("holes", "not looked for (--quick)")]
+        return [("holes", "not read (--quick)")]
     return _listed("holes", [f"{names[one['path']]}: {_hole(one)}" for one in holes])
 
 
 def _hole(one: dict[str, Any]) -> str:
     first = one["largest"][0]
     return (
-        f"{_km2(one['area_km2'])} of missing pixels, {_percent(one['share'])} of its ground, the largest piece "
+        f"{_km2(one['area_km2'])} of missing pixels, {_percent(one['share'])} of its area, the largest region "
         f"{_km2(first['area_km2'])} within {_box(first['bounds'])}"
     )
 

@@ -45,11 +45,6 @@ class _Store:
                 _, oldest = self.tiles.popitem(last=False)
                 self.held_bytes -= oldest.nbytes
 
-    def clear(self) -> None:
-        with self.lock:
-            self.tiles.clear()
-            self.held_bytes = 0
-
 
 _store = _Store()
 
@@ -77,11 +72,6 @@ def window(
                 top - i * side : bottom - i * side, left - j * side : right - j * side
             ]
     return out
-
-
-def forget() -> None:
-    """Remove all tiles."""
-    _store.clear()
 
 
 def _tile(

@@ -70,7 +70,7 @@ def set_map(dems: DemSet, surveys: Sequence[HeightStatistics] | None = None) -> 
     used, striped = _uses(dems, view, surveys)
     canvas = _coloured(dems, used, striped)
     _graticule(canvas, view)
-    caption = view.caption + ("" if surveys is not None else ", missing pixels not looked for")
+    caption = view.caption + ("" if surveys is not None else ", missing pixels not read")
     return encode_png(
         _on_paper(canvas, view, _Legend(tuple(_entries(dems, used, striped)), caption))
     )

@@ -14,9 +14,9 @@ from lcp_catalog.dem.mosaic import DemSet
 
 @pytest.fixture(autouse=True)
 def empty():
-    block_cache.forget()
-    yield
-    block_cache.forget()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(block_cache, "_store", block_cache._Store())
+        yield
 
 
 def blocks(calls: list):
