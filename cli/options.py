@@ -164,7 +164,7 @@ albedo_options = option_group(
         type=POSITIVE,
         default=None,
         metavar="V",
-        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP over the area.",
+        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP.",
     ),
 )
 
