@@ -10,30 +10,26 @@ import click
 from lcp_catalog.choices import AUTO_LAW, REFLECTANCE_MODELS
 
 
-class Number(click.FloatRange):
+class _Finite(click.ParamType):
+    """Part of a number's type that refuses nan and inf."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return float(number)
+
+
+class Number(_Finite, click.FloatRange):
     """A finite number within bounds; nan and inf are invalid."""
 
     name = "number"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return float(number)
 
-
-class Finite(click.types.FloatParamType):
+class Finite(_Finite, click.types.FloatParamType):
     """A finite number; nan and inf are invalid."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return float(number)
 
 
 class Instant(click.ParamType):
