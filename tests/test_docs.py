@@ -143,3 +143,10 @@ def test_the_api_page_documents_every_public_name() -> None:
     assert documented == set(lcp_catalog.__all__)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\blcp\.(\w+)\(", readme)) <= documented
+
+
+def test_the_example_is_included() -> None:
+    """A formatter once broke the marks that include the program in two pages."""
+    for page in ("tutorial/index.md", "reference/api.md"):
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        assert '\n--8<-- "locate_camera.py"\n' in text, page
