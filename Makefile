@@ -7,6 +7,8 @@ SAMPLE := sample_data/hadley_gld100_256ppd.tif
 PHOTO := sample_data/AS15-M-0414
 CATALOG := build/hadley.h5
 
+unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
+
 .DELETE_ON_ERROR:
 .PHONY: all catalog gallery docs test test-slow check bench bench-peers clean venv
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).resolve().parent
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # the workers share the processor: one thread each
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 """Read when numba starts its threads. Else those that wait for the next loop spin, and steal the processor from whatever runs
 beside the tests: 14 x 14 nodes under one Sun then take 79 ms on a busy machine instead of 0.3."""
@@ -69,6 +72,17 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Product]:
 def archive_copy(archive: dict[str, Product], tmp_path: Path) -> Callable[[str], Path]:
     """Copies a product; gives its label, or the image where the label is in front of it."""
     return lambda image: archive[image].copied_to(tmp_path)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread_in_a_worker() -> None:
+    """Kernels and OpenCV use one thread in each process of a parallel run, unless a test asks for more."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        import cv2  # noqa: F401  limit_threads sees it only if it is imported
+
+        from lcp_catalog.threads import limit_threads
+
+        limit_threads(1)
 
 
 @pytest.fixture(scope="module")
