@@ -67,7 +67,7 @@ class Request:
     dem_paths: Sequence[Path | str]
     area: Area | SphereArea | None = None
     gsd_m: float | None = None
-    sun: SunChoice = SunChoice()  # noqa: RUF009
+    sun: SunChoice = SunChoice()  # noqa: RUF009  frozen, so it can be shared
     view: ViewChoice = ViewChoice()
     in_camera_plane: bool = False
     model: Reflectance | None = None
