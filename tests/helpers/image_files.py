@@ -216,6 +216,6 @@ def opened(path: Path, options: ImageOptions | None = None, **change: object) ->
 
 def refused(why: str, path: Path, *arguments: object) -> None:
     with pytest.raises(ImageError, match=why) as caught:
-        open_image(path, *arguments)  # type: ignore[arg-type]
+        open_image(path, *arguments)  # type: ignore[arg-type]  # wrong types on purpose
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
