@@ -195,17 +195,12 @@ def _evaluated(
     half = job.config.points.half
     whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
-    lon, lat = core.lon[rows, cols], core.lat[rows, cols]
-    found = _patches(lon, lat, job)
+    found = _patches(core.lon[rows, cols], core.lat[rows, cols], job)
+    kept = np.isfinite(found.z_m).all(axis=(1, 2))  # its nodes are not quite those of the area
     if found.albedo is not None and sweep.brightness is not None:
-        known = _known_alike(sweep.brightness, rows, cols, half, found.albedo)
-        rows, cols, lon, lat, found = (
-            rows[known],
-            cols[known],
-            lon[known],
-            lat[known],
-            found.rows(known),
-        )
+        kept &= _known_alike(sweep.brightness, rows, cols, half, found.albedo)
+    rows, cols, found = rows[kept], cols[kept], found.rows(kept)
+    lon, lat = core.lon[rows, cols], core.lat[rows, cols]
     turns = _turns(core.frame, lon, lat, job.config)
     parts = Evaluation.empty(len(rows), sweep.conditions.shape)
     for turn in np.unique(turns):

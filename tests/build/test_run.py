@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.products import DEGREE_M, geotiff
 
-from lcp_catalog.build import run
+from lcp_catalog.build import area_job, run
 from lcp_catalog.build.area_job import area_sweep, run_area
 from lcp_catalog.build.config import (
     AreaConfig,
@@ -118,6 +119,46 @@ def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
     assert len(run_area(dataclasses.replace(plan.jobs[0], config=night)).candidates) == 0
     with pytest.raises(SunError, match=r"at latitude 24\.6 deg its elevation is at most 67\.2 deg"):
         Build.plan((DEM,), night)
+
+
+def test_a_patch_that_reaches_beyond_the_heights_is_no_candidate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nodes of a patch, in the frame of its own centre, can lie beyond an edge of the heights that the
+    same nodes of the area's frame do not reach.
+    """
+    rng = np.random.default_rng(14)
+    made = rng.normal(0.0, 40.0, (128, 256)).astype(np.float32)
+    dem = geotiff(tmp_path / "edge.tif", made, 28.0 * DEGREE_M, 2.0 * DEGREE_M, DEGREE_M / 64.0)
+    config = dataclasses.replace(
+        CONFIG,
+        area=AreaConfig(bounds_deg=(29.0, 0.0, 31.0, 0.6), gsd_m=474.0),
+        sun=SunConfig((90.0, 270.0), (20.0, 30.0)),
+        view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+        points=PointConfig(patch_nodes=33, spacing_m=1000.0, search_m=1000.0),
+        model=ModelConfig(ring_max_km=5.0),
+    )
+    sampled: list[np.ndarray] = []
+    patches = area_job._patches
+
+    def noted(*given: object) -> object:
+        found = patches(*given)
+        sampled.append(np.isfinite(found.z_m).all(axis=(1, 2)))
+        return found
+
+    def southern(sweep: object, core: object, *_: object) -> tuple[np.ndarray, np.ndarray]:
+        rows, cols = np.nonzero(core.mine & np.isfinite(core.z))
+        near = rows >= rows.max(initial=0) - 20
+        return rows[near][::4], cols[near][::4]
+
+    monkeypatch.setattr(area_job, "_patches", noted)
+    monkeypatch.setattr(area_job, "_find", southern)
+    jobs = Build.plan((dem,), config).jobs
+    found = [run_area(job).candidates for job in jobs[: len(jobs) // 2]]
+    assert sum(int((~whole).sum()) for whole in sampled) >= 5
+    for candidates, whole in zip(found, sampled, strict=True):
+        assert len(candidates) == len(candidates.evaluation.condition) == whole.sum()
+        assert np.isfinite(candidates.patch_m).all()
 
 
 def test_conditions_differ_between_suns(catalog: Catalog) -> None:
