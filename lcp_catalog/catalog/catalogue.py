@@ -5,17 +5,28 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._version import __version__
 from ..arrays import AnyArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
-from .checks import first_few, shape_problems, value_problems
-from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Values, centred, key
-from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION
+from .checks import claim_problems, first_few, shape_problems, value_problems
+from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Values, centred, is_claim, key
+from .packing import Packing, half_turn, packing, sigma_step_m
+from .schema import (
+    ADDED_IN_1_1,
+    COVERAGE_UNKNOWN,
+    OPTIONAL,
+    PACKED,
+    SCHEMA_VERSION,
+    UNCLAIMED_VERSION,
+    universal,
+)
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -42,6 +53,9 @@ class Coverage:
     latitude: AnyArray
     status: AnyArray  # (cell,) uint8
     spacing_m: float
+    usable: AnyArray | None = (
+        None  # (cell, v, e, a) uint8 of `coverage.usable_nearby`; None: unknown
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +64,13 @@ class Catalog:
 
     n points, patches of p x p nodes, v views, e Sun elevations, a Sun azimuths. Arrays are
     converted to the schema's types. CatalogError for variables that do not fit together or are out
-    of range. ``sources`` (a list of name, size, sha256) and ``scene_plan`` may be given as JSON
-    text.
+    of range. ``sources`` (a list of name, size, sha256), ``scene_plan``, ``albedo_map`` and
+    ``errors`` may be given as JSON text.
+
+    A catalogue with claims (schema 2) has ``image_scale``, ``detection_probability``, the three
+    sigmas and ``errors``, for s image scales; they are rounded to the steps in which they are stored
+    (`packing`), and sigmas end at 65534 steps, which stands for everything above. A catalogue
+    without claims has none of them (None).
     """
 
     sun_elevation: AnyArray  # (e,) degrees, rising
@@ -87,15 +106,23 @@ class Catalog:
     title: str = "Lunar control points"
     product_version: str = "1"
     software_version: str = __version__
-    schema_version: str = (
-        SCHEMA_VERSION  # of the file that was read; files are written in the present version
-    )
+    schema_version: str = ""  # of the file that was read, or else of the file that is written
     elevation_sigma: AnyArray | None = None  # (n,) metres, NaN or None: unknown
     dem_resolution: AnyArray | None = None  # (n,) metres, NaN or None: unknown
     albedo: AnyArray | None = None  # (n, p, p) float32, NaN outside the map; None: no map
     albedo_map: Any = None  # source of ``albedo``: name, encoding, reference, files
 
+    image_scale: AnyArray | None = None  # (s,) pixel over cell, 1 first, rising
+    detection_probability: AnyArray | None = None  # (n, s, v, e, a) float32, NaN: not evaluated
+    sigma_major: AnyArray | None = None  # (n, s, v, e, a) float32 metres, NaN: not evaluated
+    sigma_minor: AnyArray | None = None  # (n, s, v, e, a)
+    sigma_angle: AnyArray | None = None  # (n, s, v, e, a) degrees clockwise from north
+    errors: Any = None  # dict: the error model of the claims, and min_detection
+    level: AnyArray | None = None  # (n,) index of the cell size, None: 0
+    sigma_step_m: float | None = None  # step of stored sigmas, None: from the smallest cell
+
     def __post_init__(self) -> None:
+        self._complete_claims()
         for name in ADDED_IN_1_1:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(len(self.point_id), np.nan))
@@ -104,7 +131,7 @@ class Catalog:
             if (self.albedo is None) == (self.albedo_map is None)
             else "albedo and albedo_map go together"
         )
-        for name in ("sources", "scene_plan", "albedo_map"):
+        for name in ("sources", "scene_plan", "albedo_map", "errors"):
             value = getattr(self, name)
             object.__setattr__(
                 self, name, _from_json(name, value) if isinstance(value, str) else value
@@ -112,11 +139,47 @@ class Catalog:
         values = self.values()
         _require(first_few(shape_problems(values)))
         _require(first_few(value_problems(values)))
+        if self.has_claims:
+            _require(first_few(claim_problems(values, self.errors)))
         for name in values.keys() & {f.name for f in dataclasses.fields(self)}:
-            object.__setattr__(self, name, values[name])
+            value = self._packing(name).unpacked(values[name]) if name in PACKED else values[name]
+            object.__setattr__(self, name, value)
+
+    def _complete_claims(self) -> None:
+        """Fill what follows from other fields; CatalogError for a part of the claims."""
+        wanted = ("image_scale", *PACKED, "errors")
+        absent = [name for name in wanted if getattr(self, name) is None]
+        _require("" if len(absent) in (0, len(wanted)) else f"{absent[0]}: missing beside others")
+        if not self.schema_version:
+            version = SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION
+            object.__setattr__(self, "schema_version", version)
+        if self.level is None:
+            object.__setattr__(self, "level", np.zeros(len(self.point_id), np.int32))
+        if self.has_claims and self.sigma_step_m is None:
+            object.__setattr__(self, "sigma_step_m", sigma_step_m(self.gsd))
+        if self.sigma_angle is not None:
+            object.__setattr__(self, "sigma_angle", half_turn(self.sigma_angle))
+
+    def _packing(self, name: str) -> Packing:
+        return packing(name, self.sigma_step_m or 1.0)
 
     def __len__(self) -> int:
         return len(self.point_id)
+
+    @property
+    def has_claims(self) -> bool:
+        """True if the catalogue states detection probabilities and sigmas (schema 2)."""
+        return self.detection_probability is not None
+
+    @cached_property
+    def universal(self) -> NDArray[np.bool_]:
+        """True for points that are usable in at least 95 % of their evaluated conditions, (n,)."""
+        return universal(self.condition)
+
+    @property
+    def min_detection(self) -> float | None:
+        """Least detection probability of a usable condition; None without claims."""
+        return None if self.errors is None else float(self.errors["min_detection"])
 
     @property
     def patch_nodes(self) -> int:
@@ -124,7 +187,7 @@ class Catalog:
         return int(np.shape(self.dem)[1])
 
     def values(self) -> dict[str, AnyArray]:
-        """Every dataset of the file by its name there, in the schema's types."""
+        """Every dataset of the file by its name there, in the schema's types; claims are packed."""
         found: dict[str, Any] = {
             "point": np.arange(len(self.point_id)),
             "view": np.arange(len(self.view_off_nadir)),
@@ -138,16 +201,28 @@ class Catalog:
         found |= {"patch_row": centred(shape[1]), "patch_col": centred(shape[2])}
         found |= {name: np.arange(length) for name, length in FIXED.items()}
         found["coverage/cell"] = np.arange(len(self.coverage.longitude))
+        if self.has_claims:
+            found["coverage/usable"] = self._coverage_usable()
         for group, variables in GROUPS.items():
             owner = getattr(self, group) if group else self
             for short, variable in variables.items():
                 name = key(group, short)
-                if name in OPTIONAL and getattr(self, name) is None:
+                if (name in OPTIONAL and getattr(self, name) is None) or (
+                    is_claim(name) and not self.has_claims
+                ):
                     continue
-                found[name] = _typed(
-                    name, found[name] if name in found else getattr(owner, short), variable.dtype
-                )
+                value = found[name] if name in found else getattr(owner, short)
+                if name in PACKED:
+                    value = self._packing(name).packed(value)
+                found[name] = _typed(name, value, variable.dtype)
         return found
+
+    def _coverage_usable(self) -> AnyArray:
+        """Coverage by condition, unknown where nobody computed it."""
+        if self.coverage.usable is not None:
+            return self.coverage.usable
+        shape = (len(self.coverage.longitude), *np.shape(self.condition)[1:])
+        return np.full(shape, COVERAGE_UNKNOWN, np.uint8)
 
     def attributes(self) -> dict[str, Any]:
         """The global attributes of the file, without the digest of the content."""
@@ -155,7 +230,7 @@ class Catalog:
             "Conventions": CONVENTIONS,
             "title": self.title,
             "product_version": self.product_version,
-            "schema_version": SCHEMA_VERSION,
+            "schema_version": SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION,
             "software": SOFTWARE,
             "software_version": self.software_version,
             "body": "MOON",
@@ -164,6 +239,15 @@ class Catalog:
             "config": self.config,
             "sources": json.dumps(self.sources, sort_keys=True),
             "scene_plan": json.dumps(self.scene_plan, sort_keys=True),
+            **self._claim_attributes(),
+        }
+
+    def _claim_attributes(self) -> dict[str, Any]:
+        if not self.has_claims:
+            return {}
+        return {
+            "errors": json.dumps(self.errors, sort_keys=True),
+            "sigma_step_m": float(self.sigma_step_m or 1.0),
         }
 
     def optional_attributes(self) -> dict[str, Any]:
@@ -227,12 +311,16 @@ def catalog_of(
             "software_version",
             "schema_version",
             "albedo_map",
+            "errors",
+            "sigma_step_m",
         )
         if name in attributes
     }
     arrays: dict[str, Any] = {
         f.name: values[f.name] for f in dataclasses.fields(Catalog) if f.name in values
     }
+    for name in arrays.keys() & set(PACKED):
+        arrays[name] = packing(name, attributes["sigma_step_m"]).unpacked(arrays[name])
     overview = Overview(
         height=values["overview/height"],
         x=values["overview/x"],
@@ -243,6 +331,7 @@ def catalog_of(
         longitude=values["coverage/longitude"],
         latitude=values["coverage/latitude"],
         status=values["coverage/status"],
+        usable=values.get("coverage/usable"),
         **groups["coverage"],
     )
     return Catalog(**arrays, **texts, overview=overview, coverage=coverage)

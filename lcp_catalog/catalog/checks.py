@@ -13,8 +13,23 @@ from numpy.typing import NDArray
 
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
-from .layout import FIXED, GROUPS, Values, centred, key
-from .schema import COVERAGE_STATUS, OPTIONAL, USABLE, evaluated, summarise_usable, usable
+from .layout import FIXED, GROUPS, Values, centred, is_claim, key
+from .packing import packing
+from .schema import (
+    COVERAGE_STATUS,
+    COVERAGE_UNKNOWN,
+    DETECTION_STEP,
+    EVALUATED,
+    OPTIONAL,
+    PACKED,
+    UNOCCLUDED,
+    UNSHADOWED,
+    USABLE,
+    evaluated,
+    summarise_usable,
+    universal,
+    usable,
+)
 
 _PLACE_TOLERANCE_M = 1e-3
 _ROTATION_TOLERANCE = 1e-9
@@ -34,11 +49,12 @@ def shape_problems(values: Values) -> list[str]:
     of dimensions.
     """
     lines: list[str] = []
+    root: dict[str, int] = dict(FIXED)
     for group, variables in GROUPS.items():
-        lengths = dict(FIXED)
+        lengths = dict(root) if group else root
         for short, variable in variables.items():
             name = key(group, short)
-            if name in OPTIONAL and name not in values:
+            if (name in OPTIONAL or is_claim(name)) and name not in values:
                 continue
             array = values[name]
             if array.ndim != len(variable.dims):
@@ -57,6 +73,16 @@ def value_problems(values: Values) -> list[str]:
     return [line for check in _CHECKS for line in check(values)]
 
 
+def claim_problems(values: Values, errors: Any) -> list[str]:
+    """Problems of the claims of a catalogue that has them, one line each; ``errors``: the error
+    model with ``min_detection``.
+    """
+    least = errors.get("min_detection") if isinstance(errors, dict) else None
+    if not (isinstance(least, int | float) and 0.0 < least <= 1.0):
+        return ["errors: has no min_detection in 0..1"]
+    return [line for check in _CLAIM_CHECKS for line in check(values, float(least))]
+
+
 def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
     """Global attributes that are not the Moon's, or are not JSON where they should be."""
     if (
@@ -65,7 +91,7 @@ def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
         or attributes["frame"] != FRAME
     ):
         yield f"body, frame or reference_radius_m are not MOON, {FRAME}, {MOON_RADIUS_M:g}"
-    for name in ("sources", "scene_plan", "albedo_map"):
+    for name in ("sources", "scene_plan", "albedo_map", "errors"):
         try:
             json.loads(attributes.get(name, "null"))
         except json.JSONDecodeError:
@@ -169,6 +195,10 @@ def _check_resolutions(values: Values) -> Iterator[str]:
             name, ~((values[name] > 0.0) & np.isfinite(values[name])), "not a positive number"
         )
     slack = 1.0 + 1e-9
+    if "detection_probability" in values:  # a point may work in coarser images only
+        wrong = values["gsd_max"] * slack < values["gsd_min"]
+        yield from _where("gsd_max", wrong, "below gsd_min")
+        return
     yield from _where("gsd_min", values["gsd_min"] > values["gsd"] * slack, "above gsd")
     yield from _where("gsd_max", values["gsd_max"] * slack < values["gsd"], "below gsd")
 
@@ -212,6 +242,50 @@ def _check_groups(values: Values) -> Iterator[str]:
     yield from _outside(values, "coverage/longitude", -360.0, 720.0)
     yield from _where("overview/height", np.isinf(values["overview/height"]), "infinite")
 
+
+def _check_scales(values: Values, least: float) -> Iterator[str]:
+    scale = values["image_scale"]
+    if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
+        yield "image_scale: does not rise from 1"
+    yield from _where("level", values["level"] < 0, "below 0")
+    wrong = ~np.isin(values["coverage/usable"], (0, 1, COVERAGE_UNKNOWN))
+    yield from _where("coverage/usable", wrong, "has no meaning")
+
+
+def _check_packed(values: Values, least: float) -> Iterator[str]:
+    """Packed numbers in their ranges; sigmas known at least wherever a point is usable."""
+    for name in PACKED:
+        rule, array = packing(name, 1.0), values[name]
+        wrong = (array > rule.largest) & (array != rule.missing)
+        yield from _where(name, wrong, f"above {rule.largest}")
+    missing = packing("sigma_major", 1.0).missing
+    major, minor = values["sigma_major"], values["sigma_minor"]
+    yield from _where("sigma_minor", (major == missing) != (minor == missing), "known for one axis")
+    yield from _where("sigma_major", major < minor, "below sigma_minor")
+    alone = (major[:, 0] == missing) & usable(values["condition"])
+    yield from _where("sigma_major", alone, "is missing in usable conditions")
+
+
+def _check_claimed_flags(values: Values, least: float) -> Iterator[str]:
+    """Flags agree with the detection probability at scale 1, within half a step."""
+    condition, stored = values["condition"], values["detection_probability"][:, 0]
+    rule = packing("detection_probability", 1.0)
+    known, half = stored != rule.missing, 0.5 + 1e-6
+    wrong = known & ~evaluated(condition)
+    yield from _where("detection_probability", wrong, "is given for a condition not evaluated")
+    limit = least / DETECTION_STEP
+    low = ~known | (stored < limit - half)
+    wrong = usable(condition) & low
+    yield from _where("condition", wrong, "usable below min_detection")
+    others = EVALUATED | UNSHADOWED | UNOCCLUDED
+    free = (condition & others) == others
+    wrong = ~usable(condition) & free & known & (stored > limit + half)
+    yield from _where("condition", wrong, "not usable in spite of the detection probability")
+    wrong = (values["universal"] > 0) != universal(condition)
+    yield from _where("universal", wrong, "does not agree with condition")
+
+
+_CLAIM_CHECKS = (_check_scales, _check_packed, _check_claimed_flags)
 
 _CHECKS = (
     _check_axes,

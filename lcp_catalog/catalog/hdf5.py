@@ -4,6 +4,7 @@ uses h5py.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,18 @@ from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
 from ..errors import CatalogError
 from .catalogue import Catalog, Coverage, Overview, catalog_of
-from .checks import first_few, shape_problems, text_problems, value_problems
+from .checks import claim_problems, first_few, shape_problems, text_problems, value_problems
 from .layout import (
+    CLAIM_ATTRIBUTES,
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
+    NUMBERS,
     OPTIONAL_ATTRIBUTES,
     TEXT,
     Values,
     digest,
+    is_claim,
     key,
     split,
     variable_attributes,
@@ -69,7 +73,8 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     with _create() as file:
         file.attrs.update(attributes)
         for group, variables in GROUPS.items():
-            _write_group(file, group, variables, values, groups)
+            step = float(attributes.get("sigma_step_m", 1.0))
+            _write_group(file, group, variables, values, groups, step)
         file.flush()
         image = file.id.get_file_image()
     write_bytes(path, image, overwrite)
@@ -81,13 +86,15 @@ def _write_group(
     variables: Mapping[str, Variable],
     values: Values,
     attributes: Mapping[str, Mapping[str, float]],
+    sigma_step_m: float,
 ) -> None:
     place = file.create_group(group, track_order=True) if group else file
     place.attrs.update(attributes.get(group, {}))
     present = [name for name in variables if key(group, name) in values]
     scales_first = sorted(present, key=lambda name: variables[name].dims != (name,))
     for name in scales_first:
-        _write_variable(place, name, variables[name], values[key(group, name)])
+        found = variable_attributes(name, variables[name], sigma_step_m)
+        _write_variable(place, name, variables[name], values[key(group, name)], found)
 
 
 def _create() -> h5py.File:
@@ -104,7 +111,13 @@ def _create() -> h5py.File:
     )
 
 
-def _write_variable(place: h5py.Group, name: str, variable: Variable, array: AnyArray) -> None:
+def _write_variable(
+    place: h5py.Group,
+    name: str,
+    variable: Variable,
+    array: AnyArray,
+    attributes: Mapping[str, Any],
+) -> None:
     array = _as_bytes(array) if variable.dtype == TEXT else array
     dataset = place.create_dataset(
         name,
@@ -118,14 +131,15 @@ def _write_variable(place: h5py.Group, name: str, variable: Variable, array: Any
         shuffle=True,
         fletcher32=True,
         track_times=False,
+        fillvalue=attributes.get("_FillValue"),
     )
-    for attribute, value in variable_attributes(name, variable).items():
+    for attribute, value in attributes.items():
         dataset.attrs[attribute] = value
     if variable.dims == (name,):
         dataset.make_scale(name)
         return
     for axis, dim in enumerate(variable.dims):
-        dataset.dims[axis].attach_scale(place[dim])
+        dataset.dims[axis].attach_scale(place[dim] if dim in place else place.file[dim])
 
 
 def _as_bytes(texts: AnyArray) -> AnyArray:
@@ -183,7 +197,7 @@ def open_catalog(path: Path | str) -> Catalog:
         except _HDF5_ERRORS as error:
             raise CatalogError(f"{path}: is damaged: {_line(error)}") from error
     values = _completed(values)
-    problems = shape_problems(values) or value_problems(values)
+    problems = shape_problems(values) or _all_value_problems(values, attributes)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
     try:
@@ -212,7 +226,7 @@ def _values(file: h5py.File) -> dict[str, AnyArray]:
         key(group, name): _read_variable(file[key(group, name)], variable)
         for group, variables in GROUPS.items()
         for name, variable in variables.items()
-        if not _is_absent(file, name)
+        if not _is_absent(file, key(group, name))
     }
 
 
@@ -222,7 +236,13 @@ def _is_absent(file: h5py.File, name: str) -> bool:
     """
     if name in OPTIONAL:
         return not (_has_variable(file, name) or _has_attribute(file, "albedo_map"))
+    if is_claim(name):
+        return not _states_claims(file)
     return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
+
+
+def _states_claims(file: h5py.File) -> bool:
+    return not str(file.attrs.get("schema_version")).startswith("1.")
 
 
 def _completed(values: dict[str, AnyArray]) -> dict[str, AnyArray]:
@@ -239,11 +259,9 @@ def _read_variable(dataset: h5py.Dataset, variable: Variable) -> AnyArray:
 
 def _attributes(file: h5py.File) -> dict[str, Any]:
     found = {name: file.attrs[name] for name in GLOBAL_ATTRIBUTES}
-    found |= {name: file.attrs[name] for name in OPTIONAL_ATTRIBUTES if name in file.attrs}
-    return {
-        name: float(value) if name == "reference_radius_m" else str(value)
-        for name, value in found.items()
-    }
+    some = (*OPTIONAL_ATTRIBUTES, *CLAIM_ATTRIBUTES)
+    found |= {name: file.attrs[name] for name in some if name in file.attrs}
+    return {name: float(value) if name in NUMBERS else str(value) for name, value in found.items()}
 
 
 def _group_attributes(file: h5py.File) -> dict[str, dict[str, float]]:
@@ -280,9 +298,26 @@ def _content_problems(file: h5py.File) -> list[str]:
         problems += _digest_problems(values, attributes, groups)
         values = _completed(values)
         shapes = shape_problems(values)
-        return problems + (shapes or value_problems(values)) + list(text_problems(attributes))
+        texts = list(text_problems(attributes))
+        return problems + (shapes or _all_value_problems(values, attributes)) + texts
     except _HDF5_ERRORS as error:
         return [*problems, f"is damaged: {_line(error)}"]
+
+
+def _all_value_problems(values: Values, attributes: Mapping[str, Any]) -> list[str]:
+    """Problems of the values, of the claims too if the file has them."""
+    problems = value_problems(values)
+    if "detection_probability" in values:
+        problems += claim_problems(values, _errors(attributes))
+    return problems
+
+
+def _errors(attributes: Mapping[str, Any]) -> Any:
+    """The error model, None if it is not JSON."""
+    try:
+        return json.loads(attributes["errors"])
+    except json.JSONDecodeError:
+        return None
 
 
 def _digest_problems(
@@ -309,7 +344,7 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
         return
     if not isinstance(version, str) or body is None:
         yield "not a catalogue of control points: it has no schema_version and body"
-    elif version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+    elif version.split(".")[0] not in ("1", SCHEMA_VERSION.split(".")[0]):
         yield f"schema version {version} is not understood here ({SCHEMA_VERSION}); use a newer lcp"
 
 
@@ -331,7 +366,11 @@ def _unreadable(file: h5py.File) -> Iterator[str]:
 
 def _structure_problems(file: h5py.File) -> Iterator[str]:
     """Attributes and variables that are missing or differ from the schema."""
-    wanted = (*GLOBAL_ATTRIBUTES, *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()))
+    wanted = (
+        *GLOBAL_ATTRIBUTES,
+        *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()),
+        *(CLAIM_ATTRIBUTES if _states_claims(file) else ()),
+    )
     yield from (f"the attribute {n} is missing" for n in wanted if not _has_attribute(file, n))
     for group, variables in GROUPS.items():
         place = file.get(group) if group else file
@@ -342,10 +381,11 @@ def _structure_problems(file: h5py.File) -> Iterator[str]:
             if not _has_attribute(place, name):
                 yield f"{group}: the attribute {name} is missing"
         for name, variable in variables.items():
-            if _is_absent(file, name):
+            if _is_absent(file, key(group, name)):
                 continue
             try:
-                yield from _variable_problems(place, name, variable, key(group, name))
+                expected = variable_attributes(name, variable, _sigma_step(file))
+                yield from _variable_problems(place, name, variable, expected)
             except _HDF5_ERRORS as error:
                 yield f"{key(group, name)}: is damaged: {_line(error)}"
 
@@ -365,9 +405,18 @@ def _has_attribute(place: h5py.Group, name: str) -> bool:
         return False
 
 
+def _sigma_step(file: h5py.File) -> float:
+    """Step of stored sigmas, 1 for a file without claims or with a damaged attribute."""
+    try:
+        return float(file.attrs["sigma_step_m"])
+    except _HDF5_ERRORS:
+        return 1.0
+
+
 def _variable_problems(
-    place: h5py.Group, short: str, variable: Variable, name: str
+    place: h5py.Group, short: str, variable: Variable, attributes: Mapping[str, Any]
 ) -> Iterator[str]:
+    name = key(place.name.strip("/"), short)
     dataset = place.get(short)
     if not isinstance(dataset, h5py.Dataset):
         yield f"{name}: the variable is missing"
@@ -382,7 +431,7 @@ def _variable_problems(
     if dims != variable.dims:
         wanted = ", ".join(variable.dims)
         yield f"{name}: has the dimensions ({', '.join(dims)}) instead of ({wanted})"
-    for attribute, expected in variable_attributes(short, variable).items():
+    for attribute, expected in attributes.items():
         found = dataset.attrs.get(attribute)
         if not np.array_equal(found, expected):
             yield f"{name}: {attribute} is {found!s} instead of {expected!s}"

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray
+from .packing import packing
 from .schema import (
+    CLAIMS,
     COORDINATES,
     COVERAGE,
     COVERAGE_STATUS,
+    COVERAGE_UNKNOWN,
     FLAG_MASKS,
     FLAG_MEANINGS,
     OPTIONAL,
     OVERVIEW,
+    PACKED,
     VARIABLES,
     Variable,
 )
@@ -38,6 +42,14 @@ OPTIONAL_ATTRIBUTES = ("albedo_map", "albedo_sha256")
 """Attributes of a catalogue with albedo: its map, and a digest of both. `content_sha256` leaves
 them out, so that a reader of schema 1.1 finds the content that it supports intact.
 """
+
+CLAIM_ATTRIBUTES = ("errors", "sigma_step_m")
+"""Attributes of a catalogue with claims: the error model they hold for (JSON), and the step in
+metres in which sigmas are stored.
+"""
+
+NUMBERS = ("reference_radius_m", "sigma_step_m")
+"""Global attributes that are numbers; the others are text."""
 
 GLOBAL_ATTRIBUTES = (
     "Conventions",
@@ -67,9 +79,14 @@ def key(group: str, name: str) -> str:
     return f"{group}/{name}" if group else name
 
 
-def variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
-    """Attributes of a variable: unit, meaning, and those that CF readers need for flags, text and
-    the views' angles.
+def is_claim(path: str) -> bool:
+    """True for a variable, by its path in the file, that only files with claims have."""
+    return path in CLAIMS
+
+
+def variable_attributes(name: str, variable: Variable, sigma_step_m: float = 1.0) -> dict[str, Any]:
+    """Attributes of a variable: unit, meaning, and those that CF readers need for flags, text,
+    packed numbers and the views' angles.
     """
     found: dict[str, Any] = {"long_name": variable.long_name, "units": variable.units}
     if variable.dtype == TEXT:
@@ -84,6 +101,12 @@ def variable_attributes(name: str, variable: Variable) -> dict[str, Any]:
     if name == "status":
         codes = np.array(list(COVERAGE_STATUS), np.uint8)
         found |= {"flag_values": codes, "flag_meanings": " ".join(COVERAGE_STATUS.values())}
+    if name in PACKED:
+        found |= packing(name, sigma_step_m).attributes
+    if name == "universal":
+        found |= {"flag_values": np.array([0, 1], np.uint8), "flag_meanings": "no yes"}
+    if name == "usable":
+        found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
     if "view" in variable.dims and len(variable.dims) > 1:
         found["coordinates"] = "view_off_nadir view_azimuth view_altitude"
     return found

@@ -11,10 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "2.0"
+"""Version of files that state claims; later minor versions are read as well."""
+
+UNCLAIMED_VERSION = "1.2"
+"""Version of files without claims: readers of schema 1 open them."""
 
 ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
 """Variables that files of schema 1.0 lack; they are read as NaN."""
+
+PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
+"""Variables stored as small whole numbers; the catalogue in memory holds them unpacked."""
+
+CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
+"""Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
 
 OPTIONAL = ("albedo",)
 """Variables that a file has only if the catalogue was built with them (since schema 1.2)."""
@@ -23,6 +33,15 @@ FLAG_MASKS = (1, 2, 4, 8, 16)
 FLAG_MEANINGS = ("evaluated", "localizable", "unique", "unshadowed", "unoccluded")
 EVALUATED, LOCALIZABLE, UNIQUE, UNSHADOWED, UNOCCLUDED = FLAG_MASKS
 USABLE = sum(FLAG_MASKS)
+
+UNIVERSAL_SHARE = 0.95
+"""Least usable share of the evaluated conditions of a universal point."""
+
+DETECTION_STEP = 1.0 / 250.0
+"""Step of the stored detection probability."""
+
+COVERAGE_UNKNOWN = 255
+"""Value of ``coverage/usable`` in conditions that were evaluated for no point."""
 
 COVERAGE_STATUS = {0: "point", 1: "featureless", 2: "ambiguous", 3: "dependent", 4: "nodata"}
 
@@ -39,6 +58,7 @@ class Variable(NamedTuple):
 
 
 _CONDITION = ("point", "view", "sun_elevation", "sun_azimuth")
+_CLAIM = ("point", "image_scale", "view", "sun_elevation", "sun_azimuth")
 
 COORDINATES = {
     "point": Variable(("point",), "i4", "1", "number of the control point in this file"),
@@ -50,6 +70,9 @@ COORDINATES = {
     ),
     "sun_azimuth": Variable(
         ("sun_azimuth",), "f8", "degree", "azimuth of the Sun at the point, clockwise from north"
+    ),
+    "image_scale": Variable(
+        ("image_scale",), "f8", "1", "pixel of the image as a multiple of the patch's cell size"
     ),
     "mcmf_axis": Variable(("mcmf_axis",), "i4", "1", "axis of the Moon-fixed frame: x, y, z"),
     "enu_axis": Variable(("enu_axis",), "i4", "1", "axis of the point's frame: east, north, up"),
@@ -157,6 +180,22 @@ VARIABLES = {
         "1",
         "share of the patch that terrain outside it hides, worst usable condition",
     ),
+    "detection_probability": Variable(
+        _CLAIM, "u1", "1", "probability that a search finds the true place and no other"
+    ),
+    "sigma_major": Variable(
+        _CLAIM, "u2", "m", "1-sigma of the matched place along the major axis of its error ellipse"
+    ),
+    "sigma_minor": Variable(
+        _CLAIM, "u2", "m", "1-sigma of the matched place along the minor axis of its error ellipse"
+    ),
+    "sigma_angle": Variable(
+        _CLAIM, "u1", "degree", "direction of the major axis, clockwise from north"
+    ),
+    "universal": Variable(
+        ("point",), "u1", "1", "1 for points usable in at least 95 % of the evaluated conditions"
+    ),
+    "level": Variable(("point",), "i4", "1", "index of the cell size"),
 }
 
 OVERVIEW = {
@@ -170,6 +209,12 @@ COVERAGE = {
     "longitude": Variable(("cell",), "f8", "degrees_east", "longitude of the cell's centre"),
     "latitude": Variable(("cell",), "f8", "degrees_north", "latitude of the cell's centre"),
     "status": Variable(("cell",), "u1", "1", "whether a point is within one spacing, or why not"),
+    "usable": Variable(
+        ("cell", "view", "sun_elevation", "sun_azimuth"),
+        "u1",
+        "1",
+        "1 if a usable point is within one spacing of the cell's centre",
+    ),
 }
 
 
@@ -181,6 +226,26 @@ def usable(condition: ArrayLike) -> NDArray[np.bool_]:
 def evaluated(condition: ArrayLike) -> NDArray[np.bool_]:
     """True for conditions that were evaluated, because the Sun reaches them; any shape."""
     return np.asarray((np.asarray(condition) & EVALUATED) > 0)
+
+
+def reaches(detection_probability: ArrayLike, least: float) -> NDArray[np.bool_]:
+    """True where a probability, as stored in steps of `DETECTION_STEP`, is at least ``least``;
+    False for NaN.
+    """
+    return np.asarray(np.asarray(detection_probability) >= least - DETECTION_STEP / 2.0)
+
+
+def universal(condition: ArrayLike) -> NDArray[np.bool_]:
+    """True for points that are usable in at least `UNIVERSAL_SHARE` of their evaluated conditions,
+    (point,).
+
+    ``condition``: uint8 (point, view, sun_elevation, sun_azimuth). False for a point without an
+    evaluated condition.
+    """
+    axes = (1, 2, 3)
+    known = evaluated(condition).sum(axis=axes)
+    good = usable(condition).sum(axis=axes)
+    return np.asarray((known > 0) & (good >= UNIVERSAL_SHARE * known))
 
 
 def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[AnyArray, AnyArray]:

@@ -98,6 +98,8 @@ def summary(catalog: Catalog) -> dict[str, Any]:
     return {
         "points": len(catalog),
         "usable_share": _plain(statistics.share),
+        "universal_points": int(catalog.universal.sum()),
+        "min_detection": catalog.min_detection,
         "schema_version": catalog.schema_version,
         "frame": FRAME,
         "software": f"lcp-catalog {catalog.software_version}",
@@ -249,6 +251,7 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             "usable",
             f"{percent(found['usable_share'])} of the evaluated conditions (points x views x Suns)",
         ),
+        ("universal", f"{found['universal_points']} points, usable in 95 % of them or more"),
     ]
     rows += [
         (f"  view {k}", f"{percent(v['usable_share'])}  {view_name(v)}")

@@ -133,6 +133,18 @@ def nearest(
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 
+def within(cells: Places, points: Places, distance_m: float) -> list[list[int]]:
+    """Indices of the points within a distance along the sphere of each cell's centre.
+
+    ``cells`` and ``points``: (longitudes, latitudes) in degrees. ValueError for places that are not
+    finite.
+    """
+    here, there = _unit(*cells).reshape(-1, 3), _unit(*points).reshape(-1, 3)
+    if not len(here) or not len(there):
+        return [[] for _ in here]
+    return list(cKDTree(there).query_ball_point(here, _chord(distance_m), return_sorted=True))
+
+
 def coverage(
     cells: Places,
     has_heights: Mask,

@@ -305,8 +305,8 @@ def test_structure_is_checked(copy: Path) -> None:
 
 def test_other_versions_are_refused(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
-        file.attrs["schema_version"] = "2.0"
-    assert verify(copy) == ["schema version 2.0 is not understood here (1.2); use a newer lcp"]
+        file.attrs["schema_version"] = "3.0"
+    assert verify(copy) == ["schema version 3.0 is not understood here (2.0); use a newer lcp"]
 
 
 def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:

@@ -4,6 +4,7 @@ rules.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import rasterio
 
+from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
@@ -113,6 +115,58 @@ def _hadley() -> tuple[np.ndarray, Any]:
 def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
     """A sound catalogue of ``count`` points, but for what is given by name."""
     return Catalog(**{**arrays(count, patch), **spoilt})
+
+
+ERRORS = {
+    "sensor_noise": 0.02,
+    "height_sigma_m": 20.0,
+    "height_length_m": 600.0,
+    "albedo_sigma": 0.05,
+    "albedo_length_m": 500.0,
+    "position_sigma_m": 0.0,
+    "min_detection": 0.9,
+}
+
+
+def claims(count: int = 12, patch: int = 9, seed: int = 1) -> dict[str, Any]:
+    """Everything that `Catalog` wants for a catalogue with claims (schema 2).
+
+    Probabilities at scale 1 agree with the conditions of `arrays`, and fall with the scale; sigmas
+    are some hundredths of a cell.
+    """
+    found, rng = arrays(count, patch, seed), np.random.default_rng(seed + 100)
+    condition = found["condition"]
+    scales = np.array([1.0, 2.0, 4.0])
+    works = condition == 31
+    low = rng.uniform(0.0, 0.895, condition.shape)
+    first = np.where(works, rng.uniform(0.9, 1.0, condition.shape), low)
+    free = (condition & 25) == 25
+    first = np.where(~free, rng.uniform(0.0, 1.0, condition.shape), first)
+    detection = np.stack([first, first * 0.98, first * 0.6], axis=1)
+    major = rng.uniform(0.02, 0.2, detection.shape) * GSD_M * scales[:, None, None, None]
+    for values in (detection, major):
+        values[np.broadcast_to((condition == 0)[:, None], values.shape)] = np.nan
+    cells = found["coverage"]
+    nearby = usable_nearby(
+        (cells.longitude, cells.latitude),
+        (found["longitude"], found["latitude"]),
+        condition,
+        cells.spacing_m,
+    )
+    return found | {
+        "image_scale": scales,
+        "detection_probability": detection,
+        "sigma_major": major,
+        "sigma_minor": major * rng.uniform(0.3, 1.0, detection.shape),
+        "sigma_angle": np.where(np.isnan(major), np.nan, rng.uniform(0.0, 180.0, detection.shape)),
+        "errors": dict(ERRORS),
+        "coverage": replace(cells, usable=nearby),
+    }
+
+
+def claimed(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
+    """A sound catalogue with claims, but for what is given by name."""
+    return Catalog(**{**claims(count, patch), **spoilt})
 
 
 def _conditions(rng, lat, suns, azimuths):
