@@ -101,10 +101,10 @@ point_options = option_group(
     ),
     click.option(
         "--noise",
-        "image_noise",
+        "sensor_noise",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         metavar="SHARE",
-        help="Standard deviation of image minus render, as a share of the mean signal; default: 0.15.",
+        help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.03.",
     ),
 )
 
@@ -120,7 +120,7 @@ def configuration(
     views: tuple[tuple[float, ...], ...],
     spacing_km: float | None,
     search_km: float | None,
-    image_noise: float | None,
+    sensor_noise: float | None,
     reflectance: str | None,
     accuracy: str | None = None,
     tolerance: float | None = None,
@@ -159,8 +159,8 @@ def configuration(
             config.points,
             spacing_m=spacing_km and spacing_km * 1e3,
             search_m=search_km and search_km * 1e3,
-            image_noise=image_noise,
         ),
+        errors=_over(config.errors, sensor_noise=sensor_noise),
         model=_over(
             _undecided(config.model) if accuracy or tolerance is not None else config.model,
             reflectance=reflectance,

@@ -17,6 +17,7 @@ from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates
+from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import Choice
 from ..rendering import decisions
@@ -28,7 +29,7 @@ from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundin
 from ..terrain.terrain import Terrain, sample_patch
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
-from .evaluation import Evaluation, evaluate
+from .evaluation import Evaluation, evaluate, image_scales
 from .sweep import Conditions, Sweep, plan_area
 
 log = logging.getLogger(__name__)
@@ -48,6 +49,7 @@ class AreaJob:
     config: BuildConfig
     dems: DemSet
     choice: Choice
+    errors: ErrorModel
     albedo: AlbedoMap | None = None
 
 
@@ -202,12 +204,14 @@ def _evaluated(
     rows, cols, found = rows[kept], cols[kept], found.rows(kept)
     lon, lat = core.lon[rows, cols], core.lat[rows, cols]
     turns = _turns(core.frame, lon, lat, job.config)
-    parts = Evaluation.empty(len(rows), sweep.conditions.shape)
+    scales = image_scales(job.config.points.patch_nodes)
+    parts = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
         turned = sweep if turn == 0.0 else replace(sweep, turn_rad=float(turn))
         parts = parts.with_rows(
-            group, evaluate(turned, rows[group], cols[group], job.config, job.gsd_m)
+            group,
+            evaluate(turned, rows[group], cols[group], job.config, job.gsd_m, job.errors),
         )
     return Candidates(lon, lat, found.elevation_m, found.z_m, found.product, parts, found.albedo)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..catalog.hdf5 import Catalog, Coverage, Overview
-from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
+from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, USABLE, summarise_usable
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..landmarks.error_model import ErrorModel
 from ..landmarks.selection import coverage, select, stable_id
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
@@ -24,14 +24,11 @@ from ..rendering.plan import ScenePlan
 from ..terrain.area import Area, NodeWindow
 from ..terrain.terrain import build_terrain
 from .area_job import AreaResult, Candidates
-from .config import BuildConfig
-from .evaluation import Evaluation
+from .config import BuildConfig, ErrorConfig
+from .evaluation import Evaluation, image_scales
 
 OVERVIEW_NODES = 480
 """Longer side of the overview raster."""
-
-FIELD_PIXELS = 1024
-"""Side, in pixels, of the image for which ``gsd_min`` is stated."""
 
 
 def assemble(
@@ -41,16 +38,18 @@ def assemble(
     gsd_m: float,
     results: Mapping[str, AreaResult],
     model: Reflectance,
+    errors: ErrorModel,
     albedo: AlbedoMap | None = None,
 ) -> Catalog:
     """Choose the points among the areas' candidates (by the area's name) and fill every variable of
-    the catalogue; ``model``: the reflectance model of all images.
+    the catalogue; ``model``: the reflectance model of all images; ``errors``: their error model.
     """
     everything = joined([result.candidates for result in results.values()])
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
     plan = ScenePlan.merged({name: result.plan for name, result in results.items()})
-    return Catalog(
+    fields = {f.name for f in dataclasses.fields(Catalog)}
+    everything_else = dict(
         **_places(points, dems, gsd_m),
         **_worth(points.evaluation, config, gsd_m),
         sun_azimuth=np.array(config.sun.azimuths_deg),
@@ -58,15 +57,17 @@ def assemble(
         view_off_nadir=np.array(config.view.off_nadir_deg),
         view_azimuth=np.array(config.view.azimuth_deg),
         view_altitude=np.array(config.view.altitude_km),
-        config=_resolved(config, region, gsd_m, spacing_m, model).to_toml(),
+        config=_resolved(config, region, gsd_m, spacing_m, model, errors).to_toml(),
         sources=dems.sources(),
         albedo_map=albedo.provenance() if albedo else None,
         scene_plan=str(plan),
+        errors=errors.to_dict() | {"min_detection": config.points.min_detection},
         overview=_overview(dems, region, gsd_m),
         coverage=_coverage(
             dems, region, everything, points, spacing_m, config.points.min_usable_conditions
         ),
     )
+    return Catalog(**{k: v for k, v in everything_else.items() if k in fields})
 
 
 def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
@@ -112,7 +113,7 @@ def _rows(table: Any, rows: NDArray[np.int64]) -> Any:
 def _quality(evaluation: Evaluation) -> Array:
     """Order of candidates with equally many usable conditions: minus the largest sigma."""
     return -np.nan_to_num(
-        _over_usable(evaluation.sigma_major_m, evaluation, np.nanmax), nan=np.inf, posinf=1e30
+        _over_usable(evaluation.sigma_major_m[:, 0], evaluation, np.nanmax), nan=np.inf, posinf=1e30
     )
 
 
@@ -156,11 +157,24 @@ def _known(figures: list[float | None]) -> Array:
 
 def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
     worst = {
-        name: _over_usable(getattr(evaluation, name), evaluation, np.nanmax)
-        for name in ("sigma_major_m", "sigma_minor_m", "second_peak", "false_match")
+        name: _over_usable(values, evaluation, np.nanmax)
+        for name, values in (
+            ("sigma_major_m", evaluation.sigma_major_m[:, 0]),
+            ("sigma_minor_m", evaluation.sigma_minor_m[:, 0]),
+            ("second_peak", evaluation.second_peak),
+            ("false_match", evaluation.false_match),
+        )
     }
     lowest, highest = summarise_usable(evaluation.condition, np.array(config.sun.elevations_deg))
+    finest, coarsest = _scales(evaluation, config)
     return {
+        "image_scale": np.array(image_scales(config.points.patch_nodes), dtype=np.float64),
+        "detection_probability": evaluation.detection,
+        "sigma_major": evaluation.sigma_major_m,
+        "sigma_minor": evaluation.sigma_minor_m,
+        "sigma_angle": evaluation.sigma_angle_deg,
+        "universal": _is_universal(evaluation.condition),
+        "level": np.zeros(len(evaluation.condition), dtype=np.int64),
         "condition": evaluation.condition,
         "sun_elevation_min": lowest,
         "sun_elevation_max": highest,
@@ -168,11 +182,8 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
         "localization_sigma": np.stack([worst["sigma_major_m"], worst["sigma_minor_m"]], axis=-1),
         "second_peak": worst["second_peak"],
         "false_match_probability": worst["false_match"],
-        "gsd_min": np.full(
-            len(evaluation.condition),
-            min(1.0, 2.0 * config.points.patch_nodes / FIELD_PIXELS) * gsd_m,
-        ),
-        "gsd_max": _coarsest(evaluation) * gsd_m,
+        "gsd_min": finest * gsd_m,
+        "gsd_max": coarsest * gsd_m,
         "shadow_dependence": _over_usable(evaluation.shadow_dependence, evaluation, np.nanmax),
         "occlusion_dependence": _over_usable(
             evaluation.occlusion_dependence, evaluation, np.nanmax
@@ -180,15 +191,28 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
     }
 
 
-def _coarsest(evaluation: Evaluation) -> Array:
-    """Greatest scale at which a point can be localised in at least half of its usable conditions."""
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # a point without usable conditions has no median: NaN
-        masked = np.where(evaluation.condition == USABLE, evaluation.coarsest_scale, np.nan)
-        flat = masked.reshape(len(masked), math.prod(masked.shape[1:]))
-        return np.asarray(np.nanpercentile(flat, 50.0, axis=1, method="higher"), dtype=np.float64)
+UNIVERSAL_SHARE = 0.95
+"""Least share of usable conditions, of those that can happen, of a universal point."""
+
+
+def _is_universal(condition: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """True (n,) for points that are usable in at least `UNIVERSAL_SHARE` of the evaluated conditions."""
+    happens = ((condition & EVALUATED) > 0).sum(axis=(1, 2, 3))
+    works = (condition == USABLE).sum(axis=(1, 2, 3))
+    return np.asarray((happens > 0) & (works >= UNIVERSAL_SHARE * happens))
+
+
+def _scales(evaluation: Evaluation, config: BuildConfig) -> tuple[Array, Array]:
+    """Finest and coarsest image scale at which each point is detected in at least half of its usable
+    conditions, (n,); 1 for points without any.
+    """
+    scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
+    works = (evaluation.condition == USABLE)[:, None]
+    detected = (evaluation.detection >= config.points.min_detection) & works
+    enough = detected.sum(axis=(2, 3, 4)) >= 0.5 * np.maximum(works.sum(axis=(2, 3, 4)), 1)
+    finest = np.where(enough, scales, np.inf).min(axis=1, initial=np.inf)
+    coarsest = np.where(enough, scales, 1.0).max(axis=1, initial=1.0)
+    return np.where(np.isfinite(finest), finest, 1.0), coarsest
 
 
 def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
@@ -255,7 +279,12 @@ def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
 
 
 def _resolved(
-    config: BuildConfig, region: Area, gsd_m: float, spacing_m: float, model: Reflectance
+    config: BuildConfig,
+    region: Area,
+    gsd_m: float,
+    spacing_m: float,
+    model: Reflectance,
+    errors: ErrorModel,
 ) -> BuildConfig:
     """The configuration with the values that were derived from the DEM, without folders."""
     area = dataclasses.replace(config.area, gsd_m=gsd_m)
@@ -264,4 +293,5 @@ def _resolved(
     search_m = config.points.search_nodes(gsd_m) * gsd_m
     points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
     section = dataclasses.replace(config.model.portable, reflectance=model.name)
-    return dataclasses.replace(config, area=area, points=points, model=section)
+    known = ErrorConfig(**errors.to_dict())
+    return dataclasses.replace(config, area=area, points=points, model=section, errors=known)

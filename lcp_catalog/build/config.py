@@ -19,6 +19,19 @@ import tomli_w
 from ..accuracy import Accuracy, accuracy
 from ..choices import ENCODINGS
 from ..errors import ConfigError
+from ..landmarks.error_model import ErrorModel
+
+ALBEDO_SIGMA_WITHOUT_MAP = 0.08
+ALBEDO_SIGMA_WITH_MAP = 0.04
+"""Relative brightness of the ground that a render lacks, 1 sigma, without and with an albedo map."""
+
+_REPLACED = {
+    "points.image_noise": "errors.sensor_noise",
+    "points.max_sigma_px": "points.min_detection",
+    "points.max_second_peak": "points.min_detection",
+    "points.max_false_match": "points.min_detection",
+}
+"""Keys of older versions and those that replace them."""
 
 
 def _require(condition: bool, text: str) -> None:
@@ -131,15 +144,10 @@ class PointConfig:
     spacing_m: float | None = None  # two patch widths
     search_m: float | None = None  # 64 nodes
     candidates_per_cell: int = 2
-    image_noise: float = 0.15
-    """Standard deviation of the difference between image and render at a pixel, as a share of the patch's
-    mean signal: the sensor's noise and errors of the DEM. Measured on Apollo 15 frame AS15-M-0414 against
-    GLD100 at a Sun elevation of 14 deg: 0.13 to 0.20 over all contrasts."""
-    max_sigma_px: float = 0.5
-    min_lit_share: float = 0.5
-    max_second_peak: float = 0.8
-    max_false_match: float = 0.05
-    max_dependence: float = 0.02
+    min_detection: float = 0.9
+    """Least detection probability of a usable point."""
+    min_lit_share: float = 0.3
+    max_dependence: float = 0.1
     min_usable_conditions: int = 1
 
     def __post_init__(self) -> None:
@@ -153,11 +161,7 @@ class PointConfig:
         _require(self.search_m is None or self.search_m > 0.0, "points.search_m must be positive")
         _require(self.candidates_per_cell >= 1, "points.candidates_per_cell must be at least 1")
         _require(self.min_usable_conditions >= 1, "points.min_usable_conditions must be at least 1")
-        _require(
-            0.0 < self.image_noise < 1.0, "points.image_noise is a share of the mean signal, 0..1"
-        )
-        _require(self.max_sigma_px > 0.0, "points.max_sigma_px must be positive")
-        for name in ("min_lit_share", "max_second_peak", "max_false_match", "max_dependence"):
+        for name in ("min_detection", "min_lit_share", "max_dependence"):
             _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
 
     @property
@@ -250,6 +254,37 @@ class ModelConfig:
 
 
 @dataclass(frozen=True)
+class ErrorConfig:
+    """The differences between images and renders (`landmarks.error_model.ErrorModel`); None: heights by
+    the DEM's product and effective resolution, brightness by whether the build has an albedo map.
+    """
+
+    sensor_noise: float = 0.03
+    height_sigma_m: float | None = None
+    height_length_m: float | None = None
+    albedo_sigma: float | None = None
+    albedo_length_m: float = 2000.0
+    position_sigma_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.model(height_sigma_m=1.0, height_length_m=1.0, with_albedo_map=True)
+
+    def model(
+        self, height_sigma_m: float, height_length_m: float, with_albedo_map: bool
+    ) -> ErrorModel:
+        """The error model with the given figures where the configuration has none. ConfigError for
+        invalid values.
+        """
+        derived = {
+            "height_sigma_m": height_sigma_m,
+            "height_length_m": height_length_m,
+            "albedo_sigma": ALBEDO_SIGMA_WITH_MAP if with_albedo_map else ALBEDO_SIGMA_WITHOUT_MAP,
+        }
+        given = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
+        return ErrorModel(**(derived | given))
+
+
+@dataclass(frozen=True)
 class BuildConfig:
     """All that determines a catalogue's content besides the DEM."""
 
@@ -259,6 +294,7 @@ class BuildConfig:
     view: ViewConfig = field(default_factory=ViewConfig)
     points: PointConfig = field(default_factory=PointConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    errors: ErrorConfig = field(default_factory=ErrorConfig)
 
     @classmethod
     def from_toml(cls, path: Path) -> BuildConfig:
@@ -302,6 +338,9 @@ def _section(kind: type, name: str, table: object) -> Any:
         raise ConfigError(f"[{name}] must be a table")
     hints = get_type_hints(kind)
     unknown = sorted(set(table) - set(hints))
+    for key in unknown:
+        instead = _REPLACED.get(f"{name}.{key}")
+        _require(instead is None, f"{name}.{key} is replaced by {instead} since version 2")
     _require(not unknown, f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
     return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
 

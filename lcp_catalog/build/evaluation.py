@@ -1,4 +1,6 @@
-"""Evaluation of candidates in every condition: localisable, unique, independent, with the figures for each."""
+"""Evaluation of candidates in every condition: detection probability, covariance of the match and
+independence of the terrain around them, at several scales of the image.
+"""
 
 from __future__ import annotations
 
@@ -9,51 +11,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS
-from ..arrays import Float32
+from ..arrays import Array, Float32
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
+from ..landmarks.detection import detection_probability
+from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
-from ..landmarks.localization import coarsest_scale, lit_share, localization
-from ..landmarks.patches import gather_patches
-from ..landmarks.uniqueness import (
-    effective_samples,
-    expected_correlation,
-    false_match_probability,
-    second_peak,
-)
+from ..landmarks.localization import harris_response, lit_share, mean_lit_level, registration
+from ..landmarks.patches import gather_patches, halved
+from ..landmarks.uniqueness import other_places
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.occlusion import occluded
 from .config import BuildConfig
 from .sweep import RenderedImage, Sweep
 
-SCALES = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0)
-"""Cell sizes at which a patch is evaluated, as multiples of its own."""
+SMALLEST_PX = 7
+"""Fewest pixels a side of a patch in a coarser image."""
+
+
+def image_scales(patch_nodes: int) -> tuple[int, ...]:
+    """Cell sizes of the images that are simulated, as multiples of the patch's own: powers of 2 as
+    long as a patch has `SMALLEST_PX` pixels a side.
+    """
+    scales = [1]
+    while 2 * (patch_nodes // 2 // (2 * scales[-1])) + 1 >= SMALLEST_PX:
+        scales.append(2 * scales[-1])
+    return tuple(scales)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results by candidate and condition, shapes (n, view, sun_elevation, sun_azimuth); NaN where not
-    evaluated.
+    """Results by candidate and condition, NaN where not evaluated. ``detection``, ``sigma_major_m``,
+    ``sigma_minor_m``, ``sigma_angle_deg`` (of the major axis, clockwise from north, 0..180):
+    (n, image_scale, view, sun_elevation, sun_azimuth); the others (n, view, sun_elevation,
+    sun_azimuth).
     """
 
     condition: NDArray[np.uint8]
+    detection: Float32
     sigma_major_m: Float32
     sigma_minor_m: Float32
+    sigma_angle_deg: Float32
     harris: Float32
     second_peak: Float32
     false_match: Float32
-    coarsest_scale: Float32
     shadow_dependence: Float32
     occlusion_dependence: Float32
 
     @classmethod
-    def empty(cls, count: int, shape: tuple[int, int, int]) -> Evaluation:
+    def empty(cls, count: int, scales: int, shape: tuple[int, int, int]) -> Evaluation:
         """``count`` candidates without results."""
         condition = np.zeros((count, *shape), dtype=np.uint8)
-        blank = [
-            np.full((count, *shape), np.nan, dtype=np.float32) for _ in dataclasses.fields(cls)[1:]
-        ]
-        return cls(condition, *blank)
+        scaled = [np.full((count, scales, *shape), np.nan, dtype=np.float32) for _ in range(4)]
+        rest = [np.full((count, *shape), np.nan, dtype=np.float32) for _ in range(5)]
+        return cls(condition, *scaled, *rest)
 
     def with_rows(self, rows: NDArray[np.int64], other: Evaluation) -> Evaluation:
         """A copy in which the given candidates are taken from ``other``."""
@@ -71,73 +82,187 @@ def evaluate(
     cols: NDArray[np.int64],
     config: BuildConfig,
     gsd_m: float,
+    errors: ErrorModel,
 ) -> Evaluation:
     """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur."""
-    result = Evaluation.empty(len(rows), sweep.conditions.shape)
+    scales = image_scales(config.points.patch_nodes)
+    result = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     if not len(rows):
         return result
     patches = _Patches(sweep, rows, cols, config.points.half)
     hidden = [
         patches.occlusion_dependence(view) for view in range(len(sweep.conditions.off_nadir_deg))
     ]
-    shaded: dict[tuple[int, int], Float32] = {}
-    for image in sweep.images():
+    shaded: dict[tuple[int, int], tuple[Float32, NDArray[np.bool_]]] = {}
+    for image in sweep.images(sensitivity=True):
         sun = (image.elevation, image.azimuth)
         if sun not in shaded:
             shaded[sun] = patches.shadow_dependence(*sun)
         at = (slice(None), image.view, image.elevation, image.azimuth)
-        result.shadow_dependence[at] = shaded[sun]
+        share, cast = shaded[sun]
+        result.shadow_dependence[at] = share
         result.occlusion_dependence[at] = hidden[image.view]
-        _judge(result, at, image, patches, config, gsd_m)
+        _Condition(image, patches, cast, config, gsd_m, errors).judge(result, at)
     return result
 
 
-def _judge(
-    result: Evaluation,
-    at: tuple[slice, int, int, int],
-    image: RenderedImage,
-    patches: _Patches,
-    config: BuildConfig,
-    gsd_m: float,
-) -> None:
-    """Evaluate one condition of all candidates."""
-    points = config.points
-    raw = gather_patches(image.radiance, patches.rows, patches.cols, patches.half)
-    # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
-    filled = fill_missing(image.radiance, 2 * patches.half + 1)
-    seen = gather_patches(filled, patches.rows, patches.cols, patches.half)
-    where = localization(seen, points.image_noise)
-    localizable = where.localizable(points.max_sigma_px) & (lit_share(raw) >= points.min_lit_share)
-    result.sigma_major_m[at] = where.sigma_major_px * gsd_m
-    result.sigma_minor_m[at] = where.sigma_minor_px * gsd_m
-    result.harris[at] = where.harris
-    flags = np.full(len(localizable), EVALUATED, dtype=np.uint8)
-    flags |= np.where(localizable, LOCALIZABLE, 0).astype(np.uint8)
-    flags |= np.where(result.shadow_dependence[at] <= points.max_dependence, UNSHADOWED, 0).astype(
-        np.uint8
+class _Condition:
+    """One condition of all candidates."""
+
+    def __init__(
+        self,
+        image: RenderedImage,
+        patches: _Patches,
+        cast: NDArray[np.bool_],
+        config: BuildConfig,
+        gsd_m: float,
+        errors: ErrorModel,
+    ) -> None:
+        self.image, self.patches, self.cast = image, patches, cast
+        self.points, self.gsd_m, self.errors = config.points, gsd_m, errors
+
+    def judge(self, result: Evaluation, at: tuple[slice, int, int, int]) -> None:
+        """Write the results of the condition."""
+        points, (rows, cols, half) = self.points, self.patches.where
+        raw = gather_patches(self.image.radiance, rows, cols, half)
+        # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
+        filled = fill_missing(self.image.radiance, 2 * half + 1)
+        sources = [filled, *(np.nan_to_num(slope) for slope in self.image.slopes)]
+        seen = gather_patches(filled, rows, cols, half)
+        alone = self._alone(seen)
+        lit = lit_share(raw) >= points.min_lit_share
+        result.harris[at] = harris_response(seen)
+        flags = np.full(len(rows), EVALUATED, dtype=np.uint8)
+        for slot, scale in enumerate(image_scales(points.patch_nodes)):
+            place = (rows // scale, cols // scale, half // scale)
+            if scale > 1:
+                sources = [halved(source) for source in sources]
+                seen, alone = gather_patches(sources[0], *place), _halved_patches(alone, place[2])
+            found = self._at_scale(scale, sources, place, seen, alone, lit)
+            column = (at[0], slot, *at[1:])
+            result.detection[column] = found.detection
+            result.sigma_major_m[column] = found.major_m
+            result.sigma_minor_m[column] = found.minor_m
+            result.sigma_angle_deg[column] = found.angle_deg
+            if scale == 1:
+                result.second_peak[at] = found.second_peak
+                result.false_match[at] = found.false_match
+                flags |= np.where(found.located >= points.min_detection, LOCALIZABLE, 0).astype(
+                    np.uint8
+                )
+                flags |= np.where(found.detection >= points.min_detection, UNIQUE, 0).astype(
+                    np.uint8
+                )
+        for name, flag in (("shadow", UNSHADOWED), ("occlusion", UNOCCLUDED)):
+            share = getattr(result, f"{name}_dependence")[at]
+            flags |= np.where(share <= points.max_dependence, flag, 0).astype(np.uint8)
+        result.condition[at] = flags
+
+    def _alone(self, seen: Float32) -> Float32:
+        """The patches rendered from their own nodes alone: nodes that only terrain around the patch
+        shadows are lit.
+        """
+        some = np.flatnonzero(self.cast.any(axis=(1, 2)))
+        if not len(some):
+            return seen
+        alone = seen.copy()
+        lit = self.patches.unshadowed(some, self.image)
+        alone[some] = np.where(self.cast[some] & np.isfinite(lit), lit, seen[some])
+        return alone
+
+    def _at_scale(
+        self,
+        scale: int,
+        sources: list[Float32],
+        place: tuple[NDArray[np.int64], NDArray[np.int64], int],
+        seen: Float32,
+        alone: Float32,
+        lit: NDArray[np.bool_],
+    ) -> _Found:
+        """Detection and covariance in an image of a scale; ``sources``: radiance and its slope
+        sensitivities at that scale.
+        """
+        rows, cols, half = place
+        found = _Found.nothing(len(rows))
+        level = mean_lit_level(alone)
+        good = np.flatnonzero(lit & np.isfinite(level) & np.isfinite(seen).all(axis=(1, 2)))
+        if not len(good):
+            return found
+        unit = level[good][:, None, None]
+        parts = [gather_patches(s, rows[good], cols[good], half) / unit for s in sources]
+        errors = PatchErrors(*(np.asarray(part, dtype=np.float32) for part in parts))
+        pixel_m = scale * self.gsd_m
+        match = registration(alone[good] / unit, errors, self.errors, pixel_m)
+        search = max(1, self.points.search_nodes(self.gsd_m) // scale)
+        rivals, spread = other_places(sources[0], alone[good], rows[good], cols[good], search)
+        detection, located, unique = detection_probability(
+            match,
+            rivals,
+            spread / level[good][:, None],
+            _correlation(alone[good], seen[good]),
+        )
+        found.detection[good], found.located[good] = detection, located
+        found.second_peak[good] = np.fmax(rivals[:, 0], -1.0)
+        found.false_match[good] = 1.0 - unique
+        major, minor, angle = _ellipse(
+            match.covariance_px2 * pixel_m**2 + self.errors.position_sigma_m**2 * np.eye(2)
+        )
+        found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle
+        return found
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Results of one condition at one scale, (n,) each."""
+
+    detection: Array
+    located: Array
+    second_peak: Array
+    false_match: Array
+    major_m: Array
+    minor_m: Array
+    angle_deg: Array
+
+    @classmethod
+    def nothing(cls, count: int) -> _Found:
+        """Results of patches that are not found: infinite sigma, no angle."""
+        blank = [0.0, 0.0, np.nan, np.nan, np.inf, np.inf, np.nan]
+        return cls(*(np.full(count, value) for value in blank))
+
+
+def _halved_patches(patches: Float32, half: int) -> Float32:
+    """Patches at half their resolution, of 2 ``half`` + 1 pixels a side.
+
+    Pixels are means of 2 x 2 of the finer patch, from its first node; a patch that is too small by
+    a row and a column is extended by its last ones.
+    """
+    size = 2 * half + 1
+    short = max(0, 2 * size - patches.shape[1])
+    extended = np.pad(patches, ((0, 0), (0, short), (0, short)), mode="edge")
+    part = extended[:, : 2 * size, : 2 * size].reshape(len(patches), size, 2, size, 2)
+    return np.asarray(part.mean(axis=(2, 4)), dtype=np.float32)
+
+
+def _correlation(a: Float32, b: Float32) -> Array:
+    """Centred normalised correlation of patches (n, p, p), (n,); 0 for a constant one."""
+    x, y = (
+        z.astype(np.float64) - z.mean(axis=(1, 2), dtype=np.float64, keepdims=True) for z in (a, b)
     )
-    flags |= np.where(
-        result.occlusion_dependence[at] <= points.max_dependence, UNOCCLUDED, 0
-    ).astype(np.uint8)
-    tried = np.flatnonzero(localizable)
-    if len(tried):
-        search = points.search_nodes(gsd_m)
-        peak = second_peak(
-            image.radiance, patches.rows[tried], patches.cols[tried], patches.half, search
-        )
-        true = expected_correlation(seen[tried], points.image_noise)
-        column = (tried, *at[1:])
-        result.second_peak[column] = peak
-        mistaken = false_match_probability(
-            true, peak.astype(np.float64), effective_samples(seen[tried])
-        )
-        result.false_match[column] = mistaken
-        result.coarsest_scale[column] = coarsest_scale(
-            seen[tried], points.image_noise, SCALES, points.max_sigma_px, points.min_lit_share
-        )
-        unique = (peak <= points.max_second_peak) & (mistaken <= points.max_false_match)
-        flags[tried] |= np.where(unique, UNIQUE, 0).astype(np.uint8)
-    result.condition[at] = flags
+    scale = np.sqrt((x * x).sum(axis=(1, 2)) * (y * y).sum(axis=(1, 2)))
+    both = (x * y).sum(axis=(1, 2))
+    return np.where(scale > 0.0, both / np.where(scale > 0.0, scale, 1.0), 0.0)
+
+
+def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:
+    """1 sigma along the major and minor axis and the major axis' angle, degrees clockwise from north,
+    0..180, of covariances (n, 2, 2) of columns (east) and rows (south); infinite and NaN for
+    infinite ones.
+    """
+    finite = np.isfinite(covariance).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(finite[:, None, None], covariance, np.eye(2)))
+    sigma = np.where(finite[:, None], np.sqrt(np.maximum(values, 0.0)), np.inf)
+    angle = np.degrees(np.arctan2(vectors[:, 0, 1], -vectors[:, 1, 1])) % 180.0
+    return sigma[:, 1], sigma[:, 0], np.where(finite, angle, np.nan)
 
 
 class _Patches:
@@ -146,25 +271,46 @@ class _Patches:
     def __init__(
         self, sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
     ) -> None:
-        self.sweep, self.rows, self.cols, self.half = sweep, rows, cols, half
+        self.sweep, self.where = sweep, (rows, cols, half)
         self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
 
-    def shadow_dependence(self, elevation: int, azimuth: int) -> Float32:
-        """Share of each patch's nodes that only terrain outside the patch shadows."""
+    def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
+        """Share of each patch's nodes that only terrain outside the patch shadows, (n,), and these
+        nodes, (n, p, p).
+        """
         direction = self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
         return self._dependence(direction, self.sweep.far)
 
     def occlusion_dependence(self, view: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
         direction = self.sweep.conditions.view_direction(view, self.sweep.turn_rad)
-        return self._dependence(direction, None)
+        return self._dependence(direction, None)[0]
 
-    def _dependence(self, direction: NDArray[np.float64], far: FarTerrain | None) -> Float32:
-        field, half = self.sweep.field, self.half
+    def unshadowed(self, some: NDArray[np.int64], image: RenderedImage) -> Float32:
+        """Radiance (m, p, p) of some patches without cast shadows; NaN where not visible."""
+        rows, cols, half = self.where
+        rows, cols = rows[some], cols[some]
+        planes = np.stack([gather_patches(plane, rows, cols, half) for plane in self.sweep.planes])
+        size = 2 * half + 1
+        hidden = gather_patches(self.sweep.unseen[image.view], rows, cols, half)
+        radiance = self.sweep.shaded(
+            planes.reshape(3, -1, size),
+            (image.view, image.elevation, image.azimuth),
+            np.zeros((len(rows) * size, size), np.uint8),
+            np.ascontiguousarray(hidden.reshape(-1, size)),
+        ).reshape(-1, size, size)
+        if self.sweep.factors is not None:
+            radiance = radiance * gather_patches(self.sweep.factors, rows, cols, half)
+        return radiance
+
+    def _dependence(
+        self, direction: NDArray[np.float64], far: FarTerrain | None
+    ) -> tuple[Float32, NDArray[np.bool_]]:
+        field, (rows, cols, half) = self.sweep.field, self.where
         if far is not None and not far.matters(field, direction, self.sweep.window):
             far = None  # tested once for all patches
         normals = self.sweep.normals @ direction.astype(np.float32)
-        faces = gather_patches(normals > 0.0, self.rows, self.cols, half)
+        faces = gather_patches(normals > 0.0, rows, cols, half)
         alone = ~field.occluded_alone(self._field_rows, self._field_cols, half, direction)
         exact = TIERS["reference"]
         full = np.stack(
@@ -175,4 +321,5 @@ class _Patches:
                 for r, c in zip(self._field_rows, self._field_cols, strict=True)
             ]
         )
-        return dependence(alone & faces, full & faces).astype(np.float32)
+        share = dependence(alone & faces, full & faces).astype(np.float32)
+        return share, alone & ~full & faces

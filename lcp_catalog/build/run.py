@@ -23,6 +23,7 @@ from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError, SunError
+from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
@@ -51,6 +52,7 @@ class Build:
     gsd_m: float
     jobs: tuple[AreaJob, ...]
     choice: Choice
+    errors: ErrorModel
     albedo: AlbedoMap | None = None
 
     @classmethod
@@ -69,9 +71,10 @@ class Build:
         albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
-        given = (grid, region, gsd_m, config, dems, choice, albedo)
+        errors = error_model(config, dems, albedo is not None)
+        given = (grid, region, gsd_m, config, dems, choice, errors, albedo)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, dems, region, gsd_m, jobs, choice, albedo)
+        return cls(config, dems, region, gsd_m, jobs, choice, errors, albedo)
 
     @property
     def files(self) -> list[Path]:
@@ -111,6 +114,14 @@ def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
     if model.albedo is None:
         return None
     return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
+
+
+def error_model(config: BuildConfig, dems: DemSet, with_albedo_map: bool) -> ErrorModel:
+    """The error model of a build: its configuration, completed by the DEM's published figures."""
+    facts = [dem.facts for dem in dems.dems]
+    sigma = max((f.sigma_m for f in facts if f.sigma_m is not None), default=10.0)
+    length = max((f.resolution_m for f in facts if f.resolution_m is not None), default=400.0)
+    return config.errors.model(sigma, length, with_albedo_map)
 
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:
@@ -194,6 +205,7 @@ def run_build(
         build.gsd_m,
         whole,
         build.choice.model,
+        build.errors,
         build.albedo,
     )
     write_catalog(catalog, output, overwrite=overwrite)

@@ -31,6 +31,9 @@ from ..terrain.occlusion import occluded, occluded_sweep
 from ..terrain.terrain import Terrain
 from .config import BuildConfig
 
+_TILT = 0.01
+"""Difference of slope at which derivatives of the radiance are taken."""
+
 
 @dataclass(frozen=True)
 class Conditions:
@@ -92,12 +95,15 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """The image of one condition: radiance factor, 0 in shadow, NaN where not visible."""
+    """The image of one condition: radiance factor, 0 in shadow, NaN where not visible. ``slopes``: its
+    derivatives with respect to the terrain's slopes towards east and south, if they were asked for.
+    """
 
     view: int
     elevation: int
     azimuth: int
     radiance: NDArray[np.float32]
+    slopes: tuple[NDArray[np.float32], ...] = ()
 
 
 def plan_area(
@@ -142,6 +148,11 @@ def _patch_angle_rad(config: BuildConfig, gsd_m: float) -> float:
     near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
     half_m = config.points.half * gsd_m * math.sqrt(2.0)
     return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
+
+
+def _normalised(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Vectors (3, rows, cols) of unit length."""
+    return np.asarray(planes / np.sqrt((planes * planes).sum(axis=0)))
 
 
 @dataclass(frozen=True)
@@ -209,24 +220,61 @@ class Sweep:
             self.field, float(azimuth_rad), elevations_rad, self.accuracy, self.window, self.far
         )
 
-    def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
-        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
+    @cached_property
+    def factors(self) -> NDArray[np.float32] | None:
+        """Albedo factors of the core's nodes, 1 where the map has none; None if albedo is not
+        modelled.
+        """
+        if not self.plan.albedo.modelled or self.brightness is None:
+            return None
+        return neutral(self.brightness)
+
+    @cached_property
+    def tilted(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Planes of the normals of the same terrain with slopes that are larger by `_TILT`, towards
+        east and towards south.
+        """
+        east, south = self.planes.copy(), self.planes.copy()
+        east[0] -= _TILT * self.planes[2]
+        south[1] += _TILT * self.planes[2]
+        return _normalised(east), _normalised(south)
+
+    def shaded(
+        self,
+        planes: NDArray[np.float32],
+        condition: tuple[int, int, int],
+        dark: NDArray[np.uint8],
+        unseen: Mask,
+    ) -> NDArray[np.float32]:
+        """Radiance factor of nodes in a condition (view, elevation, azimuth); the other arguments as
+        in `photometry.laws.radiance_of_nodes`.
+        """
+        view, elevation, azimuth = condition
+        sun = self.conditions.sun_direction(elevation, azimuth, self.turn_rad)
+        camera = self.conditions.view_direction(view, self.turn_rad)
+        return radiance_of_nodes(planes, sun, camera, dark, unseen, self.model)
+
+    def images(
+        self, views: tuple[int, ...] | None = None, sensitivity: bool = False
+    ) -> Iterator[RenderedImage]:
+        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given).
+        ``sensitivity``: with the derivatives of the radiance (forward differences).
+        """
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
-        factors = None
-        if self.plan.albedo.modelled and self.brightness is not None:
-            factors = neutral(self.brightness)
+        factors = self.factors
         for azimuth in range(len(self.conditions.sun_azimuth_deg)):
             elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
             if not len(elevations):
                 continue
             dark = self._dark(azimuth, elevations)
             for slot, elevation in enumerate(elevations):
-                sun = self.conditions.sun_direction(int(elevation), azimuth, self.turn_rad)
                 for view in wanted:
-                    camera = self.conditions.view_direction(view, self.turn_rad)
-                    radiance = radiance_of_nodes(
-                        self.planes, sun, camera, dark[slot], self.unseen[view], self.model
-                    )
+                    condition = (view, int(elevation), azimuth)
+                    hidden = (dark[slot], self.unseen[view])
+                    bands = [self.shaded(self.planes, condition, *hidden)]
+                    for planes in self.tilted if sensitivity else ():
+                        change = self.shaded(planes, condition, *hidden) - bands[0]
+                        bands.append(change * np.float32(1.0 / _TILT))
                     if factors is not None:
-                        radiance *= factors
-                    yield RenderedImage(view, int(elevation), azimuth, radiance)
+                        bands = [band * factors for band in bands]
+                    yield RenderedImage(*condition, bands[0], tuple(bands[1:]))

@@ -1,106 +1,118 @@
-"""Covariance of the registration of a patch in a noisy image.
+"""Covariance of the registration of a patch in an image that differs from its render.
 
-Let a known patch I (rendered, without noise) be matched with an image I(x - d) + e, e white noise,
-by least squares or by correlation. To first order the covariance of the shift d is noise^2 M^-1,
-with M = sum over the patch of g g^T and g = grad(I) / mean lit level: the Cramer-Rao bound
-(Foerstner and Guelch 1987; M is that of Harris and Stephens 1988). Correlation does not depend on
-gain and offset. The parts of g along the constant and along I are therefore projected out of M
-(Schur complement). A patch of one uniform brightness gradient cannot be located, although its plain
-M is large along the gradient.
+Let a known patch t be matched with an image t(x - d) + n by least squares on the shift d, a gain and
+an offset, with equal weights. With the rows B = [dt/dx, dt/dy, 1, t], F = B B^T and S = B C B^T, C
+the covariance of the noise n, the covariance of the estimates is to first order F^-1 S F^-1. For
+white noise it is noise^2 F^-1, the Cramer-Rao bound (Foerstner and Guelch 1987; the part of F for the
+shift is the matrix of Harris and Stephens 1988). Correlated noise, as from smooth errors of a DEM,
+moves a match much farther than white noise of the same variance.
 
-Limits: first order, so for sigmas well below the width of the features; white noise, the same at
-every pixel. Central differences damp detail near one pixel (an ideal step counts half), so very
-sharp patches are located better than stated. With noise in both images sigmas are larger by
-sqrt(2).
+Limits: first order, so for sigmas well below the width of the features; at a low signal the match
+fails before the bound does, which `detection` describes. Central differences damp detail near one
+pixel (an ideal step counts half), so very sharp patches are located better than stated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Float32
+from ..arrays import AnyArray, Array, Float32
+from .error_model import ErrorModel, PatchErrors, noise_products
 
 HARRIS_K = 0.04
-_CHUNK = 256
-_SMALLEST_PX = 7
-"""Fewest pixels a side of a decimated patch."""
 
 
-@dataclass(frozen=True)
-class Localization:
-    """Error ellipse of each patch's position, shapes (n,): 1-sigma along both axes, and the angle
-    of the major axis.
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Statistics of the match of n patches with noisy images of themselves.
 
-    The angle is in radians from the direction of columns (east) towards the direction of rows
-    (south), -pi/2..pi/2. Sigmas are infinite and the angle NaN for a patch that cannot be located.
-    ``harris`` is det M - 0.04 trace(M)^2 of the plain M, divided by the squared number of nodes;
-    NaN where a node is missing.
+    ``contrast``: standard deviation of each patch relative to its mean signal; ``noise_variance``:
+    of the noise about its mean over the patch; ``along``: V, variance of the noise's product with
+    the centred patch of unit norm; ``shift_loss``: expected loss of correlation because the true
+    place lies between whole pixels; (n,). ``covariance_px2`` (n, 2, 2) of the shift, columns first,
+    rows downwards; infinite where the patch is not located in some direction.
     """
 
-    sigma_major_px: Float32
-    sigma_minor_px: Float32
-    axis_angle_rad: Float32
-    harris: Float32
-
-    def localizable(self, max_sigma_px: float) -> NDArray[np.bool_]:
-        """True where the larger sigma is at most ``max_sigma_px``, (n,)."""
-        return np.asarray(self.sigma_major_px <= max_sigma_px)
+    contrast: Array
+    noise_variance: Array
+    along: Array
+    shift_loss: Array
+    covariance_px2: Array
+    nodes: int
 
 
-def localization(patches: Float32, noise: float) -> Localization:
-    """Registration accuracy of patches (n, p, p); ``noise`` is 1 sigma of a pixel relative to the
-    patch's mean lit (> 0) signal.
+def registration(
+    patches: AnyArray, errors: PatchErrors, model: ErrorModel, pixel_m: float
+) -> Registration:
+    """Statistics of patches (n, p, p) that are divided by their mean signal, with their sources of
+    error; the patches are complete.
 
-    Sigmas are infinite for a patch that has a NaN, is not lit, or is constant along any direction.
+    The covariance is that of least squares on shift, gain and offset with unweighted pixels in
+    correlated noise: with B = [dx, dy, 1, t], F = B B^T and S = B C B^T it is F^-1 S F^-1,
+    restricted to the shift. The slopes are projected onto the complement of 1 and t first, which
+    gives the same.
     """
-    chunks = range(0, len(patches), _CHUNK)
-    plain, free = (
-        np.concatenate(t)
-        for t in zip(
-            np.zeros((2, 0, 3)), *(_tensors(patches[i : i + _CHUNK]) for i in chunks), strict=True
-        )
+    p = patches.shape[1]
+    nodes = p * p
+    image = np.asarray(patches, dtype=np.float64)
+    centred = image - image.mean(axis=(1, 2), keepdims=True)
+    power = np.einsum("nij,nij->n", centred, centred)
+    textured = power > 1e-12 * nodes
+    unit = centred / np.sqrt(np.where(textured, power, 1.0))[:, None, None]
+    down, across = np.gradient(image, axis=(1, 2))
+    slopes = np.stack([across, down], axis=1)
+    loss = np.einsum("naij,naij->n", slopes, slopes) / np.where(textured, power, 1.0) / 24.0
+    slopes -= slopes.mean(axis=(2, 3), keepdims=True)
+    slopes -= np.einsum("naij,nij->na", slopes, unit)[..., None, None] * unit[:, None]
+    normal = np.einsum("naij,nbij->nab", slopes, slopes)
+    flat = np.full_like(unit, 1.0 / p)
+    fields = np.concatenate([slopes, unit[:, None], flat[:, None]], axis=1)
+    products, variance = noise_products(fields.astype(np.float32), errors, model, pixel_m)
+    return Registration(
+        contrast=np.sqrt(power / nodes),
+        noise_variance=np.maximum(variance - products[:, 3, 3] / nodes, 0.0),
+        along=np.where(textured, products[:, 2, 2], np.inf),
+        shift_loss=np.clip(loss, 0.0, 1.0),
+        covariance_px2=_shift_covariance(normal, products[:, :2, :2]),
+        nodes=nodes,
     )
-    harris = (plain[:, 0] * plain[:, 1] - plain[:, 2] ** 2) - HARRIS_K * (
-        plain[:, 0] + plain[:, 1]
-    ) ** 2
-    major, minor, angle = _ellipse(free, plain, noise)
-    nodes = patches.shape[1] * patches.shape[2]
-    parts = (major, minor, angle, harris / nodes**2)
-    return Localization(*(p.astype(np.float32) for p in parts))
+
+
+def _shift_covariance(normal: Array, products: Array) -> Array:
+    """F^-1 S F^-1 of 2 x 2 matrices (n, 2, 2); infinite for a singular F."""
+    xx, yy, xy = normal[:, 0, 0], normal[:, 1, 1], normal[:, 0, 1]
+    determinant = xx * yy - xy * xy
+    good = determinant > 1e-9 * (xx + yy) ** 2
+    safe = np.where(good, determinant, 1.0)
+    inverse = np.stack([yy, -xy, -xy, xx], axis=-1).reshape(-1, 2, 2) / safe[:, None, None]
+    covariance = inverse @ products @ inverse
+    out = np.zeros_like(covariance)
+    out[:, [0, 1], [0, 1]] = np.inf
+    out[good] = covariance[good]
+    return out
+
+
+def harris_response(patches: Float32) -> Float32:
+    """det M - 0.04 trace(M)^2 of each patch (n, p, p), divided by its mean lit level, over the
+    squared number of nodes (Harris and Stephens 1988), (n,); NaN where a node is missing or no node
+    is lit.
+    """
+    level = mean_lit_level(patches)
+    good = np.isfinite(level)
+    image = np.where(good[:, None, None], patches, 0.0) / np.where(good, level, 1.0)[:, None, None]
+    down, across = np.gradient(image, axis=(1, 2))
+    xx, yy, xy = (
+        np.einsum("nij,nij->n", a, b) for a, b in ((across, across), (down, down), (across, down))
+    )
+    response = (xx * yy - xy * xy - HARRIS_K * (xx + yy) ** 2) / patches[0].size ** 2
+    return np.where(good, response, np.nan).astype(np.float32)
 
 
 def lit_share(patches: Float32) -> Array:
     """Share of each patch's nodes that are lit (> 0), (n,); missing nodes are not lit."""
     return np.asarray((np.nan_to_num(patches) > 0.0).mean(axis=(1, 2)))
-
-
-def _tensors(patches: Float32) -> tuple[Array, Array]:
-    """xx, yy, xy (n, 3) of the plain structure tensor, and of the one with free gain and offset;
-    NaN for a patch with a missing node or without light.
-    """
-    image = _normalised(patches)
-    gy, gx = np.gradient(image, axis=(1, 2))
-    n = len(image)
-    nodes = image.shape[1] * image.shape[2]
-    g = np.stack([gx, gy], axis=1).reshape(n, 2, nodes)
-    flat = image.reshape(n, nodes)
-    flat = flat - flat.mean(axis=1, keepdims=True)
-    power = np.einsum("ni,ni->n", flat, flat)
-    plain = np.einsum("nai,nbi->nab", g, g)
-    mean = g.mean(axis=2)
-    along = np.einsum("nai,ni->na", g, flat) / np.sqrt(np.where(power > 0.0, power, 1.0))[:, None]
-    free = (
-        plain - nodes * mean[:, :, None] * mean[:, None, :] - along[:, :, None] * along[:, None, :]
-    )
-    return _three(plain), _three(free)
-
-
-def _three(tensor: Array) -> Array:
-    return np.stack([tensor[:, 0, 0], tensor[:, 1, 1], tensor[:, 0, 1]], axis=1)
 
 
 def mean_lit_level(patches: Float32) -> Array:
@@ -110,77 +122,3 @@ def mean_lit_level(patches: Float32) -> Array:
     count = lit.sum(axis=(1, 2))
     level = np.where(lit, image, 0.0).sum(axis=(1, 2)) / np.maximum(count, 1)
     return np.where((count > 0) & np.isfinite(image).all(axis=(1, 2)), level, np.nan)
-
-
-def _normalised(patches: Float32) -> Array:
-    """Patches divided by their mean lit level, float64; all NaN where a node is missing or no node
-    is lit.
-    """
-    level = mean_lit_level(patches)
-    good = np.isfinite(level)[:, None, None]
-    return np.where(good, np.asarray(patches, dtype=np.float64), np.nan) / level[:, None, None]
-
-
-def _ellipse(free: Array, plain: Array, noise: float) -> tuple[Array, Array, Array]:
-    """Sigmas along the major and minor axis, and the major axis' angle, of noise^2 inv(free)."""
-    xx, yy, xy = free.T
-    middle, radius = (xx + yy) / 2.0, np.hypot((xx - yy) / 2.0, xy)
-    strong = middle + radius
-    with np.errstate(invalid="ignore"):
-        weak = np.where(
-            strong > 0.0, (xx * yy - xy * xy) / np.where(strong > 0.0, strong, 1.0), 0.0
-        )
-        floor = 1e-9 * (plain[:, 0] + plain[:, 1])  # rounding of the float32 input
-        good = (weak > floor) & np.isfinite(weak)
-    sigma = [
-        np.where(good, noise / np.sqrt(np.where(good, m, 1.0)), np.inf) for m in (weak, strong)
-    ]
-    angle = (
-        0.5 * np.arctan2(2.0 * xy, xx - yy) + np.pi / 2.0
-    )  # strong axis of M is the minor axis of the ellipse
-    angle = (angle + np.pi / 2.0) % np.pi - np.pi / 2.0
-    return sigma[0], sigma[1], np.where(good, angle, np.nan)
-
-
-def coarsest_scale(
-    patches: Float32,
-    noise: float,
-    scales: Sequence[float],
-    max_sigma_px: float,
-    min_lit: float = 0.0,
-) -> Float32:
-    """The coarsest of ``scales`` at which each patch is still located to ``max_sigma_px`` *coarse*
-    pixels, (n,).
-
-    At scale s >= 1 the pixels are s times as wide; each is the mean over its area, the noise per
-    pixel is the same, and at least ``min_lit`` of the pixels must be lit. Scales are tested from
-    the finest up to the first that fails, so that all finer ones are valid, too. NaN where the
-    finest fails. A scale with fewer than 7 coarse pixels a side fails.
-    """
-    best = np.full(len(patches), np.nan, dtype=np.float32)
-    alive = np.arange(len(patches))
-    for scale in sorted(scales):
-        small = decimate(patches[alive], scale)
-        if small.shape[1] < _SMALLEST_PX or not len(alive):
-            break
-        fine = localization(small, noise).localizable(max_sigma_px) & (lit_share(small) >= min_lit)
-        alive = alive[fine]
-        best[alive] = scale
-    return best
-
-
-def decimate(patches: Float32, scale: float) -> Float32:
-    """Patches (n, p, p) with pixels ``scale`` >= 1 times as wide: area means, (n, m, m), m =
-    floor(p / scale).
-
-    Each node is a cell of constant brightness. The coarse pixels lie symmetrically about the
-    patch's centre; a strip of less than one of them is left out at the edges.
-    """
-    size = patches.shape[1]
-    count = int(size / scale + 1e-9)
-    edges = (size - count * scale) / 2.0 + scale * np.arange(count + 1)
-    node = np.arange(size)
-    low, high = np.maximum(edges[:-1, None], node), np.minimum(edges[1:, None], node + 1.0)
-    weights = np.clip(high - low, 0.0, None) / scale
-    small = weights @ patches.astype(np.float64) @ weights.T
-    return np.asarray(small, dtype=np.float32)

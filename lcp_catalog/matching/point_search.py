@@ -16,7 +16,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
-from ..landmarks.uniqueness import effective_samples, false_match_probability
+from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches
 from .point_choice import points_in_view
@@ -46,7 +46,7 @@ class Criteria:
     """
 
     psf_sigma_px: float = POINT_SPREAD_PX
-    min_correlation: float = 0.3
+    min_correlation: float = LEAST_CORRELATION
     max_false_match: float = 0.2  # probability that the second peak is the true one
     min_lit_share: float = 0.3
     min_contrast: float = 0.005  # standard deviation of the render, as a share of its mean
@@ -237,10 +237,13 @@ def _judge_places(
     settled = np.isfinite(precise).all(axis=1)
     _mark(code, ~(settled & (correlation >= task.criteria.min_correlation)), "weak")
     rival = np.isfinite(found[:, 3]) & (code == 0)
-    patches = np.where(templates.mask[rival], templates.values[rival], np.float32(np.nan))
     chance = np.zeros(len(code))
-    chance[rival] = false_match_probability(
-        correlation[rival], found[rival, 3], effective_samples(patches)
+    chance[rival] = mistake_probability(
+        correlation[rival],
+        found[rival, 3],
+        templates.values[rival],
+        templates.mask[rival],
+        precise[rival, 9],
     )
     _mark(code, ~(chance <= task.criteria.max_false_match), "ambiguous")
 

@@ -284,28 +284,51 @@ def find_templates(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def rivals(fine, fine_weight, half, half_weight, origins, size, reach, exclusion, coarse, out):
-    """Search for n windows (``size`` x ``size`` pixels) of an image in the same image: out (n,) is
-    the highest correlation at another place, -1 if there is none.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _contrast(image, row, col, rows, cols):
+    """Standard deviation of a window."""
+    origin = np.float64(image[row, col])
+    first = second = 0.0
+    for i in range(rows):
+        for j in range(cols):
+            x = image[row + i, col + j] - origin
+            first += x
+            second += x * x
+    mean = first / (rows * cols)
+    return math.sqrt(max(second / (rows * cols) - mean * mean, 0.0))
 
-    Another place is a maximum (3 x 3 pixels) within ``reach`` in both axes and farther than
-    ``exclusion`` from the window. origins (n, 2) column and row of each window's first pixel, all
-    of it in the image; the other arguments as in `find_templates`. If no ascent from half
-    resolution ends at such a place, the search is repeated at full resolution.
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def rivals(
+    fine, fine_weight, half, half_weight, templates, origins, reach, exclusion, coarse, out, spread
+):
+    """Search for n templates in the image that they belong to: the correlations of other places,
+    best first, into out (n, k), NaN where there are fewer, and the standard deviations of the
+    windows there into spread (n, k).
+
+    Other places are maxima (3 x 3 pixels) within ``reach`` in both axes and farther than
+    ``exclusion`` from the template's own place. templates (n, p, p); origins (n, 2) column and row
+    of each one's first pixel, all of it in the image; the other arguments as in `find_templates`.
+    If no ascent from half resolution ends at such a place, the search is repeated at full
+    resolution.
     """
+    size = templates.shape[1]
     for k in prange(origins.shape[0]):
         col, row = origins[k, 0], origins[k, 1]
-        values, mask = fine[row : row + size, col : col + size], np.ones((size, size), np.bool_)
+        mask = np.ones((size, size), np.bool_)
         template = np.empty((size, size), np.float32)
-        count = centred(values, mask, template)
+        count = centred(templates[k], mask, template)
         limits = window(fine.shape, size, size, row, col, reach)
-        places, heights = np.empty((PEAKS, 2), np.int64), np.empty(PEAKS)
+        places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
         found = 0
         for first in (coarse, False):
             if found == 0 and count > 0:
                 found, _ = _maxima(
-                    fine, fine_weight, half, half_weight, values, mask, template, count, row, col,
+                    fine, fine_weight, half, half_weight, templates[k], mask, template, count, row, col,
                     limits, reach, 0.0, first, -1.5, exclusion, places, heights,
                 )  # fmt: skip
-        out[k] = heights[:found].max() if found else -1.0
+        for i in range(out.shape[1]):
+            out[k, i] = spread[k, i] = math.nan
+        for i in range(found):
+            out[k, i] = heights[i]
+            spread[k, i] = _contrast(fine, places[i, 0], places[i, 1], size, size)

@@ -1,0 +1,138 @@
+"""Probability that a search finds a patch at its true place and nowhere else, under a model of the
+differences between image and render.
+
+Let t be the centred patch of unit norm with N nodes, c its contrast (standard deviation), n the noise
+of the image (`error_model`), V = E[(t . n)^2], s^2 the variance of the noise about its mean over the
+patch. The correlation at the true place is nearly normal with
+
+    mean e_0 = rho_0 c / sqrt(c^2 + s^2),   variance v_0 = (V / N) (1 - e_0^2) / (c^2 + s^2)
+
+At every other maximum k of the correlation of the patch with the render around it, with the
+noise-free correlation rho_k and the contrast c_k of the window there, e_k = rho_k c_k / sqrt(c_k^2 +
+s^2) and v_k accordingly. The patch is found if the correlation at the true place is above that at
+all others (Johnson's acquisition probability, with the variances of correlated noise: Ding 1992) and
+above the least correlation L that a match must have:
+
+    P = integral from L of phi((x - e_0) / sqrt(v_0)) / sqrt(v_0) prod_k Phi((x - e_k) / sqrt(v_k)) dx
+
+rho_0 is below 1 where the patch, rendered alone, differs from the patch among the terrain around it
+(shadows that the terrain casts on it), and by the place's distance from a whole pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtr
+
+from ..arrays import Array, Float32, Mask
+from .localization import Registration
+
+LEAST_CORRELATION = 0.3
+"""Least correlation of a match."""
+
+_STEPS = np.linspace(-5.0, 5.0, 61)
+_WEIGHTS = np.exp(-0.5 * _STEPS**2) / np.exp(-0.5 * _STEPS**2).sum()
+_LEAST_VARIANCE = 1e-12
+
+
+def correlation_moments(
+    contrast: Array, rho: Array, noise_variance: Array, along: Array, nodes: int
+) -> tuple[Array, Array]:
+    """Mean and variance of the correlation with a window of a contrast whose noise-free correlation
+    is ``rho``; arrays that broadcast. Contrast and noise in the same unit.
+    """
+    total = np.square(contrast) + noise_variance
+    safe = np.where(total > 0.0, total, 1.0)
+    mean = np.where(total > 0.0, rho * contrast / np.sqrt(safe), 0.0)
+    variance = along / nodes / safe * (1.0 - mean**2)
+    return mean, np.maximum(variance, _LEAST_VARIANCE)
+
+
+def detection_probability(
+    match: Registration,
+    rivals: Array,
+    rival_contrast: Array,
+    self_correlation: Array | float = 1.0,
+    least_correlation: float = LEAST_CORRELATION,
+) -> tuple[Array, Array, Array]:
+    """Three probabilities for each of n patches, (n,): that it is found at its true place and
+    nowhere else (P); that its correlation there is at least ``least_correlation``; and that this is
+    the highest correlation of all, whatever it is.
+
+    ``rivals`` (n, k): noise-free correlation of the other maxima, NaN where there are fewer;
+    ``rival_contrast`` (n, k): the contrast of the windows there, in the unit of the patch's;
+    ``self_correlation`` (n,): noise-free correlation at the true place.
+    """
+    rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
+    mean, variance = correlation_moments(
+        match.contrast, rho, match.noise_variance, match.along, match.nodes
+    )
+    bad = ~(match.contrast > 0.0) | ~np.isfinite(variance) | ~np.isfinite(mean)
+    mean, sigma = np.where(bad, 0.0, mean), np.sqrt(np.where(bad, 1.0, variance))
+    x = mean[:, None] + sigma[:, None] * _STEPS
+    absent = np.isnan(rivals)
+    theirs, spread = correlation_moments(
+        np.where(absent, 0.0, rival_contrast),
+        np.where(absent, 0.0, rivals),
+        match.noise_variance[:, None],
+        np.where(bad, 1.0, match.along)[:, None],
+        match.nodes,
+    )
+    above = ndtr((x[:, :, None] - theirs[:, None]) / np.sqrt(spread)[:, None])
+    above = np.where(absent[:, None], 1.0, above).prod(axis=2)
+    # share of each step above the least correlation
+    passed = np.clip(
+        (x - least_correlation) / (sigma[:, None] * (_STEPS[1] - _STEPS[0])) + 0.5, 0.0, 1.0
+    )
+    values = (passed * above @ _WEIGHTS, passed @ _WEIGHTS, above @ _WEIGHTS)
+    found, there, highest = (np.where(bad, 0.0, np.clip(value, 0.0, 1.0)) for value in values)
+    return found, there, highest
+
+
+def mistake_probability(
+    correlation: Array,
+    second: Array,
+    templates: Float32,
+    masks: Mask,
+    neighbours: Array,
+    prior: Array | float = 0.5,
+) -> Array:
+    """Probability that the best match of each of n templates is not the true place, (n,), from the
+    two highest correlations that a search found.
+
+    The image's noise is what the best match leaves unexplained: its share of the window's variance
+    is 1 - r^2. With the correlation ``neighbours`` (n,) of neighbouring residuals a Gaussian
+    autocorrelation has the value neighbours^(d^2) at d pixels; V / s^2 follows from it and the
+    template's autocorrelation, and the difference of the two correlations has the variance v_0 +
+    v_1 of `correlation_moments`. ``prior`` (n,): probability that the true place has the highest
+    correlation, before the search (Bayes' rule). templates, masks (n, rows, cols).
+    """
+    best, other = (np.clip(np.asarray(r, np.float64), -1.0, 1.0) for r in (correlation, second))
+    count = np.maximum(masks.sum(axis=(1, 2)), 1)
+    gain = _noise_gain(templates, masks, np.clip(np.nan_to_num(neighbours), 0.0, 0.99))
+    left = np.maximum(1.0 - best**2, 1e-6)
+    variance = gain / count * left * ((1.0 - best**2) + (1.0 - other**2))
+    chance = ndtr((other - best) / np.sqrt(np.maximum(variance, _LEAST_VARIANCE)))
+    before = np.clip(np.asarray(prior, np.float64), 0.01, 0.99)
+    wrong = chance * (1.0 - before)
+    return np.asarray(wrong / (wrong + (1.0 - chance) * before))
+
+
+def _noise_gain(templates: Float32, masks: Mask, neighbours: Array) -> Array:
+    """V / s^2 of templates for noise with the autocorrelation neighbours^(d^2), (n,)."""
+    count = np.maximum(masks.sum(axis=(1, 2)), 1)[:, None, None]
+    values = np.where(masks, templates, 0.0).astype(np.float64)
+    values = np.where(masks, values - values.sum(axis=(1, 2), keepdims=True) / count, 0.0)
+    rows, cols = values.shape[1:]
+    spectrum = np.abs(np.fft.rfft2(values, (2 * rows, 2 * cols), axes=(1, 2))) ** 2
+    alike = np.fft.irfft2(spectrum, (2 * rows, 2 * cols), axes=(1, 2))
+    down, across = (np.minimum(np.arange(2 * n), 2 * n - np.arange(2 * n)) for n in (rows, cols))
+    lag2 = down[:, None] ** 2 + across[None] ** 2
+    power = alike[:, 0, 0]
+    total = np.array(
+        [
+            (a * np.where(lag2 > 0, r**lag2, 1.0)).sum()
+            for a, r in zip(alike, neighbours, strict=True)
+        ]
+    )
+    return np.where(power > 0.0, np.maximum(total / np.where(power > 0.0, power, 1.0), 1e-3), 1.0)
