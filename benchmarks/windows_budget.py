@@ -26,9 +26,9 @@ import rasterio
 from helpers import apollo_frames as apollo
 from helpers.apollo_windows import LINEAR, Ground, photograph
 
+from lcp_catalog.dem.effective_resolution import Resolution, true_resolution
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.srgb import decode_srgb
-from lcp_catalog.validation.dem_resolution import Resolution, true_resolution
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
 from lcp_catalog.validation.point_spread import Pair, paired
 from lcp_catalog.validation.window_correlation import WindowComparison, compare

@@ -158,11 +158,24 @@ def _describe(
             {"lon": lon, "lat": lat, "height_m": height_at(dem, lon, lat)} for lon, lat in places
         ],
         "vertical_uncertainty_m": dem.facts.sigma_m,
+        "resolution_m": dem.facts.resolution_m,
         "true_resolution_m": dem.facts.resolution_m,
+        **_resolution(dem, quick=found is None),
         "area_km2": own_km2,
         "used_share": _share(used_km2, own_km2),
         "moon_share": _share(used_km2, MOON_KM2),
         "holes": _holes(found, own_km2) if found else None,
+    }
+
+
+def _resolution(dem: Dem, quick: bool) -> dict[str, float | None]:
+    """Effective resolution and its 1-sigma interval; None without pixels or with too few heights."""
+    found = None if quick else dem.effective_resolution
+    known = found if found is not None and found.is_measured else None
+    return {
+        "effective_resolution_m": known.resolution_m if known else None,
+        "effective_resolution_low_m": known.low_m if known else None,
+        "effective_resolution_high_m": known.high_m if known else None,
     }
 
 

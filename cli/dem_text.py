@@ -28,10 +28,29 @@ def file_text(one: dict[str, Any]) -> str:
     ]
     if one["vertical_uncertainty_m"] is not None:
         rows.append(("uncertainty", f"{one['vertical_uncertainty_m']:g} m of height (1 sigma)"))
-    if one["true_resolution_m"] is not None:
-        rows.append(("resolves", f"{one['true_resolution_m']:g} m on the surface"))
+    rows += [("resolves", text) for text in _resolved(one)]
     rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
     return "\n".join([one["path"], *_aligned(rows)])
+
+
+def _resolved(one: dict[str, Any]) -> list[str]:
+    """The measured resolution with its interval, and the published one; an empty list of neither."""
+    found, published = one["effective_resolution_m"], one["resolution_m"]
+    lines = []
+    if found is not None:
+        sides = [one["effective_resolution_low_m"], one["effective_resolution_high_m"]]
+        low, high = map(_rounded, sides)
+        lines.append(
+            f"{_rounded(found)} m on the surface by its heights (1 sigma: {low} .. {high} m)"
+        )
+    if published is not None:
+        lines.append(f"{published:g} m as published")
+    return lines
+
+
+def _rounded(metres: float) -> str:
+    """Metres in three digits or more."""
+    return f"{metres:.0f}" if metres >= 100.0 else f"{metres:.3g}"
 
 
 def set_text(whole: dict[str, Any]) -> str:

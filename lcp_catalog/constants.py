@@ -22,3 +22,6 @@ SOLAR_RADIUS_RAD = math.radians(0.2666)
 """Mean angular radius of the solar disc seen from the Moon (696 000 km at 1 au)."""
 
 ASTRONOMICAL_UNIT_M = 149_597_870_700.0
+
+SIGMA_PER_FWHM = 1.0 / math.sqrt(8.0 * math.log(2.0))
+"""Standard deviation of a Gaussian of full width 1 at half maximum."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
@@ -198,7 +198,9 @@ def _evaluated(
     whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
     found = _patches(core.lon[rows, cols], core.lat[rows, cols], job)
-    kept = np.isfinite(found.z_m).all(axis=(1, 2))  # its nodes are not quite those of the area
+    kept: Mask = np.all(
+        np.isfinite(found.z_m), axis=(1, 2)
+    )  # its nodes are not quite those of the area
     if found.albedo is not None and sweep.brightness is not None:
         kept &= _known_alike(sweep.brightness, rows, cols, half, found.albedo)
     rows, cols, found = rows[kept], cols[kept], found.rows(kept)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import DemError, LabelError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
+from .effective_resolution import Resolution, of_file
 from .georeferenced import Gridded
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
@@ -120,6 +122,21 @@ class Dem(Gridded):
     def facts(self) -> ProductFacts:
         """Published facts about the product: uncertainty, resolution, latitudes of use."""
         return facts_of(self.product)
+
+    @cached_property
+    def effective_resolution(self) -> Resolution:
+        """Effective resolution of the file, estimated once (`effective_resolution.of_file`)."""
+        return of_file(self)
+
+    @property
+    def resolution_m(self) -> float | None:
+        """Effective resolution, metres: measured, else the product's published figure, at least the
+        posting; None if neither is known.
+        """
+        found, published = self.effective_resolution, self.facts.resolution_m
+        if found.is_measured:
+            return found.resolution_m
+        return None if published is None else max(published, self.gsd_m)
 
     @property
     def radius_m(self) -> float:

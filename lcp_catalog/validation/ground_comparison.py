@@ -21,6 +21,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import View, sensor_view
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
+from ..dem.effective_resolution import Resolution, of_file
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.frames import mcmf_to_lonlat
@@ -31,7 +32,7 @@ from ..photometry.laws import Reflectance
 from ..rendering.pipeline import prepare_terrain
 from ..rendering.renderer import render_enu
 from ..rendering.request import Request, ViewChoice
-from .dem_resolution import of_terrain
+from ..terrain.terrain import Terrain
 from .orthoimage import orthorectify, terrain_nodes
 from .point_spread import Pair, paired
 from .window_correlation import WindowComparison, compare, of_patches
@@ -88,12 +89,12 @@ def against_dem(
     """Compare the part of an image that a DEM covers. AreaError if there is none; other errors as
     `pipeline.prepare`.
 
-    The effective resolution is estimated at the DEM's posting. Cells finer than the posting are
-    rendered at their own size.
+    The effective resolution is that of the DEM file (`effective_resolution.of_file`). Cells finer
+    than the posting are rendered at their own size.
     """
     request = dem_request(image, dems, model, accuracy, albedo)
     scene = prepare_terrain(request)
-    resolution = of_terrain(scene.terrain)
+    resolution = resolution_of(scene.terrain, dems)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
     cell_m = rendered_cell_m(scene.gsd_m, target_m)
     if cell_m != scene.gsd_m:
@@ -120,6 +121,13 @@ def against_dem(
         np.where(pair.weight > 0.5, pair.render, np.nan),
         sources=scene.sources,
     )
+
+
+def resolution_of(terrain: Terrain, dems: DemSet) -> Resolution:
+    """Effective resolution of the DEM file that gave most heights of a terrain's core."""
+    row0, row1, col0, col1 = terrain.core
+    index = terrain.product_index[row0:row1, col0:col1]
+    return of_file(dems.dems[int(np.bincount(index[index >= 0]).argmax())])
 
 
 def rendered_cell_m(posting_m: float, target_m: float) -> float:

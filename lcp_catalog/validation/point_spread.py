@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..constants import SIGMA_PER_FWHM
 
-SIGMA_PER_FWHM = 1.0 / math.sqrt(8.0 * math.log(2.0))
 CELL_FWHM = 2.0
 """Full width at half maximum of the point spread, in cells: the shortest wave that the cells
 represent.
@@ -79,7 +79,7 @@ def paired(
 
     Both are smoothed with a Gaussian of ``cell_fwhm`` target cells. A render lacks the detail that
     its DEM lacks, so the image is also smoothed with the DEM's point spread ``dem_fwhm_m``
-    (`dem_resolution.Resolution.point_spread_m`). Both are then equally sharp if slopes are so small
+    (`effective_resolution.Resolution.point_spread_m`). Both are then equally sharp if slopes are so small
     that brightness is linear in them.
     """
     a, b = np.asarray(image, dtype=np.float64), np.asarray(render, dtype=np.float64)

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.catalogs import HADLEY
 from helpers.products import DEGREE_M, geotiff, ldem_80s, sldem_512
 from lcp_cli.main import run
 
+from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.raster import Raster
 
 CONTRACT = (
@@ -59,6 +61,7 @@ def test_json_has_the_contracts_fields(ldem_4: Path, capsys: pytest.CaptureFixtu
             {"lon": -44.875, "lat": -45.125, "height_m": -301.0},
         ],
     }
+    assert first["effective_resolution_m"] is None  # too coarse for an estimate
     assert (first["vertical_uncertainty_m"], first["true_resolution_m"]) == (10.0, None)
     assert first["area_km2"] == pytest.approx(4 * math.pi * 1737.4**2)
     assert (first["used_share"], first["moon_share"], second["used_share"]) == (1.0, 1.0, 0.0)
@@ -66,6 +69,31 @@ def test_json_has_the_contracts_fields(ldem_4: Path, capsys: pytest.CaptureFixtu
     assert second["path"] == paths[1]
     assert second["bounds"]["west"] == -180.0
     assert second["samples"][0]["height_m"] == pytest.approx(-796.0, abs=0.5)
+
+
+def test_the_resolution_of_the_heights_stands_beside_the_published_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """GLD100's published formal figure is 300 m; its heights say about 1 km (a second account, by
+    the ground it renders: tests/validation).
+    """
+    sample = str(HADLEY)
+    assert run(["dem", "info", sample, "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    assert one["resolution_m"] == one["true_resolution_m"] == 300.0
+    found = Dem.open(HADLEY).effective_resolution
+    assert one["effective_resolution_m"] == found.resolution_m == pytest.approx(1000.0, rel=0.25)
+    assert one["effective_resolution_low_m"] == found.low_m
+    assert one["effective_resolution_high_m"] == found.high_m
+    assert run(["dem", "info", sample]) == 0
+    text = capsys.readouterr().out
+    assert f"  resolves     {found.resolution_m:.0f} m on the surface by its heights" in text
+    assert "               300 m as published" in text
+    assert run(["dem", "info", sample, "--json", "--quick"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    assert one["effective_resolution_m"] is one["effective_resolution_low_m"] is None
+    assert run(["dem", "info", sample, "--quick"]) == 0
+    assert "by its heights" not in capsys.readouterr().out
 
 
 def test_polar_product(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -250,8 +278,8 @@ def test_a_warning_beside_the_list_goes_to_stderr(
     assert err.count("\n") == 1
 
 
-def test_every_pixel_is_read_once(pair: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """But for the small windows in which two products are compared."""
+def test_every_pixel_is_read_twice(pair: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once for the heights, once for the resolution of so small a file."""
     seen: list[int] = []
     read = Raster.read
 
@@ -261,7 +289,7 @@ def test_every_pixel_is_read_once(pair: list[str], monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(Raster, "read", counted)
     assert run(["dem", "info", pair[0]]) == 0
-    assert sum(seen) == 80 * 80
+    assert sum(seen) == 2 * 80 * 80
     seen.clear()
     assert run(["dem", "info", "--quick", *pair, "--map", str(Path(pair[0]).parent / "q.png")]) == 0
     assert seen == []

@@ -15,6 +15,8 @@ import rasterio
 from helpers.apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 
 from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.dem.dem import Dem
+from lcp_catalog.dem.effective_resolution import Resolution, of_file
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
@@ -22,7 +24,6 @@ from lcp_catalog.photometry.srgb import decode_srgb
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.renderer import Rendering, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.validation.dem_resolution import Resolution, of_terrain
 from lcp_catalog.validation.ground_comparison import rendered_cell_m
 from lcp_catalog.validation.orthoimage import Ortho, orthorectify, terrain_nodes
 from lcp_catalog.validation.point_spread import Pair, paired
@@ -81,7 +82,7 @@ class Ground:
 
     @functools.cached_property
     def resolution(self) -> Resolution:
-        return self.resolves or of_terrain(self.scene.terrain)
+        return self.resolves or of_file(Dem.open(self.dem))
 
     @functools.cached_property
     def factor(self) -> np.ndarray:

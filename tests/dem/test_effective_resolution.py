@@ -7,16 +7,21 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-import rasterio
 from helpers.catalogs import HADLEY
+from helpers.products import DEGREE_M, geotiff
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.constants import MOON_RADIUS_M, SIGMA_PER_FWHM
+from lcp_catalog.dem import effective_resolution
+from lcp_catalog.dem.dem import Dem
+from lcp_catalog.dem.effective_resolution import of_file, true_resolution
+from lcp_catalog.dem.georeferenced import Gridded
+from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.dem.sample_windows import Heights, sample_windows
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.terrain import terrain_from_area
-from lcp_catalog.validation.dem_resolution import of_terrain, true_resolution
-from lcp_catalog.validation.point_spread import SIGMA_PER_FWHM
 
 GSD_M = 100.0
 HALF_WAVE = np.pi * SIGMA_PER_FWHM / np.sqrt(2.0 * np.log(2.0))
@@ -195,8 +200,7 @@ def test_gld100_resolves_about_a_kilometre():
     """Published resolution: 1 to 1.5 km (Scholten et al. 2012, J. Geophys. Res. 117, E00H17), on
     cells of 118 m.
     """
-    dems = DemSet.open([HADLEY])
-    found = of_terrain(terrain_from_area(dems, Area(3.4, 26.0, (120.0, 100.0))))
+    found = of_file(Dem.open(HADLEY))
     assert found.posting_m < 119.0
     assert 650.0 < found.resolution_m < 1500.0
 
@@ -205,8 +209,9 @@ def test_the_cells_of_the_same_ground_hardly_matter():
     """The resolution is the same at 118 m and at 237 m."""
     dems = DemSet.open([HADLEY])
     area = Area(3.4, 26.0, 100.0)
-    fine, coarse = (of_terrain(terrain_from_area(dems, area, gsd)) for gsd in (None, 237.0))
-    assert coarse.resolution_m == pytest.approx(fine.resolution_m, rel=0.15)
+    fine, coarse = (terrain_from_area(dems, area, gsd).field for gsd in (None, 237.0))
+    fine_m, coarse_m = (true_resolution(f.z_m, f.gsd_m).resolution_m for f in (fine, coarse))
+    assert coarse_m == pytest.approx(fine_m, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -219,8 +224,94 @@ def test_the_cells_of_the_same_ground_hardly_matter():
     ],
 )
 def test_gld100_elsewhere(shared_data, file):
-    with rasterio.open(shared_data / file) as source:
-        z, box, step = source.read(1).astype(float), source.bounds, source.transform.a
-        z[z == source.nodata] = np.nan
-    across = step * np.cos(0.5 * (box.top + box.bottom) / 1737400.0)
-    assert 650.0 < true_resolution(z, (step, across)).resolution_m < 1500.0
+    assert 650.0 < of_file(Dem.open(shared_data / file)).resolution_m < 1500.0
+
+
+# -- files
+
+
+def test_a_file_of_one_window_is_its_own_heights(tmp_path):
+    z = ground(300, 280, 4.0, 5, 400.0).astype(np.float32)
+    path = geotiff(tmp_path / "dem.tif", z, 0.0, 15_000.0, GSD_M)
+    assert of_file(Dem.open(path)) == true_resolution(z, (GSD_M, GSD_M * np.cos(0.0)))
+
+
+def test_a_file_that_is_written_again_is_measured_again(tmp_path):
+    path = tmp_path / "dem.tif"
+    for fwhm_m in (300.0, 600.0):
+        z = ground(320, 320, 4.0, 6, fwhm_m).astype(np.float32)
+        geotiff(path, z, 0.0, 16_000.0, GSD_M)
+        found = of_file(Dem.open(path))
+        assert found.resolution_m == pytest.approx(HALF_WAVE * fwhm_m, rel=0.125)
+        path.unlink()
+
+
+@pytest.mark.parametrize("north_m", [700e3, 2_150e3])
+def test_pixels_of_a_cylinder_far_from_the_equator_are_measured_on_the_surface(tmp_path, north_m):
+    """At 71 deg a pixel of 100 m is 33 m wide: means of three are about square. The ground has a
+    point spread of 500 m on the surface, whatever the map.
+    """
+    rows, wide = 400, 1600
+    narrow = np.cos((north_m - 0.5 * rows * GSD_M) / MOON_RADIUS_M)
+    step = GSD_M * narrow
+    across = ground(rows, wide, 4.0, 8, 500.0, gsd_m=GSD_M)
+    columns = np.arange(int(wide * GSD_M / step) - 2) * narrow
+    low = columns.astype(int)
+    share = columns - low
+    z = (across[:, low] * (1.0 - share) + across[:, low + 1] * share).astype(np.float32)
+    found = of_file(Dem.open(geotiff(tmp_path / "dem.tif", z, 0.0, north_m, GSD_M)))
+    assert found.resolution_m == pytest.approx(HALF_WAVE * 500.0, rel=0.15)
+    assert found.posting_m == GSD_M
+
+
+def test_windows_with_other_relief_count_alike(tmp_path):
+    """The spectrum of a file is the geometric mean over its windows: ground a hundred times as rough
+    in one of them does not decide.
+    """
+    quiet, rough = ground(200, 400, 4.0, 1, 700.0), 100.0 * ground(200, 400, 4.0, 2, 250.0)
+    windows = [Heights(z, (GSD_M, GSD_M)) for z in (quiet, quiet[::-1], quiet[:, ::-1], rough)]
+    pooled = effective_resolution._of_windows(windows, GSD_M).resolution_m
+    alone = [effective_resolution._of_windows([w], GSD_M).resolution_m for w in windows]
+    assert abs(np.log(pooled / alone[0])) < 0.5 * abs(np.log(alone[3] / alone[0]))
+
+
+class Endless(Gridded):
+    """A product of any size; windows that were read are noted."""
+
+    def __init__(self, grid: Grid) -> None:
+        self.grid, self.path, self.raster, self.windows = grid, HADLEY, self, []
+
+    def read(self, row0, row1, col0, col1):
+        self.windows.append((row0, row1, col0, col1))
+        return np.zeros((row1 - row0, col1 - col0), np.float32)
+
+
+@pytest.mark.parametrize("per_degree", [4, 64, 512])
+def test_a_global_product_is_read_in_part(per_degree):
+    """At most 16 windows of a million cells, none beyond 75 deg, some on both sides of the equator."""
+    pixel_m = DEGREE_M / per_degree
+    height, width = 180 * per_degree, 360 * per_degree
+    grid = Grid(
+        "equirectangular", width, height, pixel_m, 0.5 * pixel_m, 90 * DEGREE_M - 0.5 * pixel_m
+    )
+    endless = Endless(grid)
+    cells = [window.z_m.size for window in sample_windows(endless)]
+    assert 4 <= len(cells) <= 16
+    assert max(cells) <= 1024**2
+    rows = np.array([window[:2] for window in endless.windows]) / per_degree
+    assert rows.min() >= 15.0 - 1.0 / per_degree
+    assert rows.max() <= 165.0 + 1.0 / per_degree
+    assert (rows[:, 0] < 90.0).any()
+    assert (rows[:, 1] > 90.0).any()
+    assert len(set(endless.windows)) == len(endless.windows)
+
+
+def test_a_small_file_is_read_whole():
+    grid = Grid("polar-stereographic", 2000, 1500, 20.0, -19_990.0, 14_990.0, 0.0, -90.0)
+    endless = Endless(grid)
+    steps = [window.steps_m for window in sample_windows(endless)]
+    held = np.zeros((1500, 2000), bool)
+    for row0, row1, col0, col1 in endless.windows:
+        held[row0:row1, col0:col1] = True
+    assert held.all()
+    np.testing.assert_allclose(steps, 20.0, rtol=1e-3)

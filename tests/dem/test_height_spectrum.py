@@ -9,7 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from lcp_catalog.validation import dem_resolution
+from lcp_catalog.dem import effective_resolution
+from lcp_catalog.dem.sample_windows import Heights
 
 K = np.geomspace(1e-4, 4.5e-3, 33)
 """Wavenumbers of 5.5 octaves."""
@@ -22,7 +23,16 @@ def law(k, amplitude=5.6e-5, exponent=4.0, cut=math.inf, shape=0, noise=0.0):
 
 
 def spectrum(power, waves=1e6, k=K):
-    return dem_resolution.Spectrum(k, np.asarray(power), np.broadcast_to(waves, k.shape))
+    return effective_resolution.Spectrum(k, np.asarray(power), np.broadcast_to(waves, k.shape))
+
+
+def one_window(z, steps):
+    return effective_resolution.spectrum_of([Heights(z, steps)])
+
+
+def tiles_of(z, side):
+    found = effective_resolution._tiles([z], side)
+    return found[0] if found else []
 
 
 # -- the spectrum
@@ -31,17 +41,18 @@ def spectrum(power, waves=1e6, k=K):
 def test_white_heights_have_the_power_of_their_variance_and_a_plane_has_none():
     rng = np.random.default_rng(0)
     power = np.mean(
-        [dem_resolution._power(rng.normal(scale=3.0, size=(64, 64))) for _ in range(40)], axis=0
+        [effective_resolution._power(rng.normal(scale=3.0, size=(64, 64))) for _ in range(40)],
+        axis=0,
     )
     assert power[5:-5, 5:-5].mean() == pytest.approx(9.0, rel=0.02)
     y, x = np.mgrid[:64, :64]
-    assert dem_resolution._power(700.0 + 3.0 * x - 20.0 * y).max() < 1e-12 * 20.0**2
+    assert effective_resolution._power(700.0 + 3.0 * x - 20.0 * y).max() < 1e-12 * 20.0**2
 
 
 def test_what_leaks_from_a_wave_falls_with_its_tenth_power():
     """A squared Hann window: 10 octaves of power per octave, steeper than the spectrum of any DEM."""
     tile = np.broadcast_to(np.cos(2.0 * np.pi * 20.5 * np.arange(256) / 256), (256, 256))
-    power = dem_resolution._power(tile)[0]
+    power = effective_resolution._power(tile)[0]
     for away in (10, 20, 40):
         near, far = (power[20 + s * away : 20 + s * away + 4].mean() for s in (1, 2))
         assert math.log2(near / far) == pytest.approx(10.0, abs=1.2)
@@ -55,7 +66,7 @@ def test_a_bin_is_the_mean_of_noisy_powers(tiles):
     rng = np.random.default_rng(1)
     k = rng.uniform(1.0, 8.0, 60_000)
     power = k**-3.0 * rng.gamma(tiles, 1.0 / tiles, k.size)
-    found = dem_resolution._binned(k, power, np.geomspace(1.0, 8.0, 4), tiles)
+    found = effective_resolution._binned(k, power, np.geomspace(1.0, 8.0, 4), tiles)
     np.testing.assert_allclose(found.power * found.wavenumber**3, 1.0, rtol=0.02)
     inside = [((k >= a) & (k < 2.0 * a)).sum() for a in (1.0, 2.0, 4.0)]
     np.testing.assert_allclose(found.waves, np.array(inside) * tiles)
@@ -67,7 +78,7 @@ def test_waves_are_counted_once_within_the_tiles_bounds(shape, side, tiles):
     half-overlapping tiles count half each.
     """
     step = 100.0
-    found = dem_resolution.spectrum_of(np.random.default_rng(2).normal(size=shape), (step, step))
+    found = one_window(np.random.default_rng(2).normal(size=shape), (step, step))
     f = np.fft.fftfreq(side, step)
     k = np.hypot(*np.meshgrid(f, f))
     within = (k >= 3.0 / (side * step)) & (k < 0.95 * 0.5 / step)
@@ -87,25 +98,25 @@ def test_waves_longer_than_thirty_kilometres_are_left_out():
     """
     rng = np.random.default_rng(3)
     z = rng.normal(size=(64, 64))
-    assert dem_resolution.spectrum_of(z, (3000.0, 3000.0)).wavenumber[0] >= 1.0 / 30e3
+    assert one_window(z, (3000.0, 3000.0)).wavenumber[0] >= 1.0 / 30e3
     widest = 0.95 * 0.5 * 30e3 / 2.5
-    assert dem_resolution.spectrum_of(z, (0.99 * widest, 0.99 * widest)) is not None
-    assert dem_resolution.spectrum_of(z, (1.01 * widest, 1.01 * widest)) is None
+    assert one_window(z, (0.99 * widest, 0.99 * widest)) is not None
+    assert one_window(z, (1.01 * widest, 1.01 * widest)) is None
 
 
 def test_tiles_are_whole_and_hold_half_of_the_heights():
     z = np.ones((96, 128))
-    assert [len(dem_resolution._tiles(z, side)) for side in (128, 64, 32)] == [0, 6, 35]
+    assert [len(tiles_of(z, side)) for side in (128, 64, 32)] == [0, 6, 35]
     z[40, ::40] = np.nan  # every tile of 64 rows from row 0 or 32 meets one
-    assert dem_resolution._tiles(z, 64) == []
+    assert tiles_of(z, 64) == []
     whole = [np.isfinite(z[i : i + 32, j : j + 32]).all() for i in range(0, 65, 16) for j in range(0, 97, 16)]  # fmt: skip
-    assert len(dem_resolution._tiles(z, 32)) == sum(whole) > 10
+    assert len(tiles_of(z, 32)) == sum(whole) > 10
     z[:33] = np.nan  # of what is left 55 rows of 63 lie in whole tiles: rows 48 to 95
-    assert len(dem_resolution._tiles(z, 32)) == 2 * 7
+    assert len(tiles_of(z, 32)) == 2 * 7
     z[80] = np.nan  # now rows 48 to 79 alone, 32 of 62
-    assert len(dem_resolution._tiles(z, 32)) == 7
+    assert len(tiles_of(z, 32)) == 7
     z[79] = np.nan
-    assert dem_resolution._tiles(z, 32) == []
+    assert tiles_of(z, 32) == []
 
 
 # -- the fit
@@ -122,8 +133,8 @@ def test_every_cut_is_fitted_by_least_squares(shape, noise, waves):
     for k in (K, K[18:]):
         power = law(k, cut=9e-4, exponent=4.6, shape=shape, noise=1.4 * noise)
         power = power * np.exp(0.15 * rng.normal(size=k.size))
-        name = list(dem_resolution.SHAPES)[shape]
-        fit = dem_resolution._fit(spectrum(power, waves, k), name, noise)
+        name = list(effective_resolution.SHAPES)[shape]
+        fit = effective_resolution._fit(spectrum(power, waves, k), name, noise)
         sigma = np.sqrt(1.0 / waves + 0.1**2)
         clear = power - noise
         by = sigma * power / clear
@@ -153,12 +164,12 @@ def test_a_law_comes_back(shape, exponent, cut):
     prior.
     """
     posting = 0.5 / 4.5e-3
-    found = dem_resolution._fitted(
+    found = effective_resolution._fitted(
         spectrum(law(K, exponent=exponent, cut=cut, shape=shape)), posting, posting**2
     )
     assert found.resolution_m == pytest.approx(0.5 / cut, rel=0.04)
     assert found.exponent == pytest.approx(exponent, abs=0.08)
-    assert list(dem_resolution.SHAPES)[shape] in found.how
+    assert list(effective_resolution.SHAPES)[shape] in found.how
     # the Gaussian that halves that wave: exp(-2 (pi s k)^2) = 1/2
     s = found.point_spread_m / math.sqrt(8.0 * math.log(2.0))
     assert math.exp(-2.0 * (math.pi * s * 0.5 / found.resolution_m) ** 2) == pytest.approx(0.5)
@@ -170,7 +181,7 @@ def test_a_law_comes_back(shape, exponent, cut):
 def test_a_cut_beyond_nyquist_is_no_point_spread(times, sharp):
     posting = 110.0
     cut = times * 0.5 / posting
-    found = dem_resolution._fitted(spectrum(law(K, cut=cut)), posting, posting**2)
+    found = effective_resolution._fitted(spectrum(law(K, cut=cut)), posting, posting**2)
     assert (found.point_spread_m == 0.0) == sharp == (found.resolution_m == posting)
 
 
@@ -180,17 +191,17 @@ def test_noise_is_what_is_flat_and_counts_where_it_outweighs_the_rest():
     """
     cell = 100.0 * 50.0
     level = 5.6e-5 / 2e-3**4
-    found = dem_resolution._fitted(spectrum(law(K, noise=level)), 100.0, cell)
+    found = effective_resolution._fitted(spectrum(law(K, noise=level)), 100.0, cell)
     assert found.resolution_m == pytest.approx(0.5 / 2e-3, rel=0.05)
     assert found.noise_m == pytest.approx(math.sqrt(level / cell), rel=0.06)
     assert "noise exceeds" in found.how
     # an edge that noise makes is as sure as areas differ, a quarter in the logarithm, and no surer
     for side in (found.high_m / found.resolution_m, found.resolution_m / found.low_m):
         assert math.log(side) == pytest.approx(0.25)
-    fit = dem_resolution._Fit("a Gaussian point spread", 1.0, 5.6e-5, 4.0, level, 1.0, K, K)
-    assert dem_resolution._outweighed(fit, 5e-3) == pytest.approx(2e-3, rel=0.01)
-    assert dem_resolution._outweighed(fit, 2.6e-3) == pytest.approx(2e-3, rel=0.01)
-    assert dem_resolution._outweighed(fit, 2.4e-3) == math.inf  # beyond 0.8 of Nyquist's
+    fit = effective_resolution._Fit("a Gaussian point spread", 1.0, 5.6e-5, 4.0, level, 1.0, K, K)
+    assert effective_resolution._outweighed(fit, 5e-3) == pytest.approx(2e-3, rel=0.01)
+    assert effective_resolution._outweighed(fit, 2.6e-3) == pytest.approx(2e-3, rel=0.01)
+    assert effective_resolution._outweighed(fit, 2.4e-3) == math.inf  # beyond 0.8 of Nyquist's
 
 
 def test_the_interval_is_where_the_misfit_is_one_more():
@@ -199,8 +210,8 @@ def test_the_interval_is_where_the_misfit_is_one_more():
     away = np.log(cuts / 1e-3)
     profile = (away / np.where(away < 0.0, 0.2, 0.5)) ** 2
     for least, count, scale in ((3.0, 20, 1.0), (64.0, 20, 4.0), (9.0, 5, 9.0), (9.0, 3, 9.0)):
-        fit = dem_resolution._Fit("", 1e-3, 1.0, 4.0, 0.0, least, cuts, least + profile)
-        low, high = dem_resolution._interval(fit, count)
+        fit = effective_resolution._Fit("", 1e-3, 1.0, 4.0, 0.0, least, cuts, least + profile)
+        low, high = effective_resolution._interval(fit, count)
         assert math.log(1e-3 / low) == pytest.approx(0.2 * math.sqrt(scale), abs=0.02)
         assert math.log(high / 1e-3) == pytest.approx(0.5 * math.sqrt(scale), abs=0.02)
 
@@ -213,11 +224,11 @@ def test_a_resolution_is_as_sure_as_its_fit_and_as_areas_differ():
     power = law(K, cut=1.6e-3, shape=0) * np.exp(0.3 * rng.normal(size=K.size))
     made = spectrum(power, 40.0)
     posting = 90.0
-    found = dem_resolution._fitted(made, posting, posting**2)
-    near = np.less_equal(K, 2.5 * dem_resolution._best(made).cut)
-    kept = dem_resolution.Spectrum(made.wavenumber[near], made.power[near], made.waves[near])
-    fit = dem_resolution._best(kept)
-    low, high = dem_resolution._interval(fit, len(kept.power))
+    found = effective_resolution._fitted(made, posting, posting**2)
+    near = np.less_equal(K, 2.5 * effective_resolution._best(made).cut)
+    kept = effective_resolution.Spectrum(made.wavenumber[near], made.power[near], made.waves[near])
+    fit = effective_resolution._best(kept)
+    low, high = effective_resolution._interval(fit, len(kept.power))
     assert found.resolution_m == pytest.approx(0.5 / fit.cut)
     finer, coarser = np.hypot([math.log(high / fit.cut), math.log(fit.cut / low)], 0.25)
     assert abs(finer - coarser) > 0.005
@@ -229,9 +240,9 @@ def test_what_lies_far_beyond_the_cut_has_no_say():
     """The filters of a DEM appear there, from four times the cut on."""
     cut, posting = 3e-4, 0.5 / 4.5e-3
     power = law(K, cut=cut, shape=0)
-    plain = dem_resolution._fitted(spectrum(power), posting, posting**2)
+    plain = effective_resolution._fitted(spectrum(power), posting, posting**2)
     odd = power * np.maximum(K / (4.0 * cut), 1.0) ** 1.5
-    found = dem_resolution._fitted(spectrum(odd), posting, posting**2)
+    found = effective_resolution._fitted(spectrum(odd), posting, posting**2)
     assert found.resolution_m == pytest.approx(plain.resolution_m, rel=0.03)
 
 
@@ -240,8 +251,8 @@ def test_a_parallels_steps_are_as_wide_as_the_wider():
     that.
     """
     z = np.random.default_rng(7).normal(size=(64, 64))
-    found = dem_resolution.spectrum_of(z, (100.0, 50.0))
+    found = one_window(z, (100.0, 50.0))
     assert found.wavenumber[-1] <= 0.95 * 0.5 / 100.0
     assert found.wavenumber[0] >= 3.0 / (64 * 100.0)
-    assert dem_resolution.true_resolution(z, (100.0, 50.0)).posting_m == 100.0
-    assert dem_resolution.true_resolution(z.T, (50.0, 100.0)).posting_m == 100.0
+    assert effective_resolution.true_resolution(z, (100.0, 50.0)).posting_m == 100.0
+    assert effective_resolution.true_resolution(z.T, (50.0, 100.0)).posting_m == 100.0

@@ -1,5 +1,8 @@
 """Effective resolution of a DEM, estimated from the spectrum of its heights.
 
+It belongs to the file: it is estimated once for each, at its own posting, over fixed windows
+(`sample_windows`), and does not depend on an image, an area or a catalogue.
+
 The posting of stereo models and filtered products is often finer than their resolution. The height
 spectrum of natural terrain follows one power law over many octaves (on the Moon about k^-4 in two
 dimensions: Rosenburg et al. 2011, J. Geophys. Res. 116, E02001, Hurst exponents near 1 at these
@@ -18,15 +21,17 @@ both are equal. It is never below the posting.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from ..terrain.terrain import Terrain
-from .point_spread import SIGMA_PER_FWHM
+from ..arrays import Array, Float32
+from ..constants import SIGMA_PER_FWHM
+from .georeferenced import Gridded
+from .sample_windows import Heights, sample_windows
 
 TILES = (512, 256, 128, 64, 32)
 """Side lengths of the tiles whose spectra are averaged, nodes; the first that covers at least half
@@ -78,6 +83,11 @@ class Resolution:
     noise_m: float
     how: str
 
+    @property
+    def is_measured(self) -> bool:
+        """False if the heights were too few for an estimate: ``resolution_m`` is the posting."""
+        return math.isfinite(self.high_m)
+
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
@@ -90,14 +100,17 @@ class Spectrum:
     waves: Array
 
 
-def of_terrain(terrain: Terrain) -> Resolution:
-    """Effective resolution of the DEM of a terrain, from its core.
+def of_file(dem: Gridded) -> Resolution:
+    """Effective resolution of a DEM file, from its `sample_windows`; estimated once in a process.
 
-    The terrain should have the DEM's posting: coarser cells hide detail; finer cells do not change
-    the result.
+    ``resolution_m`` is the posting, which ``how`` states, for a file of too few heights.
     """
-    row0, row1, col0, col1 = terrain.core
-    return true_resolution(terrain.field.z_m[row0:row1, col0:col1], terrain.field.gsd_m)
+    return _of_file(dem, dem.identity)
+
+
+@lru_cache(maxsize=64)
+def _of_file(dem: Gridded, identity: Hashable) -> Resolution:
+    return _of_windows(list(sample_windows(dem)), dem.gsd_m)
 
 
 def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) -> Resolution:
@@ -119,11 +132,17 @@ def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) ->
             f"heights must be (rows, cols) on positive steps, not {z.shape} on {gsd_m}"
         )
     down, across = np.broadcast_to(steps, 2).tolist()
-    posting = max(down, across)
-    spectrum = spectrum_of(z, (down, across))
+    return _of_windows([Heights(z, (down, across))], max(down, across))
+
+
+def _of_windows(windows: Sequence[Heights], posting_m: float) -> Resolution:
+    spectrum = spectrum_of(windows)
     if spectrum is None:
-        return _untold(posting, "posting; too few heights without gaps to estimate the resolution")
-    return _fitted(spectrum, posting, down * across)
+        return _untold(
+            posting_m, "posting; too few heights without gaps to estimate the resolution"
+        )
+    cell_m2 = float(np.mean([math.prod(window.steps_m) for window in windows]))
+    return _fitted(spectrum, posting_m, cell_m2)
 
 
 def _untold(posting_m: float, how: str) -> Resolution:
@@ -133,35 +152,71 @@ def _untold(posting_m: float, how: str) -> Resolution:
 # -- the spectrum
 
 
-def spectrum_of(z: Array, steps_m: tuple[float, float]) -> Spectrum | None:
-    """Mean spectrum over tiles at half a tile's spacing; None if too few tiles are without gaps or
-    all are constant.
+def spectrum_of(windows: Sequence[Heights]) -> Spectrum | None:
+    """Mean spectrum over tiles at half a tile's spacing, of one or several windows; None if too few
+    tiles are without gaps or all are constant.
 
     Each tile has its plane removed and is tapered by the squared Hann window, whose leakage falls
-    with k^-10, more steeply than the spectrum of any DEM.
+    with k^-10, more steeply than the spectrum of any DEM. The mean over windows is geometric: the
+    roughest does not outweigh the others.
     """
-    side, tiles = next(((side, tiles) for side in TILES if (tiles := _tiles(z, side))), (0, []))
+    heights = [window.z_m for window in windows]
+    side, tiles = next(
+        ((side, tiles) for side in TILES if (tiles := _tiles(heights, side))), (0, [])
+    )
     if not tiles:
         return None
-    power = np.mean([_power(tile) for tile in tiles], axis=0) * steps_m[0] * steps_m[1]
-    if not power.max() > 0.0:
-        return None
-    down, across = (np.fft.fftfreq(side, step) for step in steps_m)
-    k = np.hypot(down[:, None], across[None])
-    half = (across[None] > 0) | (
-        (across[None] == 0) & (down[:, None] > 0)
-    )  # each conjugate pair once
-    longest = max(_LONGEST / (side * max(steps_m)), 1.0 / LAW_LONGEST_M)
-    shortest = _SHORTEST * 0.5 / max(steps_m)
+    step = max(max(window.steps_m) for window in windows)
+    longest = max(_LONGEST / (side * step), 1.0 / LAW_LONGEST_M)
+    shortest = _SHORTEST * 0.5 / step
     if shortest < _OCTAVES_LEAST * longest:
         return None
     octaves = math.log2(shortest / longest)
     edges = np.geomspace(longest, shortest, max(8, round(octaves * _BINS_PER_OCTAVE)) + 1)
+    pairs = zip(windows, tiles, strict=True)
+    found = [_of_tiles(some, window.steps_m, edges) for window, some in pairs if some]
+    return _mean([one for one in found if one is not None])
+
+
+def _of_tiles(
+    tiles: Sequence[Array | Float32], steps_m: tuple[float, float], edges: Array
+) -> Spectrum | None:
+    """Spectrum of one window's tiles; None if all are constant."""
+    power = np.mean([_power(tile) for tile in tiles], axis=0) * steps_m[0] * steps_m[1]
+    if not power.max() > 0.0:
+        return None
+    side = len(power)
+    down, across = np.fft.fftfreq(side, steps_m[0]), np.fft.rfftfreq(side, steps_m[1])
+    k = np.hypot(down[:, None], across[None])
+    half = (across[None] > 0) | (down[:, None] > 0)  # each conjugate pair once
     return _binned(k[half], power[half], edges, 0.5 * (len(tiles) + 1))
 
 
-def _tiles(z: Array, side: int) -> list[Array]:
-    """Tiles without gaps; an empty list if they cover less than half of the heights."""
+def _mean(spectra: Sequence[Spectrum]) -> Spectrum | None:
+    """Geometric mean of spectra in the same bins, each weighted by its number of waves."""
+    if len(spectra) <= 1:
+        return spectra[0] if spectra else None
+    bins = min(len(one.power) for one in spectra)  # the last can lack waves
+    waves = np.array([one.waves[:bins] for one in spectra])
+    logs = [np.log([one.wavenumber[:bins], one.power[:bins]]) for one in spectra]
+    mean = np.exp(np.average(logs, axis=0, weights=np.repeat(waves[:, None], 2, axis=1)))
+    return Spectrum(mean[0], mean[1], waves.sum(axis=0))
+
+
+def _tiles(heights: Sequence[Array | Float32], side: int) -> list[list[Array | Float32]]:
+    """Tiles without gaps of each window (rows, cols); an empty list if they cover less than half of
+    all heights.
+    """
+    found, covered, there = [], 0, 0
+    for z in heights:
+        tiles, held, whole = _whole_tiles(z, side)
+        found.append(tiles)
+        covered, there = covered + held, there + whole
+    return found if covered and 2 * covered >= there else []
+
+
+def _whole_tiles(z: Array | Float32, side: int) -> tuple[list[Array | Float32], int, int]:
+    """Tiles without gaps of a window, the number of heights in them, and of all its heights."""
     there = np.isfinite(z)
     covered = np.zeros(z.shape, np.bool_)
     tiles = []
@@ -170,18 +225,22 @@ def _tiles(z: Array, side: int) -> list[Array]:
         if there[place].all():
             covered[place] = True
             tiles.append(z[place])
-    return tiles if 2 * int(covered.sum()) >= int(there.sum()) else []
+    return tiles, int(covered.sum()), int(there.sum())
 
 
-def _power(tile: Array) -> Array:
+def _power(tile: Array | Float32) -> Array:
+    """Power of a tile (n, n) at the wavenumbers of ``fftfreq`` down and ``rfftfreq`` across."""
     n = len(tile)
     at = np.arange(n) - (n - 1) / 2
-    level = tile - tile.mean()
+    level = tile.astype(np.float64)
+    level -= level.mean()
     tilt = at / (n * float(at @ at))
     level -= (level.sum(axis=1) @ tilt) * at[:, None] + (level.sum(axis=0) @ tilt) * at[None]
     taper = (0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / n)) ** 2
-    window = np.outer(taper, taper)
-    return np.abs(np.fft.fft2(level * window)) ** 2 / float(np.sum(window**2))
+    level *= taper[:, None]
+    level *= taper[None]
+    wave = np.fft.rfft2(level)
+    return (wave.real**2 + wave.imag**2) / float(np.sum(taper**2)) ** 2
 
 
 def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
