@@ -198,9 +198,8 @@ def _evaluated(
     whole = _has_whole_patch(core.z, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
     found = _patches(core.lon[rows, cols], core.lat[rows, cols], job)
-    kept: Mask = np.all(
-        np.isfinite(found.z_m), axis=(1, 2)
-    )  # its nodes are not quite those of the area
+    # the nodes of a patch, in its own frame, are not quite those of the area
+    kept: Mask = np.all(np.isfinite(found.z_m), axis=(1, 2))
     if found.albedo is not None and sweep.brightness is not None:
         kept &= _known_alike(sweep.brightness, rows, cols, half, found.albedo)
     rows, cols, found = rows[kept], cols[kept], found.rows(kept)
