@@ -1,0 +1,227 @@
+"""Prediction of a match from a catalogue's claims: detection probability and error ellipse of a point
+under a Sun, a view and an image scale between those that were evaluated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import AnyArray, Array, Index, Mask
+from .catalogue import Catalog
+from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches
+from .view_mesh import ViewMesh, view_plane
+
+VIEW_REACH_DEG = 10.0
+"""Distance of a view from those of the catalogue up to which the claims of the nearest hold."""
+
+LONE_STEP_DEG = 10.0
+"""Step of a grid with one Sun elevation or azimuth."""
+
+_LEAST_WEIGHT = 1e-6
+"""Corners with a smaller weight do not count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Claims of n points in an image. NaN and False: no claim, because the catalogue makes none or the
+    condition lies outside what was evaluated.
+    """
+
+    detection_probability: Array  # (n,)
+    usable: Mask  # (n,)
+    sigma_major_m: Array  # (n,) 1-sigma on the ground along the major axis of the error ellipse
+    sigma_minor_m: Array  # (n,)
+    sigma_angle_deg: Array  # (n,) of the major axis, clockwise from north, 0..180
+
+
+@dataclass(frozen=True)
+class _Weights:
+    """Neighbours along one axis of the grid: indices (n, k) and weights (n, k), rows of zeros where
+    outside.
+    """
+
+    index: Index
+    weight: Array
+
+
+def predict(
+    catalog: Catalog, rows: ArrayLike, sun_enu: ArrayLike, view_enu: ArrayLike, pixel_m: ArrayLike
+) -> Prediction:
+    """Claims of the points ``rows`` (n,) under directions to the Sun and to the camera, (n, 3) unit
+    vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground.
+
+    Weights are linear in the Sun's elevation and azimuth, in the logarithm of pixel over cell, and
+    barycentric between views in the azimuthal equidistant plane. Only evaluated conditions count,
+    and at least half of the weight must be theirs. Probabilities are averaged as logits, ellipses as
+    logarithms of their covariance matrices (log-Euclidean mean: Arsigny et al. 2006, SIAM J.
+    Matrix Anal. Appl. 29, 328). A pixel below the cell counts as the cell: the image is reduced to
+    it. No claim: Suns more than half a step outside the grid, views more than 10 deg from the
+    catalogue's, pixels above the coarsest scale, and a Sun or camera below the horizon.
+
+    ``usable``: the mean probability is at least `Catalog.min_detection`, and every condition that
+    counts is unshadowed and unoccluded. ValueError for arrays of unequal lengths.
+    """
+    rows = np.asarray(rows, np.int64).reshape(-1)
+    sun, view = (np.asarray(a, np.float64).reshape(-1, 3) for a in (sun_enu, view_enu))
+    pixel = np.asarray(pixel_m, np.float64).reshape(-1)
+    if not len(rows) == len(sun) == len(view) == len(pixel):
+        raise ValueError("rows, sun_enu, view_enu and pixel_m differ in length")
+    if not catalog.has_claims or not len(rows):
+        return _none(len(rows))
+    axes = (
+        _scale_weights(catalog, pixel / catalog.gsd[rows]),
+        _view_weights(catalog, view),
+        *_sun_weights(catalog, sun),
+    )
+    return _interpolated(catalog, rows, axes)
+
+
+def _none(count: int) -> Prediction:
+    nothing = np.full(count, np.nan)
+    return Prediction(nothing, np.zeros(count, bool), nothing, nothing, nothing)
+
+
+def _interpolated(catalog: Catalog, rows: Index, axes: tuple[_Weights, ...]) -> Prediction:
+    """Weighted means over all combinations of the neighbours along the axes."""
+    index, weight = _combined(axes)
+    scale, view, elevation, azimuth = index
+    flags = catalog.condition[rows[:, None], view, elevation, azimuth]
+    at = (rows[:, None], scale, view, elevation, azimuth)
+    given = {name: _claim(catalog, name)[at].astype(np.float64) for name in _NAMES}
+    probability = given["detection_probability"]
+    known = ((flags & EVALUATED) > 0) & np.isfinite(probability) & (weight > _LEAST_WEIGHT)
+    whole = weight.sum(axis=1)
+    weight = np.where(known, weight, 0.0)
+    enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
+    mean = _mean_probability(probability, weight)
+    free = UNSHADOWED | UNOCCLUDED
+    independent = (((flags & free) == free) | ~known).all(axis=1)
+    usable = enough & independent & reaches(mean, float(catalog.min_detection or 1.0))
+    ellipse = _mean_ellipse(
+        given["sigma_major"], given["sigma_minor"], given["sigma_angle"], weight
+    )
+    columns = (np.where(enough, values, np.nan) for values in (mean, *ellipse))
+    probability, major, minor, angle = columns
+    return Prediction(probability, usable, major, minor, angle)
+
+
+_NAMES = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
+
+
+def _claim(catalog: Catalog, name: str) -> AnyArray:
+    return np.asarray(getattr(catalog, name))
+
+
+def _combined(axes: tuple[_Weights, ...]) -> tuple[list[Index], Array]:
+    """Indices along each axis (n, m) and weights (n, m) of all m combinations of neighbours."""
+    count = len(axes[0].index)
+    shape = (count, *(axis.index.shape[1] for axis in axes))
+    indices, weight = [], np.ones(shape)
+    for k, axis in enumerate(axes):
+        spread = [count, *(axis.index.shape[1] if j == k else 1 for j in range(len(axes)))]
+        indices.append(np.broadcast_to(axis.index.reshape(spread), shape).reshape(count, -1))
+        weight = weight * axis.weight.reshape(spread)
+    return indices, weight.reshape(count, -1)
+
+
+def _mean_probability(probability: Array, weight: Array) -> Array:
+    """Logistic of the weighted mean of logits, (n,); probabilities are kept half a step of their
+    storage from 0 and 1. NaN without weight.
+    """
+    half = DETECTION_STEP / 2.0
+    p = np.clip(np.nan_to_num(probability), half, 1.0 - half)
+    total = weight.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.log(p / (1.0 - p)) * weight).sum(axis=1) / total
+    return np.asarray(1.0 / (1.0 + np.exp(-mean)))
+
+
+def _mean_ellipse(
+    major: Array, minor: Array, angle_deg: Array, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Log-Euclidean mean of error ellipses, (n,) each: the logarithm of a covariance matrix with
+    axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear.
+    """
+    weight = np.where(np.isfinite(major) & np.isfinite(minor) & np.isfinite(angle_deg), weight, 0.0)
+    tiny = np.finfo(np.float32).tiny
+    log_a, log_b = (np.log(np.maximum(np.nan_to_num(v), tiny)) for v in (major, minor))
+    double = np.radians(2.0 * np.nan_to_num(angle_deg))
+    half_gap = (log_a - log_b) / 2.0
+    terms = ((log_a + log_b) / 2.0, half_gap * np.cos(double), half_gap * np.sin(double))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size, cosine, sine = ((t * weight).sum(axis=1) / weight.sum(axis=1) for t in terms)
+    gap = np.hypot(cosine, sine)
+    return (
+        np.exp(size + gap),
+        np.exp(size - gap),
+        np.degrees(np.arctan2(sine, cosine)) / 2.0 % 180.0,
+    )
+
+
+# -- axes
+
+
+def _scale_weights(catalog: Catalog, scale: Array) -> _Weights:
+    grid = np.log2(np.asarray(catalog.image_scale, np.float64))
+    at = np.log2(np.maximum(scale, 1.0))
+    return _linear(grid, at, 0.0, 1e-9)
+
+
+def _view_weights(catalog: Catalog, view: Array) -> _Weights:
+    mesh = ViewMesh.of(view_plane(catalog.view_off_nadir, catalog.view_azimuth))
+    off = np.degrees(np.arctan2(np.hypot(view[:, 0], view[:, 1]), view[:, 2]))
+    azimuth = np.degrees(np.arctan2(view[:, 0], view[:, 1]))
+    corners, weights, away = mesh.weights(view_plane(off, azimuth))
+    weights[(away > VIEW_REACH_DEG) | (off >= 90.0)] = 0.0
+    return _Weights(corners, weights)
+
+
+def _sun_weights(catalog: Catalog, sun: Array) -> tuple[_Weights, _Weights]:
+    """Weights along the Sun's elevation and azimuth."""
+    elevation = np.degrees(np.arctan2(sun[:, 2], np.hypot(sun[:, 0], sun[:, 1])))
+    azimuth = np.degrees(np.arctan2(sun[:, 0], sun[:, 1])) % 360.0
+    grid = np.asarray(catalog.sun_elevation, np.float64)
+    first, last = (_end_steps(grid)[k] / 2.0 for k in (0, 1))
+    vertical = _linear(grid, elevation, first, last)
+    vertical.weight[elevation <= 0.0] = 0.0
+    return vertical, _azimuth_weights(np.asarray(catalog.sun_azimuth, np.float64), azimuth)
+
+
+def _end_steps(grid: Array) -> tuple[float, float]:
+    """First and last step of a rising grid."""
+    steps = np.diff(grid) if len(grid) > 1 else np.array([LONE_STEP_DEG])
+    return float(steps[0]), float(steps[-1])
+
+
+def _azimuth_weights(grid: Array, azimuth: Array) -> _Weights:
+    """Linear weights along the azimuths; they wrap if the gap over north is no wider than the widest
+    step.
+    """
+    steps = np.diff(grid)
+    if len(grid) > 1 and grid[0] + 360.0 - grid[-1] <= steps.max() + 1e-9:
+        wrapped = np.append(grid, grid[0] + 360.0)
+        found = _linear(wrapped, (azimuth - grid[0]) % 360.0 + grid[0], 0.0, 0.0)
+        return _Weights(found.index % len(grid), found.weight)
+    first, last = _end_steps(grid)
+    middle = (grid[0] + grid[-1]) / 2.0
+    near = (azimuth - middle + 180.0) % 360.0 - 180.0 + middle
+    return _linear(grid, near, first / 2.0, last / 2.0)
+
+
+def _linear(grid: Array, at: Array, below: float, above: float) -> _Weights:
+    """Linear weights of the two neighbours in a rising grid; outside it the end's alone, up to
+    ``below`` and ``above``, and none farther out or for NaN.
+    """
+    inside = (at >= grid[0] - below) & (at <= grid[-1] + above)
+    at = np.clip(np.where(inside, at, grid[0]), grid[0], grid[-1])
+    right = np.clip(np.searchsorted(grid, at, side="right"), 1, max(len(grid) - 1, 1))
+    if len(grid) == 1:
+        zero = np.zeros((len(at), 1), np.int64)
+        return _Weights(zero, np.where(inside, 1.0, 0.0)[:, None])
+    left = right - 1
+    share = (at - grid[left]) / (grid[right] - grid[left])
+    weight = np.stack([1.0 - share, share], axis=-1) * inside[:, None]
+    return _Weights(np.stack([left, right], axis=-1), weight)
