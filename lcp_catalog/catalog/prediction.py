@@ -20,7 +20,7 @@ VIEW_REACH_DEG = 10.0
 LONE_STEP_DEG = 10.0
 """Step of a grid with one Sun elevation or azimuth."""
 
-_LEAST_WEIGHT = 1e-6
+_LEAST_WEIGHT = 1e-9
 """Corners with a smaller weight do not count."""
 
 

@@ -1,0 +1,285 @@
+"""Prediction between the evaluated conditions, against scipy's interpolators and matrix logarithms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import catalogs
+from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
+from scipy.special import expit, logit
+
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.prediction import Prediction, predict
+from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.catalog.view_mesh import ViewMesh, view_plane
+from lcp_catalog.geometry.frames import direction_enu
+
+NADIR = [0.0, 0.0, 1.0]
+
+
+def everywhere(count: int = 3, seed: int = 4, **spoilt: Any) -> Catalog:
+    """A catalogue whose conditions are all evaluated, unshadowed and unoccluded."""
+    given = catalogs.claims(count) | spoilt
+    rng = np.random.default_rng(seed)
+    views = len(given["view_off_nadir"])
+    shape = (count, 3, views, 8, 24)
+    p = rng.uniform(0.3, 1.0, shape)
+    condition = np.where(p[:, 0] >= 0.9, 31, 25).astype(np.uint8)
+    lowest, highest = summarise_usable(condition, given["sun_elevation"])
+    major = rng.uniform(1.0, 30.0, shape)
+    return Catalog(
+        **given
+        | {
+            "condition": condition,
+            "sun_elevation_min": lowest,
+            "sun_elevation_max": highest,
+            "detection_probability": p,
+            "sigma_major": major,
+            "sigma_minor": major * rng.uniform(0.2, 1.0, shape),
+            "sigma_angle": rng.uniform(0.0, 180.0, shape),
+            "coverage": catalogs.arrays(count)["coverage"],
+        }
+    )
+
+
+def asked(
+    catalog: Catalog,
+    elevation: Any,
+    azimuth: Any,
+    scale: Any = 1.0,
+    view: Any = NADIR,
+    point: int = 0,
+) -> Prediction:
+    """Predictions of one point under Suns in degrees."""
+    elevation, azimuth, scale = np.broadcast_arrays(*(np.atleast_1d(v) for v in (elevation, azimuth, scale)))  # fmt: skip
+    rows = np.full(len(elevation), point)
+    sun = direction_enu(azimuth, elevation)
+    return predict(
+        catalog, rows, sun, np.broadcast_to(view, (len(rows), 3)), scale * catalogs.GSD_M
+    )
+
+
+def test_at_a_grid_angle_it_is_what_the_catalogue_says() -> None:
+    catalog = everywhere()
+    for point, view, e, a in ((0, 0, 0, 0), (1, 1, 7, 23), (2, 2, 4, 11)):
+        towards = direction_enu(catalog.view_azimuth[view], catalog.view_off_nadir[view])
+        off = np.radians(catalog.view_off_nadir[view])
+        az = np.radians(catalog.view_azimuth[view])
+        towards = [np.sin(off) * np.sin(az), np.sin(off) * np.cos(az), np.cos(off)]
+        for s, scale in enumerate(catalog.image_scale):
+            sun = catalog.sun_elevation[e], catalog.sun_azimuth[a]
+            found = asked(catalog, *sun, scale, towards, point)
+            at = (point, s, view, e, a)
+            assert found.detection_probability[0] == pytest.approx(catalog.detection_probability[at], abs=0.0021)  # fmt: skip
+            assert found.sigma_major_m[0] == pytest.approx(catalog.sigma_major[at], rel=1e-5)
+            assert found.sigma_minor_m[0] == pytest.approx(catalog.sigma_minor[at], rel=1e-5)
+            away = (found.sigma_angle_deg[0] - catalog.sigma_angle[at] + 90.0) % 180.0 - 90.0
+            assert abs(away) < 1e-4
+            if s == 0:
+                assert found.usable[0] == (catalog.condition[point, view, e, a] == 31)
+
+
+def test_between_suns_and_scales_against_scipy() -> None:
+    """All azimuths, also those between the last and the first of the grid."""
+    catalog, rng = everywhere(), np.random.default_rng(1)
+    p = np.clip(catalog.detection_probability[1, :, 0].astype(float), 0.002, 0.998)
+    wrapped = np.concatenate([p, p[..., :1]], axis=-1)
+    axes = ([0.0, 1.0, 2.0], catalog.sun_elevation, np.append(catalog.sun_azimuth, 360.0))
+    reference = RegularGridInterpolator(axes, logit(wrapped))
+    log_scale, elevation, azimuth = (
+        rng.uniform(0.0, 2.0, 400),
+        rng.uniform(5.0, 75.0, 400),
+        rng.uniform(0.0, 360.0, 400),
+    )
+    found = asked(catalog, elevation, azimuth, 2.0**log_scale, point=1)
+    want = expit(reference(np.stack([log_scale, elevation, azimuth], axis=-1)))
+    np.testing.assert_allclose(found.detection_probability, want, atol=1e-8)
+
+
+def _of_matrix(function: Any, matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(matrix)
+    return (vectors * function(values)) @ vectors.T
+
+
+def test_ellipses_are_means_of_matrix_logarithms() -> None:
+    catalog = everywhere()
+    found = asked(catalog, 12.0, 20.0, point=2)  # elevations 10 and 15, azimuths 15 and 30
+    total = np.zeros((2, 2))
+    for e, we in ((1, 0.6), (2, 0.4)):
+        for a, wa in ((1, 2 / 3), (2, 1 / 3)):
+            at = (2, 0, 0, e, a)
+            angle = np.radians(float(catalog.sigma_angle[at]))
+            axis, across = (
+                np.array([np.sin(angle), np.cos(angle)]),
+                np.array([np.cos(angle), -np.sin(angle)]),
+            )
+            covariance = float(catalog.sigma_major[at]) ** 2 * np.outer(axis, axis)
+            covariance += float(catalog.sigma_minor[at]) ** 2 * np.outer(across, across)
+            total += we * wa * _of_matrix(np.log, covariance)
+    values, vectors = np.linalg.eigh(_of_matrix(np.exp, total))
+    assert found.sigma_minor_m[0] == pytest.approx(np.sqrt(values[0]), rel=1e-6)
+    assert found.sigma_major_m[0] == pytest.approx(np.sqrt(values[1]), rel=1e-6)
+    angle = np.degrees(np.arctan2(vectors[0, 1], vectors[1, 1])) % 180.0
+    assert found.sigma_angle_deg[0] == pytest.approx(angle, abs=1e-4)
+
+
+def test_only_evaluated_neighbours_count() -> None:
+    """An unevaluated neighbour leaves the others' mean; without half of the weight nothing is claimed."""
+    whole = everywhere()
+    given = {n: getattr(whole, n) for n in ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")}  # fmt: skip
+    gone = (slice(None), slice(None), slice(None), 1, 1)
+    condition = whole.condition.copy()
+    condition[:, :, 1, 1] = 0
+    lowest, highest = summarise_usable(condition, whole.sun_elevation)
+    spoilt = {n: v.copy() for n, v in given.items()}
+    for values in spoilt.values():
+        values[gone] = np.nan
+    catalog = Catalog(
+        **catalogs.claims(3)
+        | spoilt
+        | {
+            "condition": condition,
+            "sun_elevation_min": lowest,
+            "sun_elevation_max": highest,
+            "coverage": catalogs.arrays(3)["coverage"],
+        }
+    )
+    p = logit(np.clip(whole.detection_probability[0, 0, 0].astype(float), 0.002, 0.998))
+    found = asked(catalog, 11.0, 27.0)  # weights of elevation 10: 0.8, of azimuth 15: 0.2
+    shares = {(1, 2): 0.64, (2, 1): 0.04, (2, 2): 0.16}
+    want = expit(sum(p[at] * w for at, w in shares.items()) / 0.84)
+    assert found.detection_probability[0] == pytest.approx(want, abs=1e-9)
+    nothing = asked(catalog, 11.0, 17.0)
+    assert np.isnan(nothing.detection_probability[0])
+    assert np.isnan(nothing.sigma_major_m[0])
+    assert not nothing.usable[0]
+
+
+def test_a_shadow_at_a_neighbour_makes_it_unusable() -> None:
+    given = catalogs.claims(2)
+    shape = given["detection_probability"].shape
+    condition = np.full(given["condition"].shape, 31, np.uint8)
+    condition[0, 0, 2, 3] = 31 - 8
+    lowest, highest = summarise_usable(condition, given["sun_elevation"])
+    catalog = Catalog(
+        **given
+        | {
+            "condition": condition,
+            "sun_elevation_min": lowest,
+            "sun_elevation_max": highest,
+            "detection_probability": np.full(shape, 0.99),
+            "sigma_major": np.full(shape, 9.0),
+            "sigma_minor": np.full(shape, 3.0),
+            "sigma_angle": np.full(shape, 45.0),
+            "coverage": catalogs.arrays(2)["coverage"],
+        }
+    )
+    found = asked(catalog, [15.0, 12.0, 12.0, 22.0, 10.0], [45.0, 40.0, 70.0, 50.0, 45.0])
+    np.testing.assert_allclose(found.detection_probability, 0.992, atol=1e-3)
+    assert found.usable.tolist() == [False, False, True, True, True]
+    assert asked(catalog, 15.0, 45.0, point=1).usable.tolist() == [True]
+
+
+@pytest.mark.parametrize(
+    ("elevation", "scale", "known"),
+    [(2.6, 1.0, True), (2.4, 1.0, False), (82.4, 1.0, True), (82.6, 1.0, False), (-1.0, 1.0, False),
+     (30.0, 0.1, True), (30.0, 4.0, True), (30.0, 4.1, False), (30.0, np.nan, False)],
+)  # fmt: skip
+def test_outside_the_grid_nothing_is_claimed(elevation: float, scale: float, known: bool) -> None:
+    found = asked(everywhere(), elevation, 100.0, scale)
+    for name in ("detection_probability", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg"):
+        assert np.isfinite(getattr(found, name)[0]) == known
+    if not known:
+        assert not found.usable[0]
+
+
+def test_images_finer_than_the_cell_count_as_the_cell() -> None:
+    catalog = everywhere()
+    fine, own = asked(catalog, 33.0, 100.0, 0.2), asked(catalog, 33.0, 100.0, 1.0)
+    assert fine.detection_probability[0] == own.detection_probability[0]
+    assert fine.sigma_major_m[0] == own.sigma_major_m[0]
+
+
+def test_azimuths_that_do_not_go_round_end_half_a_step_beyond() -> None:
+    given = catalogs.claims(1)
+    keep = slice(4, 9)  # 60 to 120
+    names = ("condition", "detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
+    cut = {n: given[n][..., keep] for n in names}
+    cut["condition"] = np.full_like(cut["condition"], 31)
+    for name, value in (
+        ("detection_probability", 0.99),
+        ("sigma_major", 2.0),
+        ("sigma_minor", 1.0),
+        ("sigma_angle", 9.0),
+    ):
+        cut[name] = np.full(cut[name].shape, value)
+    lowest, highest = summarise_usable(cut["condition"], given["sun_elevation"])
+    catalog = Catalog(
+        **given
+        | cut
+        | {
+            "sun_azimuth": given["sun_azimuth"][keep],
+            "sun_elevation_min": lowest,
+            "sun_elevation_max": highest,
+            "coverage": catalogs.arrays(1)["coverage"],
+        }
+    )
+    found = asked(catalog, 30.0, [52.6, 52.4, 90.0, 127.4, 127.6, 270.0, 350.0])
+    assert np.isfinite(found.detection_probability).tolist() == [True, False, True, True, False, False, False]  # fmt: skip
+
+
+def test_a_catalogue_without_claims_predicts_nothing() -> None:
+    found = predict(catalogs.catalog(3), [0, 1], np.tile(NADIR, (2, 1)), np.tile(NADIR, (2, 1)), [100.0, 100.0])  # fmt: skip
+    assert np.isnan(found.detection_probability).all()
+    assert not found.usable.any()
+    assert predict(everywhere(), [], np.zeros((0, 3)), np.zeros((0, 3)), []).usable.shape == (0,)
+    with pytest.raises(ValueError, match="differ in length"):
+        predict(everywhere(), [0, 1], NADIR, NADIR, 1.0)
+
+
+class TestViews:
+    @pytest.mark.parametrize("seed", range(6))
+    def test_scattered_views_against_scipy(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        places = np.concatenate([[[0.0, 0.0]], rng.uniform(-30.0, 30.0, (7, 2))])
+        values = rng.normal(size=8)
+        at = rng.uniform(-35.0, 35.0, (500, 2))
+        corners, weights, away = ViewMesh.of(places).weights(at)
+        want = LinearNDInterpolator(places, values)(at)
+        inside = np.isfinite(want)
+        assert inside.sum() > 50
+        np.testing.assert_array_equal(away == 0.0, inside)
+        np.testing.assert_allclose((values[corners] * weights).sum(axis=1)[inside], want[inside], atol=1e-9)  # fmt: skip
+        np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+        assert (weights >= 0.0).all()
+        # outside: no place of the hull is nearer than the one stated (hull sampled densely)
+        mixes = rng.dirichlet(np.full(8, 0.2), 60_000) @ places
+        for place, far in zip(at[~inside][:20], away[~inside][:20], strict=True):
+            assert far <= np.linalg.norm(mixes - place, axis=1).min() + 1e-9
+
+    def test_views_on_one_line(self) -> None:
+        """Straight down, and 30 deg to the east and to the west, as in the sample."""
+        mesh = ViewMesh.of(view_plane([0.0, 30.0, 30.0], [0.0, 90.0, 270.0]))
+        corners, weights, away = mesh.weights(view_plane([15.0, 9.0, 40.0], [90.0, 0.0, 270.0]))
+        dense = np.zeros((3, 3))
+        np.add.at(dense, (np.arange(3)[:, None], corners), weights)
+        np.testing.assert_allclose(dense, [[0.5, 0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)  # fmt: skip
+        np.testing.assert_allclose(away, [0.0, 9.0, 10.0], atol=1e-9)
+
+    def test_a_view_alone_and_four_on_a_circle(self) -> None:
+        corners, weights, away = ViewMesh.of(view_plane([0.0], [0.0])).weights(view_plane([7.0], [33.0]))  # fmt: skip
+        assert (corners[0, weights[0] > 0.0].tolist(), away[0]) == ([0], pytest.approx(7.0))
+        mesh = ViewMesh.of(view_plane([30.0] * 4, [0.0, 90.0, 180.0, 270.0]))
+        _, weights, away = mesh.weights(view_plane([0.0, 20.0, 25.0], [0.0, 45.0, 10.0]))
+        assert (away == 0.0).all()
+        np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+
+    def test_views_far_from_the_catalogues_are_not_claimed(self) -> None:
+        catalog = everywhere()
+        for off, azimuth, known in ((9.0, 0.0, True), (11.0, 0.0, False), (39.0, 90.0, True), (41.0, 90.0, False)):  # fmt: skip
+            t, a = np.radians([off, azimuth])
+            towards = [np.sin(t) * np.sin(a), np.sin(t) * np.cos(a), np.cos(t)]
+            found = asked(catalog, 30.0, 100.0, view=towards)
+            assert np.isfinite(found.detection_probability[0]) == known, (off, azimuth)
