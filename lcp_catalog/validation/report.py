@@ -12,6 +12,7 @@ from ..matching.position_fix import BY_ALL_POINTS
 from ..matching.sun_check import SunCheck
 from ..plots.html_page import page
 from ..plots.numbers import number
+from .report_claims import claims_data
 from .report_points import points_data, residuals_data, table_data
 from .report_pose import pose_data
 from .report_windows import MODES, windows_data
@@ -30,6 +31,7 @@ def render(verdict: Verdict, pictures: Sequence[Pictures]) -> str:
         heading="Validation of a catalogue with images",
         below=f"{catalog}: {names}",
         modes=MODES,
+        claims=claims_data(verdict),
         images=[
             _image(image, shown) for image, shown in zip(verdict.images, pictures, strict=True)
         ],

@@ -138,6 +138,7 @@ _COLUMNS = (
     ("corr.", "correlation at the peak"),
     ("2nd", "highest correlation elsewhere in the search area"),
     ("back, px", "closing error of the backward search"),
+    ("claimed", "detection probability by the catalogue, without claim: –"),
     ("result", "found, or the reason why not"),
 )
 
@@ -171,6 +172,7 @@ def _rows(image: ImageVerdict) -> list[tuple[str, ...]]:
             _fixed(matches.correlation[i], ".3f"),
             _fixed(matches.second[i], ".3f"),
             _fixed(matches.back_px[i], ".2f"),
+            _fixed(image.claims.probability[i], ".2f"),
             REASONS[matches.code[i]],
         )
         for i in range(min(len(matches), ROWS_MAX))

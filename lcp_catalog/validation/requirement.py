@@ -6,7 +6,7 @@ against ``report.json``.
 
 A name is a path in an image's entry of ``report.json`` (``windows.share_above_0_9``) or the end of
 one. Of several paths with the same end the shortest applies (``share_above_0_9`` is that of all
-windows, not of the textured half). Every image must satisfy every term. A figure that was not
+windows, not of the textured half); ``count`` is that of the windows. Every image must satisfy every term. A figure that was not
 measured satisfies none.
 """
 
@@ -32,6 +32,10 @@ NUMBERS = (
     *(f"windows.{half}share_above_{limit}" for half in ("", "textured.") for limit in ("0_9", "0_7")),
     *(f"pose.position_{what}_m" for what in ("error", "sigma", "error_across", "sigma_across")),
     "pose.normalised_error",
+    *(f"claims.{name}" for name in ("count", "unclaimed", "usable", "found", "errors")),
+    *(f"claims.{name}" for name in ("brier", "brier_of_the_mean", "expected_calibration_error")),
+    *(f"claims.{name}" for name in ("found_of_usable", "found_of_unusable", "usable_of_found")),
+    "claims.normalised_squared_error",
     "log10_false_alarms",
     "log10_false_alarms_rival",
     "light.points",
@@ -44,6 +48,9 @@ NUMBERS = (
     "missing_share",
 )  # fmt: skip
 """Paths of the numeric figures in an image's entry."""
+
+_IN_FULL = ("claims.count",)
+"""Paths that must be given in full; their end belonged to another path before them."""
 
 _ERROR = "pose.position_error"
 
@@ -134,7 +141,8 @@ def _path(name: str) -> str:
     """The path that a name refers to."""
     wanted = name.removeprefix("images.")
     known = (VERDICT, *NUMBERS)
-    fits = [path for path in known if path == wanted or path.endswith(f".{wanted}")]
+    ends = [path for path in known if path.endswith(f".{wanted}") and path not in _IN_FULL]
+    fits = [wanted] if wanted in known else ends
     depth = min((path.count(".") for path in fits), default=0)
     nearest = [path for path in fits if path.count(".") == depth]
     if len(nearest) == 1:
@@ -178,6 +186,10 @@ def _why(image: Mapping[str, Any], path: str) -> str:
     """Reason of a missing figure, as far as the report states it."""
     if path.startswith("windows."):
         return f" ({image['windows']['reason']})" if image["windows"]["reason"] else ""
+    if path.startswith("claims.") and image["claims"]["reason"]:
+        return f" ({image['claims']['reason']})"
+    if path.startswith("claims."):
+        return ""
     if path.startswith("pose.") and image["pose"] is None:
         return f" ({image['verdict']}{': ' if image['reason'] else ''}{image['reason']})"
     if path.startswith(_ERROR):

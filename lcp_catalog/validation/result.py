@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..arrays import AnyArray, Array
 from ..cameras.sensor import ON_MAP
+from ..catalog.summary import percent
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
 from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
 from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
+from .claims import Claims, Scores, score
 from .window_correlation import WindowComparison
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
@@ -167,6 +169,7 @@ class ImageVerdict:
     facts: ImageFacts
     located: PositionFix
     points: PointFigures  # of the rows of ``located.matches``
+    claims: Claims  # on the same rows
     windows: WindowFigures | None = None
     windows_reason: str = ""  # reason if there are none
     error: PositionError | None = None
@@ -180,6 +183,8 @@ class ImageVerdict:
             raise ValueError(f"{self.facts.name}: only a {LOCATED!r} image has a pose")
         if len(self.points.point_id) != len(self.matches):
             raise ValueError(f"{self.facts.name}: numbers of points and matches differ")
+        if len(self.claims) != len(self.matches):
+            raise ValueError(f"{self.facts.name}: numbers of claims and matches differ")
 
     @property
     def verdict(self) -> str:
@@ -199,6 +204,11 @@ class ImageVerdict:
         """None unless `LOCATED`."""
         pose = self.located.pose
         return None if pose is None else PoseFigures(pose, self.error)
+
+    @cached_property
+    def scores(self) -> Scores:
+        """Scores of the claims."""
+        return score(self.claims)
 
     @cached_property
     def residual_px(self) -> Array:
@@ -228,6 +238,7 @@ class ImageVerdict:
             },
             "windows": self._windows(),
             "pose": None if self.pose is None else self.pose.figures(),
+            "claims": self.scores.figures(),
             "located_by": None if self.pose is None else self.located.by,
             "log10_false_alarms": self.located.log10_false_alarms,
             "log10_false_alarms_rival": self.located.rival_log10,
@@ -279,6 +290,11 @@ class Verdict:
     catalog: Mapping[str, Any]
     options: Mapping[str, Any]
 
+    @cached_property
+    def scores(self) -> Scores:
+        """Scores of the claims on the points of all images together."""
+        return score(Claims.pooled([image.claims for image in self.images]))
+
     def document(self) -> dict[str, Any]:
         """The content of ``report.json`` in plain values; None for figures that were not measured."""
         whole: dict[str, Any] = plain(
@@ -286,6 +302,7 @@ class Verdict:
                 "catalog": dict(self.catalog),
                 "options": dict(self.options),
                 "images": [image.figures() for image in self.images],
+                "claims": self.scores.figures(),
                 "software": f"lcp-catalog {__version__}",
             }
         )
@@ -355,7 +372,10 @@ def _rounded(value: float) -> float:
 
 def summary_lines(verdict: Verdict) -> list[str]:
     """Summary of all images for a terminal."""
-    return [line for image in verdict.images for line in image_lines(image)]
+    lines = [line for image in verdict.images for line in image_lines(image)]
+    if len(verdict.images) > 1 and verdict.scores.count:
+        lines.append(f"all images: claims: {claims_text(verdict.scores)}")
+    return lines
 
 
 def image_lines(image: ImageVerdict) -> list[str]:
@@ -370,7 +390,23 @@ def image_lines(image: ImageVerdict) -> list[str]:
     lines.append(f"  windows  {windows_text(image)}")
     if image.pose is not None:
         lines.append(f"  pose     {pose_text(image.pose)}")
+    lines.append(f"  claims   {claims_text(image.scores)}")
     return lines
+
+
+def claims_text(scores: Scores) -> str:
+    """One line on the scores of the claims."""
+    if not scores.count:
+        return "not scored" + (f": {scores.reason}" if scores.reason else "")
+    of_usable = f"{percent(scores.found_of_usable)} of {scores.usable} usable points found"
+    of_found = f"{percent(scores.usable_of_found)} of {scores.found} found points usable"
+    error = f"; squared error over stated {number(scores.normalised_squared_error)}"
+    return (
+        f"{of_usable if scores.usable else 'no point usable'}, "
+        f"{of_found if scores.found else 'none found'}; Brier score {number(scores.brier)} "
+        f"(constant: {number(scores.brier_of_the_mean)}) of {scores.count} trials"
+        f"{error if scores.errors else ''}"
+    )
 
 
 def windows_text(image: ImageVerdict) -> str:

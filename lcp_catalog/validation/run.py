@@ -22,17 +22,21 @@ from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
+from ..images.heights import refuse_heights
 from ..images.image import Image
 from ..images.image_file import ImageOptions, center_of, open_image
 from ..images.pixels import image_shape
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
 from ..matching.point_choice import points_in_view
+from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Options, PositionFix, locate
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX
+from .claim_trials import ClaimSearch
+from .claims import Claims
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
 from .result import ImageFacts, ImageVerdict, Pictures, PointFigures, Verdict, WindowFigures
 
@@ -59,11 +63,12 @@ class ImageFiles:
         return text
 
     def require(self) -> None:
-        """Raise ImageError or CameraError if a file does not exist."""
+        """Raise ImageError or CameraError if a file does not exist, ImageError for a DEM."""
         if not self.image.is_file():
             raise ImageError(f"{self.image}: there is no such file")
         if self.camera is not None and not self.camera.is_file():
             raise CameraError(f"{self.camera}: there is no such file")
+        refuse_heights(self.image)
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,8 @@ class Result:
 def validate(request: Validation, progress: Progress | None = None) -> Result:
     """Validate a catalogue with every image in turn.
 
-    Raises the library's errors for a catalogue or DEM that cannot be read and for missing files.
+    Raises the library's errors for a catalogue or DEM that cannot be read, for missing files, and
+    ImageError for a DEM among the images.
     Errors in an image, its camera file or its Sun are results of that image.
     """
     for files in request.files:
@@ -189,6 +195,7 @@ def _one(
         _facts(request, image, name),
         located,
         _points(catalog, located, best.sensor),
+        _claims(request, catalog, located, image, options.criteria),
         windows=_windows(catalog, ground) if ground else None,
         windows_reason=why,
         error=_error(request, located, image.sensor),
@@ -205,7 +212,8 @@ def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
     """Result of an image that could not be searched: empty, without geometry, or without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
     nothing = PositionFix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
-    return ImageVerdict(ImageFacts(name), nothing, PointFigures.none())
+    claims = Claims.none(reason="the image was not searched")
+    return ImageVerdict(ImageFacts(name), nothing, PointFigures.none(), claims)
 
 
 def _ground(
@@ -226,6 +234,17 @@ def _error(request: Validation, located: PositionFix, given: Sensor) -> Position
     if not request.pose_is_known or located.pose is None or given.corrections != POSE:
         return None
     return position_error(located.pose, given)
+
+
+def _claims(
+    request: Validation, catalog: Catalog, located: PositionFix, image: Image, criteria: Criteria
+) -> Claims:
+    """Claims on the points, tried in the located image, or with a known camera."""
+    known = request.pose_is_known and image.sensor.corrections == POSE
+    best = image.with_sensor(located.pose.sensor) if located.pose else image
+    true = image.sensor if known else None
+    search = ClaimSearch(catalog, best, request.law, criteria, true)
+    return search.claims(located.matches.point, searched=known or located.pose is not None)
 
 
 def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:

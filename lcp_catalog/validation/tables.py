@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..matching.matches import REASONS
 from .result import DIGITS, ImageVerdict
 
@@ -20,10 +20,13 @@ POINT_COLUMNS = (
     "sigma_major_px", "sigma_minor_px", "major_axis_deg",
     "correlation", "second_correlation", "back_px", "reason",
     "residual_column_px", "residual_row_px", "pixel_m",
+    "detection_probability", "usable", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg",
+    "found", "error_east_m", "error_north_m",
 )  # fmt: skip
-"""One row per point. The angle of the major axis is from the column direction (right) towards the
-row direction (down), 0..180. Residuals are the position found minus the prediction of the corrected
-sensor.
+"""One row per point. ``major_axis_deg`` is from the column direction (right) towards the row
+direction (down), 0..180. Residuals are the position found minus the prediction of the corrected
+sensor. From ``detection_probability`` on: what the catalogue claims, and the trial of the claims
+(`claim_trials`); ``usable`` and ``found`` are 0 or 1, empty without a claim and without a trial.
 """
 
 WINDOW_COLUMNS = (
@@ -48,6 +51,7 @@ def windows_csv_text(images: Iterable[ImageVerdict]) -> str:
 def point_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
     """The points of an image in the order of `POINT_COLUMNS`."""
     matches, points = image.matches, image.points
+    claims = image.claims
     sigma, angle = error_ellipses(matches.covariance_px2)
     columns = (
         [image.facts.name] * len(matches),
@@ -64,6 +68,12 @@ def point_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
         [REASONS[code] for code in matches.code],
         *image.residual_px.T,
         points.pixel_m,
+        claims.probability,
+        _bits(claims.usable, claims.claimed),
+        *claims.sigma_m.T,
+        claims.angle_deg,
+        _bits(claims.found, claims.tried),
+        *claims.error_m.T,
     )
     return list(zip(*columns, strict=True))
 
@@ -97,6 +107,11 @@ def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:
     sigma[known] = np.sqrt(np.maximum(values[:, ::-1], 0.0))
     angle[known] = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])) % 180.0
     return sigma, angle
+
+
+def _bits(values: Mask, known: Mask) -> list[int | str]:
+    """0 or 1; empty where the value is unknown."""
+    return [int(value) if sure else "" for value, sure in zip(values, known, strict=True)]
 
 
 def _text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -17,6 +17,7 @@ from lcp_catalog.matching.pose import Pose, position_error, solve
 from lcp_catalog.matching.position_fix import PositionFix
 from lcp_catalog.matching.sun_check import SunCheck
 from lcp_catalog.validation import result
+from lcp_catalog.validation.claims import Claims
 from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
@@ -108,6 +109,27 @@ def figures_of(found: WindowComparison) -> result.WindowFigures:
     return result.WindowFigures(found, "from the heights' spectrum", "heights of 118 m", *places)
 
 
+def claims(n: int, seed: int = 0) -> Claims:
+    """Claims on random points, and trials that bear them out: each point is found with the claimed
+    probability, its error drawn from the claimed ellipse. Every tenth point is without a claim,
+    every seventh without a trial.
+    """
+    dice, order = np.random.default_rng([seed, 14]), np.arange(n)
+    probability = dice.beta(3.0, 0.8, n)
+    sigma = np.sort(dice.uniform(20.0, 90.0, (n, 2)), axis=1)[:, ::-1]
+    angle, along = dice.uniform(0.0, 180.0, n), sigma * dice.normal(size=(n, 2))
+    turn = np.radians(angle)
+    error = along[:, :1] * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+    error += along[:, 1:] * np.stack([np.cos(turn), -np.sin(turn)], axis=-1)
+    claimed = order % 10 != 3
+    tried = claimed & (order % 7 != 5)
+    found = tried & (dice.random(n) < probability)
+    error[~tried] = np.nan
+    probability[~claimed], sigma[~claimed], angle[~claimed] = np.nan, np.nan, np.nan
+    usable = claimed & (np.nan_to_num(probability) >= 0.9)
+    return Claims(probability, usable, sigma, angle, tried, found, error)
+
+
 def image(
     name: str = "frame.png", n: int = 60, located: bool = True, seed: int = 0
 ) -> result.ImageVerdict:
@@ -147,6 +169,7 @@ def image(
         facts,
         PositionFix(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
         points,
+        claims(n, seed) if located else Claims.none(n, "the image was not located"),
         windows(pictures()) if located else None,
         "" if located else "without a place there is nothing to compare",
         error,
@@ -160,7 +183,8 @@ def nothing(name: str = "blank.png") -> result.ImageVerdict:
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
     )  # fmt: skip
     said = PositionFix(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
-    return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none())
+    facts, points = result.ImageFacts(name), result.PointFigures.none()
+    return result.ImageVerdict(facts, said, points, Claims.none(reason="no point is in view"))
 
 
 def whole() -> result.Verdict:

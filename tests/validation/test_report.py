@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -197,10 +198,50 @@ def test_the_table_has_every_point(html: str) -> None:
     column, line = image.matches.found_px[i]
     assert rows[i][4] == f"{column:.2f}, {line:.2f}"
     assert rows[i][5] == f"{np.linalg.norm(image.residual_px[i]):.3f}"
-    assert rows[i][10] == "found"
+    claimed = image.claims.probability
+    assert rows[i][10] == (f"{claimed[i]:.2f}" if math.isfinite(claimed[i]) else "–")
+    assert {row[10] for row in rows} > {"–"}
+    assert rows[i][11] == "found"
     lost = int(np.flatnonzero(image.matches.code == 7)[0])
     assert rows[lost][4:7] == ["–", "–", "–"]
     assert len(re.findall("<th scope='col'><button", table)) == len(rows[0])
+
+
+def test_the_reliability_diagram_shows_every_bin_with_trials() -> None:
+    """Marks at the predicted and observed share, a bar from limit to limit, and the counts."""
+    images = verdicts.image(n=400), verdicts.image("other.png", n=200, seed=4)
+    verdict = result.Verdict(images, {"name": "c.h5"}, {})
+    html = render(verdict, [Pictures(), Pictures()])
+    parsed(html)
+    part = html.split("<section id='claims'>")[1].split("</section>")[0]
+    side = 330.0
+    marks = re.findall(
+        r'<path d="M([\d.]+) ([\d.]+)V([\d.]+)"/><circle cx="([\d.]+)" cy="([\d.]+)" r="4.5"/>'
+        r'<text class="middle" x="[\d.]+" y="-7">(\d+)</text>',
+        part,
+    )
+    rows = [row for row in verdict.document()["claims"]["reliability"] if row[2]]
+    assert len(marks) == len(rows) >= 6
+    for mark, (_, _, count, predicted, observed) in zip(marks, rows, strict=True):
+        x, low, high, cx, cy, shown = map(float, mark)
+        assert x == cx == pytest.approx(side * predicted, abs=0.051)
+        assert cy == pytest.approx(side * (1.0 - observed), abs=0.051)
+        assert high <= cy <= low
+        assert low - high > 0.0
+        assert shown == count
+    cells = re.findall(r"<td>(.*?)</td>", part)
+    assert len(cells) == 3 * 7
+    together = verdict.document()["claims"]
+    assert cells[14] == str(together["count"])
+    assert cells[15] == f"{100 * together['found_of_usable']:.1f} % of {together['usable']}"
+
+
+def test_claims_that_were_not_scored_say_why() -> None:
+    said = texts(alone(verdicts.image(located=False)))
+    assert "The claims were not scored: the image was not located." in said
+    assert "reliability diagram" not in said
+    mixed = render(verdicts.whole(), [Pictures()] * 3)
+    assert "<td class='reason' colspan='7'>the image was not located</td>" in mixed
 
 
 def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,6 +62,11 @@ def test_the_end_of_a_path_is_enough() -> None:
         "p05": "correlation.p05",
         "count": "windows.count",
         "elevation_deg": "sun.elevation_deg",
+        "brier": "claims.brier",
+        "found_of_usable": "claims.found_of_usable",
+        "usable_of_found": "claims.usable_of_found",
+        "normalised_squared_error": "claims.normalised_squared_error",
+        "claims.count": "claims.count",
     }
     for name, path in paths.items():
         assert Requirement.parse(f"{name}<1").terms[0].path == path
@@ -123,6 +128,19 @@ def test_every_image_and_every_term_must_hold(document: dict[str, Any]) -> None:
     ]
     said = Requirement.parse(f"points_found>={found}").failures(document)
     assert said == [f"blank.png: points_found is 0; required: points_found>={found}"]
+
+
+def test_claims_may_be_required(document: dict[str, Any]) -> None:
+    located, elsewhere = only(document, 0), only(document, 1)
+    brier = located["images"][0]["claims"]["brier"]
+    assert Requirement.parse("brier<=0.9 and claims.count>=30").failures(located) == []
+    assert Requirement.parse("brier<=0.01").failures(located) == [
+        f"frame.png: claims.brier is {brier:.10g}; required: brier<=0.01"
+    ]
+    assert Requirement.parse("found_of_usable>=0").failures(elsewhere) == [
+        "other.png: claims.found_of_usable was not measured (the image was not located); "
+        "required: found_of_usable>=0"
+    ]
 
 
 def test_what_was_not_measured_fails_with_its_reason(document: dict[str, Any]) -> None:

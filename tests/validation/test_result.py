@@ -26,6 +26,17 @@ CONTRACT = {
     "correlation": {"median", "p05"},
     "windows": {"size", "count", "share_above_0_9", "share_above_0_7", "median", "mode"},
     "pose": {"position_error_m", "position_sigma_m"},
+    "claims": {
+        "count",
+        "brier",
+        "brier_of_the_mean",
+        "found_of_usable",
+        "found_of_unusable",
+        "usable_of_found",
+        "reliability",
+        "normalised_squared_error",
+        "expected_calibration_error",
+    },
 }
 """Names in the entry of an image, as documented."""
 
@@ -107,6 +118,39 @@ def test_windows_are_those_compared(whole: result.Verdict) -> None:
     assert (found["size"], found["step"], found["gsd_m"]) == (16, 16, 948.0)
     assert found["offset"] == "kept"
     assert found["resolution"] == "from the heights' spectrum"
+
+
+def test_claims_are_those_of_the_rows(whole: result.Verdict) -> None:
+    """Of an image and of all images together; null where nothing was scored."""
+    document = read(whole)
+    located, elsewhere, blank = (image["claims"] for image in document["images"])
+    claims = whole.images[0].claims
+    trials = [
+        (p, o) for p, o, t in zip(claims.probability, claims.found, claims.tried, strict=True) if t
+    ]
+    assert located["count"] == len(trials) == sum(row[2] for row in located["reliability"])
+    assert located["brier"] == pytest.approx(statistics.fmean((p - o) ** 2 for p, o in trials))
+    assert [row[:2] for row in located["reliability"]] == [
+        [k / 10, (k + 1) / 10] for k in range(10)
+    ]
+    assert [row[3] for row in located["reliability"] if not row[2]].count(None) > 0
+    assert list(elsewhere) == list(blank) == list(located) == list(document["claims"])
+    assert elsewhere["brier"] is None
+    assert elsewhere["reason"] == "the image was not located"
+    assert document["claims"]["brier"] == located["brier"]
+    assert document["claims"]["unclaimed"] == located["unclaimed"] + 60
+
+
+def test_two_images_are_scored_together() -> None:
+    """By points, not by images: the mean of both images weighted with their trials."""
+    images = verdicts.image(n=40), verdicts.image("other.png", n=400, seed=2)
+    document = result.Verdict(images, {}, {}).document()
+    one, two = (image["claims"] for image in document["images"])
+    whole = document["claims"]
+    assert whole["count"] == one["count"] + two["count"]
+    total = one["count"] * one["brier"] + two["count"] * two["brier"]
+    assert whole["brier"] == pytest.approx(total / whole["count"])
+    assert whole["brier"] != pytest.approx((one["brier"] + two["brier"]) / 2.0)
 
 
 def test_without_windows_the_same_names_have_no_values(whole: result.Verdict) -> None:
@@ -258,13 +302,21 @@ def test_a_few_lines_say_it(whole: result.Verdict) -> None:
     assert f"{share:.1f} % above 0.9" in lines[3]
     assert "offset: none was removed" in lines[3]
     assert f"error {result.number(image.pose.position_error_m)} m" in lines[4]
-    assert lines[5].startswith("other.png: not this place: 3 of 30")
+    claims = figures["claims"]
+    assert f"{100 * claims['found_of_usable']:.1f} % of {claims['usable']} usable" in lines[5]
+    assert f"{100 * claims['usable_of_found']:.1f} % of {claims['found']} found" in lines[5]
+    assert f"Brier score {result.number(claims['brier'])} (constant: " in lines[5]
+    assert f"stated {result.number(claims['normalised_squared_error'])}" in lines[5]
+    assert lines[6].startswith("other.png: not this place: 3 of 30")
+    assert "  claims   not scored: the image was not located" in lines
     assert "  windows  none compared: without a place there is nothing to compare" in lines
-    assert lines[-3:] == [
+    assert lines[-5:-1] == [
         "blank.png: cannot say: no point is in view",
         "  points   0 of 0 in view found",
         "  windows  none compared",
+        "  claims   not scored: no point is in view",
     ]
+    assert lines[-1] == f"all images: claims: {result.claims_text(whole.scores)}"
     assert not any("nan" in line for line in lines)
 
 

@@ -61,6 +61,31 @@ def test_points_read_back_are_the_matches() -> None:
         assert lost[name] == ""
 
 
+def test_claims_read_back_are_those_of_the_image() -> None:
+    """Unknown figures are empty cells, flags 0 or 1; the columns are the last ones."""
+    image = verdicts.image()
+    rows, claims = read(csv_text([image])), image.claims
+    assert list(rows[0])[18:] == [
+        "detection_probability", "usable", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg",
+        "found", "error_east_m", "error_north_m",
+    ]  # fmt: skip
+    wanted = {
+        "detection_probability": claims.probability,
+        "usable": np.where(np.isfinite(claims.probability), claims.usable, np.nan),
+        "sigma_major_m": claims.sigma_m[:, 0],
+        "sigma_minor_m": claims.sigma_m[:, 1],
+        "sigma_angle_deg": claims.angle_deg,
+        "found": np.where(claims.tried, claims.found, np.nan),
+        "error_east_m": claims.error_m[:, 0],
+        "error_north_m": claims.error_m[:, 1],
+    }
+    for name, figures in wanted.items():
+        found = np.array([value(row[name]) for row in rows])
+        np.testing.assert_allclose(found, figures, rtol=1e-8, err_msg=name)
+        assert 0 < np.isnan(found).sum() < len(found), name
+    assert {row["found"] for row in rows} == {"", "0", "1"}
+
+
 def test_windows_read_back_are_those_compared() -> None:
     image = verdicts.image()
     rows, w = read(windows_csv_text([image, verdicts.nothing()])), image.windows.compared

@@ -1,0 +1,139 @@
+"""Trials of a catalogue's claims in an image: a search for every point in view as the claims assume
+it.
+
+The claim of a point is that a search within the catalogue's search radius finds the true place and
+no other. The final matches of `matching.position_fix` come from a search of a few pixels, which is
+easier. Therefore every point with a claim is searched for once more, in the image as it was searched
+(`matching.point_choice.working_image`), within the radius of the build.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Array, Index
+from ..cameras.sensor import Sensor, mean_step, pixel_size_m
+from ..catalog.catalogue import Catalog
+from ..catalog.prediction import predict
+from ..images.image import Image
+from ..matching.matches import CODE, Matches
+from ..matching.point_choice import points_in_view, working_image
+from ..matching.point_search import Criteria, find_points
+from ..photometry.laws import Reflectance
+from .claims import GATE_PX, GATE_SIGMAS, Claims, squared_distance
+
+NO_TRIAL = tuple(CODE[reason] for reason in ("out of frame", "no data", "saturated"))
+"""Codes of points whose surroundings the image does not show."""
+
+_SEARCH_NODES = 64
+"""Search radius of a build that does not state one, cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClaimSearch:
+    """Search for the points of a catalogue in an image, as their claims assume it.
+
+    ``image``: at full resolution, with the best sensor known. ``true``: sensor that predicts the true
+    places for the errors; None: the image's own. ``criteria``: those of the search that located the
+    image.
+    """
+
+    catalog: Catalog
+    image: Image
+    model: Reflectance
+    criteria: Criteria
+    true: Sensor | None = None
+
+    def claims(self, rows: Index, searched: bool) -> Claims:
+        """Claims on points (rows (n,) of the catalogue) and results of their search. ``searched``:
+        False if the image's sensor is too uncertain to tell true places, so that there is no trial.
+        """
+        if not len(rows):
+            return Claims.none(reason="no point is in view")
+        working = working_image(self.catalog, self.image, rows)
+        claims = self._stated(working, rows)
+        inside = np.isin(rows, points_in_view(self.catalog, self.image.sensor))
+        if not claims.claimed.any():
+            reason = "the catalogue claims nothing for this Sun, view and scale"
+            return replace(claims, reason=reason)
+        if not searched:
+            return replace(claims, reason="the image was not located")
+        return self._tried(working, rows, np.flatnonzero(claims.claimed & inside), claims)
+
+    def _stated(self, working: Image, rows: Index) -> Claims:
+        """The claims, without trials."""
+        places = self.catalog.position_mcmf[rows]
+        rotation = self.catalog.rotation_mcmf_to_enu[rows]
+        sun = np.einsum("nij,nj->ni", rotation, working.sun_directions(places))
+        view = np.einsum("nij,nj->ni", rotation, working.sensor.towards(places))
+        stated = predict(self.catalog, rows, sun, view, pixel_size_m(working.sensor, places))
+        sigma = np.stack([stated.sigma_major_m, stated.sigma_minor_m], axis=-1)
+        return replace(
+            Claims.none(len(rows)),
+            probability=np.asarray(stated.detection_probability, np.float64),
+            usable=np.asarray(stated.usable, bool),
+            sigma_m=sigma.astype(np.float64),
+            angle_deg=np.asarray(stated.sigma_angle_deg, np.float64),
+        )
+
+    def _tried(self, working: Image, rows: Index, chosen: Index, claims: Claims) -> Claims:
+        """The claims with trials of some of them, ``chosen`` (m,)."""
+        places = self.catalog.position_mcmf[rows[chosen]]
+        sensor, factor = self.image.sensor, working.sensor.factor
+        matches = find_points(
+            self.catalog,
+            working,
+            self.model,
+            search_radius_m(self.catalog, rows[chosen]) / pixel_size_m(sensor, places),
+            points=rows[chosen],
+            criteria=self.criteria,
+        )
+        offset = matches.found_px - sensor.project(places)
+        sigmas = np.sqrt(
+            squared_distance(
+                self._error_m(sensor, rows[chosen], matches), claims.covariance_m2[chosen]
+            )
+        )
+        at_place = (sigmas <= GATE_SIGMAS) | (np.linalg.norm(offset, axis=-1) <= GATE_PX * factor)
+        tried, found, error = claims.tried.copy(), claims.found.copy(), claims.error_m.copy()
+        tried[chosen] = ~np.isin(matches.code, NO_TRIAL)
+        found[chosen] = matches.found & at_place
+        error[chosen] = self._error_m(self.true or sensor, rows[chosen], matches)
+        return replace(claims, tried=tried, found=found, error_m=error)
+
+    def _error_m(self, sensor: Sensor, rows: Index, matches: Matches) -> Array:
+        """Places found minus those that a sensor predicts, metres on the ground."""
+        places = self.catalog.position_mcmf[rows]
+        offset = matches.found_px - sensor.project(places)
+        return ground_errors_m(sensor, places, self.catalog.rotation_mcmf_to_enu[rows], offset)
+
+
+def search_radius_m(catalog: Catalog, rows: Index) -> Array:
+    """Search radius (n,) of points, metres, from the build's configuration."""
+    points = tomllib.loads(catalog.config).get("points", {})
+    own = _SEARCH_NODES * catalog.gsd[rows].astype(np.float64)
+    return np.full(len(rows), float(points["search_m"])) if "search_m" in points else own
+
+
+def ground_errors_m(
+    sensor: Sensor, points_mcmf_m: Array, rotation: Array, offset_px: Array
+) -> Array:
+    """Displacements (n, 2), east and north in metres, in the horizontal planes of points (n, 3), that
+    the sensor shows as offsets (n, 2) in pixels, to first order. ``rotation`` (n, 3, 3): MCMF to
+    each point's ENU frame. NaN where the sensor shows no such displacement.
+    """
+    here = sensor.project(points_mcmf_m)
+    slopes = []
+    for axis in (rotation[:, 0], rotation[:, 1]):
+        ahead, behind = (sensor.project(points_mcmf_m + sign * axis) for sign in (1.0, -1.0))
+        slopes.append(mean_step(ahead - here, here - behind))
+    (east_x, east_y), (north_x, north_y) = (slope.T for slope in slopes)
+    x, y = offset_px.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = east_x * north_y - north_x * east_y
+        found = np.stack([north_y * x - north_x * y, east_x * y - east_y * x], axis=-1)
+        found /= area[:, None]
+    return np.where(np.isfinite(found), found, np.nan)
