@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Catalog, Coverage, Overview
-from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, USABLE, summarise_usable
+from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
@@ -48,8 +49,7 @@ def assemble(
     spacing_m = config.points.spacing_nodes(gsd_m) * gsd_m
     points = _rows(everything, choose(everything, config, gsd_m))
     plan = ScenePlan.merged({name: result.plan for name, result in results.items()})
-    fields = {f.name for f in dataclasses.fields(Catalog)}
-    everything_else = dict(
+    return Catalog(
         **_places(points, dems, gsd_m),
         **_worth(points.evaluation, config, gsd_m),
         sun_azimuth=np.array(config.sun.azimuths_deg),
@@ -67,7 +67,6 @@ def assemble(
             dems, region, everything, points, spacing_m, config.points.min_usable_conditions
         ),
     )
-    return Catalog(**{k: v for k, v in everything_else.items() if k in fields})
 
 
 def choose(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
@@ -173,7 +172,6 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
         "sigma_major": evaluation.sigma_major_m,
         "sigma_minor": evaluation.sigma_minor_m,
         "sigma_angle": evaluation.sigma_angle_deg,
-        "universal": _is_universal(evaluation.condition),
         "level": np.zeros(len(evaluation.condition), dtype=np.int64),
         "condition": evaluation.condition,
         "sun_elevation_min": lowest,
@@ -189,17 +187,6 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
             evaluation.occlusion_dependence, evaluation, np.nanmax
         ),
     }
-
-
-UNIVERSAL_SHARE = 0.95
-"""Least share of usable conditions, of those that can happen, of a universal point."""
-
-
-def _is_universal(condition: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """True (n,) for points that are usable in at least `UNIVERSAL_SHARE` of the evaluated conditions."""
-    happens = ((condition & EVALUATED) > 0).sum(axis=(1, 2, 3))
-    works = (condition == USABLE).sum(axis=(1, 2, 3))
-    return np.asarray((happens > 0) & (works >= UNIVERSAL_SHARE * happens))
 
 
 def _scales(evaluation: Evaluation, config: BuildConfig) -> tuple[Array, Array]:
@@ -234,7 +221,7 @@ def _coverage(
     spacing_m: float,
     min_usable: int,
 ) -> Coverage:
-    """Status of the region's spacing cells, a lattice in its plane."""
+    """Status of the region's spacing cells, a lattice in its plane, and their coverage by condition."""
     x0, x1, y0, y1 = region.extent_m
     x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
     flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
@@ -250,7 +237,10 @@ def _coverage(
         (points.lon_deg, points.lat_deg),
         spacing_m,
     )
-    return Coverage(longitude=lon, latitude=lat, status=status, spacing_m=spacing_m)
+    nearby = usable_nearby(
+        (lon, lat), (points.lon_deg, points.lat_deg), points.evaluation.condition, spacing_m
+    )
+    return Coverage(longitude=lon, latitude=lat, status=status, spacing_m=spacing_m, usable=nearby)
 
 
 def _middles(low: float, high: float, step: float) -> Array:
