@@ -1,12 +1,13 @@
-"""Claims between grid angles: points of a catalogue evaluated under random Suns and views between those of its grid, against
-`catalog.prediction.predict`.
+"""Claims between grid angles: points of a catalogue evaluated under random Suns and views between those of its
+grid, against `catalog.prediction.predict`.
 
-    .venv/bin/python benchmarks/claims_between_angles.py [-o build/claims_between_angles] [--size 60] [--gsd 474] [--suns 8] [--views 4]
+    .venv/bin/python benchmarks/claims_between_angles.py [-o build/claims_between_angles] [--size 60] [--gsd 474]
 
-A catalogue of the sample is built once. In each of its areas the same points are then evaluated by the build's own code under random Suns
-(hour angle uniform, declination within +-1.54 deg, elevation within the grid) and random views (off nadir up to 35 deg). The table says
-how many of 1000 random trials that are claimed usable are usable there, how many of those usable there are claimed, and how far
-probabilities and sigmas are from the evaluated ones. All trials are kept in `trials.npz`.
+A catalogue of the sample is built once. In each of its areas the same points are then evaluated by the build's own
+code under random Suns (hour angle uniform, declination within +-1.54 deg, elevation within the grid) and random
+views (off nadir up to 35 deg). The table says how many of 1000 random trials that are claimed usable are usable
+there, how many of those usable there are claimed, and how far probabilities and sigmas are from the evaluated
+ones. All trials are kept in `trials.npz`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.landmarks.selection import nearest
 
 DEM = Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif"
 OFF_NADIR_MAX_DEG = 35.0
@@ -101,12 +103,13 @@ def evaluated_at(
     )
     sweep = replace(sweep, conditions=conditions)
     core = _Core(job, sweep.terrain, _halo(job))
-    nodes = {(round(o, 9), round(a, 9)): at for at in np.argwhere(core.mine) for o, a in [(core.lon[tuple(at)] % 360.0, core.lat[tuple(at)])]}  # fmt: skip  # noqa: E501
-    keys = [(round(o, 9), round(a, 9)) for o, a in zip(catalog.longitude, catalog.latitude, strict=True)]  # fmt: skip
-    points = np.array([i for i, key in enumerate(keys) if key in nodes], dtype=np.int64)
+    mine = np.argwhere(core.mine)
+    places = core.lon[core.mine], core.lat[core.mine]
+    node, away_m = nearest(catalog.longitude, catalog.latitude, *places)
+    points = np.flatnonzero(away_m < 1.0)
     if not len(points):
         return None
-    rows, cols = np.array([nodes[keys[i]] for i in points]).T
+    rows, cols = mine[node[points]].T
     found = evaluate(sweep, rows, cols, other.config, job.gsd_m, job.errors)
     n, v, k = np.indices((len(points), len(view), len(sun))).reshape(3, -1)
     return {
@@ -131,7 +134,8 @@ def table(catalog: Catalog, trials: dict[str, Array], rng: np.random.Generator) 
     some = rng.choice(claimed, min(TRIALS, len(claimed)), replace=False)
     away = told.detection_probability - trials["detection"]
     known = np.isfinite(away)
-    ratio = np.log(told.sigma_major_m / trials["major"])[works & told.usable]
+    both = works & told.usable
+    ratio = np.log(told.sigma_major_m[both] / trials["major"][both])
     lines = [
         f"{len(point)} trials of {len(catalog)} points, {known.mean():.1%} within what was evaluated",
         f"usable there: {works.mean():.1%}; claimed usable: {told.usable.mean():.1%}",

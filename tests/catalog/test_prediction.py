@@ -182,6 +182,28 @@ def test_a_shadow_at_a_neighbour_makes_it_unusable() -> None:
     assert asked(catalog, 15.0, 45.0, point=1).usable.tolist() == [True]
 
 
+def test_between_the_angles_a_usable_point_needs_more() -> None:
+    """The margin of 1 - (sum of squared weights): 0 at a grid angle, 0.75 logits amid four corners."""
+    given = catalogs.claims(2)
+    shape = given["detection_probability"].shape
+    condition = np.full(given["condition"].shape, 31, np.uint8)
+    lowest, highest = summarise_usable(condition, given["sun_elevation"])
+    p = np.full(shape, 0.92)
+    p[1] = 0.96
+    rest = {n: np.full(shape, v) for n, v in (("sigma_major", 9.0), ("sigma_minor", 3.0), ("sigma_angle", 4.0))}  # fmt: skip
+    summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest}
+    cells = {"coverage": catalogs.arrays(2)["coverage"]}
+    catalog = Catalog(
+        **given | summed | cells | rest | {"condition": condition, "detection_probability": p}
+    )
+    azimuth = [45.0, 45.0, 52.5, 45.001]
+    for point, works in ((0, [True, False, False, True]), (1, [True, True, True, True])):
+        found = asked(catalog, [15.0, 12.5, 12.5, 15.0], azimuth, point=point)
+        assert found.usable.tolist() == works
+        # 0.92: logit 2.44, less 0.75 is 0.844; 0.96: 3.18, less 0.75 is 0.919
+        np.testing.assert_allclose(found.detection_probability, [0.92, 0.96][point], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("elevation", "scale", "known"),
     [(2.6, 1.0, True), (2.4, 1.0, False), (82.4, 1.0, True), (82.6, 1.0, False), (-1.0, 1.0, False),
