@@ -88,7 +88,8 @@ def _caption(scores: Scores) -> list[str]:
     sentences = [
         f"Trials: {scores.count} searches for points in view, each within the catalogue's search radius. Number of points "
         f"without a claim for the image's Sun, view and scale, left out: {scores.unclaimed}.",
-        f"Found: within {GATE_SIGMAS:g} claimed sigmas, or {GATE_PX:g} pixels, of the true place.",
+        f"Found: a match within {GATE_SIGMAS:g} claimed sigmas, or {GATE_PX:g} pixels, of the place that the corrected "
+        "camera predicts.",
         "Vertical bars: 95 % confidence intervals of the share found (Wilson). Broken line: exact agreement. Mean distance "
         f"from it (expected calibration error): {number(scores.expected_calibration_error)}.",
     ]
