@@ -1,0 +1,155 @@
+"""Scores of stated probabilities and covariances: Brier, reliability, calibration error, tables and diagrams."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LEAST_COUNT = 30
+"""Bins with fewer trials are shown, but not judged."""
+_BINS = 10
+_SIDE_PX, _EDGE_PX = 360, 56
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Probabilities compared with what happened, by bins of equal width.
+
+    ``brier`` is that of single trials; ``brier_of_cases`` of the shares of successes of each case, None where a case is one
+    trial; ``spread`` is the mean of p (1 - p) as the cases' shares show it, the least Brier score of single trials that any
+    prediction can reach; ``calibration`` the mean difference of the bins, by count; ``worst`` the largest difference of a bin of
+    `LEAST_COUNT` trials (of cases, where a case is several).
+    """
+
+    cases: int
+    trials: int
+    brier: float
+    brier_of_the_mean: float
+    brier_of_cases: float | None
+    spread: float | None
+    calibration: float
+    worst: float
+    bins: list[tuple[float, float, int, float, float]]  # low, high, cases, predicted, observed
+
+
+def reliability(predicted: ArrayLike, found: ArrayLike, trials: int = 1) -> Reliability:
+    """Scores of predictions (n,) against the share found (n,) of so many trials each. ValueError without a case."""
+    p, f = (np.asarray(a, dtype=np.float64) for a in (predicted, found))
+    if not len(p):
+        raise ValueError("no case to score")
+    mean = f.mean()
+    place = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    bins = []
+    for k in np.unique(place):
+        here = place == k
+        bins.append(
+            (
+                k / _BINS,
+                (k + 1) / _BINS,
+                int(here.sum()),
+                float(p[here].mean()),
+                float(f[here].mean()),
+            )
+        )
+    off = [(count, abs(said - seen)) for _, _, count, said, seen in bins]
+    several = trials > 1
+    return Reliability(
+        len(p),
+        len(p) * trials,
+        float(np.mean(f * (1.0 - p) ** 2 + (1.0 - f) * p**2)),
+        float(mean * (1.0 - mean)),
+        float(np.mean((f - p) ** 2)) if several else None,
+        float(np.mean(f * (1.0 - f)) * trials / (trials - 1)) if several else None,
+        sum(count * gap for count, gap in off) / len(p),
+        max((gap for count, gap in off if count >= LEAST_COUNT), default=0.0),
+        bins,
+    )
+
+
+def row_of(name: str, of: Reliability) -> str:
+    """Cells of `HEAD`."""
+    cells = [name, f"{of.cases}", f"{of.trials}", _number(of.brier_of_cases), _number(of.brier)]
+    cells += [
+        _number(of.spread),
+        _number(of.brier_of_the_mean),
+        _number(of.calibration),
+        _number(of.worst),
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+HEAD = (
+    "| | cases | trials | Brier of cases | Brier of trials | least possible | of the mean | calibration error | worst bin |\n"
+    "| --- |" + " ---: |" * 8
+)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def bins_table(named: dict[str, Reliability]) -> str:
+    """Reliability by bin: predicted, observed and count of each."""
+    lines = ["| predicted | " + " | ".join(named) + " |", "| --- |" + " --- |" * len(named)]
+    for k in range(_BINS):
+        cells = []
+        for of in named.values():
+            here = [b for b in of.bins if round(b[0] * _BINS) == k]
+            cells.append(f"{here[0][3]:.2f} -> {here[0][4]:.2f} ({here[0][2]})" if here else "-")
+        lines.append(f"| {k / _BINS:.1f}..{(k + 1) / _BINS:.1f} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def as_json(of: Reliability) -> dict[str, object]:
+    """For a file of results."""
+    return asdict(of)
+
+
+# Diagrams
+
+
+def diagram(path: Path, title: str, named: dict[str, Reliability]) -> None:
+    """Reliability diagrams side by side: observed over predicted, area of the discs by count; hollow below `LEAST_COUNT`."""
+    panels = [_panel(name, of) for name, of in named.items()]
+    picture = np.concatenate(panels, axis=1)
+    head = np.full((34, picture.shape[1], 3), 255, np.uint8)
+    _text(head, title, (10, 23), 0.55)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.concatenate([head, picture]))
+
+
+def _panel(name: str, of: Reliability) -> NDArray[np.uint8]:
+    side, edge = _SIDE_PX, _EDGE_PX
+    panel = np.full((side + edge + 40, side + edge + 20, 3), 255, np.uint8)
+
+    def at(x: float, y: float) -> tuple[int, int]:
+        return round(edge + x * side), round(34 + (1.0 - y) * side)
+
+    for k in range(6):
+        share = k / 5
+        cv2.line(panel, at(share, 0), at(share, 1), (228, 228, 228), 1)
+        cv2.line(panel, at(0, share), at(1, share), (228, 228, 228), 1)
+        _text(panel, f"{share:g}", (at(share, 0)[0] - 10, at(0, 0)[1] + 18), 0.4)
+        _text(panel, f"{share:g}", (edge - 30, at(0, share)[1] + 4), 0.4)
+    cv2.rectangle(panel, at(0, 1), at(1, 0), (90, 90, 90), 1)
+    cv2.line(panel, at(0, 0), at(1, 1), (150, 150, 150), 1, cv2.LINE_AA)
+    points = [at(said, seen) for _, _, _, said, seen in of.bins]
+    cv2.polylines(panel, [np.array(points, np.int32)], False, (160, 90, 30), 1, cv2.LINE_AA)
+    for (_, _, count, _, _), point in zip(of.bins, points, strict=True):
+        radius = int(np.clip(2.0 + 2.2 * np.log10(max(count, 1)), 3, 12))
+        cv2.circle(
+            panel, point, radius, (160, 90, 30), -1 if count >= LEAST_COUNT else 1, cv2.LINE_AA
+        )
+    shown = of.brier if of.brier_of_cases is None else of.brier_of_cases
+    _text(panel, f"{name}: n {of.trials}, Brier {shown:.3f}", (edge, 22), 0.45)
+    _text(panel, "predicted", (edge + side // 2 - 30, at(0, 0)[1] + 38), 0.45)
+    _text(panel, "found", (4, 28), 0.45)
+    return panel
+
+
+def _text(picture: NDArray[np.uint8], text: str, where: tuple[int, int], size: float) -> None:
+    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, size, (40, 40, 40), 1, cv2.LINE_AA)

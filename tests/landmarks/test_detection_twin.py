@@ -1,0 +1,98 @@
+"""Detection probability and covariance of the match against sums written out in NumPy and SciPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.twins_detection import (
+    Surroundings,
+    correlation,
+    noise_field,
+    probability_among,
+    refined_probability,
+    shift_covariance,
+)
+
+from lcp_catalog.landmarks.detection import detection_probability
+from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
+from lcp_catalog.landmarks.localization import registration
+
+CELL_M = 100.0
+NODES, SEARCH = 17, 20
+
+
+def ground(seed: int, length: float = 2.5, nodes: int = 120) -> np.ndarray:
+    """Brightness of relief without shadows, mean 1."""
+    return (1.0 + 0.2 * noise_field(np.random.default_rng(seed), nodes, length)).astype(np.float32)
+
+
+def around(seed: int) -> Surroundings:
+    return Surroundings.of(ground(seed), 60, 60, NODES // 2, SEARCH)
+
+
+def noise_model(level: float, length: float) -> ErrorModel:
+    """Noise of 1 sigma ``level`` with a correlation length in nodes, on uniform ground. The library's is a mean over a pixel:
+    l^2 wider by 1/6, the variance less by (l / wider)^2.
+    """
+    if length == 0.0:
+        return ErrorModel(sensor_noise=level, height_sigma_m=0.0, albedo_sigma=0.0)
+    inner = np.sqrt(length**2 - 1.0 / 6.0)
+    return ErrorModel(0.0, 0.0, 500.0, level * length / inner, inner * CELL_M, 0.0)
+
+
+def library(patch: np.ndarray, level: float, length: float):
+    patches = patch[None].astype(np.float32)
+    even = np.ones_like(patches)
+    errors = PatchErrors(even, 0.0 * even, 0.0 * even)
+    return registration(patches, errors, noise_model(level, length), CELL_M)
+
+
+@pytest.mark.parametrize("length", [0.0, 1.5, 4.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_probability_among_given_rivals(seed, length):
+    place = around(seed)
+    dice = np.random.default_rng(seed)
+    for level in (0.05, 0.3, 1.0):
+        rho, contrast = dice.uniform(-0.2, 0.9, 9), dice.uniform(0.02, 0.4, 9)
+        match = replace(library(place.patch, level, length), shift_loss=np.zeros(1))
+        for least in (-1.0, 0.3):
+            found = detection_probability(match, rho[None], contrast[None], 1.0, least)[0][0]
+            said = probability_among(place.patch, level, length, rho, contrast, least)
+            assert found == pytest.approx(said, abs=0.01)
+
+
+@pytest.mark.parametrize("length", [0.0, 1.5, 4.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_covariance_of_the_match(seed, length):
+    patch = around(seed).patch
+    found = library(patch, 0.1, length).covariance_px2[0]
+    np.testing.assert_allclose(found, shift_covariance(patch, 0.1, length), rtol=2e-3, atol=1e-7)
+
+
+@pytest.mark.parametrize(("length", "level"), [(0.0, 0.6), (1.5, 0.3), (4.0, 0.15)])
+def test_the_twin_predicts_what_searches_find(length, level):
+    """Exhaustive searches in 60 draws of noise for each of 12 places."""
+    dice = np.random.default_rng(7)
+    said, seen = [], []
+    for seed in range(12):
+        place = around(seed)
+        said.append(refined_probability(place, level, length))
+        hits = 0
+        for _ in range(60):
+            noisy = place.image + level * noise_field(dice, len(place.image), length)
+            score = correlation(noisy, place.patch)
+            top = np.array(np.unravel_index(np.argmax(score), score.shape)) - SEARCH
+            hits += np.hypot(*top) <= 2.0
+        seen.append(hits / 60)
+    print(np.round(said, 2), seen)
+    assert 0.2 < np.mean(seen) < 0.98  # the noise matters
+    assert np.mean((np.array(said) - seen) ** 2) < 0.015
+    assert np.mean(said) == pytest.approx(np.mean(seen), abs=0.05)
+
+
+def test_noise_has_the_stated_autocorrelation():
+    field = np.stack([noise_field(np.random.default_rng(k), 128, 3.0) for k in range(20)])
+    assert field.var() == pytest.approx(1.0, abs=0.03)
+    assert np.mean(field[:, :, 3:] * field[:, :, :-3]) == pytest.approx(np.exp(-0.5), abs=0.03)
