@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .build_options import config_option, configuration, point_options, sweep_options
+from .build_options import (
+    config_option,
+    configuration,
+    error_map_options,
+    point_options,
+    sweep_options,
+)
 from .options import (
     albedo_options,
     area_options,
@@ -36,6 +42,7 @@ EXIT_SOME_FAILED = 3
 @sweep_options
 @model_options
 @albedo_options
+@error_map_options
 @point_options
 @click.option(
     "--jobs",

@@ -97,7 +97,7 @@ point_options = option_group(
         "search_km",
         type=click.FloatRange(0, min_open=True),
         metavar="KM",
-        help="Radius within which a point must be unique; default: 64 cells.",
+        help="Radius within which a point must be unique; default: 64 cells, at most 8 km.",
     ),
     click.option(
         "--noise",
@@ -105,6 +105,24 @@ point_options = option_group(
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         metavar="SHARE",
         help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.03.",
+    ),
+)
+
+
+error_map_options = option_group(
+    click.option(
+        "--dem-sigma",
+        "sigma_map",
+        metavar="MAP",
+        help="Map of the 1 sigma of the DEM's heights, metres: a raster in a lunar CRS (an _ERR layer). Without it, and "
+        "where it has no value: the figure of the DEM's product.",
+    ),
+    click.option(
+        "--dem-resolution",
+        "resolution_map",
+        metavar="MAP",
+        help="Map of the DEM's effective resolution, metres: a raster in a lunar CRS (an _EFFRES layer). Without it, and "
+        "where it has no value: estimated from the heights of each DEM.",
     ),
 )
 
@@ -128,6 +146,8 @@ def configuration(
     albedo_path: str | None = None,
     albedo_encoding: str | None = None,
     albedo_reference: float | None = None,
+    sigma_map: str | None = None,
+    resolution_map: str | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file, with the values of the options. UsageError for contradictory options."""
     from lcp_catalog.build.config import BuildConfig
@@ -149,7 +169,12 @@ def configuration(
     return dataclasses.replace(
         config,
         area=_over(config.area, gsd_m=gsd_m, **area),
-        dem=_over(config.dem, product_order=product_order),
+        dem=_over(
+            config.dem,
+            product_order=product_order,
+            sigma_map=sigma_map,
+            resolution_map=resolution_map,
+        ),
         sun=_over(config.sun, azimuths_deg=sun_azimuths, elevations_deg=sun_elevations),
         view=_over(
             config.view,

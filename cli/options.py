@@ -72,7 +72,11 @@ area_options = option_group(
         help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian.",
     ),
     click.option(
-        "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: that of the DEM."
+        "--gsd",
+        "gsd_m",
+        type=POSITIVE,
+        metavar="M",
+        help="Cell size; default: that of the DEM, and of a build about half of what the DEM resolves.",
     ),
 )
 

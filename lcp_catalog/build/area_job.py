@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
+from ..dem.error_maps import ErrorMaps
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates
@@ -51,6 +52,7 @@ class AreaJob:
     choice: Choice
     errors: ErrorModel
     albedo: AlbedoMap | None = None
+    maps: ErrorMaps | None = None
 
 
 @dataclass(frozen=True)

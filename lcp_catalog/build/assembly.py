@@ -15,6 +15,7 @@ from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Catalog, Coverage, Overview
 from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
 from ..constants import MOON_RADIUS_M
+from ..dem.error_maps import ErrorMaps
 from ..dem.mosaic import DemSet
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..landmarks.error_model import ErrorModel
@@ -41,6 +42,7 @@ def assemble(
     model: Reflectance,
     errors: ErrorModel,
     albedo: AlbedoMap | None = None,
+    maps: ErrorMaps | None = None,
 ) -> Catalog:
     """Choose the points among the areas' candidates (by the area's name) and fill every variable of
     the catalogue; ``model``: the reflectance model of all images; ``errors``: their error model.
@@ -50,7 +52,7 @@ def assemble(
     points = _rows(everything, choose(everything, config, gsd_m))
     plan = ScenePlan.merged({name: result.plan for name, result in results.items()})
     return Catalog(
-        **_places(points, dems, gsd_m),
+        **_places(points, dems, gsd_m, maps),
         **_worth(points.evaluation, config, gsd_m),
         sun_azimuth=np.array(config.sun.azimuths_deg),
         sun_elevation=np.array(config.sun.elevations_deg),
@@ -127,12 +129,21 @@ def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[...
     return out
 
 
-def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
+def _places(
+    points: Candidates, dems: DemSet, gsd_m: float, maps: ErrorMaps | None
+) -> dict[str, Any]:
     rotations = [
         enu_rotation(lon, lat) for lon, lat in zip(points.lon_deg, points.lat_deg, strict=True)
     ]
     names = np.array(dems.products, dtype=object)
-    facts = [dem.facts for dem in dems.dems]
+    sigma = _known([dem.facts.sigma_m for dem in dems.dems])[points.product]
+    resolution = _known([dem.resolution_m for dem in dems.dems])[points.product]
+    if maps is not None:
+        own = maps.at(points.lon_deg, points.lat_deg)
+        sigma, resolution = (
+            np.where(np.isfinite(mapped), mapped, figure)
+            for mapped, figure in zip(own, (sigma, resolution), strict=True)
+        )
     return {
         "point_id": stable_id(points.lon_deg, points.lat_deg),
         "longitude": points.lon_deg,
@@ -142,8 +153,8 @@ def _places(points: Candidates, dems: DemSet, gsd_m: float) -> dict[str, Any]:
         "rotation_mcmf_to_enu": np.array(rotations).reshape(-1, 3, 3),
         "gsd": np.full(len(points), gsd_m),
         "dem_product": names[points.product] if len(points) else np.zeros(0, dtype=object),
-        "elevation_sigma": _known([f.sigma_m for f in facts])[points.product],
-        "dem_resolution": _known([f.resolution_m for f in facts])[points.product],
+        "elevation_sigma": sigma,
+        "dem_resolution": resolution,
         "dem": points.patch_m,
         "albedo": points.albedo,
     }
@@ -284,4 +295,6 @@ def _resolved(
     points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
     section = dataclasses.replace(config.model.portable, reflectance=model.name)
     known = ErrorConfig(**errors.to_dict())
-    return dataclasses.replace(config, area=area, points=points, model=section, errors=known)
+    return dataclasses.replace(
+        config, area=area, dem=config.dem.portable, points=points, model=section, errors=known
+    )

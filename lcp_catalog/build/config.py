@@ -10,6 +10,7 @@ import dataclasses
 import itertools
 import math
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -46,7 +47,7 @@ class AreaConfig:
     center_deg: tuple[float, ...] = ()
     size_km: float | None = None
     bounds_deg: tuple[float, ...] = ()
-    gsd_m: float | None = None
+    gsd_m: float | None = None  # by the effective resolution of the DEM
 
     def __post_init__(self) -> None:
         _require(
@@ -72,10 +73,30 @@ class AreaConfig:
 @dataclass(frozen=True)
 class DemConfig:
     """Order of precedence where DEMs overlap: product names, families or file names. By default products
-    made for the latitude come first, then finer pixels.
+    made for the latitude come first, then finer pixels. Maps of what the DEM's heights are worth.
     """
 
     product_order: tuple[str, ...] = ()
+    sigma_map: str | None = None
+    """Map of the 1 sigma of heights, metres, relative to the folder of the BUILD.toml."""
+    resolution_map: str | None = None
+    """Map of the effective resolution, metres, relative to the folder of the BUILD.toml."""
+
+    def beside(self, folder: Path) -> DemConfig:
+        """The same with file names relative to a folder resolved; absolute names stay."""
+        return self._with_maps(lambda name: str(folder / name))
+
+    @property
+    def portable(self) -> DemConfig:
+        """The same with file names without folders."""
+        return self._with_maps(lambda name: Path(name).name)
+
+    def _with_maps(self, renamed: Callable[[str], str]) -> DemConfig:
+        sigma, resolution = (
+            None if name is None else renamed(name)
+            for name in (self.sigma_map, self.resolution_map)
+        )
+        return dataclasses.replace(self, sigma_map=sigma, resolution_map=resolution)
 
 
 @dataclass(frozen=True)
@@ -136,13 +157,17 @@ class ViewConfig:
         return len(self.off_nadir_deg)
 
 
+SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
+"""Default search radius: so many nodes, but not more than so many metres."""
+
+
 @dataclass(frozen=True)
 class PointConfig:
     """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = 33
     spacing_m: float | None = None  # two patch widths
-    search_m: float | None = None  # 64 nodes
+    search_m: float | None = None  # 64 nodes, at most `SEARCH_MAX_M`
     candidates_per_cell: int = 2
     min_detection: float = 0.9
     """Least detection probability of a usable point."""
@@ -171,7 +196,9 @@ class PointConfig:
 
     def search_nodes(self, gsd_m: float) -> int:
         """Radius, in nodes, within which a point must be unique."""
-        return 64 if self.search_m is None else max(1, round(self.search_m / gsd_m))
+        if self.search_m is None:
+            return min(SEARCH_NODES, max(1, round(SEARCH_MAX_M / gsd_m)))
+        return max(1, round(self.search_m / gsd_m))
 
     def spacing_nodes(self, gsd_m: float) -> int:
         """Least distance between two points, in nodes; by default two patch widths."""
@@ -309,7 +336,10 @@ class BuildConfig:
             config = cls.from_dict(document)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
-        return dataclasses.replace(config, model=config.model.beside(path.parent))
+        folder = path.parent
+        return dataclasses.replace(
+            config, model=config.model.beside(folder), dem=config.dem.beside(folder)
+        )
 
     @classmethod
     def from_dict(cls, document: dict[str, Any]) -> BuildConfig:

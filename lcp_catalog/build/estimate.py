@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..memory import peak_mb
+from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, run_area
 from .assembly import OVERVIEW_NODES, choose
@@ -52,8 +54,14 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "bytes_estimate": int(
             FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
         ),
-        "decisions": result.plan.to_json()["decisions"],
+        "decisions": [_cell_decision(build), *result.plan.to_json()["decisions"]],
     }
+
+
+def _cell_decision(build: Build) -> dict[str, Any]:
+    """The choice of the cell, in the form of the scene plan's decisions."""
+    reason = f"cells of {build.gsd_m:.5g} m: {build.cell.reason}"
+    return asdict(Decision("cell size", True, reason, None, "m"))
 
 
 def _measured(build: Build, index: int) -> tuple[float, AreaResult]:

@@ -15,12 +15,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .._version import __version__
 from ..atomic_files import check_output
 from ..catalog.hdf5 import write_catalog
 from ..catalog.schema import SCHEMA_VERSION
 from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..dem.consistency import warn_of_disagreements
+from ..dem.error_maps import ErrorMaps
+from ..dem.height_errors import height_errors
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError, SunError
 from ..landmarks.error_model import ErrorModel
@@ -28,7 +32,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
 from ..terrain.area import Area
-from ..terrain.terrain import native_gsd_m
+from ..terrain.useful_cell import Cell, useful_cell
 from .area_job import AreaJob, AreaResult, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble
@@ -38,6 +42,9 @@ from .executor import run_tasks
 from .sweep import Conditions, law_of_build
 
 log = logging.getLogger(__name__)
+
+_ERROR_PLACES = 33
+"""Side of the lattice of places at which a region's height errors are sampled."""
 
 Progress = Callable[[int, int], None]
 
@@ -49,11 +56,12 @@ class Build:
     config: BuildConfig
     dems: DemSet
     region: Area
-    gsd_m: float
+    cell: Cell
     jobs: tuple[AreaJob, ...]
     choice: Choice
     errors: ErrorModel
     albedo: AlbedoMap | None = None
+    maps: ErrorMaps | None = None
 
     @classmethod
     def plan(cls, dem_paths: Sequence[Path | str], config: BuildConfig) -> Build:
@@ -61,7 +69,8 @@ class Build:
         dems = DemSet.open(dem_paths, config.dem.product_order)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
-        gsd_m = config.area.gsd_m or native_gsd_m(dems, region)
+        cell = _cell(config, dems, region)
+        gsd_m = cell.gsd_m
         grid = AreaGrid.for_cell(gsd_m, config.model)
         tasks = plan_areas(grid, region, gsd_m)
         if not tasks:
@@ -71,10 +80,16 @@ class Build:
         albedo = _albedo_map(config.model)
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
-        errors = error_model(config, dems, albedo is not None)
-        given = (grid, region, gsd_m, config, dems, choice, errors, albedo)
+        maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
+        errors = error_model(config, dems, region, maps, albedo is not None)
+        given = (grid, region, gsd_m, config, dems, choice, errors, albedo, maps)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, dems, region, gsd_m, jobs, choice, errors, albedo)
+        return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps)
+
+    @property
+    def gsd_m(self) -> float:
+        """Cell size of the patches, metres."""
+        return self.cell.gsd_m
 
     @property
     def files(self) -> list[Path]:
@@ -83,15 +98,18 @@ class Build:
         return [
             *self.dems.files,
             *(self.albedo.files if self.albedo else ()),
+            *(self.maps.files if self.maps else ()),
             *([law] if law else ()),
         ]
 
     def fingerprint(self) -> str:
         """Digest of all that determines the areas' content: version, configuration, bytes of all files."""
         sources = self.dems.sources()
-        config = replace(self.config, model=self.config.model.portable).to_toml()
+        own = replace(self.config, model=self.config.model.portable, dem=self.config.dem.portable)
+        config = own.to_toml()
         facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
         facts += [self.albedo.provenance()] if self.albedo else []
+        facts += [self.maps.provenance()] if self.maps else []
         law = law_file(self.config.model.reflectance)
         facts += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
@@ -116,12 +134,35 @@ def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
     return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
 
 
-def error_model(config: BuildConfig, dems: DemSet, with_albedo_map: bool) -> ErrorModel:
-    """The error model of a build: its configuration, completed by the DEM's published figures."""
-    facts = [dem.facts for dem in dems.dems]
-    sigma = max((f.sigma_m for f in facts if f.sigma_m is not None), default=10.0)
-    length = max((f.resolution_m for f in facts if f.resolution_m is not None), default=400.0)
-    return config.errors.model(sigma, length, with_albedo_map)
+def _cell(config: BuildConfig, dems: DemSet, region: Area) -> Cell:
+    """The configured cell, or the finest useful one."""
+    if config.area.gsd_m:
+        return Cell(config.area.gsd_m, "as configured")
+    cell = useful_cell(dems, region)
+    log.info("cells of %.5g m: %s; --gsd overrules it", cell.gsd_m, cell.reason)
+    return cell
+
+
+def error_model(
+    config: BuildConfig,
+    dems: DemSet,
+    region: Area,
+    maps: ErrorMaps | None,
+    with_albedo_map: bool,
+) -> ErrorModel:
+    """The error model of a build: its configuration, completed by the height errors of the DEMs and
+    the maps, as medians over the region (`dem.height_errors`). DemError for a map without a value in
+    the region.
+    """
+    places = region.lattice(_ERROR_PLACES)
+    if maps is not None:
+        maps.check_cover(*places, region.bounds)
+    sigma, length = height_errors(dems, *places, maps)
+    known = np.isfinite(sigma)
+    if not known.any():
+        raise AreaError(f"no DEM covers the region ({region.bounds})")
+    height_m = float(np.median(sigma[known])), float(np.median(length[known]))
+    return config.errors.model(*height_m, with_albedo_map)
 
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:
@@ -207,6 +248,7 @@ def run_build(
         build.choice.model,
         build.errors,
         build.albedo,
+        build.maps,
     )
     write_catalog(catalog, output, overwrite=overwrite)
     checkpoints.remove()

@@ -111,10 +111,16 @@ VARIABLES = {
     "gsd": Variable(("point",), "f8", "m", "cell size of the patch"),
     "dem_product": Variable(("point",), "str", "1", "DEM product that the patch was cut from"),
     "elevation_sigma": Variable(
-        ("point",), "f8", "m", "published 1-sigma of the DEM product's heights, NaN for none"
+        ("point",),
+        "f8",
+        "m",
+        "1-sigma of the DEM's heights, from a map or as published for the product, NaN for none",
     ),
     "dem_resolution": Variable(
-        ("point",), "f8", "m", "published true ground resolution of the DEM product, NaN for none"
+        ("point",),
+        "f8",
+        "m",
+        "effective ground resolution of the DEM, measured from its heights, else published, NaN for none",
     ),
     "dem": Variable(
         ("point", "patch_row", "patch_col"),

@@ -213,10 +213,14 @@ class DemSet:
 
     def native_gsd_m(self, lon_deg: float, lat_deg: float) -> float:
         """Pixel size of the DEM that is used at a place. AreaError if there is no height."""
+        return self.native_dem(lon_deg, lat_deg).gsd_m
+
+    def native_dem(self, lon_deg: float, lat_deg: float) -> Dem:
+        """The DEM that is used at a place. AreaError if there is no height."""
         finest = min(dem.gsd_m for dem in self.dems)
         _, index = self.heights([lon_deg], [lat_deg], finest)
         if index[0] >= 0:
-            return self.dems[int(index[0])].gsd_m
+            return self.dems[int(index[0])]
         raise AreaError(
             f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM "
             f"covers {self.bounds}"

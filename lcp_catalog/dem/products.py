@@ -15,7 +15,9 @@ from dataclasses import dataclass
 class ProductFacts:
     """Facts about a family of products: ``abs_latitude_use`` degrees at which the method uses it,
     ``sigma_m`` 1 sigma of a height, ``resolution_m`` the effective resolution on the surface; None
-    if nothing is published.
+    if nothing is published. ``calibrated_sigma_m``, ``calibrated_length_m``: 1 sigma and correlation
+    length of height errors that explain images of the ground, ``calibration`` their source; None
+    without a calibration.
     """
 
     family: str
@@ -23,6 +25,9 @@ class ProductFacts:
     sigma_m: float | None = None
     resolution_m: float | None = None
     source: str = "nothing published is known"
+    calibrated_sigma_m: float | None = None
+    calibrated_length_m: float | None = None
+    calibration: str = ""
 
 
 _BARKER_2016 = (

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..choices import HEIGHTFIELD_SIZE_MAX_KM
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError
@@ -83,6 +84,18 @@ class Area:
         x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         width, height = self._half_m
         return np.asarray((np.abs(x) <= width) & (np.abs(y) <= height) & (z > -MOON_RADIUS_M))
+
+    def lattice(self, side: int) -> tuple[Array, Array]:
+        """Longitudes and latitudes (n,), degrees, of the places inside the area of a regular lattice
+        of ``side`` x ``side`` over its extent, on the sphere.
+        """
+        x0, x1, y0, y1 = self.extent_m
+        x, y = np.meshgrid(np.linspace(x0, x1, side), np.linspace(y0, y1, side))
+        away2 = np.minimum(x * x + y * y, MOON_RADIUS_M**2)
+        z = np.sqrt(MOON_RADIUS_M**2 - away2) - MOON_RADIUS_M
+        lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+        inside = self.contains(lon, lat)
+        return lon[inside], lat[inside]
 
     @property
     def _half_m(self) -> tuple[float, float]:

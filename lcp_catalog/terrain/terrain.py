@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Int16
 from ..constants import MOON_RADIUS_M
+from ..dem.dem import Dem
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.frames import EnuFrame
@@ -143,11 +144,16 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
 
 
 def native_gsd_m(dems: DemSet, area: Area) -> float:
-    """Cell size of the DEM used at the area's centre; in a gap there, of the DEM used at most
-    places of the area. ``AreaError`` if there is none.
+    """Cell size of the `native_dem` of an area. ``AreaError`` if there is none."""
+    return native_dem(dems, area).gsd_m
+
+
+def native_dem(dems: DemSet, area: Area) -> Dem:
+    """The DEM used at the area's centre; in a gap there, the DEM used at most places of the area.
+    ``AreaError`` if there is none.
     """
     try:
-        return dems.native_gsd_m(area.lon_deg, area.lat_deg)
+        return dems.native_dem(area.lon_deg, area.lat_deg)
     except AreaError:
         x0, x1, y0, y1 = area.extent_m
         x, y = np.meshgrid(np.linspace(x0, x1, 33), np.linspace(y0, y1, 33))
@@ -157,7 +163,7 @@ def native_gsd_m(dems: DemSet, area: Area) -> float:
             raise AreaError(
                 f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
             ) from None
-        return dems.dems[int(np.bincount(index[index >= 0]).argmax())].gsd_m
+        return dems.dems[int(np.bincount(index[index >= 0]).argmax())]
 
 
 def _heights(

@@ -26,6 +26,7 @@ from lcp_catalog.build.config import (
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
+from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
@@ -73,7 +74,7 @@ def test_points_lie_on_the_dem(catalog: Catalog) -> None:
     np.testing.assert_allclose(catalog.elevation, heights, atol=2e-3)
     assert set(catalog.dem_product) == {"GLD100_256"}
     assert (catalog.elevation_sigma == 20.0).all()  # lcp_catalog/products.py
-    assert (catalog.dem_resolution == 300.0).all()
+    assert (catalog.dem_resolution == Dem.open(DEM).effective_resolution.resolution_m).all()
 
 
 def test_patches_are_the_dem_in_the_points_own_frame(catalog: Catalog) -> None:
@@ -279,6 +280,60 @@ def test_a_broken_run_is_resumed(
     run_build(plan, output, resume=True)
     assert done == [victim]
     assert output.read_bytes() == built.read_bytes()
+
+
+def test_without_a_cell_size_it_is_half_of_what_the_dem_resolves(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config = dataclasses.replace(CONFIG, area=AreaConfig(center_deg=(3.5, 26.0), size_km=40.0))
+    with caplog.at_level("INFO"):
+        build = Build.plan((DEM,), config)
+    assert build.gsd_m == 4.0 * build.dems.dems[0].gsd_m
+    assert "cells of 473.8 m: 4 times the posting of hadley_gld100_256ppd.tif" in caplog.text
+    assert Build.plan((DEM,), CONFIG).cell.reason == "as configured"
+
+
+def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
+    """The error model takes the median over the region, every point its own."""
+    here = tmp_path / "maps"
+    here.mkdir()
+    sigma = np.full((40, 40), 5.0, np.float32)
+    sigma[:, 20:] = 9.0
+    place = 3.0 * DEGREE_M, 27.0 * DEGREE_M, DEGREE_M / 20.0
+    geotiff(here / "err.tif", sigma, *place)
+    geotiff(here / "effres.tif", np.full((40, 40), 800.0, np.float32), *place)
+    toml = "[dem]\nsigma_map = 'maps/err.tif'\nresolution_map = 'maps/effres.tif'\n"
+    (tmp_path / "build.toml").write_text(toml)
+    given = BuildConfig.from_toml(tmp_path / "build.toml").dem
+    assert given.sigma_map == str(here / "err.tif")
+    config = dataclasses.replace(
+        CONFIG,
+        area=AreaConfig(center_deg=(4.0, 26.0), size_km=44.0, gsd_m=474.0),
+        dem=given,
+        sun=SunConfig((90.0, 270.0), (20.0,)),
+        view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+    )
+    build = Build.plan((DEM,), config)
+    assert build.errors.height_sigma_m == pytest.approx(7.0)  # between the halves
+    assert build.errors.height_length_m == 400.0
+    assert set(build.files) == {DEM, here / "err.tif", here / "effres.tif"}
+    assert all(job.maps == build.maps for job in build.jobs)
+    run_build(build, tmp_path / "out.h5")
+    found = open_catalog(tmp_path / "out.h5")
+    assert len(found) >= 3
+    east = (found.longitude > 4.1) & (found.longitude < 4.9)
+    west = (found.longitude > 3.1) & (found.longitude < 3.9)
+    assert east.any()
+    assert west.any()
+    np.testing.assert_allclose(found.elevation_sigma[east], 9.0)
+    np.testing.assert_allclose(found.elevation_sigma[west], 5.0)
+    inside = (found.longitude > 3.05) & (found.latitude > 25.05) & (found.latitude < 26.95)
+    np.testing.assert_allclose(found.dem_resolution[inside], 800.0)
+    assert str(tmp_path) not in found.config
+    assert 'sigma_map = "err.tif"' in found.config
+    before = build.fingerprint()
+    geotiff(here / "err.tif", sigma + 1.0, *place)
+    assert Build.plan((DEM,), config).fingerprint() != before
 
 
 def test_keep_going_writes_what_there_is(

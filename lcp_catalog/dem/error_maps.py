@@ -1,0 +1,204 @@
+"""Maps of a DEM's height error and effective resolution, as some archives give them beside the
+heights (PGDA product 90: the _ERR and _EFFRES layers).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, Float32
+from ..atomic_files import file_facts
+from ..errors import DemError, LabelError
+from .georeferenced import Gridded
+from .grid import Grid
+from .raster import Raster, open_dataset
+
+log = logging.getLogger(__name__)
+
+GREATEST_M = 100e3
+"""Greatest value that is read, metres: larger ones are no errors of a DEM, but missing data that
+the file does not declare.
+"""
+
+_LEAST_SHARE = 1e-9
+"""Weights up to this one are rounding errors at the centre of a pixel."""
+
+_TILE_PX = 512
+"""Side of the windows in which a map is read, pixels."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Pixels of a map in metres. DemError for values that are below 0 or above `GREATEST_M`."""
+
+    raster: Raster
+    meaning: str
+
+    def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
+        """Values of a window inside the raster, float32 metres, NaN for missing pixels."""
+        samples = self.raster.samples(row0, row1, col0, col1)
+        values = self.raster.heights_of(samples)
+        with np.errstate(invalid="ignore"):
+            wrong = (values < 0.0) | (values > GREATEST_M)
+        if wrong.any():
+            raise DemError(
+                f"{self.raster.path}: has the value {values[wrong][0]:g}, which cannot be "
+                f"{self.meaning} in metres; either this is another layer, or its value for missing "
+                "data is not declared (gdal_translate -a_nodata)"
+            )
+        return values.astype(np.float32)
+
+
+@dataclass(frozen=True)
+class FigureMap(Gridded):
+    """A raster of one figure of a DEM, in metres. Picklable; pixels are read when needed."""
+
+    path: Path
+    grid: Grid
+    raster: Figures
+
+    @classmethod
+    def open(cls, path: Path | str, meaning: str) -> FigureMap:
+        """The first and only band of a raster that GDAL reads, in a lunar CRS, values in metres (or
+        kilometres, if the band's unit says so). DemError if it cannot be used. No pixel is read.
+        """
+        path = Path(path)
+        if not path.is_file():
+            kind = (
+                f"is a folder, not a map of {meaning}" if path.is_dir() else "there is no such file"
+            )
+            raise DemError(f"{path}: {kind}")
+        try:
+            dataset = open_dataset(path)
+        except DemError as error:
+            raise DemError(str(error).replace("not a DEM", f"not a map of {meaning}")) from error
+        if dataset.count != 1:
+            raise DemError(f"{path}: has {dataset.count} bands; a map of {meaning} has one")
+        if dataset.crs is None or dataset.transform.is_identity:
+            raise DemError(f"{path}: has no map projection; a map of the Moon is needed")
+        size = dataset.width, dataset.height
+        try:
+            grid = Grid.from_wkt(dataset.crs.to_wkt(), tuple(dataset.transform), *size)
+        except LabelError as error:
+            raise DemError(f"{path}: {error}") from error
+        unit = (dataset.units[0] or "").strip().lower()
+        metres = 1e3 if unit in ("km", "kilometer", "kilometre") else 1.0
+        scale, offset = float(dataset.scales[0]) * metres, float(dataset.offsets[0]) * metres
+        nodata = dataset.nodatavals[0]
+        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
+        return cls(path, grid, Figures(Raster(path, *size, scale, offset, missing), meaning))
+
+    def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
+        """Values at places (n,), metres, by bilinear interpolation; NaN outside the map and where
+        one of the pixels used is missing. In the outer half of its pixels the map's value is that
+        of its edge.
+        """
+        lon, lat = np.broadcast_arrays(
+            *(np.atleast_1d(a).astype(float) for a in (lon_deg, lat_deg))
+        )
+        inside, column, row = self.grid.located(lon, lat)
+        out = np.full(lon.size, np.nan)
+        if not self.grid.wraps:
+            column = np.clip(column, 0.0, self.grid.width - 1.0)
+        row = np.clip(row, 0.0, self.grid.height - 1.0)
+        tiles = np.floor(np.stack([row, column]) / _TILE_PX)
+        for tile in np.unique(tiles[:, inside], axis=1).T:
+            here = np.flatnonzero(inside & (tiles == tile[:, None]).all(axis=0))
+            out[here] = self._bilinear(row[here], column[here])
+        return out
+
+    def _bilinear(self, row: Array, column: Array) -> Array:
+        top, left = int(np.floor(row.min())), int(np.floor(column.min()))
+        bottom = min(int(np.floor(row.max())) + 2, self.grid.height)
+        right = int(np.floor(column.max())) + 2
+        if not self.grid.wraps:
+            right = min(right, self.grid.width)
+        z = self.read(top, bottom, left, right).astype(np.float64)
+        i, j = np.floor(row).astype(np.int64) - top, np.floor(column).astype(np.int64) - left
+        down, across = row - top - i, column - left - j
+        below, beside = np.minimum(i + 1, len(z) - 1), np.minimum(j + 1, z.shape[1] - 1)
+        parts = (
+            (z[i, j], (1.0 - down) * (1.0 - across)),
+            (z[i, beside], (1.0 - down) * across),
+            (z[below, j], down * (1.0 - across)),
+            (z[below, beside], down * across),
+        )
+        return np.asarray(
+            sum(np.where(share > _LEAST_SHARE, value * share, 0.0) for value, share in parts)
+        )
+
+
+@dataclass(frozen=True)
+class ErrorMaps:
+    """Maps of the 1 sigma of heights and of the effective resolution; None where there is none."""
+
+    sigma: FigureMap | None = None
+    resolution: FigureMap | None = None
+
+    @classmethod
+    def open(
+        cls, sigma_path: Path | str | None, resolution_path: Path | str | None
+    ) -> ErrorMaps | None:
+        """The maps of two files, each in metres; None if neither is given. DemError for a file that
+        cannot be used.
+        """
+        if sigma_path is None and resolution_path is None:
+            return None
+        return cls(
+            None if sigma_path is None else FigureMap.open(sigma_path, "the 1 sigma of heights"),
+            None
+            if resolution_path is None
+            else FigureMap.open(resolution_path, "the effective resolution"),
+        )
+
+    @property
+    def maps(self) -> tuple[FigureMap, ...]:
+        """The maps that are given."""
+        return tuple(one for one in (self.sigma, self.resolution) if one is not None)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that GDAL reads for the maps, including the sources of a virtual raster."""
+        found: list[Path] = []
+        for one in self.maps:
+            others = (Path(name) for name in open_dataset(one.path).files)
+            found += [one.path, *(path for path in others if path.is_file())]
+        return tuple(dict.fromkeys(found))
+
+    def provenance(self) -> list[dict[str, Any]]:
+        """Name, size and SHA-256 of every file, without folders."""
+        return file_facts(self.files)
+
+    def check_cover(self, lon_deg: ArrayLike, lat_deg: ArrayLike, where: object) -> None:
+        """DemError for a map without a value at any of some places (n,) of an area, which ``where``
+        names; a log message for one that lacks some of them.
+        """
+        for one in self.maps:
+            share = float(np.isfinite(one.at(lon_deg, lat_deg)).mean())
+            if share == 0.0:
+                raise DemError(
+                    f"{one.path}: has no value in the area ({where}); it covers {one.grid.bounds}"
+                )
+            if share < 1.0:
+                log.warning(
+                    "%s: has no value in %.2g %% of the area; the figures of the DEM's product are "
+                    "used there", one.path, 100.0 * (1.0 - share),
+                )  # fmt: skip
+
+    def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
+        """1 sigma of the heights and effective resolution at places (n,), metres, both (n,); NaN
+        without a map or a value, and for a resolution of 0.
+        """
+        size = np.broadcast(np.atleast_1d(lon_deg), np.atleast_1d(lat_deg)).size
+        sigma, resolution = (
+            np.full(size, np.nan) if one is None else one.at(lon_deg, lat_deg)
+            for one in (self.sigma, self.resolution)
+        )
+        return sigma, np.where(resolution > 0.0, resolution, np.nan)
