@@ -8,8 +8,8 @@ shift is the matrix of Harris and Stephens 1988). Correlated noise, as from smoo
 moves a match much farther than white noise of the same variance.
 
 Limits: first order, so for sigmas well below the width of the features; at a low signal the match
-fails before the bound does, which `detection` describes. Central differences damp detail near one
-pixel (an ideal step counts half), so very sharp patches are located better than stated.
+fails before the bound does, which `detection` describes. Differences damp detail near one pixel (an
+ideal step counts half), so very sharp patches are located better than stated.
 """
 
 from __future__ import annotations
@@ -61,8 +61,7 @@ def registration(
     power = np.einsum("nij,nij->n", centred, centred)
     textured = power > 1e-12 * nodes
     unit = centred / np.sqrt(np.where(textured, power, 1.0))[:, None, None]
-    down, across = np.gradient(image, axis=(1, 2))
-    slopes = np.stack([across, down], axis=1)
+    slopes = np.stack([node_slopes(image, 2), node_slopes(image, 1)], axis=1)
     loss = np.einsum("naij,naij->n", slopes, slopes) / np.where(textured, power, 1.0) / 24.0
     slopes -= slopes.mean(axis=(2, 3), keepdims=True)
     slopes -= np.einsum("naij,nij->na", slopes, unit)[..., None, None] * unit[:, None]
@@ -78,6 +77,25 @@ def registration(
         covariance_px2=_shift_covariance(normal, products[:, :2, :2]),
         nodes=nodes,
     )
+
+
+def node_slopes(patches: Array, axis: int) -> Array:
+    """Derivative of patches (n, p, p) along an axis at their nodes: differences of the sixth order
+    over seven nodes, of lower order in the three outer rows.
+
+    Central differences over three nodes damp detail near a node's width, and the covariance grows
+    with the square or, in smooth noise, the fourth power of that: measured over stated variance of
+    the match was 0.78, 0.66 and 0.58 in white noise and noise of 1.5 and 4 nodes' length, and is
+    0.96, 0.90 and 0.85 with these (`benchmarks/claims.py simulated`).
+    """
+    z = np.moveaxis(patches, axis, 0)
+    slope = np.gradient(z, axis=0)
+    if len(z) > 4:
+        slope[2:-2] = (8.0 * (z[3:-1] - z[1:-3]) - (z[4:] - z[:-4])) / 12.0
+    if len(z) > 6:
+        near, middle, far = z[4:-2] - z[2:-4], z[5:-1] - z[1:-5], z[6:] - z[:-6]
+        slope[3:-3] = (45.0 * near - 9.0 * middle + far) / 60.0
+    return np.moveaxis(slope, 0, axis)
 
 
 def _shift_covariance(normal: Array, products: Array) -> Array:
