@@ -292,6 +292,7 @@ class ErrorConfig:
     albedo_sigma: float | None = None
     albedo_length_m: float = 2000.0
     position_sigma_m: float = 0.0
+    spread: float = 0.3
 
     def __post_init__(self) -> None:
         self.model(height_sigma_m=1.0, height_length_m=1.0, with_albedo_map=True)

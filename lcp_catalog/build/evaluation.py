@@ -258,7 +258,7 @@ def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:
     0..180, of covariances (n, 2, 2) of columns (east) and rows (south); infinite and NaN for
     infinite ones.
     """
-    finite = np.isfinite(covariance).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     values, vectors = np.linalg.eigh(np.where(finite[:, None, None], covariance, np.eye(2)))
     sigma = np.where(finite[:, None], np.sqrt(np.maximum(values, 0.0)), np.inf)
     angle = np.degrees(np.arctan2(vectors[:, 0, 1], -vectors[:, 1, 1])) % 180.0

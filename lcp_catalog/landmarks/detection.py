@@ -15,11 +15,15 @@ above the least correlation L that a match must have:
 
     P = integral from L of phi((x - e_0) / sqrt(v_0)) / sqrt(v_0) prod_k Phi((x - e_k) / sqrt(v_k)) dx
 
+If the noise differs from place to place (`ErrorModel.spread`), P is the mean over its distribution.
+
 rho_0 is below 1 where the patch, rendered alone, differs from the patch among the terrain around it
 (shadows that the terrain casts on it), and by the place's distance from a whole pixel.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from scipy.special import ndtr
@@ -31,6 +35,8 @@ LEAST_CORRELATION = 0.3
 """Least correlation of a match."""
 
 _STEPS = np.linspace(-5.0, 5.0, 61)
+_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
 _WEIGHTS = np.exp(-0.5 * _STEPS**2) / np.exp(-0.5 * _STEPS**2).sum()
 _LEAST_VARIANCE = 1e-12
 
@@ -64,29 +70,39 @@ def detection_probability(
     ``self_correlation`` (n,): noise-free correlation at the true place.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
-    mean, variance = correlation_moments(
-        match.contrast, rho, match.noise_variance, match.along, match.nodes
-    )
+    nodes, weights = (_NODES, _NODE_WEIGHTS) if match.spread > 0.0 else (np.zeros(1), np.ones(1))
+    parts = [
+        _at_noise(match, rho, rivals, rival_contrast, least_correlation, math.exp(match.spread * x))
+        for x in nodes
+    ]
+    found, there, highest = np.tensordot(weights, np.array(parts), axes=1)
+    return found, there, highest
+
+
+def _at_noise(
+    match: Registration, rho: Array, rivals: Array, contrast: Array, least: float, factor: float
+) -> list[Array]:
+    """The three probabilities at places whose noise is a factor times the typical one."""
+    noise, along = match.noise_variance * factor**2, match.along * factor**2
+    mean, variance = correlation_moments(match.contrast, rho, noise, along, match.nodes)
     bad = ~(match.contrast > 0.0) | ~np.isfinite(variance) | ~np.isfinite(mean)
     mean, sigma = np.where(bad, 0.0, mean), np.sqrt(np.where(bad, 1.0, variance))
     x = mean[:, None] + sigma[:, None] * _STEPS
     absent = np.isnan(rivals)
     theirs, spread = correlation_moments(
-        np.where(absent, 0.0, rival_contrast),
+        np.where(absent, 0.0, contrast),
         np.where(absent, 0.0, rivals),
-        match.noise_variance[:, None],
-        np.where(bad, 1.0, match.along)[:, None],
+        noise[:, None],
+        np.where(bad, 1.0, along)[:, None],
         match.nodes,
     )
     above = ndtr((x[:, :, None] - theirs[:, None]) / np.sqrt(spread)[:, None])
     above = np.where(absent[:, None], 1.0, above).prod(axis=2)
     # share of each step above the least correlation
-    passed = np.clip(
-        (x - least_correlation) / (sigma[:, None] * (_STEPS[1] - _STEPS[0])) + 0.5, 0.0, 1.0
-    )
+    step = sigma[:, None] * (_STEPS[1] - _STEPS[0])
+    passed = np.clip((x - least) / step + 0.5, 0.0, 1.0)
     values = (passed * above @ _WEIGHTS, passed @ _WEIGHTS, above @ _WEIGHTS)
-    found, there, highest = (np.where(bad, 0.0, np.clip(value, 0.0, 1.0)) for value in values)
-    return found, there, highest
+    return [np.where(bad, 0.0, np.clip(value, 0.0, 1.0)) for value in values]
 
 
 def mistake_probability(

@@ -42,7 +42,8 @@ class ErrorModel:
     ``albedo_sigma``, ``albedo_length_m``: relative 1 sigma and correlation length of brightness of
     the ground that the render lacks. ``position_sigma_m``: 1 sigma, for each axis, of a patch's
     place on the ground, from errors of the DEM's control and of the camera model that are not
-    common to an image.
+    common to an image. ``spread``: standard deviation of the logarithm of the noise between places;
+    the noise of a place is that of the model times exp(spread x), x normal.
     """
 
     sensor_noise: float = 0.02
@@ -51,6 +52,7 @@ class ErrorModel:
     albedo_sigma: float = 0.05
     albedo_length_m: float = 2000.0
     position_sigma_m: float = 0.0
+    spread: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():

@@ -14,6 +14,7 @@ ideal step counts half), so very sharp patches are located better than stated.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,9 @@ class Registration:
     of the noise about its mean over the patch; ``along``: V, variance of the noise's product with
     the centred patch of unit norm; ``shift_loss``: expected loss of correlation because the true
     place lies between whole pixels; (n,). ``covariance_px2`` (n, 2, 2) of the shift, columns first,
-    rows downwards; infinite where the patch is not located in some direction.
+    rows downwards; infinite where the patch is not located in some direction. ``spread``: of the
+    error model; the covariance is the mean over places, the other figures are those of a place with
+    typical noise.
     """
 
     contrast: Array
@@ -41,6 +44,7 @@ class Registration:
     shift_loss: Array
     covariance_px2: Array
     nodes: int
+    spread: float = 0.0
 
 
 def registration(
@@ -74,8 +78,10 @@ def registration(
         noise_variance=np.maximum(variance - products[:, 3, 3] / nodes, 0.0),
         along=np.where(textured, products[:, 2, 2], np.inf),
         shift_loss=np.clip(loss, 0.0, 1.0),
-        covariance_px2=_shift_covariance(normal, products[:, :2, :2]),
+        covariance_px2=_shift_covariance(normal, products[:, :2, :2])
+        * math.exp(2.0 * model.spread**2),
         nodes=nodes,
+        spread=model.spread,
     )
 
 

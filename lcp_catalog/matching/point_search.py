@@ -54,7 +54,7 @@ class Criteria:
     min_real_share: float = 0.7
     min_area_share: float = 0.3  # of the search area, inside the image
     max_emission_deg: float = 80.0
-    max_back_px: float = 1.5
+    max_back_px: float = 3.0
     floor_px: float = 0.02  # least 1 sigma of a match
 
 

@@ -14,7 +14,7 @@ NUMBERS = 10
 (px^2), gain, noise, pixels, correlation of neighbouring residuals.
 """
 
-_STEPS = 8
+_STEPS = 12
 _SETTLED_PX = 0.01
 _LAST_STEP_PX = 0.05
 _FARTHEST_PX = 1.5
@@ -120,9 +120,12 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
 
     On return ``seen`` has the centred template and its slopes, ``light`` the centred image, w the
     weights, and out the shift, correlation and gain. The correlation is that before the last,
-    negligible step.
+    negligible step. A step against the last one is halved, and again at the next: pixels at a
+    patch's edge enter and leave with the shift, so that full steps can alternate between two
+    places for ever.
     """
     dx, dy, size = start[0], start[1], math.inf
+    last_right, last_down, share = 0.0, 0.0, 1.0
     for _ in range(_STEPS):
         blurred(drawn, known, sub, sigma, dx, dy, True, seen)
         total = _weights(seen, weight, least, row0, col0, w)
@@ -130,8 +133,12 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
             return False
         _gather(image, row0, col0, seen, w, light, total)
         right, down, out[6], out[2] = _step(seen, light, w)
+        if right * last_right + down * last_down < 0.0:
+            share *= 0.5
+        last_right, last_down = right, down
         size = math.hypot(right, down)
-        short = 1.0 / max(size, 1.0)
+        short = share / max(size, 1.0)
+        size *= share
         dx, dy = dx + right * short, dy + down * short
         out[0], out[1] = dx, dy
         if not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX:  # also for a NaN step

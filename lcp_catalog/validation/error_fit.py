@@ -1,0 +1,299 @@
+"""Fit of the error model to images: from the residuals of points that were found.
+
+For each point the image is resampled to the nodes of its patch at the place where it was found, the
+patch is rendered alone, and the best gain and offset are removed. What is left, relative to gain
+times mean signal, is a sample of the model's noise. Its covariances at lags of up to `LAGS` nodes are
+linear in the variances of the model's sources:
+
+    E[e(r) e(r + d)] = s_h^2 (A_pp(d) c_xx(d) + 2 A_pq(d) c_xy(d) + A_qq(d) c_yy(d))
+                       + s_a^2 A_II(d) c_a(d) + s_n^2 [d = 0]
+
+with A the mean products of the patches' slope sensitivities and radiances at that lag, and c the
+unit covariances of `landmarks.error_model`, less their means over a patch, because an offset is
+removed. For a grid of correlation lengths the variances follow from non-negative least squares; the
+lengths with the least misfit are taken. Images under several Suns separate height errors, which
+change with the Sun, from unmapped brightness, which does not.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..arrays import AnyArray, Array, Float32, Index, Mask
+from ..cameras.sensor import Sensor
+from ..catalog.catalogue import Catalog
+from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
+from ..errors import ImageError
+from ..geometry.frames import EnuFrame
+from ..images.image import Image
+from ..landmarks.error_model import ErrorModel, PatchErrors
+from ..landmarks.localization import registration
+from ..photometry.laws import Reflectance, planes_of, radiance_of_nodes
+from .orthoimage import orthorectify
+
+LAGS = 6
+"""Largest lag, nodes, of the covariances that are fitted."""
+
+HEIGHT_LENGTHS = np.geomspace(0.35, 3.0, 14)
+"""Correlation lengths of height errors that are tried, in cells."""
+
+ALBEDO_LENGTHS = np.geomspace(1.0, 8.0, 7)
+"""Correlation lengths of unmapped brightness that are tried, in cells."""
+
+FEWEST = 10
+"""Least number of points for a fit."""
+
+_TILT = 0.01
+_LEAST_CORRELATION = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of n points found in one image: ``residual`` (n, p, p), relative to the patch's mean
+    signal, 0 where the image has no valid pixel (``valid`` False); ``patches`` (n, p, p), the renders
+    relative to their means; ``errors``, their sources of error; ``place_m`` (n, 2), the error of each
+    place, metres east and south; ``pixel_m``, the cells' side.
+    """
+
+    residual: Float32
+    valid: Mask
+    patches: Float32
+    errors: PatchErrors
+    place_m: Array
+    pixel_m: float
+
+    def __len__(self) -> int:
+        return len(self.residual)
+
+
+def residuals_of(
+    catalog: Catalog, image: Image, rows: Index, found_px: Array, model: Reflectance
+) -> Residuals:
+    """Residuals of points (catalogue rows (n,)) that were found at pixels (n, 2) of an image with a
+    corrected sensor. Points that are not completely in the image, or hardly resemble their render,
+    are left out. Patches must have one cell size. ImageError if no point is left.
+    """
+    some = [
+        _sample(catalog, image, int(r), at, model) for r, at in zip(rows, found_px, strict=True)
+    ]
+    samples = [sample for sample in some if sample is not None]
+    if not samples:
+        raise ImageError(f"{image.name}: no point was found whose patch lies in the image")
+    columns = [np.stack(column) for column in zip(*samples, strict=True)]
+    residual, valid, render, east, south, place = columns
+    return Residuals(
+        residual.astype(np.float32),
+        valid,
+        render.astype(np.float32),
+        PatchErrors(*(a.astype(np.float32) for a in (render, east, south))),
+        place,
+        float(np.median(catalog.gsd[rows])),
+    )
+
+
+def _sample(
+    catalog: Catalog, image: Image, row: int, found_px: Array, model: Reflectance
+) -> tuple[AnyArray, ...] | None:
+    """Residual, valid nodes, render, its sensitivities east and south (p, p) each, and error of place
+    (2,) of one point.
+    """
+    terrain = patch_terrain(catalog, row)
+    origin, sensor = terrain.frame.origin_mcmf_m, image.sensor
+    sun = terrain.frame.direction_from_mcmf(image.sun_directions(origin))
+    view = terrain.frame.direction_from_mcmf(sensor.towards(origin))
+    if not (sun[2] > 0.0 and view[2] > 0.0):
+        return None
+    normals = planes_of(terrain.field.normals(terrain.core))
+    size = catalog.patch_nodes
+    half = np.array([size // 2])
+    dark = terrain.field.occluded_alone(half, half, size // 2, sun)[0].astype(np.uint8)
+    hidden = np.zeros((size, size), np.bool_)
+    bands = [radiance_of_nodes(normals, sun, view, dark, hidden, model)]
+    for axis, sign in ((0, -1.0), (1, 1.0)):
+        tilted = normals.copy()
+        tilted[axis] += np.float32(sign * _TILT) * normals[2]
+        tilted /= np.sqrt((tilted * tilted).sum(axis=0))
+        bands.append((radiance_of_nodes(tilted, sun, view, dark, hidden, model) - bands[0]) / _TILT)
+    if catalog.albedo is not None:
+        bands = [band * np.nan_to_num(catalog.albedo[row], nan=1.0) for band in bands]
+    render, east, south = (np.nan_to_num(band).astype(np.float64) for band in bands)
+    error = _on_ground(sensor, terrain.frame, found_px)
+    moved = error @ terrain.frame.rotation[:2]
+    ortho = orthorectify(image, nodes_mcmf(catalog, [row])[0] + moved)
+    valid = ortho.weight > 0.9
+    level = float(render[render > 0.0].mean()) if (render > 0.0).any() else 0.0
+    if valid.mean() < 0.9 or level <= 0.0:
+        return None
+    a = np.where(valid, ortho.signal - ortho.signal[valid].mean(), 0.0)
+    b = np.where(valid, render - render[valid].mean(), 0.0)
+    both, power, light = float((a * b).sum()), float((b * b).sum()), float((a * a).sum())
+    if not (power > 0.0 and both > _LEAST_CORRELATION * math.sqrt(power * light)):
+        return None
+    gain = both / power
+    residual = np.where(valid, a / gain - b, 0.0) / level
+    return (
+        residual,
+        valid,
+        render / level,
+        render / level,
+        east / level,
+        south / level,
+        error * [1, -1],
+    )
+
+
+def _on_ground(sensor: Sensor, frame: EnuFrame, found_px: AnyArray, step_m: float = 50.0) -> Array:
+    """East and north, metres, of the place that a pixel shows from a frame's origin, to first order."""
+    origin, axes = frame.origin_mcmf_m, frame.rotation
+    here = sensor.project(origin)
+    slope = np.stack(
+        [(sensor.project(origin + step_m * axes[k]) - here) / step_m for k in (0, 1)], -1
+    )
+    return np.asarray(np.linalg.solve(slope, np.asarray(found_px) - here), dtype=np.float64)
+
+
+def fit_errors(samples: Sequence[Residuals]) -> ErrorModel:
+    """The error model with the least misfit to residuals of several images. ImageError for fewer
+    than `FEWEST` points.
+    """
+    samples = [sample for sample in samples if len(sample)]
+    if sum(len(sample) for sample in samples) < FEWEST:
+        count = sum(len(sample) for sample in samples)
+        raise ImageError(f"{count} points were found in the images, {FEWEST} are needed for a fit")
+    moments = [_Moments.of(sample) for sample in samples]
+    best = (math.inf, ErrorModel())
+    cell = float(np.median([sample.pixel_m for sample in samples]))
+    for height, albedo in itertools.product(HEIGHT_LENGTHS * cell, ALBEDO_LENGTHS * cell):
+        design = np.concatenate([m.design(height, albedo) for m in moments])
+        target = np.concatenate([m.target for m in moments])
+        variances, misfit = nnls(design, target)
+        if misfit < best[0]:
+            sigmas = np.sqrt(variances)
+            fitted = ErrorModel(
+                height_sigma_m=float(sigmas[0]), height_length_m=float(height),
+                albedo_sigma=float(sigmas[1]), albedo_length_m=float(albedo),
+                sensor_noise=float(sigmas[2]),
+            )  # fmt: skip
+            best = (misfit, fitted)
+    return _with_places(samples, _with_spread(samples, best[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moments:
+    """Mean products at lags of the residuals of one image and of their sources; the half-plane of
+    lags, weighted with the root of their share of pairs.
+    """
+
+    lags: Array
+    weight: Array
+    residual: Array
+    east: Array
+    cross: Array
+    south: Array
+    level: Array
+    pixel_m: float
+    nodes: int
+
+    @classmethod
+    def of(cls, sample: Residuals) -> _Moments:
+        span = range(-LAGS, LAGS + 1)
+        lags = [(i, j) for i in range(LAGS + 1) for j in span if i > 0 or j >= 0]
+        rows = [_at_lag(sample, down, right) for down, right in lags]
+        columns = np.array(rows).T
+        scale = 1.0 / columns[0][0]  # an image with large residuals counts as much as another
+        weight = scale * math.sqrt(len(sample)) * np.ones(len(lags))
+        size = sample.residual.shape[1]
+        where = np.array(lags, dtype=np.float64)
+        residual, east, cross, south, level = columns
+        return cls(where, weight, residual, east, cross, south, level, sample.pixel_m, size)
+
+    @property
+    def target(self) -> Array:
+        return self.weight * self.residual
+
+    def design(self, height_m: float, albedo_m: float) -> Array:
+        """Columns of the variances of height, albedo and sensor noise."""
+        h, span = self.pixel_m, self.nodes * self.pixel_m
+        y, x = (self.lags * h).T
+        wide = height_m**2 + h**2 / 6.0
+        c = height_m**2 / wide * np.exp(-0.5 * (x**2 + y**2) / wide)
+        heights = (
+            c
+            / wide
+            * (
+                self.east * (1.0 - x**2 / wide)
+                + self.south * (1.0 - y**2 / wide)
+                - self.cross * x * y / wide
+            )
+        )
+        wide = albedo_m**2 + h**2 / 6.0
+        c = albedo_m**2 / wide * np.exp(-0.5 * (x**2 + y**2) / wide)
+        mean = 2.0 * math.pi * albedo_m**2 / span**2  # the offset removes the mean over the patch
+        brightness = self.level * (c - mean)
+        white = (self.lags == 0.0).all(axis=1).astype(np.float64)
+        return np.stack([heights, brightness, white], axis=1) * self.weight[:, None]
+
+
+def _at_lag(sample: Residuals, down: int, right: int) -> tuple[float, ...]:
+    """Mean products over the pairs of nodes at a lag: residuals, east sensitivities, east with south
+    (both ways), south, radiance.
+    """
+    size = sample.residual.shape[1]
+    first = np.s_[:, : size - down, max(0, -right) : size - max(0, right)]
+    other = np.s_[:, down:, max(0, right) : size + min(0, right)]
+    pairs = sample.valid[first] & sample.valid[other]
+    count = max(int(pairs.sum()), 1)
+
+    def product(a: Float32, b: Float32) -> float:
+        return float(np.where(pairs, a[first] * b[other], 0.0).sum(dtype=np.float64) / count)
+
+    e = sample.errors
+    return (
+        product(sample.residual, sample.residual),
+        product(e.east, e.east),
+        product(e.east, e.south) + product(e.south, e.east),
+        product(e.south, e.south),
+        product(e.level, e.level),
+    )
+
+
+def _with_spread(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
+    """The model with the spread of the noise between places, from the residuals' variances over those
+    of the model: half of the robust standard deviation of the logarithm of their ratios.
+    """
+    ratios = []
+    for sample in samples:
+        match = registration(sample.patches, sample.errors, model, sample.pixel_m)
+        measured = np.square(sample.residual).sum(axis=(1, 2)) / sample.valid.sum(axis=(1, 2))
+        ratios.append(0.5 * np.log(measured / match.noise_variance))
+    low, high = np.percentile(np.concatenate(ratios), [15.87, 84.13])
+    return replace(model, spread=float(0.5 * (high - low)))
+
+
+def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
+    """The model with the error of place at which the mean normalised squared error of the places is
+    1; 0 if it is below 1 without.
+    """
+    places = np.concatenate([sample.place_m for sample in samples])
+    covariances = np.concatenate(
+        [
+            registration(s.patches, s.errors, model, s.pixel_m).covariance_px2 * s.pixel_m**2
+            for s in samples
+        ]
+    )
+    low, high = 0.0, 10.0 * float(np.sqrt(np.square(places).mean())) + 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        whole = covariances * math.exp(2.0 * model.spread**2) + middle**2 * np.eye(2)
+        error = np.einsum("ni,nij,nj->n", places, np.linalg.inv(whole), places)
+        if np.median(error) > 2.0 * math.log(2.0):  # the median of chi-squared with 2 degrees
+            low = middle
+        else:
+            high = middle
+    return replace(model, position_sigma_m=high)
