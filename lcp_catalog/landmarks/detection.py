@@ -29,15 +29,14 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..arrays import Array, Float32, Mask
+from ..kernels.matching.acquisition import acquisition
 from .localization import Registration
 
 LEAST_CORRELATION = 0.3
 """Least correlation of a match."""
 
-_STEPS = np.linspace(-5.0, 5.0, 61)
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
-_WEIGHTS = np.exp(-0.5 * _STEPS**2) / np.exp(-0.5 * _STEPS**2).sum()
 _LEAST_VARIANCE = 1e-12
 
 
@@ -75,19 +74,17 @@ def detection_probability(
         _at_noise(match, rho, rivals, rival_contrast, least_correlation, math.exp(match.spread * x))
         for x in nodes
     ]
-    found, there, highest = np.tensordot(weights, np.array(parts), axes=1)
+    found, there, highest = np.tensordot(weights, np.array(parts), axes=1).T
     return found, there, highest
 
 
 def _at_noise(
     match: Registration, rho: Array, rivals: Array, contrast: Array, least: float, factor: float
-) -> list[Array]:
-    """The three probabilities at places whose noise is a factor times the typical one."""
+) -> Array:
+    """The three probabilities (n, 3) at places whose noise is a factor times the typical one."""
     noise, along = match.noise_variance * factor**2, match.along * factor**2
     mean, variance = correlation_moments(match.contrast, rho, noise, along, match.nodes)
     bad = ~(match.contrast > 0.0) | ~np.isfinite(variance) | ~np.isfinite(mean)
-    mean, sigma = np.where(bad, 0.0, mean), np.sqrt(np.where(bad, 1.0, variance))
-    x = mean[:, None] + sigma[:, None] * _STEPS
     absent = np.isnan(rivals)
     theirs, spread = correlation_moments(
         np.where(absent, 0.0, contrast),
@@ -96,13 +93,17 @@ def _at_noise(
         np.where(bad, 1.0, along)[:, None],
         match.nodes,
     )
-    above = ndtr((x[:, :, None] - theirs[:, None]) / np.sqrt(spread)[:, None])
-    above = np.where(absent[:, None], 1.0, above).prod(axis=2)
-    # share of each step above the least correlation
-    step = sigma[:, None] * (_STEPS[1] - _STEPS[0])
-    passed = np.clip((x - least) / step + 0.5, 0.0, 1.0)
-    values = (passed * above @ _WEIGHTS, passed @ _WEIGHTS, above @ _WEIGHTS)
-    return [np.where(bad, 0.0, np.clip(value, 0.0, 1.0)) for value in values]
+    out = np.empty((len(mean), 3))
+    acquisition(
+        np.where(bad, 0.0, mean),
+        np.sqrt(np.where(bad, 1.0, variance)),
+        np.where(absent, np.nan, theirs),
+        np.sqrt(spread),
+        least,
+        out,
+    )
+    out[bad] = 0.0
+    return out
 
 
 def mistake_probability(
