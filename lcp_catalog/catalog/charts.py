@@ -27,6 +27,9 @@ from ..plots.png import data_uri
 STEPS = 6
 """Number of colours of a share from 0 to 1."""
 
+_FEW_VALUES = 6
+"""Most distinct values that are drawn as a bar each instead of in bins."""
+
 _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
 """Direction to the light (east, north, up): north-west, 45 deg high."""
 
@@ -76,24 +79,29 @@ class SunDisc:
             f'<svg class="defs" width="0" height="0" aria-hidden="true"><defs>{"".join(cells)}</defs></svg>'
         )
 
-    def draw(self, share: AnyArray, label: str, large: bool = False) -> Markup:
+    def draw(self, share: AnyArray, label: str, large: bool = False, element: str = "") -> Markup:
         """Disc of shares 0..1 (elevation, azimuth); no cell where NaN (not evaluated). Large discs
-        are labelled.
+        are labelled. ``element``: id of the disc; its cells then carry their number, in the order of
+        rows, for a script.
         """
         cells = "".join(
-            f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}">{self._title(i, j, share[i, j]) if large else ""}</use>'
-            for i, j in np.argwhere(np.isfinite(share))
+            f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}"{_attribute("data-sun", k) if element else ""}>{self._title(i, j, share[i, j]) if large else ""}</use>'
+            for k, (i, j) in enumerate(np.argwhere(np.isfinite(share)))
         )
         pad = 26 if large else 6
         side = 2 * (_DISC_PX + pad)
         corner = -(_DISC_PX + pad)
         return Markup(
-            f'<svg class="disc" viewBox="{corner:g} {corner:g} {side:g} {side:g}" role="img" aria-label="{escape(label)}">'
+            f'<svg class="disc"{_attribute("id", element) if element else ""} viewBox="{corner:g} {corner:g} {side:g} {side:g}" role="img" aria-label="{escape(label)}">'
             f'<circle r="{_DISC_PX:g}" class="horizon"/>{cells}{_rings(large)}</svg>'
         )
 
     def _title(self, i: int, j: int, share: float) -> str:
         return f"<title>azimuth {self.sun_azimuth[j]:g}°, elevation {self.sun_elevation[i]:g}°: {100 * share:.0f} %</title>"
+
+
+def _attribute(name: str, value: object) -> str:
+    return f' {name}="{escape(str(value))}"'
 
 
 def _rings(large: bool) -> str:
@@ -171,6 +179,12 @@ def distribution(values: ArrayLike, unit: str, title: str, bins: int = 24) -> Di
     low, high = float(known.min()), float(known.max())
     if high - low <= 1e-9 * max(abs(high), 1e-300):
         return Distribution(title, single=f"{number(high, 4)} {unit}".strip(), count=known.size)
+    values_found, numbers = np.unique(np.round(known, 6), return_counts=True)
+    if len(values_found) <= _FEW_VALUES:
+        names = [number(float(value), 4) for value in values_found]
+        each = [(n, f"{name} {unit}: {n}") for name, n in zip(names, numbers.tolist(), strict=True)]
+        drawn = categories(names, each, unit, "points", title, width=200.0, height=110.0)
+        return Distribution(title, drawn, count=known.size)
     counts, edges = np.histogram(known, bins=_bin_edges(low, high, bins))
     most = int(counts.max())
     whole = [tick for tick in round_ticks(0.0, most, min(most, 4)) if tick[0] == round(tick[0])]
@@ -188,6 +202,39 @@ def distribution(values: ArrayLike, unit: str, title: str, bins: int = 24) -> Di
         if n
     )
     return Distribution(title, axes.draw(bars, title), count=known.size)
+
+
+def categories(
+    names: Sequence[str],
+    bars: Sequence[tuple[float, str]],
+    x_title: str,
+    y_title: str,
+    label: str,
+    width: float = 420.0,
+    height: float = 180.0,
+    highest: float | None = None,
+) -> Markup:
+    """Bars side by side, one for each name: height and tooltip. ``highest``: end of the y axis, by
+    default the highest bar.
+    """
+    most = max((value for value, _ in bars), default=1.0) if highest is None else highest
+    most = most or 1.0
+    ticks = round_ticks(0.0, most, 4)
+    if y_title == "points":
+        ticks = [tick for tick in ticks if tick[0] == round(tick[0])]
+    axes = Axes(
+        Axis(0.0, len(names), [(k + 0.5, name) for k, name in enumerate(names)], x_title),
+        Axis(0.0, most, ticks, y_title, grid=True),
+        width=width,
+        height=height,
+        left=50.0,
+        top=10.0,
+    )
+    drawn = axes.bars(
+        ((k + 0.15, k + 0.85, value, "bar", text) for k, (value, text) in enumerate(bars)),
+        gap=0.0,
+    )
+    return axes.draw(drawn, label)
 
 
 def _bin_edges(low: float, high: float, bins: int) -> AnyArray:
@@ -244,7 +291,7 @@ class Map:
     frame: EnuFrame
 
     @property
-    def _scale(self) -> float:
+    def scale(self) -> float:
         """SVG units per metre."""
         left, right, _, _ = _MARGIN_PX
         return (_MAP_PX - left - right) / max(self._width_m, 1e-9)
@@ -265,14 +312,16 @@ class Map:
         """SVG coordinates of places in the frame."""
         left, _, _, top = _MARGIN_PX
         west, north = self.x_m[0] - self._cell_m / 2, self.y_m[0] + self._cell_m / 2
-        return left + (np.asarray(x_m) - west) * self._scale, top + (
+        return left + (np.asarray(x_m) - west) * self.scale, top + (
             north - np.asarray(y_m)
-        ) * self._scale
+        ) * self.scale
 
-    def draw(self, marks: Iterable[Mark], label: str) -> Markup:
-        """The map with graticule, marks and scale bar."""
+    def draw(self, marks: Iterable[Mark], label: str, layer: str = "") -> Markup:
+        """The map with graticule, marks and scale bar. ``layer``: id of an empty group that a script
+        draws in.
+        """
         left, _, bottom, top = _MARGIN_PX
-        width, height = self._width_m * self._scale, self._height_m * self._scale
+        width, height = self._width_m * self.scale, self._height_m * self.scale
         whole = height + top + bottom
         picture = data_uri(hillshade(self.height, self._cell_m))
         lines, labels = self._graticule()
@@ -281,7 +330,7 @@ class Map:
             f'<svg class="map" viewBox="0 0 {_MAP_PX:g} {whole:.1f}" role="img" aria-label="{escape(label)}">'
             f'<image href="{picture}" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}" preserveAspectRatio="none"/>'
             f'<g class="graticule">{lines}</g><rect class="frame" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}"/>'
-            f'<g class="marks">{drawn}</g><g class="labels">{labels}</g>{self._scale_bar(height + top)}</svg>'
+            f'<g class="marks"{_attribute("id", layer) if layer else ""}>{drawn}</g><g class="labels">{labels}</g>{self._scale_bar(height + top)}</svg>'
         )
 
     def _mark(self, mark: Mark) -> str:
@@ -308,7 +357,7 @@ class Map:
                 x, y = line[np.argmin(line[:, 0])]
                 labels.append((x - 7, y + 6, _degrees(value, "N", "S"), "end"))
         left, _, _, top = _MARGIN_PX
-        south = top + self._height_m * self._scale
+        south = top + self._height_m * self.scale
         edge = {"middle": lambda x, y: y > south + 10, "end": lambda x, y: x < left}
         kept = [label for label in labels if edge[label[3]](label[0], label[1])]
         return "".join(lines), "".join(
@@ -334,17 +383,17 @@ class Map:
         px, py = self.pixel(x, y)
         left, _, _, top = _MARGIN_PX
         slack = 3.0  # SVG units: a line that ends just short of the edge is extended to it
-        inside = (px >= left - slack) & (px <= left + self._width_m * self._scale + slack)
-        inside &= (py >= top - slack) & (py <= top + self._height_m * self._scale + slack)
-        px = np.clip(px, left, left + self._width_m * self._scale)
-        py = np.clip(py, top, top + self._height_m * self._scale)
+        inside = (px >= left - slack) & (px <= left + self._width_m * self.scale + slack)
+        inside &= (py >= top - slack) & (py <= top + self._height_m * self.scale + slack)
+        px = np.clip(px, left, left + self._width_m * self.scale)
+        py = np.clip(py, top, top + self._height_m * self.scale)
         return np.stack([px, py], axis=-1)[inside]
 
     def _scale_bar(self, base: float) -> str:
         """Bar of a round length, about a fifth of the map's width, at the lower right."""
         length_m = nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
         length_m = length_m / 2.0 if length_m > self._width_m / 3.0 else length_m
-        px = length_m * self._scale
+        px = length_m * self.scale
         right = _MAP_PX - _MARGIN_PX[1]
         text = f"{length_m / 1e3:g} km" if length_m >= 1e3 else f"{length_m:g} m"
         return (

@@ -21,13 +21,15 @@ from .charts import (
     Map,
     Mark,
     SunDisc,
+    categories,
     distribution,
     hillshade,
     shade_class,
     symbol,
 )
+from .claim_map import claim_map
 from .hdf5 import Catalog, open_catalog
-from .schema import COVERAGE_STATUS
+from .schema import COVERAGE_STATUS, evaluated
 from .summary import (
     Statistics,
     coverage_counts,
@@ -77,6 +79,9 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         summary=_summary(found),
         map=_map(catalog, statistics),
         holes=_holes(catalog),
+        elevations=found["usable_by_sun_elevation"],
+        elevation_chart=_elevation_chart(found),
+        claims=_claims(catalog, disc),
         views=_views(statistics, found, disc),
         distributions=_distributions(catalog),
         chosen=sentence,
@@ -91,6 +96,53 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
     )
 
 
+def _chart(catalog: Catalog) -> Map:
+    view = catalog.overview
+    return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+
+
+def _claims(catalog: Catalog, disc: SunDisc) -> dict[str, Any] | None:
+    """The section of the claims: its numbers as JSON, its map and its disc; None without claims."""
+    chart = _chart(catalog)
+    found = claim_map(catalog, chart)
+    if found is None:
+        return None
+    known = evaluated(catalog.condition).any(axis=(0, 1))
+    sky = disc.draw(
+        np.where(known, 0.0, np.nan), "choice of the Sun's direction", large=True, element="sky"
+    )
+    errors = ", ".join(f"{name} {number(float(value))}" for name, value in catalog.errors.items())
+    return {
+        "json": Markup(
+            json.dumps(found, separators=(",", ":"))
+        ),  # numbers, and texts of this package
+        "map": chart.draw([], "map of the points under the chosen Sun", layer="claims"),
+        "sky": sky,
+        "shown": len(found["points"]),
+        "of": len(catalog),
+        "enlarged": found["enlarged"],
+        "errors": errors,
+        "least": catalog.min_detection,
+    }
+
+
+def _elevation_chart(found: dict[str, Any]) -> Markup | None:
+    """Usable share by Sun elevation; None if nothing was evaluated."""
+    rows = found["usable_by_sun_elevation"]
+    if not rows:
+        return None
+    names = [f"{row['sun_elevation_deg']:g}°" for row in rows]
+    bars = [
+        (
+            100.0 * row["usable_share"],
+            f"{name}: {percent(row['usable_share'])}, {row['points_usable']} points",
+        )
+        for name, row in zip(names, rows, strict=True)
+    ]
+    title = "usable share by Sun elevation"
+    return categories(names, bars, "Sun elevation", "usable, %", title, highest=100.0)
+
+
 def _figures(found: dict[str, Any]) -> list[tuple[str, str]]:
     """Key figures and their meanings."""
     sigma, coverage = found["localization_sigma_m"], found["coverage"]
@@ -98,6 +150,10 @@ def _figures(found: dict[str, Any]) -> list[tuple[str, str]]:
     return [
         (str(found["points"]), "control points"),
         (percent(found["usable_share"]), "of the evaluated conditions are usable"),
+        (
+            str(found["universal_points"]),
+            "universal points: usable in at least 95 % of their conditions",
+        ),
         (
             "–" if sigma is None else f"{number(sigma['median'])} m",
             "median position uncertainty, 1 sigma, worst usable condition",
@@ -118,8 +174,7 @@ def _summary(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _map(catalog: Catalog, statistics: Statistics) -> Markup:
-    view = catalog.overview
-    chart = Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+    chart = _chart(catalog)
     marks = [*_hole_marks(catalog, chart), *_point_marks(catalog, statistics, chart)]
     return chart.draw(marks, "map of the control points")
 
@@ -179,6 +234,7 @@ def _distributions(catalog: Catalog) -> list[Distribution]:
         ),
         distribution(catalog.second_peak, "", "Second peak of the correlation"),
         distribution(catalog.gsd, "m", "Cell size of the patches"),
+        distribution(catalog.gsd_min, "m", "Finest usable image resolution"),
         distribution(catalog.gsd_max, "m", "Coarsest usable image resolution"),
     ]
 

@@ -61,6 +61,22 @@ class Statistics:
         return self._share((1,))
 
     @cached_property
+    def by_elevation(self) -> AnyArray:
+        """Usable share over points, views and azimuths, (sun_elevation,)."""
+        return self._share((0, 1, 3))
+
+    @cached_property
+    def points_by_elevation(self) -> AnyArray:
+        """Number of points at each Sun elevation, (sun_elevation, 3): evaluated, usable in at least one
+        condition, usable in all evaluated ones.
+        """
+        known, works = self._evaluated, self._usable
+        some = known.any(axis=(1, 3))
+        every = some & (works | ~known).all(axis=(1, 3))
+        counts = [some.sum(axis=0), works.any(axis=(1, 3)).sum(axis=0), every.sum(axis=0)]
+        return np.stack(counts, axis=-1)
+
+    @cached_property
     def suns(self) -> int:
         """Number of Sun cells that were evaluated for at least one point."""
         return int(self._evaluated.any(axis=(0, 1)).sum())
@@ -113,6 +129,7 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "products": dict(sorted(Counter(catalog.dem_product.tolist()).items())),
         "elevation_sigma_m": _known(catalog.elevation_sigma),
         "dem_resolution_m": _known(catalog.dem_resolution),
+        "usable_by_sun_elevation": _by_elevation(catalog, statistics),
         "suns_evaluated": statistics.suns,
         "sun_elevation_deg": _range(catalog.sun_elevation),
         "views": _views(catalog, statistics),
@@ -120,6 +137,27 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "second_peak": _percentiles(catalog.second_peak),
         "coverage": coverage_counts(catalog),
     }
+
+
+def _by_elevation(catalog: Catalog, statistics: Statistics) -> list[dict[str, Any]]:
+    """Usable share and numbers of points by Sun elevation, for elevations that were evaluated."""
+    columns = zip(
+        catalog.sun_elevation.tolist(),
+        statistics.by_elevation,
+        statistics.points_by_elevation.tolist(),
+        strict=True,
+    )
+    return [
+        {
+            "sun_elevation_deg": elevation,
+            "usable_share": _plain(share),
+            "points_evaluated": counts[0],
+            "points_usable": counts[1],
+            "points_always_usable": counts[2],
+        }
+        for elevation, share, counts in columns
+        if counts[0]
+    ]
 
 
 def _albedo(catalog: Catalog) -> dict[str, Any] | None:

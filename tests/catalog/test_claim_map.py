@@ -1,0 +1,127 @@
+"""The numbers of the page's script, decoded as its description says, against the catalogue."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import catalogs
+from helpers.pages import parsed
+
+from lcp_catalog.catalog import claim_map, report
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.charts import Map
+from lcp_catalog.catalog.summary import Statistics, summary
+from lcp_catalog.geometry.frames import EnuFrame
+
+
+def chart_of(catalog: Catalog) -> Map:
+    view = catalog.overview
+    return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+
+
+def decoded(found: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Planes (n, s, v, k) and the condition (n, v, k)."""
+    content = np.frombuffer(base64.b64decode(found["data"]), np.uint8)
+    n, s, v, k = (len(found[name]) for name in ("points", "scales", "views", "suns"))
+    condition, rest = content[: n * v * k].reshape(n, v, k), content[n * v * k :]
+    assert len(rest) == 4 * n * s * v * k
+    probability, size, shape, angle = rest.reshape(4, n, s, v, k)
+    major = np.where(size == 255, np.nan, found["sigma_m"] * found["sigma_ratio"] ** size.astype(float))  # fmt: skip
+    return {
+        "condition": condition,
+        "detection_probability": np.where(probability == 255, np.nan, probability / 250),
+        "sigma_major": major,
+        "sigma_minor": major * shape / 254,
+        "sigma_angle": np.where(angle == 255, np.nan, angle.astype(float)),
+    }
+
+
+def test_the_page_holds_what_the_catalogue_claims() -> None:
+    catalog = catalogs.claimed(20)
+    found = claim_map.claim_map(catalog, chart_of(catalog))
+    assert found is not None
+    planes = decoded(found)
+    suns = np.array(found["suns"])
+    assert len(suns) == Statistics(catalog).suns
+    at = (..., suns[:, 0], suns[:, 1])
+    np.testing.assert_array_equal(planes["condition"], catalog.condition[at])
+    for name, relative, absolute in (
+        ("detection_probability", 0.0, 1e-6),
+        ("sigma_major", 0.0101, 0.0),
+        ("sigma_minor", 0.02, 0.1),
+        ("sigma_angle", 0.0, 1e-6),
+    ):
+        want = getattr(catalog, name)[at]
+        assert np.isfinite(want).any()
+        np.testing.assert_allclose(planes[name], want, rtol=relative, atol=absolute, err_msg=name)
+
+
+def test_a_page_for_many_points_shows_an_even_sample() -> None:
+    catalog = catalogs.claimed(40)
+    suns = Statistics(catalog).suns
+    one = suns * 3
+    whole = claim_map.claim_map(catalog, chart_of(catalog), 40 * one * 13)
+    fewer = claim_map.claim_map(catalog, chart_of(catalog), 40 * one * 13 - 1)
+    some = claim_map.claim_map(catalog, chart_of(catalog), 10 * one * 5)
+    assert whole is not None
+    assert fewer is not None
+    assert some is not None
+    assert (len(whole["scales"]), len(whole["points"])) == (3, 40)
+    assert (len(fewer["scales"]), len(fewer["points"])) == (1, 40)
+    assert (len(some["scales"]), len(some["points"]), some["of"]) == (1, 10, 40)
+    assert len(base64.b64decode(some["data"])) <= 10 * one * 5
+    shown = [str(i) for i in catalog.point_id]
+    steps = np.diff([shown.index(point[0]) for point in some["points"]])
+    assert set(steps.tolist()) <= {4, 5}
+    planes = decoded(some)
+    rows = [shown.index(point[0]) for point in some["points"]]
+    at = np.array(some["suns"])
+    want = catalog.detection_probability[rows][:, :1][..., at[:, 0], at[:, 1]]
+    np.testing.assert_allclose(planes["detection_probability"], want, atol=1e-6)
+
+
+def test_a_point_north_of_another_is_drawn_above_it() -> None:
+    catalog = catalogs.claimed(9)
+    found = claim_map.claim_map(catalog, chart_of(catalog))
+    assert found is not None
+    by_latitude = sorted(found["points"], key=lambda point: point[2])
+    assert by_latitude[0][4] > by_latitude[-1][4]
+    # the meridians of 26 N converge northward: north leans west (left) east of the centre
+    turns = np.array([[point[1] - catalogs.CENTER[0], point[6]] for point in found["points"]])
+    expected = -turns[:, 0] * np.sin(np.radians(26.0))
+    np.testing.assert_allclose(turns[:, 1], expected, atol=0.06)
+
+
+def test_the_section_is_there_with_claims_only() -> None:
+    html = report.render_report(catalogs.claimed(20), "c.h5")
+    page = parsed(html)
+    assert {"chooser", "numbers", "claims", "sky", "found", "outcome"} <= set(page.ids)
+    (text,) = re.findall(r"<script type='application/json' id='numbers'>(.*?)</script>", html)
+    assert len(json.loads(text)["points"]) == 20
+    assert len(re.findall(r'data-sun="\d+"', html)) == Statistics(catalogs.claimed(20)).suns
+    assert "<noscript>" in html
+    assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
+    old = report.render_report(catalogs.catalog(20), "c.h5")
+    assert not {"chooser", "numbers"} & set(parsed(old).ids)
+    assert "Usable share by Sun elevation" in old
+    assert claim_map.claim_map(catalogs.claimed(0), chart_of(catalogs.claimed(0))) is None
+
+
+def test_figures_by_sun_elevation_are_counts() -> None:
+    catalog = catalogs.claimed(20)
+    rows = summary(catalog)["usable_by_sun_elevation"]
+    assert len(rows) >= 6
+    for row in rows:
+        e = catalog.sun_elevation.tolist().index(row["sun_elevation_deg"])
+        flags = catalog.condition[:, :, e].reshape(20, -1)
+        known, works = (flags & 1) > 0, flags == 31
+        assert row["usable_share"] == pytest.approx(works.sum() / known.sum())
+        assert row["points_evaluated"] == sum(bool(k.any()) for k in known)
+        assert row["points_usable"] == sum(bool(w.any()) for w in works)
+        always = sum(bool(k.any() and (w == k).all()) for w, k in zip(works, known, strict=True))
+        assert row["points_always_usable"] == always
