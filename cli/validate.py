@@ -128,6 +128,14 @@ EXIT_NO = 4
     metavar="EXPR",
     help="Condition for every image, like 'share_above_0_9>=0.85 and points_found>=20'; exit code 4 if it fails.",
 )
+@click.option(
+    "--fit-errors",
+    "errors_file",
+    type=click.Path(dir_okay=False),
+    metavar="ERRORS.toml",
+    help="Also fit the error model of image and render to the points found in all images, and write it as the section "
+    "[errors] of a BUILD.toml.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
 @options.overwrite_option
 @options.depfile_option
@@ -137,6 +145,7 @@ def command(
     output: str,
     cameras: tuple[str, ...],
     require: str | None,
+    errors_file: str | None,
     as_json: bool,
     overwrite: bool,
     depfile: str | None,
@@ -167,11 +176,12 @@ def command(
 
     from .progress import progress
 
-    check_validation_folder(Path(output), overwrite, depfile)
-    request = _request(catalog, files, **flags)
+    fitted = Path(errors_file) if errors_file else None
+    check_validation_folder(Path(output), overwrite, depfile, fitted)
+    request = _request(catalog, files, fit_errors=fitted is not None, **flags)
     with progress("images") as update:
         result = validate(request, update)
-    write_validation(result, Path(output), overwrite, depfile)
+    write_validation(result, Path(output), overwrite, depfile, fitted)
     if as_json:
         click.echo(result.verdict.to_json(), nl=False)
     for line in summary_lines(result.verdict):
@@ -179,6 +189,8 @@ def command(
     failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
         click.echo(f"lcp: --require: {line}", err=True)
+    if result.fitted:
+        click.echo(f"{errors_file}: errors fitted to {result.fitted.points} points", err=True)
     click.echo(f"{output}/report.html: written", err=True)
     return EXIT_NO if failures or not result.located else 0
 
@@ -227,5 +239,6 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         pose_is_known=flags["known_pose"],
         faint=flags["faint"],
+        fit_errors=flags["fit_errors"],
         pixels=ImageOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
     )

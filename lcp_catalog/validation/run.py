@@ -37,6 +37,8 @@ from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX
 from .claim_trials import ClaimSearch
 from .claims import Claims
+from .error_file import FittedErrors
+from .error_fit import Residuals, fit_errors, residuals_of
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
 from .result import ImageFacts, ImageVerdict, Pictures, PointFigures, Verdict, WindowFigures
 
@@ -74,7 +76,8 @@ class ImageFiles:
 @dataclass(frozen=True)
 class Validation:
     """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are
-    the true ones. ``faint``: search with the options `position_fix.FAINT`.
+    the true ones. ``faint``: search with the options `position_fix.FAINT`. ``fit_errors``: also fit
+    the error model to the images (`error_fit`).
     """
 
     catalog_path: Path
@@ -89,6 +92,7 @@ class Validation:
     pose_is_known: bool = False
     pixels: ImageOptions = field(default_factory=ImageOptions)
     faint: bool = False
+    fit_errors: bool = False
 
     @property
     def law(self) -> Reflectance:
@@ -125,11 +129,14 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Result, images for the report, and the files that were read."""
+    """Result, images for the report, the files that were read, and the fitted error model; None
+    unless it was asked for.
+    """
 
     verdict: Verdict
     pictures: tuple[Pictures, ...]
     sources: tuple[Path, ...]
+    fitted: FittedErrors | None = None
 
     @property
     def located(self) -> bool:
@@ -141,29 +148,28 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
     """Validate a catalogue with every image in turn.
 
     Raises the library's errors for a catalogue or DEM that cannot be read, for missing files, and
-    ImageError for a DEM among the images.
+    ImageError for a DEM among the images and for a fit of errors to too few points.
     Errors in an image, its camera file or its Sun are results of that image.
     """
     for files in request.files:
         files.require()
     _ = request.dems  # a file that is no DEM ends it before any image is read
     catalog = open_catalog(request.catalog_path)
-    images, pictures = [], []
-    sources = [request.catalog_path]
+    done_with: list[_Done] = []
     for done, (files, name) in enumerate(
         zip(request.files, told_apart(request.files), strict=True)
     ):
         if progress:
             progress(done, len(request.files))
-        image, shown, read = _one(request, catalog, files, name)
-        images.append(image)
-        pictures.append(shown)
-        sources += read
+        done_with.append(_one(request, catalog, files, name))
     if progress:
         progress(len(request.files), len(request.files))
     facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
-    verdict = Verdict(tuple(images), facts, request.described())
-    return Result(verdict, tuple(pictures), tuple(dict.fromkeys(sources)))
+    verdict = Verdict(tuple(one.image for one in done_with), facts, request.described())
+    sources = [request.catalog_path, *(path for one in done_with for path in one.sources)]
+    fitted = _fitted(done_with) if request.fit_errors else None
+    pictures = tuple(one.pictures for one in done_with)
+    return Result(verdict, pictures, tuple(dict.fromkeys(sources)), fitted)
 
 
 def told_apart(files: Sequence[ImageFiles]) -> list[str]:
@@ -179,13 +185,23 @@ def told_apart(files: Sequence[ImageFiles]) -> list[str]:
     return [f"{name} ({n + 1})" if n else name for name, n in zip(names, before, strict=True)]
 
 
-def _one(
-    request: Validation, catalog: Catalog, files: ImageFiles, name: str
-) -> tuple[ImageVerdict, Pictures, list[Path]]:
+@dataclass(frozen=True, eq=False)
+class _Done:
+    """Result of one image, its pictures, the files that were read, and the residuals for the fit of
+    errors.
+    """
+
+    image: ImageVerdict
+    pictures: Pictures
+    sources: list[Path]
+    residuals: Residuals | None = None
+
+
+def _one(request: Validation, catalog: Catalog, files: ImageFiles, name: str) -> _Done:
     try:
         image = _opened(request, files)
     except (ImageError, CameraError, SunError) as error:
-        return _untried(files, name, str(error)), Pictures(), files.paths
+        return _Done(_untried(files, name, str(error)), Pictures(), files.paths)
     options = FAINT if request.faint else Options()
     located = locate(catalog, image, request.uncertainty, request.law, options)
     best = image.with_sensor(located.pose.sensor) if located.pose else image
@@ -200,7 +216,9 @@ def _one(
         windows_reason=why,
         error=_error(request, located, image.sensor),
     )
-    return result, _pictures(image, ground), [*files.paths, *(ground.sources if ground else ())]
+    residuals = _residuals(request, catalog, located, best) if request.fit_errors else None
+    sources = [*files.paths, *(ground.sources if ground else ())]
+    return _Done(result, _pictures(image, ground), sources, residuals)
 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:
@@ -245,6 +263,26 @@ def _claims(
     true = image.sensor if known else None
     search = ClaimSearch(catalog, best, request.law, criteria, true)
     return search.claims(located.matches.point, searched=known or located.pose is not None)
+
+
+def _residuals(
+    request: Validation, catalog: Catalog, located: PositionFix, image: Image
+) -> Residuals | None:
+    """Residuals of the points found; None unless the image was located."""
+    if located.pose is None:
+        return None
+    found = located.matches.found
+    places = located.matches.point[found], located.matches.found_px[found]
+    return residuals_of(catalog, image, *places, request.law)
+
+
+def _fitted(images: Sequence[_Done]) -> FittedErrors:
+    used = [(one.image.facts.name, one.residuals) for one in images if one.residuals is not None]
+    kept = [(name, sample) for name, sample in used if len(sample)]
+    model = fit_errors([sample for _, sample in kept])
+    return FittedErrors(
+        model, sum(len(sample) for _, sample in kept), tuple(name for name, _ in kept)
+    )
 
 
 def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:

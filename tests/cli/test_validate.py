@@ -8,11 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.claiming import claiming
 from helpers.twins_match import catalog_of_dem, looking_at
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.cameras.camera_file import read_sensor
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
+from lcp_catalog.images.image_file import open_image
+from lcp_catalog.matching.position_fix import locate
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.validation.error_fit import fit_errors, residuals_of
 from lcp_catalog.validation.run import ImageFiles, told_apart
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
@@ -241,3 +249,159 @@ def test_what_cannot_be_tried_says_what_is_missing(place, tmp_path, capsys) -> N
     assert "640 x 480" in said[1]
     assert "not JSON" in said[2]
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def claims(place):
+    """The same catalogue with claims: 1 sigma 40 m north and 20 m east."""
+    with_claims = claiming(open_catalog(place / "points.h5"), 40.0, 5000.0)
+    write_catalog(with_claims, place / "claiming.h5")
+    return place / "claiming.h5"
+
+
+def scored(place, claims, out, camera, *more):
+    """Entry of the report and rows of the points of a validation of the catalogue with claims."""
+    files = [str(claims), str(place / "frame.png"), "--camera", str(place / camera), "-o", str(out)]
+    assert run(["validate", *files, "--attitude-sigma", "0", *more]) == 0
+    with open(out / "points.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return json.loads((out / "report.json").read_text()), rows
+
+
+def test_claims_are_scored(place, claims, tmp_path, capsys) -> None:
+    """By the located camera: figures of the report are those of the table's rows."""
+    require = "claims.count>=20 and brier<=1 and found_of_usable>=0.8, normalised_squared_error>0"
+    report, rows = scored(place, claims, tmp_path / "out", "believed.json", "--require", require)
+    printed = capsys.readouterr().out
+    entry = report["images"][0]["claims"]
+    assert report["claims"] == entry
+    tried = [row for row in rows if row["found"] and row["detection_probability"]]
+    usable = [row for row in tried if row["usable"] == "1"]
+    assert entry["count"] == len(tried)
+    assert entry["usable"] == len(usable)
+    for row in usable:
+        assert float(row["detection_probability"]) == pytest.approx(0.96)
+    square = [(float(row["detection_probability"]) - int(row["found"])) ** 2 for row in tried]
+    assert entry["brier"] == pytest.approx(sum(square) / len(square))
+    share = sum(int(row["found"]) for row in usable) / len(usable)
+    assert entry["found_of_usable"] == pytest.approx(share)
+    assert f"{100 * share:.1f} % of {len(usable)} usable points found" in printed
+    assert [row[2] for row in entry["reliability"] if row[2]] == [
+        len(tried) - len(usable),
+        len(usable),
+    ]
+    assert "reliability diagram" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_known_camera_is_the_reference_of_errors(place, claims, tmp_path) -> None:
+    """With the true camera errors are small; with a camera some 700 m off that is stated to be the
+    true one they are as large as its error.
+    """
+    right, rows = scored(place, claims, tmp_path / "true", "true.json", "--known-pose")
+    wrong, far = scored(place, claims, tmp_path / "wrong", "believed.json", "--known-pose")
+    plain, near = scored(place, claims, tmp_path / "plain", "believed.json")
+
+    def median_m(table):
+        found = [row for row in table if row["found"] == "1"]
+        assert len(found) > 20
+        return (
+            np.median(
+                [
+                    float(row["error_east_m"]) ** 2 + float(row["error_north_m"]) ** 2
+                    for row in found
+                ]
+            )
+            ** 0.5
+        )
+
+    assert median_m(rows) < 50.0
+    assert median_m(near) < 50.0
+    assert 400.0 < median_m(far) < 900.0
+    for report in (right, plain):
+        assert report["claims"]["normalised_squared_error"] < 5.0
+    assert wrong["claims"]["normalised_squared_error"] > 50.0
+    assert wrong["claims"]["count"] == plain["claims"]["count"]
+
+
+def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, tmp_path) -> None:
+    """A wrong Sun: nothing is found that agrees, and with a known camera that counts against the
+    claims.
+    """
+    files = [str(claims), str(place / "frame.png"), "--camera", str(place / "true.json")]
+    dark = ["--sun-azimuth", "300", "--sun-elevation", "60"]  # the wrong Sun: not located
+    for more, count in (([], 0), (["--known-pose"], 20)):
+        out = tmp_path / f"out{count}"
+        assert run(["validate", *files, "-o", str(out), "--attitude-sigma", "0", *dark, *more]) == 4
+        image = json.loads((out / "report.json").read_text())["images"][0]
+        assert image["pose"] is None
+        assert image["claims"]["count"] >= count
+        if not count:
+            assert image["claims"]["count"] == 0
+            assert image["claims"]["reason"] == "the image was not located"
+
+
+def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys) -> None:
+    """The file is a section of a BUILD.toml and holds the library's fit. The frame is rendered from the
+    catalogue's own DEM, so that the fit finds small errors of heights and places.
+    """
+    out, errors = tmp_path / "out", tmp_path / "errors.toml"
+    assert validated(place, "--fit-errors", str(errors), out=str(out)) == 0
+    printed = capsys.readouterr()
+    found = json.loads((out / "report.json").read_text())["images"][0]["points_found"]
+    assert f"{errors}: errors fitted to " in printed.err
+    first, section = errors.read_text().split("\n", 1)
+    fitted = int(first.removeprefix("# fitted to ").split()[0])
+    assert 20 <= fitted <= found
+    assert first.endswith("points found in frame.png")
+    assert section.startswith("[errors]\n")
+    model = BuildConfig.from_toml(errors).errors
+    catalog = open_catalog(place / "points.h5")
+    image = open_image(place / "frame.png", read_sensor(place / "believed.json"))
+    law = reflectance_model("lunar-lambert")
+    fix = locate(catalog, image, Uncertainty(1000.0), law)
+    sight, seen = image.with_sensor(fix.pose.sensor), fix.matches.found
+    rows, pixels = fix.matches.point[seen], fix.matches.found_px[seen]
+    wanted = fit_errors([residuals_of(catalog, sight, rows, pixels, law)])
+    for name, value in wanted.to_dict().items():
+        assert getattr(model, name) == pytest.approx(value, rel=1e-3, abs=1e-12), name
+    assert model.position_sigma_m < 30.0  # a pixel is 240 m
+    assert not list(tmp_path.glob(".*"))
+    again = tmp_path / "again"
+    assert validated(place, "--fit-errors", str(errors), out=str(again)) == 1
+    assert f"{errors} exists; use --overwrite" in capsys.readouterr().err
+    assert not again.exists()
+
+
+def test_too_few_points_for_a_fit_leave_no_file(place, tmp_path, capsys) -> None:
+    """An image that is not located has no points found."""
+    out, errors = tmp_path / "out", tmp_path / "errors.toml"
+    files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(out)]
+    assert run(["validate", *files, "--fit-errors", str(errors)]) == 1  # no camera
+    assert capsys.readouterr().err.startswith("lcp: 0 points were found in the images, ")
+    assert not errors.exists()
+    assert not out.exists()
+
+
+def test_the_file_of_fitted_errors_is_no_other_output(place, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(out)]
+    for name, more, said in (
+        (out / "points.csv", [], "is a file of the report; choose another name for --fit-errors"),
+        (tmp_path / "r.d", ["--depfile", str(tmp_path / "r.d")], "is the file of --depfile"),
+        (tmp_path / "none" / "e.toml", [], "none does not exist"),
+    ):
+        assert run(["validate", *files, "--fit-errors", str(name), *more]) == 1
+        assert said in capsys.readouterr().err
+        assert not out.exists()
+
+
+def test_a_dem_is_no_image(place, tmp_path, capsys) -> None:
+    """Before anything is searched or written."""
+    out = tmp_path / "out"
+    files = [str(place / "points.h5"), str(place / "frame.png"), str(DEM), "-o", str(out)]
+    assert run(["validate", *files, "--camera", str(place / "believed.json")]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "hadley_gld100_256ppd.tif: holds heights (GLD100_256: -2688 to 1970 m)" in said
+    assert "--dem" in said
+    assert not out.exists()

@@ -7,13 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import catalogs
+from helpers.claiming import claiming
 from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo
 
 from lcp_catalog.cameras.sensor import pixel_size_m
-from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.catalog.schema import USABLE, summarise_usable
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.matches import CODE
 from lcp_catalog.matching.point_search import Criteria, find_points
@@ -24,40 +22,9 @@ SIGMA_M = 20.0
 
 
 @cache
-def claiming(config: str = "[points]\nsearch_m = 2400.0\n") -> Catalog:
-    """The patches of Hadley: at every Sun and view the even points are usable with probability 0.96,
-    the others not, with 0.4; 1 sigma 20 m north, 10 m east; pixels of up to two cells.
-    """
-    plain = hadley_catalog()
-    made = catalogs.claims(len(plain))
-    shape = plain.condition.shape
-    even = (ROWS % 2 == 0)[:, None, None, None]
-    condition = np.where(np.broadcast_to(even, shape), USABLE, USABLE - 4).astype(np.uint8)
-    lowest, highest = summarise_usable(condition, plain.sun_elevation)
-    cells = plain.coverage
-    nearby = usable_nearby(
-        (cells.longitude, cells.latitude),
-        (plain.longitude, plain.latitude),
-        condition,
-        cells.spacing_m,
-    )
-    two = (len(plain), 2, *shape[1:])
-    return replace(
-        plain,
-        schema_version="2.0",
-        config=config,
-        condition=condition,
-        sun_elevation_min=lowest,
-        sun_elevation_max=highest,
-        view_azimuth=np.array([0.0, 60.0, 240.0]),
-        image_scale=np.array([1.0, 2.0]),
-        detection_probability=np.broadcast_to(np.where(even, 0.96, 0.4)[:, None], two),
-        sigma_major=np.full(two, SIGMA_M),
-        sigma_minor=np.full(two, SIGMA_M / 2.0),
-        sigma_angle=np.zeros(two),
-        errors=made["errors"],
-        coverage=replace(cells, usable=nearby),
-    )
+def hadley(search_m: float = 2400.0) -> Catalog:
+    """The patches of Hadley with claims."""
+    return claiming(hadley_catalog(), SIGMA_M, search_m)
 
 
 def shifted_east(metres: float):
@@ -68,7 +35,7 @@ def shifted_east(metres: float):
 
 def test_claims_are_those_of_the_catalogue_and_trials_those_of_a_search() -> None:
     """The trial of each point, repeated by one search of the same reach."""
-    catalog, photo = claiming(), hadley_photo()
+    catalog, photo = hadley(), hadley_photo()
     claims = ClaimSearch(catalog, photo, LAW, Criteria()).claims(ROWS, searched=True)
     assert (claims.usable == (ROWS % 2 == 0)).all()
     np.testing.assert_allclose(claims.probability, np.where(ROWS % 2 == 0, 0.96, 0.4), atol=0.003)
@@ -94,7 +61,7 @@ def test_a_displaced_camera_shows_in_errors_and_loses_the_claims() -> None:
     """By 700 m, some six pixels: the points are found, but elsewhere than the camera says. With the
     true camera as reference the errors vanish; the trials are still those of the searching camera.
     """
-    catalog, photo = claiming(), hadley_photo()
+    catalog, photo = hadley(), hadley_photo()
     wrong = photo.with_sensor(shifted_east(700.0))
     plain = ClaimSearch(catalog, wrong, LAW, Criteria()).claims(ROWS, searched=True)
     assert not plain.found.any()
@@ -110,7 +77,7 @@ def test_a_displaced_camera_shows_in_errors_and_loses_the_claims() -> None:
 
 def test_nothing_is_found_beyond_the_search_radius() -> None:
     """The radius of the build limits the search: 120 m of 700 m."""
-    catalog = claiming("[points]\nsearch_m = 120.0\n")
+    catalog = hadley(120.0)
     wrong = hadley_photo().with_sensor(shifted_east(700.0))
     near = ClaimSearch(catalog, wrong, LAW, Criteria(), hadley_camera()).claims(ROWS, searched=True)
     assert not (np.linalg.norm(np.nan_to_num(near.error_m, nan=1e9), axis=-1) < 80.0).any()
@@ -120,7 +87,7 @@ def test_nothing_is_found_beyond_the_search_radius() -> None:
 
 def test_what_the_image_does_not_show_is_no_trial() -> None:
     """Points over missing pixels, and points outside the image."""
-    catalog, photo = claiming(), hadley_photo()
+    catalog, photo = hadley(), hadley_photo()
     weight = photo.weight.copy()
     weight[:, :140] = 0.0
     half = ClaimSearch(catalog, replace(photo, weight=weight), LAW, Criteria())
@@ -138,21 +105,21 @@ def test_what_the_image_does_not_show_is_no_trial() -> None:
 
 def test_without_a_place_or_claims_there_are_no_trials() -> None:
     photo = hadley_photo()
-    lost = ClaimSearch(claiming(), photo, LAW, Criteria()).claims(ROWS, searched=False)
+    lost = ClaimSearch(hadley(), photo, LAW, Criteria()).claims(ROWS, searched=False)
     assert lost.claimed.all()
     assert not lost.tried.any()
     assert lost.reason == "the image was not located"
     old = ClaimSearch(hadley_catalog(), photo, LAW, Criteria()).claims(ROWS, searched=True)
     assert not old.claimed.any()
     assert old.reason == "the catalogue claims nothing for this Sun, view and scale"
-    none = ClaimSearch(claiming(), photo, LAW, Criteria()).claims(ROWS[:0], searched=True)
+    none = ClaimSearch(hadley(), photo, LAW, Criteria()).claims(ROWS[:0], searched=True)
     assert (len(none), none.reason) == (0, "no point is in view")
 
 
 def test_a_coarse_image_is_searched_and_claimed_at_its_scale() -> None:
     """Pixels of two cells are claimed, of four not."""
     coarse = hadley_photo().reduced(4)
-    found = ClaimSearch(claiming(), coarse, LAW, Criteria()).claims(ROWS, searched=True)
+    found = ClaimSearch(hadley(), coarse, LAW, Criteria()).claims(ROWS, searched=True)
     assert not found.claimed.any()
     assert found.reason.startswith("the catalogue claims nothing")
 
@@ -179,7 +146,7 @@ def test_ground_errors_are_where_the_rays_meet_the_horizontal_plane() -> None:
 @pytest.mark.parametrize("sigma", [GSD_M, 10.0])
 def test_the_gate_follows_the_claimed_sigma(sigma: float) -> None:
     """A camera 260 m off, 2.2 pixels: within three claimed sigmas of 118 m, not of 10 m."""
-    catalog = claiming()
+    catalog = hadley()
     shape = catalog.sigma_major.shape
     wide = replace(catalog, sigma_major=np.full(shape, sigma), sigma_minor=np.full(shape, sigma))
     near = hadley_photo().with_sensor(shifted_east(260.0))
