@@ -46,7 +46,7 @@ FENCES = {
     "click": set(),
     "numba": {"kernels", "threads"},
     "erfa": {"sun", "light"},
-    "scipy": {"dem", "images", "landmarks", "matching", "photometry"},
+    "scipy": {"dem", "images", "landmarks", "matching", "photometry", "validation"},
     "jinja2": {"plots"},
 }
 

@@ -137,15 +137,8 @@ def _sample(
         return None
     gain = both / power
     residual = np.where(valid, a / gain - b, 0.0) / level
-    return (
-        residual,
-        valid,
-        render / level,
-        render / level,
-        east / level,
-        south / level,
-        error * [1, -1],
-    )
+    relative = (band / level for band in (render, east, south))
+    return (residual, valid, *relative, error * [1, -1])
 
 
 def _on_ground(sensor: Sensor, frame: EnuFrame, found_px: AnyArray, step_m: float = 50.0) -> Array:

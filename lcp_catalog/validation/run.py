@@ -268,21 +268,23 @@ def _claims(
 def _residuals(
     request: Validation, catalog: Catalog, located: PositionFix, image: Image
 ) -> Residuals | None:
-    """Residuals of the points found; None unless the image was located."""
+    """Residuals of the points found; None without any."""
     if located.pose is None:
         return None
     found = located.matches.found
-    places = located.matches.point[found], located.matches.found_px[found]
-    return residuals_of(catalog, image, *places, request.law)
+    rows, pixels = located.matches.point[found], located.matches.found_px[found]
+    try:
+        return residuals_of(catalog, image, rows, pixels, request.law)
+    except ImageError as error:
+        log.info("%s: no residuals: %s", image.name, error)
+        return None
 
 
 def _fitted(images: Sequence[_Done]) -> FittedErrors:
-    used = [(one.image.facts.name, one.residuals) for one in images if one.residuals is not None]
-    kept = [(name, sample) for name, sample in used if len(sample)]
-    model = fit_errors([sample for _, sample in kept])
-    return FittedErrors(
-        model, sum(len(sample) for _, sample in kept), tuple(name for name, _ in kept)
-    )
+    """The error model of all images together; ImageError for too few points."""
+    used = {one.image.facts.name: one.residuals for one in images if one.residuals is not None}
+    model = fit_errors(list(used.values()))
+    return FittedErrors(model, sum(len(sample) for sample in used.values()), tuple(used))
 
 
 def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
