@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.claiming import claiming
-from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo
+from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo, taken
 
 from lcp_catalog.cameras.sensor import pixel_size_m
 from lcp_catalog.catalog.hdf5 import Catalog
@@ -114,6 +114,26 @@ def test_without_a_place_or_claims_there_are_no_trials() -> None:
     assert old.reason == "the catalogue claims nothing for this Sun, view and scale"
     none = ClaimSearch(hadley(), photo, LAW, Criteria()).claims(ROWS[:0], searched=True)
     assert (len(none), none.reason) == (0, "no point is in view")
+
+
+def test_a_fine_image_is_searched_and_gated_in_its_reduced_pixels() -> None:
+    """Half the pixel size, so that the search takes blocks of 2 x 2 pixels: 1.5 of these are 178 m."""
+    fine = hadley_camera()
+    fine = replace(
+        fine,
+        focal_length_px=2.0 * fine.focal_length_px,
+        principal_point_px=(319.9, 318.7),
+        image_size_px=(640, 640),
+    )
+    photo, catalog = taken(fine), hadley()
+    frame = EnuFrame(3.5, 26.0)
+    for metres, found in ((140.0, True), (220.0, False)):
+        near = photo.with_sensor(fine.moved([*(metres * frame.rotation[0]), 0.0, 0.0, 0.0]))
+        claims = ClaimSearch(catalog, near, LAW, Criteria()).claims(ROWS, searched=True)
+        assert (claims.found.sum() > 35) == found
+        assert found or claims.found.sum() < 5
+        median = np.nanmedian(claims.error_m, axis=0)
+        np.testing.assert_allclose(median, [metres, 0.0], atol=10.0)
 
 
 def test_a_coarse_image_is_searched_and_claimed_at_its_scale() -> None:
