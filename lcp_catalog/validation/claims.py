@@ -123,7 +123,8 @@ class Scores:
     constant prediction. ``expected_calibration_error``: mean of abs(predicted - observed) of the
     bins, weighted by their counts. ``normalised_squared_error``: mean of e^T Cov^-1 e / 2 of the
     ``errors`` usable points that were found; 1 for right covariances, and 0.95 for normal errors
-    cut off at `GATE_SIGMAS`.
+    cut off at `GATE_SIGMAS`. ``normalised_squared_error_median``: their median over 2 ln 2, its
+    value for normal errors; single outliers do not change it.
     """
 
     count: int
@@ -138,6 +139,7 @@ class Scores:
     usable_of_found: float
     errors: int
     normalised_squared_error: float
+    normalised_squared_error_median: float
     reliability: tuple[Bin, ...]
     reason: str = ""  # for which there are no trials
 
@@ -169,6 +171,7 @@ def score(claims: Claims) -> Scores:
         usable_of_found=_mean(usable[found]),
         errors=len(squared),
         normalised_squared_error=_mean(squared) / 2.0,
+        normalised_squared_error_median=_median(squared) / (2.0 * math.log(2.0)),
         reliability=reliability,
         reason=claims.reason,
     )
@@ -228,6 +231,10 @@ def _calibration_error(reliability: Sequence[Bin]) -> float:
     total = sum(b.count for b in filled)
     off = sum(b.count * abs(b.predicted - b.observed) for b in filled)
     return off / total if total else math.nan
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values)) if len(values) else math.nan
 
 
 def _mean(values: Array | Mask) -> float:

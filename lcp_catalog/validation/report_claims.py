@@ -96,7 +96,8 @@ def _caption(scores: Scores) -> list[str]:
     if scores.errors:
         sentences.append(
             f"Squared error of the {scores.errors} usable points that were found, over its expectation by the claimed "
-            f"covariance: {number(scores.normalised_squared_error)}. Above 1 the claimed sigmas are too small."
+            f"covariance: {number(scores.normalised_squared_error)} in the mean, "
+            f"{number(scores.normalised_squared_error_median)} by the median. Above 1 the claimed sigmas are too small."
         )
     return sentences
 

@@ -36,6 +36,7 @@ NUMBERS = (
     *(f"claims.{name}" for name in ("brier", "brier_of_the_mean", "expected_calibration_error")),
     *(f"claims.{name}" for name in ("found_of_usable", "found_of_unusable", "usable_of_found")),
     "claims.normalised_squared_error",
+    "claims.normalised_squared_error_median",
     "log10_false_alarms",
     "log10_false_alarms_rival",
     "light.points",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +71,8 @@ def test_scores_are_those_of_a_loop_over_trials() -> None:
             squares.append((along**2 + across**2) / 2.0)
     assert found.errors == len(squares) > 500
     assert found.normalised_squared_error == pytest.approx(sum(squares) / len(squares))
+    median = statistics.median(squares) / math.log(2.0)
+    assert found.normalised_squared_error_median == pytest.approx(median)
     off = 0.0
     for k, (low, high, count, predicted, observed) in enumerate(found.figures()["reliability"]):
         assert (low, high) == (k / 10, (k + 1) / 10)
@@ -92,6 +95,7 @@ def test_true_claims_score_as_theory_says() -> None:
     assert found.brier == pytest.approx(np.mean(p * (1.0 - p)), abs=5 * 0.25 / math.sqrt(len(p)))
     assert found.expected_calibration_error < 0.01
     assert found.normalised_squared_error == pytest.approx(1.0, abs=5.0 / math.sqrt(found.errors))
+    assert found.normalised_squared_error_median == pytest.approx(1.0, abs=0.02)
     assert found.brier < found.brier_of_the_mean
     small = replace(claims, sigma_m=claims.sigma_m / 3.0)
     assert score(small).normalised_squared_error == pytest.approx(
