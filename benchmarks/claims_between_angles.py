@@ -13,6 +13,7 @@ ones. All trials are kept in `trials.npz`.
 from __future__ import annotations
 
 import argparse
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,10 +39,10 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("-o", "--output", type=Path, default=Path("build/claims_between_angles"))
     parser.add_argument("--size", type=float, default=60.0)
-    parser.add_argument("--gsd", type=float, default=474.0)
+    parser.add_argument("--gsd", type=float, help="default: the build's own choice")
     parser.add_argument("--patch", type=int, default=PointConfig().patch_nodes)
     parser.add_argument("--spacing", type=float, default=5.0)
-    parser.add_argument("--suns", type=int, default=8)
+    parser.add_argument("--suns", type=int, default=16)
     parser.add_argument("--views", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
@@ -49,7 +50,7 @@ def main() -> None:
     points = PointConfig(patch_nodes=given.patch, spacing_m=given.spacing * 1e3)
     area = AreaConfig(center_deg=(3.5, 26.0), size_km=given.size, gsd_m=given.gsd)
     plan = Build.plan((DEM,), BuildConfig(area=area, points=points))
-    path = given.output / f"{given.size:g}_{given.gsd:g}_{given.patch}.h5"
+    path = given.output / f"{given.size:g}_{given.gsd or 0.0:g}_{given.patch}.h5"
     if not path.exists():
         run_build(plan, path)
     catalog = open_catalog(path)
@@ -145,7 +146,19 @@ def table(catalog: Catalog, trials: dict[str, Array], rng: np.random.Generator) 
         f"probability, predicted less evaluated: mean {away[known].mean():+.3f}, rms {np.sqrt((away[known] ** 2).mean()):.3f}",
         f"sigma of the major axis, predicted over evaluated, usable: median {np.exp(np.median(ratio)):.2f}, "
         f"5..95 %: {np.exp(np.percentile(ratio, 5)):.2f} to {np.exp(np.percentile(ratio, 95)):.2f}",
+        "",
+        "| Sun elevation, deg | trials | usable there | claimed | usable of those claimed | claimed of those usable |",
+        "| --- | --- | --- | --- | --- | --- |",
     ]
+    elevation = trials["sun"][:, 0]
+    for low, high in itertools.pairwise(catalog.sun_elevation):
+        here = (elevation >= low) & (elevation < high)
+        claim = here & told.usable
+        if claim.any():
+            lines.append(
+                f"| {low:g} to {high:g} | {here.sum()} | {works[here].mean():.1%} | {claim.sum() / here.sum():.1%} "
+                f"| {works[claim].mean():.1%} | {told.usable[works & here].mean():.1%} |"
+            )
     return "\n".join(lines)
 
 

@@ -204,6 +204,30 @@ def test_between_the_angles_a_usable_point_needs_more() -> None:
         np.testing.assert_allclose(found.detection_probability, [0.92, 0.96][point], atol=1e-6)
 
 
+def test_beyond_the_evaluated_conditions_a_usable_point_needs_more_or_is_none() -> None:
+    given = catalogs.claims(1)
+    shape = given["detection_probability"].shape
+    condition = np.full(given["condition"].shape, 31, np.uint8)
+    condition[:, :, 7] = 0  # the Sun never reaches 75 degrees
+    lowest, highest = summarise_usable(condition, given["sun_elevation"])
+    fill = {"detection_probability": 0.94, "sigma_major": 9.0, "sigma_minor": 3.0, "sigma_angle": 4.0}  # fmt: skip
+    planes = {name: np.full(shape, value) for name, value in fill.items()}
+    for plane in planes.values():
+        plane[:, :, :, 7] = np.nan
+    summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest, "condition": condition}
+    catalog = Catalog(**given | planes | summed | {"coverage": catalogs.arrays(1)["coverage"]})
+    # 0.94: logit 2.75, 0.555 above that of 0.9. At 62 and 66 degrees weights of 13/15 and 9/15 are known:
+    # margins 1 - w^2 + 1 - w of 0.38 and 1.04
+    found = asked(catalog, [60.0, 62.0, 66.0, 5.0, 4.9, 3.0], 45.0)
+    np.testing.assert_allclose(found.detection_probability, 0.94, atol=1e-6)
+    assert found.usable.tolist() == [True, True, False, True, False, False]
+    # straight down and 3 or 9 degrees to the north of it: weights 0.85 and 0.55
+    for off, works in ((3.0, True), (9.0, False)):
+        tilt = np.radians(off)
+        seen = asked(catalog, 20.0, 45.0, view=[0.0, np.sin(tilt), np.cos(tilt)])
+        assert seen.usable.tolist() == [works]
+
+
 @pytest.mark.parametrize(
     ("elevation", "scale", "known"),
     [(2.6, 1.0, True), (2.4, 1.0, False), (82.4, 1.0, True), (82.6, 1.0, False), (-1.0, 1.0, False),
