@@ -79,6 +79,8 @@ def other_places(
         np.ascontiguousarray(patches[tried], dtype=np.float32), centres[tried] - half, search,
         float(exclusion), two_steps, *places,
     )  # fmt: skip
-    found[tried], spread[tried] = places
+    # an ascent from a lower peak at half resolution can end higher; NaN stays last
+    order = np.argsort(-places[0], axis=1, kind="stable")
+    found[tried], spread[tried] = (np.take_along_axis(part, order, axis=1) for part in places)
     found[cut], spread[cut] = np.nan, np.nan
     return found, spread

@@ -1,27 +1,33 @@
-"""Localisation: the stated covariance against registrations of noisy images, and patches that
-cannot be located.
+"""Registration: covariance and noise figures against simulated images, and patches that cannot be
+located.
 """
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.landmarks.localization import coarsest_scale, decimate, lit_share, localization
+from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors, noise_products
+from lcp_catalog.landmarks.localization import (
+    harris_response,
+    lit_share,
+    mean_lit_level,
+    registration,
+)
 
 P = 33
+CELL_M = 100.0
+WHITE = ErrorModel(sensor_noise=0.02, height_sigma_m=0.0, albedo_sigma=0.0)
 
 
 class Texture:
     """A smooth field, defined everywhere: a sum of waves, optionally stretched along a direction."""
 
-    def __init__(self, seed, stretch=1.0, angle=0.0, waves=40, contrast=0.1):
+    def __init__(self, seed, stretch=1.0, angle=0.0, waves=40, contrast=0.1, fast=0.35):
         rng = np.random.default_rng(seed)
-        k = rng.normal(size=(waves, 2)) * 0.35
+        k = rng.normal(size=(waves, 2)) * fast
         k[:, 0] /= stretch  # slow along the first axis
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         self.k, self.phase = k @ turn, rng.uniform(0, 2 * np.pi, waves)
@@ -51,78 +57,164 @@ def register(texture, images):
     return np.array(found)
 
 
+def even(patches):
+    """Sources of error of ground whose brightness does not depend on its slope."""
+    ones = np.ones(np.shape(patches), np.float32)
+    return PatchErrors(ones, 0.0 * ones, 0.0 * ones)
+
+
+def match(patches, model=WHITE, errors=None):
+    patches = np.asarray(patches)
+    return registration(patches, errors or even(patches), model, CELL_M)
+
+
 @pytest.mark.parametrize(
     ("stretch", "angle"),
     [(1.0, 0.0), (6.0, 0.0), (6.0, 0.6)],
     ids=["even", "ridge", "turned ridge"],
 )
-def test_the_stated_ellipse_is_that_of_real_registrations(stretch, angle):
-    texture, sigma = Texture(5, stretch, angle), 0.02
+def test_the_stated_covariance_is_that_of_real_registrations(stretch, angle):
+    """White noise; within 3 standard errors of 250 fits."""
+    texture = Texture(5, stretch, angle)
     clean = texture()
     rng = np.random.default_rng(0)
-    relative = sigma * clean.mean()
-    shifts = register(
-        texture, [clean + relative * rng.normal(size=clean.shape) for _ in range(250)]
+    shifts = register(texture, [clean + 0.02 * rng.normal(size=clean.shape) for _ in range(250)])
+    stated = match(clean[None]).covariance_px2[0]
+    whitened = shifts @ np.linalg.inv(np.linalg.cholesky(stated)).T
+    np.testing.assert_allclose(np.cov(whitened.T), np.eye(2), atol=0.27)
+    values = np.linalg.eigvalsh(stated)
+    assert (values[1] > 9.0 * values[0]) == (stretch > 1.0)
+
+
+def made_slopes(rng, size, length):
+    """Slopes east and south, and brightness, of random fields with the Gaussian autocorrelation of a
+    length in nodes and unit variance: exact derivatives by Fourier transforms.
+    """
+    k = 2.0 * np.pi * np.fft.fftfreq(size)
+    power = np.exp(-0.5 * length**2 * (k[:, None] ** 2 + k**2))
+    shape = np.sqrt(power / power.mean())
+    heights, other = (shape * np.fft.fft2(rng.normal(size=(size, size))) for _ in range(2))
+    fields = 1j * k * heights, 1j * k[:, None] * heights, other
+    return [np.fft.ifft2(field).real[:P, :P] for field in fields]
+
+
+def test_covariance_and_noise_in_errors_of_a_dem_and_of_brightness():
+    """Sensitivities that differ from node to node; 400 fits, within 4 standard errors."""
+    texture = Texture(7)
+    clean = texture()
+    sources = [
+        Texture(seed, contrast=0.3)() + level for seed, level in ((8, 0), (9, -1.4), (10, 0.5))
+    ]
+    errors = PatchErrors(*(a[None].astype(np.float32) for a in sources))
+    length, inner = 2.0, np.sqrt(4.0 - 1.0 / 6.0)  # a pixel of the model is a mean, here a point
+    sigma = 0.02 * length / inner * CELL_M
+    model = ErrorModel(
+        sensor_noise=0.01, height_sigma_m=sigma, height_length_m=inner * CELL_M,
+        albedo_sigma=0.02 * length / inner, albedo_length_m=inner * CELL_M,
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    noise = []
+    for _ in range(400):
+        p, q, a = made_slopes(rng, 80, length)
+        one = 0.02 * (sources[1] * p + sources[2] * q + sources[0] * a)
+        noise.append(one + 0.01 * rng.normal(size=clean.shape))
+    noise = np.array(noise)
+    stated = match(clean[None], model, errors)
+    whitened = register(texture, clean + noise) @ np.linalg.inv(
+        np.linalg.cholesky(stated.covariance_px2[0])
+    ).T  # fmt: skip
+    np.testing.assert_allclose(np.cov(whitened.T), np.eye(2), atol=0.28)
+    unit = (clean - clean.mean()) / np.linalg.norm(clean - clean.mean())
+    assert (noise * unit).sum(axis=(1, 2)).var() == pytest.approx(stated.along[0], rel=0.28)
+    within = (noise - noise.mean(axis=(1, 2), keepdims=True)).var(axis=(1, 2)).mean()
+    assert within == pytest.approx(stated.noise_variance[0], rel=0.05)
+    assert stated.contrast[0] == pytest.approx(clean.std(), rel=1e-6)
+    assert stated.nodes == P * P
+
+
+def test_places_between_pixels_lose_the_stated_correlation():
+    """Mean over 200 places within half a pixel; the loss is a square only for small shifts."""
+    rng = np.random.default_rng(2)
+    for seed in range(3):
+        texture = Texture(seed)
+        clean = texture()
+        shifts = rng.uniform(-0.5, 0.5, size=(200, 2))
+        rho = [np.corrcoef(clean.ravel(), texture(*d).ravel())[0, 1] for d in shifts]
+        assert match(clean[None]).shift_loss[0] == pytest.approx(1.0 - np.mean(rho), rel=0.2)
+
+
+def test_a_spread_of_the_noise_widens_the_mean_covariance_alone():
+    """exp(2 s^2) is the mean square of exp(s x)."""
+    patches = Texture(1)()[None]
+    spread = 0.4
+    one, other = (
+        match(patches),
+        match(patches, ErrorModel(**(WHITE.to_dict() | {"spread": spread}))),
     )
-    values, axes = np.linalg.eigh(np.cov(shifts.T))
-    stated = localization(clean[None].astype(np.float32), sigma)
-    assert stated.sigma_major_px[0] == pytest.approx(np.sqrt(values[1]), rel=0.15)
-    assert stated.sigma_minor_px[0] == pytest.approx(np.sqrt(values[0]), rel=0.15)
-    if stretch > 1.0:
-        assert stated.sigma_major_px[0] > 3.0 * stated.sigma_minor_px[0]
-        off = stated.axis_angle_rad[0] - np.arctan2(axes[1, 1], axes[0, 1])
-        assert abs((off + np.pi / 2) % np.pi - np.pi / 2) < 0.1
-
-
-def test_a_ridge_lies_along_its_own_axis():
-    row, col = np.mgrid[0:P, 0:P] - 16.0
-    along = 1.0 + 0.2 * np.exp(-(row**2) / 18.0) + 0.02 * np.exp(-(col**2) / 18.0)  # runs east-west
-    found = localization(np.stack([along, along.T]).astype(np.float32), 0.01)
-    assert found.axis_angle_rad[0] == pytest.approx(0.0, abs=0.05)
-    assert abs(found.axis_angle_rad[1]) == pytest.approx(np.pi / 2, abs=0.05)
-    assert (found.sigma_major_px > 5.0 * found.sigma_minor_px).all()
+    x = np.random.default_rng(0).normal(size=400_000)
+    np.testing.assert_allclose(
+        other.covariance_px2 / one.covariance_px2, np.mean(np.exp(2.0 * spread * x)), rtol=0.02
+    )
+    assert other.spread == spread
+    for name in ("contrast", "noise_variance", "along", "shift_loss"):
+        assert getattr(other, name) == getattr(one, name)
 
 
 def test_patches_that_cannot_be_located():
     row, col = np.mgrid[0:P, 0:P].astype(np.float32)
-    gap = Texture(1)().astype(np.float32)
-    gap[3, 3] = np.nan
+    ridge = 1.0 + 0.2 * np.sin(row / 3.0)
     bad = {
         "flat": np.ones((P, P)),
-        "dark": np.zeros((P, P)),
-        "gap": gap,
-        "pure ridge": 1.0 + 0.2 * np.sin(row / 3.0),
-        "even slope": 1.0 + 0.01 * row,
-        "slope across a ridge": 1.0
-        + 0.2 * np.sin(row / 3.0)
-        + 0.01 * col,  # a shift along the slope is an offset
+        "pure ridge": ridge,
+        "even slope": 1.0 + 0.01 * row,  # a shift along the slope is an offset
+        "slope across a ridge": 1.0 + 0.2 * np.sin(row / 3.0) + 0.01 * col,
     }
-    found = localization(np.stack(list(bad.values())).astype(np.float32), 0.01)
-    assert dict(zip(bad, found.localizable(100.0).tolist(), strict=True)) == dict.fromkeys(
-        bad, False
+    found = match(list(bad.values()))
+    sigma = np.sqrt(np.trace(found.covariance_px2, axis1=1, axis2=2))
+    assert (sigma > 100.0).all(), dict(zip(bad, sigma, strict=True))
+    assert np.isinf(sigma[:3]).all()
+    assert not np.isnan(found.covariance_px2).any()
+    assert np.isinf(found.along[0])
+    assert found.contrast[0] == 0.0
+    assert match(np.zeros((0, P, P))).covariance_px2.shape == (0, 2, 2)
+
+
+def test_without_noise_the_match_is_exact():
+    found = match(Texture(1)()[None], ErrorModel(0.0, 0.0, 500.0, 0.0, 500.0))
+    assert (found.covariance_px2 == 0.0).all()
+    assert found.noise_variance[0] == found.along[0] == 0.0
+
+
+def test_a_shift_that_is_a_gain_is_no_shift():
+    row, col = np.mgrid[0:P, 0:P].astype(np.float64)
+    ridge = 1.0 + 0.2 * np.sin(row / 3.0)
+    grows, slopes = np.exp(0.03 * col) * ridge, Texture(1)() * ridge
+    sigma = np.sqrt([np.linalg.eigvalsh(c)[1] for c in match([grows, slopes]).covariance_px2])
+    assert sigma[0] > 1.0  # the plain tensor would give noise / (0.03 * 33) = 0.02
+    assert sigma[1] < 0.1
+
+
+@given(st.floats(1e-3, 0.5))
+def test_covariance_grows_with_the_square_of_the_noise(noise):
+    patch = Texture(2)()[None]
+    one, other = match(patch), match(patch, ErrorModel(noise, 0.0, 500.0, 0.0))
+    np.testing.assert_allclose(
+        other.covariance_px2, one.covariance_px2 * (noise / 0.02) ** 2, rtol=1e-4
     )
-    assert np.isinf(found.sigma_major_px[:4]).all()
-    assert np.isnan(found.axis_angle_rad[:4]).all()
-    assert localization(np.zeros((0, P, P), np.float32), 0.01).sigma_major_px.shape == (0,)
-
-
-@given(st.floats(1e-3, 1e3), st.floats(1e-3, 0.3))
-def test_sigma_grows_with_noise_and_does_not_depend_on_brightness(gain, noise):
-    patch = Texture(2)()[None].astype(np.float32)
-    one, other = localization(patch, 0.01), localization((patch * gain).astype(np.float32), noise)
-    np.testing.assert_allclose(other.sigma_major_px, one.sigma_major_px * noise / 0.01, rtol=1e-4)
-    np.testing.assert_allclose(other.harris, one.harris, rtol=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_mirrored_and_turned_patches(seed):
-    patch = Texture(seed, 4.0, 0.4)().astype(np.float32)
-    found = localization(np.stack([patch, patch[::-1], patch[:, ::-1], patch.T]), 0.01)
-    np.testing.assert_allclose(found.sigma_major_px, found.sigma_major_px[0], rtol=1e-5)
-    np.testing.assert_allclose(found.harris, found.harris[0], rtol=1e-5)
-    angle = found.axis_angle_rad.astype(float)
-    np.testing.assert_allclose(np.tan(angle[1:3]), -np.tan(angle[0]), rtol=1e-3)
-    np.testing.assert_allclose(np.tan(angle[3]), 1.0 / np.tan(angle[0]), rtol=1e-3)
+    """Columns first, rows downwards; a mirrored axis changes the sign of the correlation."""
+    patch = Texture(seed, 4.0, 0.4)()
+    turned = [patch, patch[::-1], patch[:, ::-1], patch.T]
+    found = match(turned)
+    one = found.covariance_px2[0]
+    across = one * [[1, -1], [-1, 1]]
+    expected = [one, across, across, one[::-1, ::-1]]
+    np.testing.assert_allclose(found.covariance_px2, expected, rtol=1e-5)
+    harris = harris_response(np.array(turned, np.float32))
+    np.testing.assert_allclose(harris, harris[0], rtol=1e-4)
 
 
 def test_harris_is_that_of_the_plain_tensor():
@@ -131,75 +223,44 @@ def test_harris_is_that_of_the_plain_tensor():
     gy, gx = np.gradient(g)
     m = np.array([[(gx * gx).sum(), (gx * gy).sum()], [(gx * gy).sum(), (gy * gy).sum()]])
     expected = (np.linalg.det(m) - 0.04 * np.trace(m) ** 2) / P**4
-    assert localization(patch[None].astype(np.float32), 0.01).harris[0] == pytest.approx(
-        expected, rel=1e-4
-    )
+    patches = np.stack([patch, 7.0 * patch, np.zeros((P, P)), np.where(patch < 0.8, np.nan, patch)])
+    found = harris_response(patches.astype(np.float32))
+    np.testing.assert_allclose(found[:2], expected, rtol=1e-4)
+    assert np.isnan(found[2:]).all()
 
 
 def test_many_patches_give_the_results_of_each_alone():
-    patches = np.stack([Texture(s, waves=5)() for s in range(300)]).astype(np.float32)
-    whole = localization(patches, 0.02)
-    for i in (0, 255, 256, 299):
-        alone = localization(patches[i : i + 1], 0.02)
-        assert whole.sigma_major_px[i] == pytest.approx(alone.sigma_major_px[0], rel=1e-6)
+    patches = np.stack([Texture(s, waves=5)() for s in range(40)])
+    model = ErrorModel()
+    errors = PatchErrors(*(patches.astype(np.float32) for _ in range(3)))
+    whole = match(patches, model, errors)
+    for i in (0, 17, 39):
+        alone = match(patches[i : i + 1], model, errors.rows(slice(i, i + 1)))
+        for name in ("contrast", "noise_variance", "along", "shift_loss", "covariance_px2"):
+            np.testing.assert_allclose(getattr(whole, name)[i], getattr(alone, name)[0], rtol=1e-5)
 
 
-def test_the_lit_share_counts_neither_shadow_nor_gaps():
-    patch = np.ones((1, 4, 5), np.float32)
+def test_a_dark_half_is_a_source_of_no_error():
+    """A slope error changes no node in shadow: products are those of the lit part alone."""
+    rng = np.random.default_rng(3)
+    fields = rng.normal(size=(1, 1, P, P)).astype(np.float32)
+    level, east, south = rng.normal(size=(3, 1, P, P)).astype(np.float32)
+    dark = np.ones((1, P, P), np.float32)
+    dark[:, :, P // 2 :] = 0.0
+    errors = PatchErrors(level * dark, east * dark, south * dark)
+    model = ErrorModel(sensor_noise=0.0)
+    one, _ = noise_products(fields, errors, model, CELL_M)
+    other, _ = noise_products(fields * dark[:, None], errors, model, CELL_M)
+    np.testing.assert_allclose(one, other, rtol=1e-5)
+
+
+def test_levels_and_lit_shares_count_neither_shadow_nor_gaps():
+    patch = np.ones((2, 4, 5), np.float32)
     patch[0, 0] = 0.0
+    patch[1, 1] = 3.0
+    patch[1, 2] = 0.0
+    assert mean_lit_level(patch) == pytest.approx([1.0, 25 / 15])
     patch[0, 1, 0] = np.nan
-    assert lit_share(patch) == pytest.approx([14 / 20])
-
-
-@pytest.mark.parametrize("scale", [1.0, 1.3, 1.5, 2.0**0.5, 2.5, 4.0, 5.9])
-def test_decimation_is_the_mean_over_the_area_of_a_coarse_pixel(scale):
-    patch, fine = np.random.default_rng(1).random((P, P)), 200
-    repeated = np.repeat(patch[16], fine)  # one row suffices: rows and columns are treated equally
-    m = int(P / scale + 1e-9)
-    edges = np.rint(((P - m * scale) / 2.0 + scale * np.arange(m + 1)) * fine).astype(int)
-    expected = [repeated[a:b].mean() for a, b in pairwise(edges)]
-    same_rows = np.broadcast_to(patch[16], (P, P)).astype(np.float32)
-    found = decimate(np.stack([same_rows, same_rows.T]), scale)
-    assert found.shape == (2, m, m)
-    np.testing.assert_allclose(found[0], np.broadcast_to(expected, (m, m)), atol=0.01)
-    np.testing.assert_allclose(found[1], found[0].T, rtol=1e-6)
-
-
-def test_decimation_by_whole_numbers_is_block_means():
-    patch = np.random.default_rng(0).random((2, 33, 33)).astype(np.float32)
-    blocks = patch.reshape(2, 11, 3, 11, 3).mean(axis=(2, 4))
-    np.testing.assert_allclose(decimate(patch, 3.0), blocks, rtol=1e-5)
-    np.testing.assert_allclose(decimate(patch, 1.0), patch, rtol=1e-6)
-
-
-def test_the_coarsest_scale_is_the_last_before_the_first_that_fails():
-    patches = np.stack([Texture(1)(), 1.0 + 0.25 * (Texture(1)() - 1.0), np.ones((P, P))]).astype(
-        np.float32
-    )
-    scales, noise = (1.0, 2.0**0.5, 2.0, 2.0**1.5, 4.0), 0.02
-    limits = (0.05, 0.1, 0.02)
-    for limit in limits:
-        fine = np.array(
-            [localization(decimate(patches, s), noise).sigma_major_px <= limit for s in scales]
-        )
-        climb = np.cumprod(fine, axis=0).sum(axis=0)
-        expected = [scales[n - 1] if n else np.nan for n in climb]
-        np.testing.assert_allclose(
-            coarsest_scale(patches, noise, scales, limit), expected, rtol=1e-6
-        )
-    found = coarsest_scale(patches, noise, scales, 0.1)
-    assert found[0] > 1.0
-    assert np.isnan(found[2])
-    assert np.isnan(coarsest_scale(patches, noise, scales, 0.1, min_lit=1.1)).all()
-    assert (
-        coarsest_scale(patches, 1e-6, (1.0, 4.0, 5.0), 0.1)[0] == 4.0
-    )  # at scale 5 six pixels remain
-
-
-def test_a_shift_that_is_a_gain_is_no_shift():
-    row, col = np.mgrid[0:P, 0:P].astype(np.float64)
-    ridge = 1.0 + 0.2 * np.sin(row / 3.0)
-    grows, slopes = np.exp(0.03 * col) * ridge, Texture(1)() * ridge
-    found = localization(np.stack([grows, slopes]).astype(np.float32), 0.01)
-    assert found.sigma_major_px[0] > 1.0  # the plain tensor would give noise / (0.03 * 33) = 0.01
-    assert found.sigma_major_px[1] < 0.1
+    assert lit_share(patch) == pytest.approx([14 / 20, 15 / 20])
+    assert np.isnan(mean_lit_level(patch)[0])
+    assert np.isnan(mean_lit_level(np.zeros((1, 4, 5), np.float32)))[0]

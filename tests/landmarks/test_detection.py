@@ -1,0 +1,207 @@
+"""Probabilities of detection: the stated normal model by random numbers and by integration, the
+moments of correlations in noise, and the ends.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from lcp_catalog.landmarks.detection import (
+    correlation_moments,
+    detection_probability,
+    mistake_probability,
+)
+from lcp_catalog.landmarks.localization import Registration
+
+NODES = 17 * 17
+
+
+def case(contrast=0.1, noise=0.1, gain=1.0, spread=0.0, loss=0.0, n=1) -> Registration:
+    """Statistics of n equal patches in noise whose V is ``gain`` times that of white noise."""
+    whole = np.ones(n)
+    return Registration(
+        contrast=contrast * whole,
+        noise_variance=noise**2 * whole,
+        along=gain * noise**2 * whole,
+        shift_loss=loss * whole,
+        covariance_px2=np.zeros((n, 2, 2)),
+        nodes=NODES,
+        spread=spread,
+    )
+
+
+def moments(match: Registration, rho, contrast, factor=1.0):
+    """Means and sigmas of the stated normal model, written out (module docstring of detection)."""
+    noise, along = (float(a[0]) * factor**2 for a in (match.noise_variance, match.along))
+    total = np.asarray(contrast) ** 2 + noise
+    mean = np.asarray(rho) * np.asarray(contrast) / np.sqrt(total)
+    return mean, np.sqrt(along / match.nodes * (1.0 - mean**2) / total)
+
+
+def drawn(match, rho, contrast, self_correlation, least, count=200_000):
+    """Shares of draws in which the patch is found; above ``least``; the highest of all."""
+    rng = np.random.default_rng(0)
+    factor = np.exp(match.spread * rng.normal(size=count)) if match.spread else np.ones(1)
+    noise, along = (float(a[0]) * factor**2 for a in (match.noise_variance, match.along))
+
+    def scores(r, c):
+        total = c**2 + noise
+        mean = r * c / np.sqrt(total)
+        return mean + np.sqrt(along / match.nodes * (1.0 - mean**2) / total) * rng.normal(
+            size=count
+        )
+
+    own = scores(self_correlation * (1.0 - match.shift_loss[0]), match.contrast[0])
+    best = np.max([scores(r, c) for r, c in zip(rho, contrast, strict=True)], axis=0)
+    return [np.mean(a) for a in ((own > best) & (own > least), own > least, own > best)]
+
+
+RHO, CONTRAST = np.array([[0.8, 0.5, -0.2, np.nan]]), np.array([[0.1, 0.3, 0.1, np.nan]])
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+@pytest.mark.parametrize(("noise", "gain"), [(0.05, 10.0), (0.2, 2.0), (0.5, 1.0), (0.2, 30.0)])
+def test_probabilities_are_those_of_the_stated_model(noise, gain, spread):
+    """Three standard errors of the draws are 0.0034."""
+    match = case(noise=noise, gain=gain, spread=spread, loss=0.02)
+    found = detection_probability(match, RHO, CONTRAST, 0.97, 0.35)
+    expected = drawn(match, RHO[0, :3], CONTRAST[0, :3], 0.97, 0.35)
+    np.testing.assert_allclose(np.ravel(found), expected, atol=0.006)
+    assert found[0] <= min(found[1], found[2])
+
+
+def test_the_cases_of_that_test_are_neither_sure_nor_hopeless():
+    values = [
+        detection_probability(case(noise=n, gain=g, loss=0.02), RHO, CONTRAST, 0.97, 0.35)[0][0]
+        for n, g in ((0.05, 10.0), (0.2, 2.0), (0.5, 1.0), (0.2, 30.0))
+    ]
+    assert min(values) < 0.3
+    assert sum(0.3 < v < 0.99 for v in values) >= 2
+
+
+def test_the_integral_is_exact():
+    """Against adaptive integration, for one rival at all distances."""
+    for rho in np.linspace(-1.0, 1.0, 21):
+        match = case(noise=0.15, gain=8.0)
+        (own, sigma), (other, theirs) = (moments(match, r, 0.1) for r in (1.0, rho))
+
+        def density(x, own=own, sigma=sigma, other=other, theirs=theirs):
+            return norm.pdf(x, own, sigma) * norm.cdf((x - other) / theirs)
+
+        expected, _ = quad(density, 0.4, own + 9 * sigma, points=[own], epsabs=1e-10)
+        rivals = np.array([[rho]]), np.array([[0.1]])
+        found = detection_probability(match, *rivals, 1.0, 0.4)[0][0]
+        assert found == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_least_correlation_is_not_a_step_of_the_integral():
+    """61 steps: the probability follows the normal distribution between them."""
+    match = case(noise=0.15, gain=8.0)
+    mean, sigma = moments(match, 1.0, 0.1)
+    for least in np.linspace(mean - 3 * sigma, mean + 3 * sigma, 41):
+        found = detection_probability(match, np.full((1, 1), np.nan), np.zeros((1, 1)), 1.0, least)
+        assert found[1][0] == pytest.approx(norm.sf(least, mean, sigma), abs=2e-3)
+        assert found[0] == found[1]
+        assert found[2][0] == pytest.approx(1.0)
+
+
+def test_the_ends():
+    none = np.full((1, 2), np.nan)
+    alike = np.array([[1.0, np.nan]]), np.array([[0.1, np.nan]])
+
+    def p(match, rivals=none, contrast=none, **how):
+        return detection_probability(match, rivals, contrast, **how)[0][0]
+
+    assert p(case(noise=0.0)) == pytest.approx(1.0)
+    assert p(case(noise=0.0), *(np.array([[v, np.nan]]) for v in (0.999, 0.1))) == pytest.approx(1)
+    assert p(case(noise=0.0, gain=0.0), self_correlation=0.2) == pytest.approx(0.0)  # below least
+    assert p(case(), *alike, least_correlation=-1.0) == pytest.approx(0.5, abs=1e-3)
+    three = np.ones((1, 3)), np.full((1, 3), 0.1)
+    assert p(case(), *three, least_correlation=-1.0) == pytest.approx(0.25, abs=2e-3)
+    assert p(case(contrast=0.0)) == 0.0
+    assert p(case(contrast=np.nan)) == 0.0
+    flat = dataclasses.replace(case(), along=np.array([np.inf]))
+    assert p(flat) == 0.0
+    assert p(case(noise=100.0), least_correlation=0.3) < 1e-3
+    quiet = [p(case(noise=s, gain=20.0), *alike) for s in (0.05, 0.1, 0.3, 1.0)]
+    assert (np.diff(quiet) < 0.0).all()
+    empty = detection_probability(case(n=0), np.zeros((0, 3)), np.zeros((0, 3)))
+    assert all(part.shape == (0,) for part in empty)
+
+
+def smooth_noise(rng, count, size, length):
+    """Fields of unit variance with the autocorrelation exp(-r^2 / 2 l^2); l = 0: white."""
+    k = 2.0 * np.pi * np.fft.fftfreq(2 * size)
+    power = np.exp(-0.5 * length**2 * (k[:, None] ** 2 + k**2))
+    shape = np.sqrt(power / power.mean())
+    white = np.fft.fft2(rng.normal(size=(count, 2 * size, 2 * size)))
+    return np.fft.ifft2(shape * white).real[:, :size, :size]
+
+
+@pytest.mark.parametrize("length", [0.0, 1.5])
+def test_moments_are_those_of_correlations_in_noise(length):
+    """Of a window that resembles the patch by 0.5; 3000 images; means within 0.01, deviations within 15 %.
+    The formula's variance leaves out the noise that changes the window's own power.
+    """
+    rng = np.random.default_rng(1)
+    patch, other = smooth_noise(rng, 2, 17, 2.0) * 0.1
+    patch, other = (a - a.mean() for a in (patch, other))
+    other -= patch * (patch * other).sum() / (patch**2).sum()
+    other = 0.5 * patch / patch.std() + np.sqrt(0.75) * other / other.std()
+    for level in (0.05, 0.1, 0.2):
+        noise = level * smooth_noise(rng, 3000, 17, length)
+        for window, rho in ((patch, 1.0), (0.1 * other, 0.5)):
+            seen = (window + noise).reshape(3000, -1)
+            seen = seen - seen.mean(axis=1, keepdims=True)
+            unit = patch.ravel() / np.linalg.norm(patch)
+            scores = seen @ unit / np.linalg.norm(seen, axis=1)
+            within = (noise - noise.mean(axis=(1, 2), keepdims=True)).var(axis=(1, 2)).mean()
+            along = (noise.reshape(3000, -1) @ unit).var()
+            mean, variance = correlation_moments(window.std(), rho, within, along, 289)
+            assert mean == pytest.approx(scores.mean(), abs=0.015)
+            assert np.sqrt(variance) == pytest.approx(scores.std(), rel=0.45)
+
+
+def test_mistakes_are_as_frequent_as_stated():
+    """A template in noise with one rival of any likeness: how often the lower of two correlations was
+    the true one, among draws with about the stated probability.
+    """
+    rng = np.random.default_rng(2)
+    count, size = 6000, 17
+    patch = smooth_noise(rng, 1, size, 2.0)[0]
+    patch = (patch - patch.mean()) / np.linalg.norm(patch - patch.mean())
+    level, length = 0.13, 1.5
+    noise = level * smooth_noise(rng, 2 * count, size, length).reshape(2, count, -1)
+    rival = rng.normal(size=(count, size * size))
+    rival -= rival.mean(axis=1, keepdims=True)
+    rival -= (rival @ patch.ravel())[:, None] * patch.ravel()
+    rival /= np.linalg.norm(rival, axis=1, keepdims=True)
+    rho = rng.uniform(0.2, 1.0, size=(count, 1))
+    rival = rho * patch.ravel() + np.sqrt(1.0 - rho**2) * rival
+
+    def score(seen):
+        seen = seen - seen.mean(axis=1, keepdims=True)
+        return seen @ patch.ravel() / np.linalg.norm(seen, axis=1)
+
+    true, false = score(patch.ravel() + noise[0]), score(rival + noise[1])
+    best, second = np.maximum(true, false), np.minimum(true, false)
+    templates = np.broadcast_to(patch.astype(np.float32), (count, size, size))
+    masks = np.ones_like(templates, dtype=bool)
+    neighbours = np.full(count, np.exp(-0.5 / length**2))
+    stated = mistake_probability(best, second, templates, masks, neighbours, 0.5)
+    wrong = false > true
+    assert wrong.mean() > 0.15
+    assert stated.mean() == pytest.approx(wrong.mean(), abs=0.04)
+    for low, high in ((0.0, 0.1), (0.1, 0.3), (0.3, 0.5)):
+        some = (stated >= low) & (stated < high)
+        assert stated[some].mean() == pytest.approx(wrong[some].mean(), abs=0.05)
+    sure = mistake_probability(best, second, templates, masks, neighbours, 0.99)
+    assert (sure <= stated).all()
+    assert np.ravel(mistake_probability(
+        np.array([0.9]), np.array([0.9]), templates[:1], masks[:1], neighbours[:1]
+    )) == pytest.approx(0.5)  # fmt: skip
