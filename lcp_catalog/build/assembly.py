@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Catalog, Coverage, Overview
-from ..catalog.schema import LOCALIZABLE, UNIQUE, USABLE, summarise_usable
+from ..catalog.schema import (
+    EVALUATED,
+    LOCALIZABLE,
+    UNIQUE,
+    UNOCCLUDED,
+    UNSHADOWED,
+    USABLE,
+    summarise_usable,
+)
 from ..constants import MOON_RADIUS_M
 from ..dem.error_maps import ErrorMaps
 from ..dem.mosaic import DemSet
@@ -176,9 +184,11 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
         )
     }
     lowest, highest = summarise_usable(evaluation.condition, np.array(config.sun.elevations_deg))
-    finest, coarsest = _scales(evaluation, config)
+    scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
+    least = config.points.min_detection
+    finest, coarsest = working_scales(evaluation.condition, evaluation.detection, scales, least)
     return {
-        "image_scale": np.array(image_scales(config.points.patch_nodes), dtype=np.float64),
+        "image_scale": scales,
         "detection_probability": evaluation.detection,
         "sigma_major": evaluation.sigma_major_m,
         "sigma_minor": evaluation.sigma_minor_m,
@@ -200,14 +210,18 @@ def _worth(evaluation: Evaluation, config: BuildConfig, gsd_m: float) -> dict[st
     }
 
 
-def _scales(evaluation: Evaluation, config: BuildConfig) -> tuple[Array, Array]:
-    """Finest and coarsest image scale at which each point is detected in at least half of its usable
-    conditions, (n,); 1 for points without any.
+def working_scales(
+    condition: NDArray[np.uint8], detection: NDArray[Any], scales: Array, least: float
+) -> tuple[Array, Array]:
+    """Finest and coarsest image scale at which each point works, (n,): at which its detection
+    probability (n, scale, view, elevation, azimuth) is at least ``least`` in half or more of the
+    conditions in which it is so at any scale. Only conditions without terrain that shadows or
+    hides the patch count; 1 for points that work at no scale.
     """
-    scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
-    works = (evaluation.condition == USABLE)[:, None]
-    detected = (evaluation.detection >= config.points.min_detection) & works
-    enough = detected.sum(axis=(2, 3, 4)) >= 0.5 * np.maximum(works.sum(axis=(2, 3, 4)), 1)
+    free = EVALUATED | UNSHADOWED | UNOCCLUDED
+    detected = (detection >= least) & ((condition & free) == free)[:, None]
+    some = detected.any(axis=1).sum(axis=(1, 2, 3))[:, None]
+    enough = (detected.sum(axis=(2, 3, 4)) >= 0.5 * some) & (some > 0)
     finest = np.where(enough, scales, np.inf).min(axis=1, initial=np.inf)
     coarsest = np.where(enough, scales, 1.0).max(axis=1, initial=1.0)
     return np.where(np.isfinite(finest), finest, 1.0), coarsest
