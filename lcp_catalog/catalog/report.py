@@ -111,7 +111,10 @@ def _claims(catalog: Catalog, disc: SunDisc) -> dict[str, Any] | None:
     sky = disc.draw(
         np.where(known, 0.0, np.nan), "choice of the Sun's direction", large=True, element="sky"
     )
-    errors = ", ".join(f"{name} {number(float(value))}" for name, value in catalog.errors.items())
+    errors = ", ".join(
+        f"{name} {number(value) if isinstance(value, int | float) else value}"
+        for name, value in catalog.errors.items()
+    )
     return {
         "json": Markup(
             json.dumps(found, separators=(",", ":"))
