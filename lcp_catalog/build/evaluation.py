@@ -133,17 +133,20 @@ class _Condition:
         lit = lit_share(raw) >= points.min_lit_share
         result.harris[at] = harris_response(seen)
         flags = np.full(len(rows), EVALUATED, dtype=np.uint8)
+        place = (rows, cols, half)
         for slot, scale in enumerate(image_scales(points.patch_nodes)):
-            place = (rows // scale, cols // scale, half // scale)
             if scale > 1:
+                change = _halved_change(alone - seen, place)
+                place = (rows // scale, cols // scale, half // scale)
                 sources = [halved(source) for source in sources]
-                seen, alone = gather_patches(sources[0], *place), _halved_patches(alone, place[2])
+                seen = gather_patches(sources[0], *place)
+                alone = seen + change
             found = self._at_scale(scale, sources, place, seen, alone, lit)
             column = (at[0], slot, *at[1:])
             result.detection[column] = found.detection
             result.sigma_major_m[column] = found.major_m
             result.sigma_minor_m[column] = found.minor_m
-            result.sigma_angle_deg[column] = found.angle_deg
+            result.sigma_angle_deg[column] = (found.angle_deg - self.patches.turn_deg) % 180.0
             if scale == 1:
                 result.second_peak[at] = found.second_peak
                 result.false_match[at] = found.false_match
@@ -230,17 +233,21 @@ class _Found:
         return cls(*(np.full(count, value) for value in blank))
 
 
-def _halved_patches(patches: Float32, half: int) -> Float32:
-    """Patches at half their resolution, of 2 ``half`` + 1 pixels a side.
-
-    Pixels are means of 2 x 2 of the finer patch, from its first node; a patch that is too small by
-    a row and a column is extended by its last ones.
+def _halved_change(
+    change: Float32, place: tuple[NDArray[np.int64], NDArray[np.int64], int]
+) -> Float32:
+    """Differences (n, p, p) from an image at the patches at ``place`` (rows, cols, half of p), at
+    half their resolution, on the pixels of the image at half its resolution
+    (`landmarks.patches.halved`); 0 beyond the patches.
     """
-    size = 2 * half + 1
-    short = max(0, 2 * size - patches.shape[1])
-    extended = np.pad(patches, ((0, 0), (0, short), (0, short)), mode="edge")
-    part = extended[:, : 2 * size, : 2 * size].reshape(len(patches), size, 2, size, 2)
-    return np.asarray(part.mean(axis=(2, 4)), dtype=np.float32)
+    rows, cols, fine = place
+    size = 2 * (fine // 2) + 1
+    out = np.zeros((len(change), size, size), dtype=np.float32)
+    for k in np.flatnonzero(change.any(axis=(1, 2))):
+        top, left = 1 + fine % 2 - rows[k] % 2, 1 + fine % 2 - cols[k] % 2
+        part = np.pad(change[k], 1)[top : top + 2 * size, left : left + 2 * size]
+        out[k] = part.reshape(size, 2, size, 2).mean(axis=(1, 3))
+    return out
 
 
 def _correlation(a: Float32, b: Float32) -> Array:
@@ -273,6 +280,11 @@ class _Patches:
     ) -> None:
         self.sweep, self.where = sweep, (rows, cols, half)
         self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
+
+    @property
+    def turn_deg(self) -> float:
+        """Azimuth of the points' north in the area's frame."""
+        return float(np.degrees(self.sweep.turn_rad))
 
     def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
         """Share of each patch's nodes that only terrain outside the patch shadows, (n,), and these

@@ -132,6 +132,15 @@ def test_covariance_and_noise_in_errors_of_a_dem_and_of_brightness():
     assert stated.nodes == P * P
 
 
+def test_brightness_common_to_a_patch_is_no_noise():
+    """The mean over the patch is an offset: of white noise 1 / N is lost, of a slow field nearly all."""
+    patch = Texture(1)()[None]
+    white = match(patch).noise_variance[0]
+    assert white == pytest.approx(0.02**2 * (1.0 - 1.0 / P**2), rel=1e-5)
+    slow = ErrorModel(0.0, 0.0, 500.0, 0.02, 20.0 * P * CELL_M)
+    assert match(patch, slow).noise_variance[0] < 1e-3 * 0.02**2
+
+
 def test_places_between_pixels_lose_the_stated_correlation():
     """Mean over 200 places within half a pixel; the loss is a square only for small shifts."""
     rng = np.random.default_rng(2)
