@@ -14,10 +14,12 @@ NUMBERS = 10
 (px^2), gain, noise, pixels, correlation of neighbouring residuals.
 """
 
-_STEPS = 12
-_SETTLED_PX = 0.01
+_STEPS = 16
+_SETTLED_PX = 0.004
 _LAST_STEP_PX = 0.05
 _FARTHEST_PX = 1.5
+_LONGER = 1.5
+"""Factor of the share of a step that is made, after each step that agrees with the one before."""
 _LAGS = 7
 """Distance in pixels beyond which residuals are taken as independent."""
 _MISMATCH = 3.0
@@ -47,13 +49,19 @@ def _solve3(a, b, c, d, e, f, r0, r1, r2):
 def _weights(seen, weight, least, row0, col0, out):
     """Write the weight of each pixel of a template in the image into out (rows, cols). Return the
     sum of weights.
+
+    At a patch's edge the weight rises linearly with the cover of the point spread, from 2 least - 1
+    to 1. With a step at ``least`` the squared error would jump as pixels enter and leave with the
+    shift, and would have no minimum to converge to.
     """
+    low, rise = 2.0 * least - 1.0, 1.0 / max(2.0 - 2.0 * least, 1e-6)
     total = 0.0
     for r in range(out.shape[0]):
         for c in range(out.shape[1]):
             i, j = row0 + r, col0 + c
             inside = 0 <= i < weight.shape[0] and 0 <= j < weight.shape[1]
-            w = weight[i, j] if inside and seen[3, r, c] >= least else 0.0
+            covered = min(max((seen[3, r, c] - low) * rise, 0.0), 1.0)
+            w = weight[i, j] * covered if inside else 0.0
             out[r, c] = w
             total += w
     return total
@@ -120,9 +128,10 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
 
     On return ``seen`` has the centred template and its slopes, ``light`` the centred image, w the
     weights, and out the shift, correlation and gain. The correlation is that before the last,
-    negligible step. A step against the last one is halved, and again at the next: pixels at a
-    patch's edge enter and leave with the shift, so that full steps can alternate between two
-    places for ever.
+    negligible step. Where the residuals are large, whole steps are too long and can alternate
+    between two places for ever: a step against the one before halves the share of the step that is
+    made, and every other step raises it by `_LONGER`, up to the whole step. The fit has converged
+    when the whole step is short, so that a small share does not end it.
     """
     dx, dy, size = start[0], start[1], math.inf
     last_right, last_down, share = 0.0, 0.0, 1.0
@@ -135,10 +144,11 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
         right, down, out[6], out[2] = _step(seen, light, w)
         if right * last_right + down * last_down < 0.0:
             share *= 0.5
+        else:
+            share = min(1.0, _LONGER * share)
         last_right, last_down = right, down
         size = math.hypot(right, down)
         short = share / max(size, 1.0)
-        size *= share
         dx, dy = dx + right * short, dy + down * short
         out[0], out[1] = dx, dy
         if not math.hypot(dx - start[0], dy - start[1]) < _FARTHEST_PX:  # also for a NaN step
