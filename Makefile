@@ -4,6 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SAMPLE := sample_data/hadley_gld100_256ppd.tif
+ALBEDO := sample_data/hadley_albedo_643nm_11ppd.tif
 PHOTO := sample_data/AS15-M-0414
 CATALOG := build/hadley.h5
 
@@ -32,7 +33,7 @@ catalog: $(READY)
 	$(BIN)/lcp render $(SAMPLE) -o build/hadley_relief.tif --center 3.5 26 --size 150 --sun-azimuth 96.5 --sun-elevation 13.7 \
 	  --preview build/hadley_relief.png --overwrite
 	$(BIN)/lcp inspect $(CATALOG)
-	$(BIN)/lcp validate $(CATALOG) $(PHOTO).png --camera $(PHOTO)_camera.json --dem $(SAMPLE) -o build/validation \
+	$(BIN)/lcp validate $(CATALOG) $(PHOTO).png --camera $(PHOTO)_camera.json --dem $(SAMPLE) --albedo $(ALBEDO) -o build/validation \
 	  --known-pose --require 'points_found>=50 and share_above_0_9>=0.7' --overwrite
 	@echo "catalogue  $(CATALOG)"
 	@echo "report     build/hadley.html"
