@@ -1,0 +1,140 @@
+"""The fit of the error model, on residuals made of random fields with known statistics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lcp_catalog.errors import ImageError
+from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
+from lcp_catalog.landmarks.localization import registration
+from lcp_catalog.validation.error_fit import FEWEST, Residuals, fit_errors
+
+PIXEL_M = 100.0
+NODES = 25
+FINE = 4
+"""Steps of the random fields in a pixel, so that a pixel is a mean of its square."""
+
+TRUE = ErrorModel(
+    sensor_noise=0.05,
+    height_sigma_m=8.0,
+    height_length_m=200.0,
+    albedo_sigma=0.1,
+    albedo_length_m=600.0,
+)
+EAST, NORTH_EAST = (4.0, 0.0), (-2.0, 2.5)
+"""Relative sensitivities to slopes east and south under two Suns."""
+
+
+def field(dice: np.random.Generator, count: int, length_m: float) -> np.ndarray:
+    """Gaussian fields (count, k, k) of variance 1 and autocorrelation exp(-r^2 / 2 l^2): white noise
+    times the root of its spectrum, 2 pi l^2 exp(-(k l)^2 / 2), on steps of a quarter of a pixel. The
+    fields are cut from periodic ones of 256 steps.
+    """
+    step = PIXEL_M / FINE
+    k = 2.0 * np.pi * np.fft.fftfreq(256, step)
+    power = 2.0 * np.pi * length_m**2 * np.exp(-0.5 * (k[:, None] ** 2 + k**2) * length_m**2)
+    white = np.fft.fft2(dice.normal(size=(count, 256, 256)))
+    return np.fft.ifft2(white * np.sqrt(power) / step).real[:, : NODES * FINE, : NODES * FINE]
+
+
+def blocks(values: np.ndarray) -> np.ndarray:
+    """Means over pixels."""
+    return values.reshape(len(values), NODES, FINE, NODES, FINE).mean(axis=(2, 4))
+
+
+def residuals(
+    seed: int, sun: tuple[float, float], model: ErrorModel = TRUE, count: int = 40
+) -> Residuals:
+    """An image's residuals: the model's sources with sensitivities that vary smoothly by 30 %."""
+    dice = np.random.default_rng(seed)
+    height = field(dice, count, model.height_length_m) * model.height_sigma_m
+    south_slope, east_slope = np.gradient(height, PIXEL_M / FINE, axis=(1, 2))
+    ground = blocks(field(dice, count, model.albedo_length_m)) * model.albedo_sigma
+    patches = 1.0 + 0.15 * blocks(field(dice, count, 250.0))
+    changes = 1.0 + 0.3 * blocks(field(dice, count, 900.0))
+    east, south = (side * changes for side in sun)
+    noise = model.sensor_noise * dice.normal(size=patches.shape)
+    whole = east * blocks(east_slope) + south * blocks(south_slope) + patches * ground + noise
+    whole -= whole.mean(axis=(1, 2), keepdims=True)
+    errors = PatchErrors(*(a.astype(np.float32) for a in (patches, east, south)))
+    return Residuals(
+        whole.astype(np.float32),
+        np.ones(whole.shape, bool),
+        patches.astype(np.float32),
+        errors,
+        np.zeros((count, 2)),
+        PIXEL_M,
+    )
+
+
+def test_known_errors_come_back_from_two_suns() -> None:
+    """Lengths lie on a grid of steps of 18 and 41 %. A length between two steps moves some variance to
+    the white noise; the limits are shares of the whole variance of the residuals.
+    """
+    samples = [residuals(1, EAST), residuals(2, NORTH_EAST)]
+    found = fit_errors(samples)
+    assert found.height_length_m == pytest.approx(TRUE.height_length_m, rel=0.2)
+    assert found.albedo_length_m == pytest.approx(TRUE.albedo_length_m, rel=0.5)
+    whole = float(np.mean([np.square(s.residual).mean() for s in samples]))
+    for got, wanted in zip(parts(found, samples), parts(TRUE, samples), strict=True):
+        assert got == pytest.approx(wanted, abs=0.1 * whole)
+    assert found.spread < 0.2
+
+
+def parts(model: ErrorModel, samples: list[Residuals]) -> tuple[float, float, float]:
+    """Mean variances of a pixel by white noise, height errors and unmapped brightness; a pixel's mean
+    widens the square of a length by a sixth of its side's square.
+    """
+    sides = np.mean([np.square(s.errors.east) + np.square(s.errors.south) for s in samples])
+    level = np.mean([np.square(s.errors.level) for s in samples])
+    wide = model.height_length_m**2 + PIXEL_M**2 / 6.0
+    heights = (model.height_sigma_m * model.height_length_m / wide) ** 2 * float(sides)
+    return model.sensor_noise**2, heights, model.albedo_sigma**2 * float(level)
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [
+        ("sensor_noise", ErrorModel(0.1, 0.0, 200.0, 0.0, 600.0)),
+        ("height_sigma_m", ErrorModel(0.0, 10.0, 200.0, 0.0, 600.0)),
+        ("albedo_sigma", ErrorModel(0.0, 0.0, 200.0, 0.1, 300.0)),
+    ],
+)
+def test_a_single_source_is_told_from_the_others(name: str, model: ErrorModel) -> None:
+    """Shares of the residual variance: at least four fifths go to the source that is there."""
+    samples = [residuals(3, EAST, model), residuals(4, NORTH_EAST, model)]
+    found = fit_errors(samples)
+    assert getattr(found, name) == pytest.approx(getattr(model, name), rel=0.25)
+    names = ("sensor_noise", "height_sigma_m", "albedo_sigma")
+    shares = dict(zip(names, parts(found, samples), strict=True))
+    assert shares[name] > 0.8 * sum(shares.values())
+
+
+def test_an_error_of_places_is_found() -> None:
+    """40 m per axis, in addition to the errors of the matches themselves; and none."""
+    for place_m in (40.0, 0.0):
+        samples = [
+            displaced(residuals(5, EAST), place_m),
+            displaced(residuals(6, NORTH_EAST), place_m),
+        ]
+        found = fit_errors(samples).position_sigma_m
+        assert found == pytest.approx(place_m, rel=0.2, abs=12.0)
+
+
+def displaced(sample: Residuals, place_m: float) -> Residuals:
+    """Residuals with places as the matches' covariances and another error scatter them."""
+    dice = np.random.default_rng(7)
+    match = registration(sample.patches, sample.errors, TRUE, PIXEL_M)
+    covariance = match.covariance_px2 * PIXEL_M**2 + place_m**2 * np.eye(2)
+    errors = np.linalg.cholesky(covariance) @ dice.normal(size=(len(sample), 2, 1))
+    return replace(sample, place_m=errors[..., 0])
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(ImageError, match=f"^{FEWEST - 1} points were found"):
+        fit_errors([residuals(1, EAST, count=FEWEST - 1)])
+    with pytest.raises(ImageError, match=r"^0 points were found"):
+        fit_errors([])
