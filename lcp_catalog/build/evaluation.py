@@ -18,7 +18,7 @@ from ..landmarks.detection import detection_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
 from ..landmarks.localization import harris_response, lit_share, mean_lit_level, registration
-from ..landmarks.patches import gather_patches, halved
+from ..landmarks.patches import gather_patches, halved, through_optics
 from ..landmarks.uniqueness import other_places
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.occlusion import occluded
@@ -141,7 +141,10 @@ class _Condition:
                 sources = [halved(source) for source in sources]
                 seen = gather_patches(sources[0], *place)
                 alone = seen + change
-            found = self._at_scale(scale, sources, place, seen, alone, lit)
+            shown = [through_optics(sources[0], scale), *sources[1:]]
+            blurred = gather_patches(shown[0], *place)
+            alone_blurred = blurred + _blurred_patches(np.nan_to_num(alone - seen), scale)
+            found = self._at_scale(scale, shown, place, blurred, alone_blurred, lit)
             column = (at[0], slot, *at[1:])
             result.detection[column] = found.detection
             result.sigma_major_m[column] = found.major_m
@@ -182,8 +185,8 @@ class _Condition:
         alone: Float32,
         lit: NDArray[np.bool_],
     ) -> _Found:
-        """Detection and covariance in an image of a scale; ``sources``: radiance and its slope
-        sensitivities at that scale.
+        """Detection and covariance in an image of a scale; ``sources``: radiance as the image shows it,
+        and its slope sensitivities, at that scale.
         """
         rows, cols, half = place
         found = _Found.nothing(len(rows))
@@ -231,6 +234,13 @@ class _Found:
         """Results of patches that are not found: infinite sigma, no angle."""
         blank = [0.0, 0.0, np.nan, np.nan, np.inf, np.inf, np.nan]
         return cls(*(np.full(count, value) for value in blank))
+
+
+def _blurred_patches(patches: Float32, scale: int) -> Float32:
+    """Patches (n, p, p) through the optics, each alone."""
+    if not patches.any():
+        return patches
+    return np.stack([through_optics(patch, scale) for patch in patches])
 
 
 def _halved_change(

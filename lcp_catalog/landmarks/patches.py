@@ -1,13 +1,44 @@
-"""Patches of an image, and the image at half resolution."""
+"""Patches of an image, the image at half resolution, and as a camera shows it."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float32
+
+POINT_SPREAD_PX = 0.5
+"""Default 1 sigma of an image's point spread, beside the pixel's own square."""
+
+
+def through_optics(image: Float32, scale: int) -> Float32:
+    """An image without NaN through a pixel's square and a Gaussian of `POINT_SPREAD_PX` pixels; its
+    border is extended.
+
+    ``scale``: nodes along a pixel of the image, which is the mean over that many nodes. The square
+    of a pixel has the variance 1/12 px^2, of which the mean over nodes has taken (1 - 1/scale^2)/12;
+    the rest is added to the Gaussian's.
+    """
+    kernel = _spread(POINT_SPREAD_PX**2 + 1.0 / (12.0 * scale**2))
+    blurred = cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+@lru_cache
+def _spread(variance: float) -> Float32:
+    """A Gaussian at whole pixels (7,) with the given variance there, px^2, at most 1."""
+    at = np.arange(-3.0, 4.0)
+    low, high = 0.1, 2.0
+    for _ in range(40):
+        sigma = 0.5 * (low + high)
+        kernel = np.exp(-0.5 * (at / sigma) ** 2)
+        kernel /= kernel.sum()
+        low, high = (sigma, high) if kernel @ at**2 < variance else (low, sigma)
+    return kernel.astype(np.float32)
 
 
 def gather_patches(

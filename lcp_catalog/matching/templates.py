@@ -21,12 +21,10 @@ from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
+from ..landmarks.patches import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .patch_projection import node_pixels
 from .point_choice import directions_to_sun
-
-POINT_SPREAD_PX = 0.5
-"""Default 1 sigma of an image's point spread, beside the pixel's own square."""
 
 LEAST_COVER = 0.95
 """Least share of a pixel's point spread that falls on the patch, for the pixel to count."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.landmarks.patches import gather_patches, halved
+from lcp_catalog.landmarks.patches import gather_patches, halved, through_optics
 from lcp_catalog.landmarks.thinning import thinned
 
 
@@ -65,3 +66,18 @@ def test_thinning_is_greedy_in_the_given_order(seed, distance, norm):
 def test_places_at_exactly_the_distance_are_kept():
     places = np.array([[0.0], [1.0], [1.5], [2.0]])
     assert thinned(places, np.arange(4), 1.0).tolist() == [0, 1, 3]
+
+
+@pytest.mark.parametrize("scale", [1, 2, 4])
+def test_optics_are_a_pixel_and_a_point_spread(scale):
+    """The second moment of a point's image at a pixel's scale, from the definition."""
+    point = np.zeros((21, 21), np.float32)
+    point[10, 10] = 1.0
+    image = through_optics(point, scale).astype(np.float64)
+    at = np.arange(21.0) - 10.0
+    assert image.sum() == pytest.approx(1.0, abs=1e-5)
+    assert image.sum(axis=0) @ at**2 == pytest.approx(0.25 + 1.0 / (12.0 * scale**2), rel=1e-3)
+    assert image.sum(axis=1) @ at**2 == pytest.approx(0.25 + 1.0 / (12.0 * scale**2), rel=1e-3)
+    np.testing.assert_allclose(
+        through_optics(np.full((9, 9), 3.0, np.float32), scale), 3.0, rtol=1e-6
+    )
