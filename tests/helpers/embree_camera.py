@@ -116,9 +116,13 @@ def sun_position(lon_deg: float, lat_deg: float, azimuth_deg: float, elevation_d
 
 
 class Ground:
-    """A DEM's surface around a place, with normals at its nodes; axes are MCMF's, the origin the place."""
+    """A DEM's surface around a place, with normals at its nodes; axes are MCMF's, the origin the place.
 
-    def __init__(self, nodes: Nodes, origin_m: Array) -> None:
+    ``brightness`` (rows, cols): factor of the light that each node reflects, interpolated within a triangle.
+    """
+
+    def __init__(self, nodes: Nodes, origin_m: Array, brightness: Array | None = None) -> None:
+        self.brightness = None if brightness is None else np.append(brightness.ravel(), 1.0)
         corners, top = triangles(nodes)
         places = mcmf(nodes.lon_deg, nodes.lat_deg, nodes.height_m).reshape(-1, 3)
         pole = mcmf(0.0, 90.0 * (nodes.pole or 1), np.nan_to_num(top))
@@ -164,6 +168,8 @@ class Ground:
         free = self.scene.run(lifted, to_sun.astype(np.float32), query="OCCLUDED") < 0
         mu = np.maximum(mu, 0.0)
         out[met] = np.where(free & (mu0 > 0.0), mu0 / np.maximum(mu0 + mu, 1e-9), 0.0)
+        if self.brightness is not None:
+            out[met] *= np.sum(share * self.brightness[corners], axis=-1)
         return out
 
 
