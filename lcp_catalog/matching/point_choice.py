@@ -21,6 +21,8 @@ RESOLUTION_SHARE = 0.5
 """Pixel size of the searched image as a share of the DEM's true resolution."""
 _WIDEST_PX = 48
 """Largest useful side of a template; wider ones give no more information than ones half as wide."""
+_NARROWEST_PX = 16
+"""Least side of a template to which an image is reduced for the sake of the DEM's resolution."""
 
 
 def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
@@ -106,7 +108,8 @@ def working_image(
     """The image, reduced by a whole number to the scale at which it is searched.
 
     Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution of their DEM (the
-    DEM's cell where that is coarser, or where the true resolution is unknown); templates become at most 48 pixels wide.
+    DEM's cell where that is coarser, or where the true resolution is unknown); templates become at most 48 pixels wide, and not less than 16 by a coarse
+    resolution.
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):
@@ -116,7 +119,8 @@ def working_image(
     resolution = np.asarray(catalog.dem_resolution, dtype=np.float64)[rows]
     known = np.isfinite(resolution)
     true = float(np.median(resolution[known])) if known.any() else gsd
-    target = max(gsd, resolution_share * true)
+    narrow = gsd * catalog.patch_nodes / _NARROWEST_PX
+    target = max(gsd, min(resolution_share * true, narrow))
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
     factor = max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
     return image.reduced(factor)

@@ -277,6 +277,17 @@ def test_usable_is_the_nearest_condition(catalog, photo):
     assert 0 < usable.sum() < len(catalog)
 
 
+@pytest.mark.parametrize(("pixel_m", "factor"), [(200.0, 1), (100.0, 2), (20.0, 12)])
+def test_templates_keep_sixteen_pixels(catalog, pixel_m, factor):
+    """The DEM resolves 1 km: half of it would leave 8 pixels of a patch of 33 nodes of 118.45 m."""
+    assert catalog.patch_nodes * catalog.gsd[0] / 16.0 == pytest.approx(244.3, abs=0.5)
+    coarse = replace(catalog, dem_resolution=np.full(len(catalog), 1000.0))
+    camera = looking_at(EnuFrame(3.5, 26.0, -1000.0), 100e3, 0, 0, 0, 100e3 / pixel_m, (144, 144))
+    blank = plain_photo(np.ones((144, 144)), camera, EAST)
+    rows = points_in_view(catalog, blank.sensor)
+    assert working_image(coarse, blank, rows).signal.shape == (144 // factor, 144 // factor)
+
+
 @pytest.mark.parametrize(("pixel_m", "factor"), [(150.0, 1), (75.0, 2), (20.0, 7), (400.0, 1)])
 def test_working_image_has_half_the_resolution_of_the_dem(catalog, pixel_m, factor):
     # the DEM resolves 300 m: pixels up to 150 m are searched
