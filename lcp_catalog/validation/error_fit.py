@@ -138,7 +138,7 @@ def _sample(
     gain = both / power
     residual = np.where(valid, a / gain - b, 0.0) / level
     relative = (band / level for band in (render, east, south))
-    return (residual, valid, *relative, error * [1, -1])
+    return (residual, valid, *relative, error * [1.0, -1.0])
 
 
 def _on_ground(sensor: Sensor, frame: EnuFrame, found_px: AnyArray, step_m: float = 50.0) -> Array:
