@@ -50,7 +50,7 @@ FEWEST = 10
 """Least number of points for a fit."""
 
 _TILT = 0.01
-_LEAST_CORRELATION = 0.3
+_OWN_GAIN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Residuals:
     """Residuals of n points found in one image: ``residual`` (n, p, p), relative to the patch's mean
     signal, 0 where the image has no valid pixel (``valid`` False); ``patches`` (n, p, p), the renders
     relative to their means; ``errors``, their sources of error; ``place_m`` (n, 2), the error of each
-    place, metres east and south; ``pixel_m``, the cells' side.
+    place, metres east and south, NaN for points that were not found; ``pixel_m``, the cells' side.
     """
 
     residual: Float32
@@ -75,9 +75,14 @@ class Residuals:
 def residuals_of(
     catalog: Catalog, image: Image, rows: Index, found_px: Array, model: Reflectance
 ) -> Residuals:
-    """Residuals of points (catalogue rows (n,)) that were found at pixels (n, 2) of an image with a
-    corrected sensor. Points that are not completely in the image, or hardly resemble their render,
-    are left out. Patches must have one cell size. ImageError if no point is left.
+    """Residuals of points (catalogue rows (n,)) at pixels (n, 2) of an image with a corrected sensor;
+    NaN for a point that was searched for but not found, which is then compared where the sensor
+    projects it: without these points the fit would see only the places where the model's errors are
+    small. A point whose patch is not completely in the image is left out. Patches must have one
+    cell size. ImageError if no point is left.
+
+    The gain of a patch is its own if it correlates with the image by at least `_OWN_GAIN`, else the
+    median of the others': the gain of a patch that hardly resembles the image is too small.
     """
     some = [
         _sample(catalog, image, int(r), at, model) for r, at in zip(rows, found_px, strict=True)
@@ -86,9 +91,14 @@ def residuals_of(
     if not samples:
         raise ImageError(f"{image.name}: no point was found whose patch lies in the image")
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
-    residual, valid, render, east, south, place = columns
+    light, valid, render, east, south, place, gain = columns
+    clear = np.isfinite(gain)
+    gain = np.where(clear, gain, np.median(gain[clear])) if clear.any() else np.ones_like(gain)
+    mean = [np.where(valid, x, 0.0).sum((1, 2)) / valid.sum((1, 2)) for x in (light, render)]
+    difference = light / gain[:, None, None] - render
+    difference -= (mean[0] / gain - mean[1])[:, None, None]
     return Residuals(
-        residual.astype(np.float32),
+        np.where(valid, difference, 0.0).astype(np.float32),
         valid,
         render.astype(np.float32),
         PatchErrors(*(a.astype(np.float32) for a in (render, east, south))),
@@ -100,8 +110,8 @@ def residuals_of(
 def _sample(
     catalog: Catalog, image: Image, row: int, found_px: Array, model: Reflectance
 ) -> tuple[AnyArray, ...] | None:
-    """Residual, valid nodes, render, its sensitivities east and south (p, p) each, and error of place
-    (2,) of one point.
+    """Signal of the image, valid nodes, render and its sensitivities east and south, relative to its
+    mean (p, p) each, error of place (2,) and gain of one point; NaN for unknown ones.
     """
     terrain = patch_terrain(catalog, row)
     origin, sensor = terrain.frame.origin_mcmf_m, image.sensor
@@ -123,22 +133,25 @@ def _sample(
     if catalog.albedo is not None:
         bands = [band * np.nan_to_num(catalog.albedo[row], nan=1.0) for band in bands]
     render, east, south = (np.nan_to_num(band).astype(np.float64) for band in bands)
-    error = _on_ground(sensor, terrain.frame, found_px)
-    moved = error @ terrain.frame.rotation[:2]
+    error = np.full(2, np.nan)
+    if np.isfinite(found_px).all():
+        error = _on_ground(sensor, terrain.frame, found_px)
+    moved = np.nan_to_num(error) @ terrain.frame.rotation[:2]
     ortho = orthorectify(image, nodes_mcmf(catalog, [row])[0] + moved)
     valid = ortho.weight > 0.9
     level = float(render[render > 0.0].mean()) if (render > 0.0).any() else 0.0
     if valid.mean() < 0.9 or level <= 0.0:
         return None
-    a = np.where(valid, ortho.signal - ortho.signal[valid].mean(), 0.0)
+    render, east, south = (band / level for band in (render, east, south))
+    light = np.where(valid, ortho.signal, 0.0)
+    a = np.where(valid, light - light[valid].mean(), 0.0)
     b = np.where(valid, render - render[valid].mean(), 0.0)
-    both, power, light = float((a * b).sum()), float((b * b).sum()), float((a * a).sum())
-    if not (power > 0.0 and both > _LEAST_CORRELATION * math.sqrt(power * light)):
+    both, power, bright = float((a * b).sum()), float((b * b).sum()), float((a * a).sum())
+    if not (power > 0.0 and bright > 0.0):
         return None
-    gain = both / power
-    residual = np.where(valid, a / gain - b, 0.0) / level
-    relative = (band / level for band in (render, east, south))
-    return (residual, valid, *relative, error * [1.0, -1.0])
+    clear = both > _OWN_GAIN * math.sqrt(power * bright)
+    gain = both / power if clear else math.nan
+    return light, valid, render, east, south, error * [1.0, -1.0], np.array(gain)
 
 
 def _on_ground(sensor: Sensor, frame: EnuFrame, found_px: AnyArray, step_m: float = 50.0) -> Array:
@@ -274,12 +287,16 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
     1; 0 if it is below 1 without.
     """
     places = np.concatenate([sample.place_m for sample in samples])
+    placed = np.isfinite(places).all(axis=1)
     covariances = np.concatenate(
         [
             registration(s.patches, s.errors, model, s.pixel_m).covariance_px2 * s.pixel_m**2
             for s in samples
         ]
     )
+    places, covariances = places[placed], covariances[placed]
+    if not len(places):
+        return model
     low, high = 0.0, 10.0 * float(np.sqrt(np.square(places).mean())) + 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)

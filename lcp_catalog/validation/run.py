@@ -31,7 +31,15 @@ from ..matching.matches import Matches
 from ..matching.point_choice import points_in_view
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
-from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, Options, PositionFix, locate
+from ..matching.position_fix import (
+    CANNOT_SAY,
+    FAINT,
+    LOCATED,
+    SEARCHED,
+    Options,
+    PositionFix,
+    locate,
+)
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX
@@ -268,11 +276,13 @@ def _claims(
 def _residuals(
     request: Validation, catalog: Catalog, located: PositionFix, image: Image
 ) -> Residuals | None:
-    """Residuals of the points found; None without any."""
+    """Residuals of the points that were searched for; None without any."""
     if located.pose is None:
         return None
-    found = located.matches.found
-    rows, pixels = located.matches.point[found], located.matches.found_px[found]
+    searched = np.isin(located.matches.code, SEARCHED)
+    found = located.matches.found[searched, None]
+    rows = located.matches.point[searched]
+    pixels = np.where(found, located.matches.found_px[searched], np.nan)
     try:
         return residuals_of(catalog, image, rows, pixels, request.law)
     except ImageError as error:
