@@ -240,10 +240,20 @@ class _Moments:
         )
         wide = albedo_m**2 + h**2 / 6.0
         c = albedo_m**2 / wide * np.exp(-0.5 * (x**2 + y**2) / wide)
-        mean = 2.0 * math.pi * albedo_m**2 / span**2  # the offset removes the mean over the patch
+        mean = _variance_of_mean(albedo_m, span)  # the offset removes the mean over the patch
         brightness = self.level * (c - mean)
         white = (self.lags == 0.0).all(axis=1).astype(np.float64)
         return np.stack([heights, brightness, white], axis=1) * self.weight[:, None]
+
+
+def _variance_of_mean(length: float, side: float) -> float:
+    """Variance of the mean over a square of a field with variance 1 and autocorrelation
+    exp(-r^2 / 2 l^2): the square of (2 / s^2) times the integral of (s - u) exp(-u^2 / 2 l^2) from 0
+    to the side s.
+    """
+    ratio = side / length
+    whole = math.sqrt(math.pi / 2.0) * ratio * math.erf(ratio / math.sqrt(2.0))
+    return float((2.0 * (whole - 1.0 + math.exp(-0.5 * ratio**2)) / ratio**2) ** 2)
 
 
 def _at_lag(sample: Residuals, down: int, right: int) -> tuple[float, ...]:
