@@ -20,16 +20,21 @@ VIEW_REACH_DEG = 10.0
 LONE_STEP_DEG = 10.0
 """Step of a grid with one Sun elevation or azimuth."""
 
-BETWEEN_MARGIN = 1.0
+BETWEEN_MARGIN = 0.5
 """Logits by which the mean probability must exceed the least one between the grid's angles, times
 1 - (sum of the squared weights of evaluated conditions), which is 0 at a grid angle. Measured by
 ``benchmarks/claims_between_angles.py``: without margins 94 % of the points claimed usable under
 random Suns and views are usable there, with them 99 %.
 """
 
-BEYOND_MARGIN = 1.0
+BEYOND_MARGIN = 1.5
 """The same for a condition beyond the evaluated ones, times the weight that is missing: that of the
 neighbours that were not evaluated, and up to a half for a view outside those of the catalogue.
+"""
+
+FREE_SHARE = 0.7
+"""Least share of the weight of evaluated conditions that is unshadowed and unoccluded, of a usable
+point.
 """
 
 _LEAST_WEIGHT = 1e-9
@@ -74,8 +79,9 @@ def predict(
     catalogue's, pixels above the coarsest scale, and a Sun or camera below the horizon.
 
     ``usable``: the mean probability is at least `Catalog.min_detection` by the margins
-    `BETWEEN_MARGIN` and `BEYOND_MARGIN`, every condition that counts is unshadowed and unoccluded, and
-    the Sun lies within the grid's elevations. ValueError for arrays of unequal lengths.
+    `BETWEEN_MARGIN` and `BEYOND_MARGIN`, conditions with at least `FREE_SHARE` of the weight are
+    unshadowed and unoccluded, and the Sun lies within the grid's elevations. ValueError for arrays
+    of unequal lengths.
     """
     rows = np.asarray(rows, np.int64).reshape(-1)
     sun, view = (np.asarray(a, np.float64).reshape(-1, 3) for a in (sun_enu, view_enu))
@@ -125,7 +131,8 @@ def _interpolated(catalog: Catalog, rows: Index, axes: tuple[_Weights, ...]) -> 
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
     mean_logit = _mean_logit(probability, weight)
     free = UNSHADOWED | UNOCCLUDED
-    independent = (((flags & free) == free) | ~known).all(axis=1)
+    clear = np.where((flags & free) == free, weight, 0.0).sum(axis=1)
+    independent = clear >= FREE_SHARE * weight.sum(axis=1) - _LEAST_WEIGHT
     spread = 1.0 - (weight**2).sum(axis=1)
     missing = 1.0 - weight.sum(axis=1)
     lowered = _logistic(mean_logit - BETWEEN_MARGIN * spread - BEYOND_MARGIN * missing)
