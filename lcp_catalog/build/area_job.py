@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..dem.error_maps import ErrorMaps
+from ..dem.height_errors import height_errors
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates
@@ -31,6 +32,7 @@ from ..terrain.terrain import Terrain, sample_patch
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate, image_scales
+from .place_errors import PlaceErrors
 from .sweep import Conditions, Sweep, plan_area
 
 log = logging.getLogger(__name__)
@@ -206,6 +208,7 @@ def _evaluated(
         kept &= _known_alike(sweep.brightness, rows, cols, half, found.albedo)
     rows, cols, found = rows[kept], cols[kept], found.rows(kept)
     lon, lat = core.lon[rows, cols], core.lat[rows, cols]
+    errors = _place_errors(job, lon, lat, found.product)
     turns = _turns(core.frame, lon, lat, job.config)
     scales = image_scales(job.config.points.patch_nodes)
     parts = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
@@ -214,9 +217,20 @@ def _evaluated(
         turned = sweep if turn == 0.0 else replace(sweep, turn_rad=float(turn))
         parts = parts.with_rows(
             group,
-            evaluate(turned, rows[group], cols[group], job.config, job.gsd_m, job.errors),
+            evaluate(turned, rows[group], cols[group], job.config, job.gsd_m, errors.rows(group)),
         )
     return Candidates(lon, lat, found.elevation_m, found.z_m, found.product, parts, found.albedo)
+
+
+def _place_errors(job: AreaJob, lon: Array, lat: Array, product: NDArray[np.int16]) -> PlaceErrors:
+    """Error models of the candidates: the configuration's figures, or those of maps and DEMs."""
+    sigma, length = height_errors(job.dems, lon, lat, job.maps, product)
+    own, unknown = job.config.errors, np.full(len(lon), np.nan)
+    return PlaceErrors.of_heights(
+        job.errors,
+        sigma if own.height_sigma_m is None else unknown,
+        length if own.height_length_m is None else unknown,
+    )
 
 
 def _has_whole_patch(

@@ -17,12 +17,13 @@ from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
-from ..landmarks.localization import harris_response, lit_share, mean_lit_level, registration
+from ..landmarks.localization import harris_response, lit_share, mean_lit_level
 from ..landmarks.patches import gather_patches, halved, through_optics
 from ..landmarks.uniqueness import other_places
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.occlusion import occluded
 from .config import BuildConfig
+from .place_errors import PlaceErrors
 from .sweep import RenderedImage, Sweep
 
 SMALLEST_PX = 7
@@ -82,9 +83,13 @@ def evaluate(
     cols: NDArray[np.int64],
     config: BuildConfig,
     gsd_m: float,
-    errors: ErrorModel,
+    errors: ErrorModel | PlaceErrors,
 ) -> Evaluation:
-    """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur."""
+    """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur;
+    ``errors``: one model for all, or those of their places.
+    """
+    if isinstance(errors, ErrorModel):
+        errors = PlaceErrors.alike(errors, len(rows))
     scales = image_scales(config.points.patch_nodes)
     result = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     if not len(rows):
@@ -116,7 +121,7 @@ class _Condition:
         cast: NDArray[np.bool_],
         config: BuildConfig,
         gsd_m: float,
-        errors: ErrorModel,
+        errors: PlaceErrors,
     ) -> None:
         self.image, self.patches, self.cast = image, patches, cast
         self.points, self.gsd_m, self.errors = config.points, gsd_m, errors
@@ -198,7 +203,7 @@ class _Condition:
         parts = [gather_patches(s, rows[good], cols[good], half) / unit for s in sources]
         errors = PatchErrors(*(np.asarray(part, dtype=np.float32) for part in parts))
         pixel_m = scale * self.gsd_m
-        match = registration(alone[good] / unit, errors, self.errors, pixel_m)
+        match = self.errors.rows(good).registration(alone[good] / unit, errors, pixel_m)
         search = max(1, self.points.search_nodes(self.gsd_m) // scale)
         rivals, spread = other_places(sources[0], alone[good], rows[good], cols[good], search)
         detection, located, unique = detection_probability(
@@ -211,7 +216,8 @@ class _Condition:
         found.second_peak[good] = np.fmax(rivals[:, 0], -1.0)
         found.false_match[good] = 1.0 - unique
         major, minor, angle = _ellipse(
-            match.covariance_px2 * pixel_m**2 + self.errors.position_sigma_m**2 * np.eye(2)
+            match.covariance_px2 * pixel_m**2
+            + self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
         )
         found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle
         return found

@@ -68,15 +68,20 @@ def errors_of_file(dem: Dem) -> HeightErrors:
 
 
 def height_errors(
-    dems: DemSet, lon_deg: ArrayLike, lat_deg: ArrayLike, maps: ErrorMaps | None = None
+    dems: DemSet,
+    lon_deg: ArrayLike,
+    lat_deg: ArrayLike,
+    maps: ErrorMaps | None = None,
+    product: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
     """1 sigma and correlation length of the height errors at places (n,), metres, both (n,).
 
     From the maps where they have a value; else those of the file that is used there
-    (`errors_of_file`); NaN outside all files.
+    (`errors_of_file`); NaN outside all files. ``product`` (n,): index of that file, -1 for none;
+    default: the first by rank whose footprint contains the place (`DemSet.product_at`).
     """
     lon, lat = np.broadcast_arrays(*(np.atleast_1d(a).astype(float) for a in (lon_deg, lat_deg)))
-    index = dems.product_at(lon, lat)
+    index = dems.product_at(lon, lat) if product is None else np.atleast_1d(product)
     sigma, length = np.full(lon.size, np.nan), np.full(lon.size, np.nan)
     for number in np.unique(index[index >= 0]).tolist():
         found = errors_of_file(dems.dems[number])

@@ -107,9 +107,9 @@ def working_image(
 ) -> Image:
     """The image, reduced by a whole number to the scale at which it is searched.
 
-    Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution of their DEM (the
-    DEM's cell where that is coarser, or where the true resolution is unknown); templates become at most 48 pixels wide, and not less than 16 by a coarse
-    resolution.
+    Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution
+    of their DEM (the DEM's cell where that is coarser, or where the true resolution is unknown);
+    templates become at most 48 pixels wide, and a coarse resolution leaves them at least 16.
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):

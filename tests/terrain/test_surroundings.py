@@ -27,6 +27,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.rays.bundles import scaled
+from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
 from lcp_catalog.terrain.area import NodeWindow
@@ -254,5 +255,5 @@ def test_a_build_sees_it(range_dem) -> None:
     assert (behind == 0.0).all()
     assert (above > 0.0).all()
     middle = np.array([sweep.normals.shape[0] // 2])
-    found = evaluate(sweep, middle, middle, config, 100.0)
+    found = evaluate(sweep, middle, middle, config, 100.0, ErrorModel())
     assert found.shadow_dependence[0, 0, :, 0].tolist() == [1.0, 0.0]
