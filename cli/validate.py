@@ -133,8 +133,8 @@ EXIT_NO = 4
     "errors_file",
     type=click.Path(dir_okay=False),
     metavar="ERRORS.toml",
-    help="Also fit the error model of image and render to the points found in all images, and write it as the section "
-    "[errors] of a BUILD.toml.",
+    help="Also fit the error model of image and render to the points searched for in all images, and write it as the "
+    "section [errors] of a BUILD.toml.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
 @options.overwrite_option

@@ -23,7 +23,7 @@ class FittedErrors:
     def to_toml(self) -> str:
         """The section ``[errors]`` of a BUILD.toml; equal models give equal text."""
         values = {name: float(f"{v:.{DIGITS}g}") for name, v in self.model.to_dict().items()}
-        source = f"{self.points} points found in {', '.join(_plain(name) for name in self.images)}"
+        source = f"{self.points} points searched for in {', '.join(_plain(name) for name in self.images)}"
         return f"# fitted to {source}\n" + tomli_w.dumps({"errors": values})
 
 
