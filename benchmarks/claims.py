@@ -13,8 +13,9 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
@@ -40,6 +41,14 @@ def main(argv: list[str] | None = None) -> None:
     )
     parser.add_argument(
         "--set", choices=("fit", "kept"), default="fit", help="photographs: which ones"
+    )
+    parser.add_argument(
+        "--gsd",
+        default="474",
+        help="photographs: cell size in metres, or `own` for the build's choice",
+    )
+    parser.add_argument(
+        "--no-albedo", action="store_true", help="photographs: without the albedo map"
     )
     asked = parser.parse_args(argv)
     for name in asked.sections:
@@ -69,8 +78,51 @@ def simulated(asked: argparse.Namespace) -> Section:
     return section.report(cases, asked.draws, asked.output)
 
 
+def frames(asked: argparse.Namespace) -> Section:
+    import claims_frames as section
+
+    found = section.work(asked.output / "frames", asked.data, asked.frames)
+    text, figures, scored = section.report(found)
+    _drawn(asked.output / "frames.png", "Simulated frames", scored, ("all",))
+    return text, figures
+
+
+def photographs(asked: argparse.Namespace) -> Section:
+    import claims_photographs as section
+
+    names = section.chosen(asked.data, asked.set)
+    build = section.Build(
+        None if asked.gsd == "own" else float(asked.gsd), albedo=not asked.no_albedo
+    )
+    found = section.work(asked.output / "photographs", asked.data, names, build)
+    text, figures, scored = section.report(found)
+    _drawn(
+        asked.output / f"photographs-{asked.set}.png",
+        f"Photographs, {asked.set}",
+        scored,
+        tuple(scored),
+    )
+    return text, figures
+
+
+def sizes(asked: argparse.Namespace) -> Section:
+    import claims_photographs as section
+
+    return section.sizes(asked.output / "sizes", asked.data)
+
+
+def _drawn(path: Path, title: str, scored: dict[str, Any], names: Sequence[str]) -> None:
+    """Reliability diagrams of the library's scores."""
+    from claims_scores import diagram, of_scores
+
+    diagram(path, title, {name: of_scores(scored[name]) for name in names if name in scored})
+
+
 SECTIONS: dict[str, Callable[[argparse.Namespace], Section]] = {
     "simulated": simulated,
+    "frames": frames,
+    "photographs": photographs,
+    "sizes": sizes,
 }
 
 

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lcp_catalog.validation.claims import Scores
+
 LEAST_COUNT = 30
 """Bins with fewer trials are shown, but not judged."""
 _BINS = 10
@@ -66,6 +68,25 @@ def reliability(predicted: ArrayLike, found: ArrayLike, trials: int = 1) -> Reli
         float(np.mean(f * (1.0 - f)) * trials / (trials - 1)) if several else None,
         sum(count * gap for count, gap in off) / len(p),
         max((gap for count, gap in off if count >= LEAST_COUNT), default=0.0),
+        bins,
+    )
+
+
+def of_scores(scores: Scores) -> Reliability:
+    """The library's scores of single trials, for a diagram."""
+    bins = [
+        (b.low, b.high, b.count, b.predicted, b.observed) for b in scores.reliability if b.count
+    ]
+    off = [abs(said - seen) for _, _, count, said, seen in bins if count >= LEAST_COUNT]
+    return Reliability(
+        scores.count,
+        scores.count,
+        scores.brier,
+        scores.brier_of_the_mean,
+        None,
+        None,
+        scores.expected_calibration_error,
+        max(off, default=0.0),
         bins,
     )
 
