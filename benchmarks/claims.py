@@ -50,6 +50,9 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument(
         "--no-albedo", action="store_true", help="photographs: without the albedo map"
     )
+    parser.add_argument(
+        "--before", type=Path, help="sample: an older catalogue of it, for comparison"
+    )
     asked = parser.parse_args(argv)
     for name in asked.sections:
         if name not in SECTIONS:
@@ -105,10 +108,24 @@ def photographs(asked: argparse.Namespace) -> Section:
     return text, figures
 
 
+def navigation(asked: argparse.Namespace) -> Section:
+    import claims_frames
+    import claims_navigation as section
+
+    found = claims_frames.work(asked.output / "frames", asked.data, asked.frames)
+    return section.report(found, asked.output / "navigation.png")
+
+
 def sizes(asked: argparse.Namespace) -> Section:
     import claims_photographs as section
 
     return section.sizes(asked.output / "sizes", asked.data)
+
+
+def sample(asked: argparse.Namespace) -> Section:
+    import claims_sample as section
+
+    return section.report(section.work(asked.output, asked.before))
 
 
 def _drawn(path: Path, title: str, scored: dict[str, Any], names: Sequence[str]) -> None:
@@ -122,7 +139,9 @@ SECTIONS: dict[str, Callable[[argparse.Namespace], Section]] = {
     "simulated": simulated,
     "frames": frames,
     "photographs": photographs,
+    "navigation": navigation,
     "sizes": sizes,
+    "sample": sample,
 }
 
 

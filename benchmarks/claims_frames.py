@@ -26,9 +26,9 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_choice import points_in_view
-from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.point_search import Criteria, find_points
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.validation.claim_trials import ClaimSearch
+from lcp_catalog.validation.claim_trials import ClaimSearch, search_radius_m
 from lcp_catalog.validation.claims import Claims, Scores, score
 
 LAW = "lommel-seeliger"  # that of the independent renderer
@@ -78,6 +78,7 @@ class Frame:
     shot: Shot
     rows: np.ndarray  # of the catalogue
     claims: Claims
+    accepted: np.ndarray  # (n,) bool, by the matcher, at the true place or not
 
 
 def work(folder: Path, data: Path, count: int) -> list[Frame]:
@@ -140,11 +141,14 @@ def taken(catalog: Catalog, nodes, place: Place, shot: Shot, camera: Camera) -> 
     return Image(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
 
 
-def _tried(catalog: Catalog, photo: Image) -> tuple[np.ndarray, Claims]:
+def _tried(catalog: Catalog, photo: Image) -> tuple[np.ndarray, Claims, np.ndarray]:
+    """Rows of the points whose patches are whole, their claims, and which of them the matcher accepts anywhere."""
     rows = points_in_view(catalog, photo.sensor)
     rows = rows[_whole(catalog, photo.sensor, rows)]
     search = ClaimSearch(catalog, photo, reflectance_model(LAW), Criteria(), photo.sensor)
-    return rows, search.claims(rows, searched=True)
+    reach = search_radius_m(catalog, rows) / pixel_size_m(photo.sensor, catalog.position_mcmf[rows])
+    matches = find_points(catalog, photo, reflectance_model(LAW), reach, points=rows)
+    return rows, search.claims(rows, searched=True), matches.found
 
 
 def _whole(catalog: Catalog, camera: Camera, rows: np.ndarray) -> np.ndarray:
@@ -155,10 +159,10 @@ def _whole(catalog: Catalog, camera: Camera, rows: np.ndarray) -> np.ndarray:
     return ((pixels > half[:, None]) & (pixels < last - half[:, None])).all(axis=1)
 
 
-def _keep(path: Path, shot: Shot, rows: np.ndarray, claims: Claims) -> None:
+def _keep(path: Path, shot: Shot, rows: np.ndarray, claims: Claims, accepted: np.ndarray) -> None:
     beside = path.with_suffix(".part.npz")
     arrays = {name: getattr(claims, name) for name in NAMES}
-    np.savez(beside, shot=json.dumps(asdict(shot)), rows=rows, **arrays)
+    np.savez(beside, shot=json.dumps(asdict(shot)), rows=rows, accepted=accepted, **arrays)
     beside.rename(path)
 
 
@@ -166,7 +170,7 @@ def _kept(path: Path, site: str) -> Frame:
     with np.load(path) as saved:
         shot = Shot(**json.loads(str(saved["shot"])))
         claims = Claims(**{name: saved[name] for name in NAMES})
-        return Frame(site, shot, saved["rows"], claims)
+        return Frame(site, shot, saved["rows"], claims, saved["accepted"])
 
 
 # Tables

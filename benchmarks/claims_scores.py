@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcp_catalog.validation.claims import Scores
+
+Picture = NDArray[np.uint8]
 
 LEAST_COUNT = 30
 """Bins with fewer trials are shown, but not judged."""
@@ -134,30 +137,22 @@ def as_json(of: Reliability) -> dict[str, object]:
 
 
 def diagram(path: Path, title: str, named: dict[str, Reliability]) -> None:
-    """Reliability diagrams side by side: observed over predicted, area of the discs by count; hollow below `LEAST_COUNT`."""
+    """Reliability diagrams side by side: share found over predicted probability. Discs grow with the count; below
+    `LEAST_COUNT` they are hollow.
+    """
     panels = [_panel(name, of) for name, of in named.items()]
     picture = np.concatenate(panels, axis=1)
     head = np.full((34, picture.shape[1], 3), 255, np.uint8)
-    _text(head, title, (10, 23), 0.55)
+    text_px(head, title, (10, 23), 0.55)
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), np.concatenate([head, picture]))
 
 
-def _panel(name: str, of: Reliability) -> NDArray[np.uint8]:
-    side, edge = _SIDE_PX, _EDGE_PX
-    panel = np.full((side + edge + 40, side + edge + 20, 3), 255, np.uint8)
-
-    def at(x: float, y: float) -> tuple[int, int]:
-        return round(edge + x * side), round(34 + (1.0 - y) * side)
-
-    for k in range(6):
-        share = k / 5
-        cv2.line(panel, at(share, 0), at(share, 1), (228, 228, 228), 1)
-        cv2.line(panel, at(0, share), at(1, share), (228, 228, 228), 1)
-        _text(panel, f"{share:g}", (at(share, 0)[0] - 10, at(0, 0)[1] + 18), 0.4)
-        _text(panel, f"{share:g}", (edge - 30, at(0, share)[1] + 4), 0.4)
-    cv2.rectangle(panel, at(0, 1), at(1, 0), (90, 90, 90), 1)
-    cv2.line(panel, at(0, 0), at(1, 1), (150, 150, 150), 1, cv2.LINE_AA)
+def _panel(name: str, of: Reliability) -> Picture:
+    shown = of.brier if of.brier_of_cases is None else of.brier_of_cases
+    title = f"{name}: n {of.trials}, Brier {shown:.3f}"
+    panel, at = axes_px((_SIDE_PX, _SIDE_PX), (0.0, 1.0), (0.0, 1.0), "predicted", title)
+    cv2.line(panel, at(0.0, 0.0), at(1.0, 1.0), (150, 150, 150), 1, cv2.LINE_AA)
     points = [at(said, seen) for _, _, _, said, seen in of.bins]
     cv2.polylines(panel, [np.array(points, np.int32)], False, (160, 90, 30), 1, cv2.LINE_AA)
     for (_, _, count, _, _), point in zip(of.bins, points, strict=True):
@@ -165,12 +160,38 @@ def _panel(name: str, of: Reliability) -> NDArray[np.uint8]:
         cv2.circle(
             panel, point, radius, (160, 90, 30), -1 if count >= LEAST_COUNT else 1, cv2.LINE_AA
         )
-    shown = of.brier if of.brier_of_cases is None else of.brier_of_cases
-    _text(panel, f"{name}: n {of.trials}, Brier {shown:.3f}", (edge, 22), 0.45)
-    _text(panel, "predicted", (edge + side // 2 - 30, at(0, 0)[1] + 38), 0.45)
-    _text(panel, "found", (4, 28), 0.45)
     return panel
 
 
-def _text(picture: NDArray[np.uint8], text: str, where: tuple[int, int], size: float) -> None:
-    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, size, (40, 40, 40), 1, cv2.LINE_AA)
+def axes_px(
+    size: tuple[int, int], x: tuple[float, float], y: tuple[float, float], below: str, title: str
+) -> tuple[Picture, Callable[[float, float], tuple[int, int]]]:
+    """An empty plot of ``size`` (width, height) pixels inside its axes, and the pixel of a value."""
+    width, height = size
+    panel = np.full((height + _EDGE_PX + 40, width + _EDGE_PX + 20, 3), 255, np.uint8)
+
+    def at(a: float, b: float) -> tuple[int, int]:
+        right, up = (a - x[0]) / (x[1] - x[0]), (b - y[0]) / (y[1] - y[0])
+        return round(_EDGE_PX + right * width), round(34 + (1.0 - up) * height)
+
+    for k in range(6):
+        a, b = (low + k / 5 * (high - low) for low, high in (x, y))
+        cv2.line(panel, at(a, y[0]), at(a, y[1]), (228, 228, 228), 1)
+        cv2.line(panel, at(x[0], b), at(x[1], b), (228, 228, 228), 1)
+        text_px(panel, f"{a:.3g}", (at(a, y[0])[0] - 10, at(a, y[0])[1] + 18), 0.4)
+        text_px(panel, f"{b:.3g}", (_EDGE_PX - 38, at(x[0], b)[1] + 4), 0.4)
+    cv2.rectangle(panel, at(x[0], y[1]), at(x[1], y[0]), (90, 90, 90), 1)
+    text_px(panel, title, (_EDGE_PX, 22), 0.45)
+    text_px(panel, below, (_EDGE_PX + width // 2 - 30, at(x[0], y[0])[1] + 38), 0.45)
+    return panel, at
+
+
+def text_px(
+    picture: Picture,
+    text: str,
+    where: tuple[int, int],
+    size: float,
+    colour: tuple[int, int, int] = (40, 40, 40),
+) -> None:
+    """Write at a pixel (column, row of the baseline)."""
+    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
