@@ -121,7 +121,8 @@ EXIT_NO = 4
 @click.option(
     "--known-pose",
     is_flag=True,
-    help="Take the camera file's position as the true one and report the error of the estimated position.",
+    help="Take the camera file's position as the true one and report the error of the estimated position. Errors of "
+    "single points are then counted from the given camera, also from its attitude.",
 )
 @click.option(
     "--require",
