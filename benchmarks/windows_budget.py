@@ -22,11 +22,11 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import cv2
 import numpy as np
-import rasterio
 from helpers import apollo_frames as apollo
 from helpers.apollo_windows import LINEAR, Ground, photograph
 
-from lcp_catalog.dem.effective_resolution import Resolution, true_resolution
+from lcp_catalog.dem.dem import Dem
+from lcp_catalog.dem.effective_resolution import Resolution, of_file
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.srgb import decode_srgb
 from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
@@ -177,22 +177,11 @@ def resolutions(shared: Path) -> str:
     text = "| DEM | posting | resolution, m | 68 % | point spread, m | exponent | |\n"
     text += "| --- | ---: | ---: | ---: | ---: | ---: | --- |\n"
     for name, file in DEMS.items():
-        of = _resolution_of(shared / file)
+        of = of_file(Dem.open(shared / file))
         span = f"{of.low_m:.0f}-{of.high_m:.0f}"
         figures = f"{of.posting_m:.4g} | {of.resolution_m:.4g} | {span} | {of.point_spread_m:.4g}"
         text += f"| {name} | {figures} | {of.exponent:.2f} | {of.how} |\n"
     return text
-
-
-def _resolution_of(path: Path) -> Resolution:
-    with rasterio.open(path) as file:
-        z, box, step = file.read(1).astype(np.float64), file.bounds, file.transform.a
-        z[z == (file.nodata if file.nodata is not None else np.nan)] = np.nan
-    if box.top - box.bottom > 3e6:  # the whole Moon: its equator
-        z, middle = z[z.shape[0] * 7 // 18 : z.shape[0] * 11 // 18], 0.0
-    else:
-        middle = 0.5 * (box.top + box.bottom) / apollo.MOON_RADIUS_M
-    return true_resolution(z, (step, step * np.cos(middle)))
 
 
 def two_images(shared: Path) -> str:
