@@ -79,7 +79,7 @@ def candidates(places: list[tuple[float, float]], states: list[list[int]]) -> li
     """
     count = len(places)
     shape = (1, len(states[0]) if states else 2, 1)
-    evaluation = Evaluation.empty(count, shape)
+    evaluation = Evaluation.empty(count, 2, shape)
     if count:
         evaluation.condition[:, 0, :, 0] = states
         evaluation.sigma_major_m[:] = 10.0
