@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.build.config import (
+    ALBEDO_SIGMA_WITH_MAP,
+    ALBEDO_SIGMA_WITHOUT_MAP,
+    AreaConfig,
+    BuildConfig,
+    ErrorConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
 from lcp_catalog.errors import ConfigError
 
 rising = st.lists(st.floats(0.0, 89.0), min_size=1, max_size=6, unique=True).map(
@@ -30,7 +39,8 @@ def test_toml_keeps_every_value(
         area=AreaConfig(center_deg=(-3.25, 89.5), size_km=size),
         sun=SunConfig(elevations_deg=elevations),
         view=ViewConfig((0.0, 20.0), (0.0, 10.0), (math.inf, 100.0)),
-        points=PointConfig(image_noise=noise, patch_nodes=2 * half + 1),
+        points=PointConfig(min_detection=noise, patch_nodes=2 * half + 1),
+        errors=ErrorConfig(sensor_noise=noise, height_sigma_m=size),
     )
     import tomllib
 
@@ -46,8 +56,17 @@ def test_toml_keeps_every_value(
         ("[sun]\nelevations_deg = 5\n", "elevations_deg"),
         ("[points]\npatch_nodes = 32\n", "patch_nodes"),
         ("[points]\npatch_nodes = 33.5\n", "patch_nodes"),
-        ("[points]\nimage_noise = true\n", "image_noise"),
-        ("[points]\nmax_second_peak = 1.5\n", "max_second_peak"),
+        ("[points]\nmin_detection = true\n", "points.min_detection must be a number"),
+        ("[points]\nmin_detection = 1.5\n", r"points.min_detection must lie in 0\.\.1"),
+        ("[points]\nimage_noise = 0.1\n", "points.image_noise is replaced by errors.sensor_noise"),
+        ("[points]\nmax_sigma_px = 1\n", "points.max_sigma_px is replaced by points.min_detection"),
+        ("[points]\nmax_second_peak = 1\n", "max_second_peak is replaced by points.min_detection"),
+        ("[points]\nmax_false_match = 0\n", "max_false_match is replaced by points.min_detection"),
+        ("[errors]\nsensor_noise = -0.1\n", "errors.sensor_noise must be 0 or above"),
+        ("[errors]\nheight_sigma_m = inf\n", "errors.height_sigma_m must be 0 or above"),
+        ("[errors]\nalbedo_length_m = 0\n", "errors.albedo_length_m must be above 0"),
+        ("[errors]\nalbedo_sigma = 'map'\n", "errors.albedo_sigma must be a number"),
+        ("[errors]\nnoise = 0.1\n", r"\[errors\] has no key noise; there are sensor_noise, height"),
         ("[area]\ncenter_deg = [1, 2]\n", "size_km"),
         ("[area]\ncenter_deg = [1, 2]\nsize_km = 3\nbounds_deg = [1, 2, 3, 4]\n", "bounds_deg"),
         ("[view]\noff_nadir_deg = [0, 10]\n", "one length"),
@@ -62,6 +81,25 @@ def test_bad_files_name_the_file_and_the_key(tmp_path: Path, text: str, names: s
     with pytest.raises(ConfigError, match=names) as caught:
         BuildConfig.from_toml(path)
     assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_errors_that_are_not_given_follow_from_the_dem_and_the_albedo_map() -> None:
+    plain = ErrorConfig().model(12.0, 600.0, with_albedo_map=False)
+    assert (plain.height_sigma_m, plain.height_length_m) == (12.0, 600.0)
+    assert plain.albedo_sigma == ALBEDO_SIGMA_WITHOUT_MAP
+    mapped = ErrorConfig().model(12.0, 600.0, with_albedo_map=True)
+    assert mapped.albedo_sigma == ALBEDO_SIGMA_WITH_MAP < ALBEDO_SIGMA_WITHOUT_MAP
+    given = ErrorConfig(height_sigma_m=0.0, albedo_sigma=0.01, sensor_noise=0.2, spread=0.0)
+    model = given.model(12.0, 600.0, with_albedo_map=True)
+    assert (model.height_sigma_m, model.height_length_m) == (0.0, 600.0)
+    assert (model.albedo_sigma, model.sensor_noise, model.spread) == (0.01, 0.2, 0.0)
+
+
+def test_the_stored_configuration_holds_no_value_that_was_not_given() -> None:
+    assert "height_sigma_m" not in BuildConfig().to_toml()
+    known = BuildConfig(errors=ErrorConfig(height_sigma_m=3.0)).to_toml()
+    assert "height_sigma_m = 3.0" in known
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
