@@ -26,7 +26,10 @@ def test_lost_gained_and_moved_points_by_hand() -> None:
     states = [[USABLE, USABLE], [off, 0], [USABLE, USABLE], [off, off], [USABLE, off]]
     after = Candidates(*candidates([d, e, c2, b, a], states))
     before.evaluation.sigma_major_m[0, 0, 0, :, 0] = [20.0, 30.0]
-    after.evaluation.sigma_major_m[4, 0, 0, :, 0] = [21.0, 99.0]  # 99 where A is not usable any more
+    after.evaluation.sigma_major_m[4, 0, 0, :, 0] = [
+        21.0,
+        99.0,
+    ]  # 99 where A is not usable any more
     points = PointConfig(spacing_m=16_000.0)
     found = compare_points(before, after, dataclasses.replace(CONFIG, points=points), GSD_M)
     assert (found.points, found.points_lost, found.points_gained, found.points_moved) == (3, 2, 2, 1)  # fmt: skip
