@@ -293,8 +293,8 @@ def _with_spread(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
 
 
 def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
-    """The model with the error of place at which the mean normalised squared error of the places is
-    1; 0 if it is below 1 without.
+    """The model with the error of place at which the median of the places' squared errors over their
+    covariances is that of chi-squared; 0 if it is below that without.
     """
     places = np.concatenate([sample.place_m for sample in samples])
     placed = np.isfinite(places).all(axis=1)
@@ -310,7 +310,7 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
     low, high = 0.0, 10.0 * float(np.sqrt(np.square(places).mean())) + 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        whole = covariances * math.exp(2.0 * model.spread**2) + middle**2 * np.eye(2)
+        whole = covariances + middle**2 * np.eye(2)
         error = np.einsum("ni,nij,nj->n", places, np.linalg.inv(whole), places)
         if np.median(error) > 2.0 * math.log(2.0):  # the median of chi-squared with 2 degrees
             low = middle

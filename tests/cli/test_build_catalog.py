@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import resource
@@ -15,7 +16,10 @@ import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
+from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.build.run import Build
 from lcp_catalog.catalog.hdf5 import verify
+from lcp_catalog.errors import ConfigError
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -99,6 +103,33 @@ def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]
     document = json.loads(capsys.readouterr().out)
     assert document["views"] == 2
     assert document["suns"] == 6  # three elevations at east and at west; none at south below 60 deg
+
+
+def test_noise_is_the_sensors(
+    tmp_path: Path, config: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``--noise`` overrides errors.sensor_noise of the file and nothing else; a key of version 1 names
+    its replacement.
+    """
+    seen: list[BuildConfig] = []
+
+    def stop(paths: object, given: BuildConfig) -> None:
+        seen.append(given)
+        raise ConfigError("enough")
+
+    monkeypatch.setattr(Build, "plan", stop)
+    Path(config).write_text(SMALL + "[errors]\nsensor_noise = 0.2\nalbedo_sigma = 0.01\n")
+    for more in ([], ["--noise", "0.07"]):
+        assert run(["build-catalog", DEM, "-o", "x.h5", "--config", config, *more]) != 0
+    plain, louder = seen
+    assert (plain.errors.sensor_noise, plain.errors.albedo_sigma) == (0.2, 0.01)
+    expected = dataclasses.replace(plain.errors, sensor_noise=0.07)
+    assert louder == dataclasses.replace(plain, errors=expected)
+    Path(config).write_text(SMALL.replace("[points]", "[points]\nimage_noise = 0.15"))
+    arguments = ["build-catalog", DEM, "-o", str(tmp_path / "x.h5"), "--config", config]
+    capsys.readouterr()
+    said = refusal(arguments, 2, capsys)
+    assert "points.image_noise is replaced by errors.sensor_noise" in said
 
 
 @pytest.mark.parametrize(

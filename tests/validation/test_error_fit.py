@@ -10,7 +10,7 @@ import pytest
 from lcp_catalog.errors import ImageError
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
-from lcp_catalog.validation.error_fit import FEWEST, Residuals, fit_errors
+from lcp_catalog.validation.error_fit import FEWEST, Residuals, _with_places, fit_errors
 
 PIXEL_M = 100.0
 NODES = 25
@@ -124,10 +124,17 @@ def test_an_error_of_places_is_found() -> None:
         assert found == pytest.approx(place_m, rel=0.2, abs=12.0)
 
 
-def displaced(sample: Residuals, place_m: float) -> Residuals:
+def test_the_spread_of_the_noise_is_not_an_error_of_places() -> None:
+    """It is part of the matches' covariances, once."""
+    wide = replace(TRUE, spread=0.7)
+    samples = [displaced(residuals(s, EAST), 40.0, wide) for s in range(8, 12)]
+    assert _with_places(samples, wide).position_sigma_m == pytest.approx(40.0, rel=0.15)
+
+
+def displaced(sample: Residuals, place_m: float, model: ErrorModel = TRUE) -> Residuals:
     """Residuals with places as the matches' covariances and another error scatter them."""
     dice = np.random.default_rng(7)
-    match = registration(sample.patches, sample.errors, TRUE, PIXEL_M)
+    match = registration(sample.patches, sample.errors, model, PIXEL_M)
     covariance = match.covariance_px2 * PIXEL_M**2 + place_m**2 * np.eye(2)
     errors = np.linalg.cholesky(covariance) @ dice.normal(size=(len(sample), 2, 1))
     return replace(sample, place_m=errors[..., 0])
