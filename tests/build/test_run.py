@@ -7,6 +7,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from lcp_catalog.build.area_job import area_sweep, run_area
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
+    ErrorConfig,
     ModelConfig,
     PointConfig,
     SunConfig,
@@ -25,11 +27,21 @@ from lcp_catalog.build.config import (
 )
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
-from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE
+from lcp_catalog.catalog.schema import (
+    DETECTION_STEP,
+    EVALUATED,
+    LOCALIZABLE,
+    UNIQUE,
+    UNOCCLUDED,
+    UNSHADOWED,
+    USABLE,
+)
 from lcp_catalog.dem.dem import Dem
+from lcp_catalog.dem.height_errors import height_errors
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
+from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -220,6 +232,74 @@ def test_summaries_cover_the_usable_conditions(catalog: Catalog) -> None:
     np.testing.assert_allclose(
         catalog.localization_sigma[some, 0], worst[some], atol=catalog.sigma_step_m
     )
+
+
+def test_claims_and_flags_agree(catalog: Catalog) -> None:
+    """The file holds probabilities in steps of 1/250, and sigmas in steps of a thousandth of the cell."""
+    least, most = CONFIG.points.min_detection, CONFIG.points.max_dependence
+    evaluated = (catalog.condition & EVALUATED) > 0
+    detection = catalog.detection_probability
+    assert detection.shape[1] == len(catalog.image_scale) == 2
+    for name in ("detection_probability", "sigma_major", "sigma_minor"):
+        known = np.isfinite(getattr(catalog, name))
+        np.testing.assert_array_equal(known, np.broadcast_to(evaluated[:, None], known.shape))
+    unique = (catalog.condition & UNIQUE) > 0
+    clear = evaluated & (np.abs(detection[:, 0] - least) > DETECTION_STEP)
+    np.testing.assert_array_equal(unique[clear], detection[:, 0][clear] >= least)
+    assert 0.02 < unique[evaluated].mean() < 0.98
+    assert ((catalog.condition & LOCALIZABLE) > 0)[unique].all()
+    free = UNSHADOWED | UNOCCLUDED
+    usable = unique & ((catalog.condition & free) == free)
+    np.testing.assert_array_equal(catalog.condition == USABLE, usable)
+    assert (catalog.sigma_major[:, 0][usable] >= catalog.sigma_minor[:, 0][usable]).all()
+    assert (catalog.shadow_dependence <= most).all()
+
+
+def test_universal_points_are_usable_nearly_everywhere(catalog: Catalog) -> None:
+    evaluated = ((catalog.condition & EVALUATED) > 0).sum(axis=(1, 2, 3))
+    usable = (catalog.condition == USABLE).sum(axis=(1, 2, 3))
+    np.testing.assert_array_equal(catalog.universal, usable >= 0.95 * evaluated)
+
+
+def test_the_range_of_cells_follows_from_the_image_scales(catalog: Catalog) -> None:
+    """From the file's own probabilities: the scales that work in half of the conditions that any does."""
+    free = EVALUATED | UNSHADOWED | UNOCCLUDED
+    clear = ((catalog.condition & free) == free)[:, None]
+    works = clear & (catalog.detection_probability >= CONFIG.points.min_detection - 1e-6)
+    checked = 0
+    for i in range(len(catalog)):
+        some = works[i].any(axis=0).sum()
+        share = works[i].sum(axis=(1, 2, 3)) / max(some, 1)
+        if np.abs(share - 0.5).min() < 0.1:  # the steps of the file's probabilities decide
+            continue
+        scales = catalog.image_scale[share >= 0.5] if some else np.ones(1)
+        assert catalog.gsd_min[i] == pytest.approx(474.0 * scales.min())
+        assert catalog.gsd_max[i] == pytest.approx(474.0 * scales.max())
+        checked += 1
+    assert checked >= 3
+
+
+def test_the_error_model_is_stored(plan: Build, catalog: Catalog) -> None:
+    assert catalog.errors == plan.errors.to_dict() | {"min_detection": 0.9}
+    stored = tomllib.loads(catalog.config)["errors"]
+    assert stored == plan.errors.to_dict()
+    assert set(stored) == {field.name for field in dataclasses.fields(ErrorModel)}
+    known = height_errors(DemSet.open([DEM]), [3.5], [26.0])
+    assert (stored["height_sigma_m"], stored["height_length_m"]) == pytest.approx(
+        [float(part[0]) for part in known]
+    )
+
+
+def test_errors_of_the_configuration_decide(plan: Build) -> None:
+    """Louder images and rougher errors are claimed with lower probabilities."""
+    errors = ErrorConfig(sensor_noise=0.3, height_sigma_m=60.0, albedo_sigma=0.2)
+    loud = Build.plan((DEM,), dataclasses.replace(CONFIG, errors=errors))
+    assert loud.errors.height_length_m == plan.errors.height_length_m
+    assert loud.fingerprint() != plan.fingerprint()
+    middle = len(plan.jobs) // 2
+    ours, theirs = (run_area(p.jobs[middle]).candidates.evaluation for p in (plan, loud))
+    assert np.nanmean(theirs.detection) < 0.7 * np.nanmean(ours.detection)
+    assert (theirs.condition == USABLE).sum() < (ours.condition == USABLE).sum()
 
 
 def test_the_stored_plan_is_the_merged_plan_of_the_areas(plan: Build, catalog: Catalog) -> None:
