@@ -53,6 +53,25 @@ class Prediction:
     sigma_minor_m: Array  # (n,)
     sigma_angle_deg: Array  # (n,) of the major axis, clockwise from north, 0..180
 
+    @property
+    def covariance_m2(self) -> Array:
+        """Covariances (n, 2, 2) of a match on the ground, axes east and north."""
+        sigma = np.stack([self.sigma_major_m, self.sigma_minor_m], axis=-1)
+        return ellipse_covariance(sigma, self.sigma_angle_deg)
+
+
+def ellipse_covariance(sigma_m: ArrayLike, angle_deg: ArrayLike) -> Array:
+    """Covariances (n, 2, 2), axes east and north, of ellipses with 1 sigma along the major and minor
+    axis (n, 2) and the angle of the major axis clockwise from north, degrees (n,). NaN for ellipses
+    that are not finite.
+    """
+    sigma, angle = np.asarray(sigma_m, np.float64), np.radians(angle_deg)
+    variance = np.where(np.isfinite(sigma), sigma, np.nan) ** 2
+    major = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    minor = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    axes = np.stack([major, minor], axis=-1)
+    return np.asarray((axes * variance[..., None, :]) @ np.swapaxes(axes, -1, -2))
+
 
 @dataclass(frozen=True)
 class _Weights:

@@ -18,7 +18,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from .point_choice import evenly
+from .point_choice import likeliest
 from .search_image import SearchImage
 from .templates import POINT_SPREAD_PX, render_patches
 
@@ -80,13 +80,17 @@ def coarse_shift(
     alarms (Desolneux, Moisan and Morel 2008). Points count as independent, or, if their patches
     overlap, as ``share`` of their number (`consensus.independent_share`) with the same mean vote.
     """
-    rows = evenly(np.asarray(points, dtype=np.int64), _MOST_POINTS)
+    given = np.asarray(points, dtype=np.int64)
+    suns = image.sun_directions(catalog.position_mcmf[given])
+    rows = likeliest(catalog, given, image.sensor, suns, _MOST_POINTS)
     if not len(rows):
         return None
     factor, size = _scale(catalog, image, rows, reach_px / image.sensor.factor, grid_px)
     searched = SearchImage.of(image.reduced(factor))
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
+    if np.shape(offset) == (len(given), 2):
+        offset = offset[np.isin(given, rows)]
     offset = np.broadcast_to(offset, (len(rows), 2)) / searched.factor
     reach, slack = max(1, math.ceil(reach_px / searched.factor)), round(slack_px / searched.factor)
     votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)

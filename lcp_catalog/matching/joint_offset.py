@@ -29,7 +29,7 @@ from ..photometry.laws import Reflectance
 from . import sun_check
 from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
-from .point_choice import evenly
+from .point_choice import likeliest
 from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
 from .search_image import SearchImage
@@ -125,7 +125,9 @@ def find_joint_offset(
     """
     if len(area) < FEWEST:
         return None
-    some = area.only(evenly(np.arange(len(area)), _MOST_POINTS))
+    suns = image.sun_directions(catalog.position_mcmf[area.points])
+    best = likeliest(catalog, area.points, image.sensor, suns, _MOST_POINTS)
+    some = area.only(np.isin(area.points, best))
     search = _Search(
         catalog, image, given, uncertainty, model, some, width_px, common_px, check_sun
     )

@@ -5,7 +5,7 @@ was not found.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,10 @@ class Matches:
     full-resolution image.
 
     ``covariance_px2`` is that of ``found_px``. Both are NaN for a point that was not placed;
-    ``correlation`` is NaN if no search was made.
+    ``correlation`` is NaN if no search was made. ``prior``: detection probability that the catalogue
+    claims for the image's Sun, view and scale, NaN without a claim; ``posterior``: probability that
+    the place found is the true one, from the prior (one half without a claim) and the two highest
+    correlations, NaN for a point that was not placed. Both are NaN if they are not given.
     """
 
     point: NDArray[np.int64]  # (n,) row in the catalogue
@@ -50,6 +53,13 @@ class Matches:
     second: Array  # (n,) highest peak elsewhere in the search area, NaN: none
     back_px: Array  # (n,) distance at which the backward search ended
     code: NDArray[np.uint8]  # (n,) index into `REASONS`
+    prior: Array = field(default_factory=lambda: np.empty(0))  # (n,)
+    posterior: Array = field(default_factory=lambda: np.empty(0))  # (n,)
+
+    def __post_init__(self) -> None:
+        for name in ("prior", "posterior"):
+            if len(getattr(self, name)) != len(self.point):
+                object.__setattr__(self, name, np.full(len(self.point), np.nan))
 
     @classmethod
     def none(cls) -> Matches:

@@ -16,6 +16,7 @@ from ..catalog.schema import usable
 from ..errors import SunError
 from ..geometry.frames import direction_enu
 from ..images.image import Image
+from .point_claims import claimed
 
 RESOLUTION_SHARE = 0.5
 """Pixel size of the searched image as a share of the DEM's true resolution."""
@@ -49,13 +50,47 @@ def choose_points(
     (`usable_points`).
 
     ``sun_direction``: unit MCMF vector (3,); default: from each point to the sensor's own Sun
-    position (SunError if it has none). ``most``: upper limit of n; the chosen points are evenly
-    spread over the catalogue's order.
+    position (SunError if it has none). ``most``: upper limit of n; the chosen points are the best
+    ones, spread over the image (`likeliest`).
     """
     rows = points_in_view(catalog, sensor)
     suns = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_direction)
     chosen = rows[usable_points(catalog, rows, sensor, suns)]
-    return chosen if most is None else evenly(chosen, most)
+    if most is None:
+        return chosen
+    suns = directions_to_sun(sensor, catalog.position_mcmf[chosen], sun_direction)
+    return likeliest(catalog, chosen, sensor, suns, most)
+
+
+def likeliest(
+    catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike, most: int
+) -> Index:
+    """At most ``most`` of the rows (n,), ascending: the points most likely to be found, spread over
+    the image.
+
+    The image is divided into square cells, ``most`` in its area. Taken are the points with the
+    highest claimed detection probability of each cell, then the second of each cell and so on, in
+    each round the highest probabilities first; of equal probabilities the smaller sigma. Points
+    with a probability below one half come after all others; a point without a claim counts as one
+    half. Rows of a catalogue without claims are evenly spread over its order. ``sun_directions``
+    (n, 3): unit MCMF vectors.
+    """
+    if len(rows) <= most or not catalog.has_claims:
+        return evenly(rows, most)
+    stated = claimed(catalog, rows, sensor, sun_directions)
+    probability = np.nan_to_num(stated.detection_probability, nan=0.5)
+    sigma = np.nan_to_num(stated.sigma_major_m, nan=np.inf)
+    side = math.sqrt(math.prod(sensor.shape) / max(most, 1))
+    pixels = np.nan_to_num(sensor.project(catalog.position_mcmf[rows]))
+    column, row = np.floor(pixels / side).T
+    order = np.lexsort((sigma, -probability, row, column))
+    first = np.ones(len(rows), bool)
+    first[1:] = (np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)
+    place = np.arange(len(rows))
+    turn = np.empty(len(rows), np.int64)
+    turn[order] = place - np.maximum.accumulate(np.where(first, place, 0))
+    best = np.lexsort((sigma, -probability, turn, probability < 0.5))[:most]
+    return rows[np.sort(best)]
 
 
 def evenly(rows: Index, most: int) -> Index:
@@ -68,13 +103,16 @@ def evenly(rows: Index, most: int) -> Index:
 def usable_points(
     catalog: Catalog, points: ArrayLike, sensor: Sensor, sun_directions: ArrayLike
 ) -> Mask:
-    """True (n,) for the points (rows (n,) of the catalogue) that are usable in the catalogue's
-    condition nearest to a view and a Sun; ``sun_directions`` (n, 3): unit MCMF vectors.
+    """True (n,) for the points (rows (n,) of the catalogue) that are usable under a view and a Sun;
+    ``sun_directions`` (n, 3): unit MCMF vectors.
 
-    Nearest, first of the views and then of the Suns of the catalogue's grid, is the one at the
-    smallest angle.
+    A catalogue with claims says so for the sensor's view and pixel size, between the angles of its
+    grid (`prediction.predict`). Of one without claims the nearest condition counts: first of the
+    views and then of the Suns of its grid, the one at the smallest angle.
     """
     rows = np.asarray(points, dtype=np.int64)
+    if catalog.has_claims:
+        return np.asarray(claimed(catalog, rows, sensor, sun_directions).usable)
     rotation = catalog.rotation_mcmf_to_enu[rows]
     sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, dtype=np.float64))
     camera = np.einsum("nij,nj->ni", rotation, sensor.towards(catalog.position_mcmf[rows]))

@@ -20,6 +20,7 @@ from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches
 from .point_choice import points_in_view
+from .point_claims import NO_CLAIM, PointClaims, at_least
 from .search_image import SearchImage, full_pixels
 from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
 
@@ -42,12 +43,14 @@ _BACK_COVER = 0.8
 @dataclass(frozen=True)
 class Criteria:
     """Requirements for a match. Shares are of the template's pixels; correlations are centred and
-    normalised.
+    normalised. ``prior``: probability of a match before the search; None: what the catalogue claims,
+    `NO_CLAIM` where it claims nothing.
     """
 
     psf_sigma_px: float = POINT_SPREAD_PX
     min_correlation: float = LEAST_CORRELATION
     max_false_match: float = 0.2  # probability that the second peak is the true one
+    prior: float | None = None
     min_lit_share: float = 0.3
     min_contrast: float = 0.005  # standard deviation of the render, as a share of its mean
     min_pixels: int = 36
@@ -88,6 +91,9 @@ def find_points(
     a reduced one. ``whole_search`` correlates every place at full resolution: slower, and the same
     except for peaks that half resolution does not show. ValueError for an image without a valid
     pixel.
+
+    The covariance of a match is not smaller in any direction than the one that the catalogue claims
+    for the image's Sun, view and scale.
     """
     task = _Task(catalog, SearchImage.of(image), model, criteria, whole_search)
     rows = (
@@ -99,9 +105,14 @@ def find_points(
     reach = np.broadcast_to(np.asarray(reach_px, np.float64) / factor, rows.shape)
     offset = np.zeros(2) if offset_px is None else np.asarray(offset_px, np.float64)
     offset = np.broadcast_to(offset / factor, (len(rows), 2))
+    suns = image.sun_directions(catalog.position_mcmf[rows])
+    claims = PointClaims.of(catalog, rows, image.sensor, suns)
     count = _at_once(catalog, image, rows)
     parts = [slice(start, start + count) for start in range(0, max(len(rows), 1), count)]
-    found = [_match_chunk(task, rows[part], reach[part], offset[part]) for part in parts]
+    found = [
+        _match_chunk(task, rows[part], reach[part], offset[part], claims.some(part))
+        for part in parts
+    ]
     names = Matches.__dataclass_fields__
     return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
 
@@ -114,7 +125,9 @@ def _at_once(catalog: Catalog, image: Image, rows: Index) -> int:
     return int(np.clip(_CHUNK_PX / largest, 1, _CHUNK))
 
 
-def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Matches:
+def _match_chunk(
+    task: _Task, rows: Index, reach: Array, offset: Array, claims: PointClaims
+) -> Matches:
     suns = task.image.source.sun_directions(task.catalog.position_mcmf[rows])
     code = _unlit_unseen(task, rows, suns)
     templates = render_patches(
@@ -132,11 +145,11 @@ def _match_chunk(task: _Task, rows: Index, reach: Array, offset: Array) -> Match
     sought = np.isfinite(found[:, 2]) & (code == 0)
     places = start + np.where(sought[:, None], found[:, :2], 0.0).astype(np.int64)
     precise = _refined(task, templates, places, sought)
-    _judge_places(task, templates, found, precise, code)
+    posterior = _judge_places(task, templates, found, precise, claims.probability, code)
     back = _sought_back(task, templates, places, precise, code)
     _mark(code, ~(back <= task.criteria.max_back_px), "not confirmed")
     shift = precise[:, :2] + (places - templates.origin)
-    return _as_matches(task, templates, found, precise, shift, back, code)
+    return _as_matches(task, templates, found, precise, shift, back, code, claims, posterior)
 
 
 def _as_matches(
@@ -147,19 +160,24 @@ def _as_matches(
     shift: Array,
     back: Array,
     code: Bytes,
+    claims: PointClaims,
+    posterior: Array,
 ) -> Matches:
     """Results in pixels of the full-resolution image."""
     f = task.image.factor
     covariance = precise[:, [3, 4, 4, 5]].reshape(-1, 2, 2)
+    covariance = covariance + task.criteria.floor_px**2 * np.eye(2)
     return Matches(
         templates.point,
         full_pixels(templates.predicted_px, f),
         full_pixels(templates.predicted_px + shift, f),
-        (covariance + task.criteria.floor_px**2 * np.eye(2)) * f**2,
+        at_least(covariance, claims.covariance_px2) * f**2,
         np.where(np.isfinite(precise[:, 2]), precise[:, 2], found[:, 2]),
         found[:, 3],
         back * f,
         code,
+        claims.probability,
+        posterior,
     )
 
 
@@ -231,21 +249,27 @@ def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> 
 
 
 def _judge_places(
-    task: _Task, templates: Templates, found: Array, precise: Array, code: Bytes
-) -> None:
+    task: _Task, templates: Templates, found: Array, precise: Array, prior: Array, code: Bytes
+) -> Array:
+    """Probability (n,) that a place found is the true one; NaN where none was found."""
     correlation = precise[:, 2]
     settled = np.isfinite(precise).all(axis=1)
     _mark(code, ~(settled & (correlation >= task.criteria.min_correlation)), "weak")
-    rival = np.isfinite(found[:, 3]) & (code == 0)
-    chance = np.zeros(len(code))
+    rival = settled & np.isfinite(found[:, 3])
+    chance = np.where(settled, 0.0, np.nan)
+    before = np.where(np.isfinite(prior), prior, NO_CLAIM)
+    if task.criteria.prior is not None:
+        before = np.full(len(prior), task.criteria.prior)
     chance[rival] = mistake_probability(
         correlation[rival],
         found[rival, 3],
         templates.values[rival],
         templates.mask[rival],
         precise[rival, 9],
+        before[rival],
     )
     _mark(code, ~(chance <= task.criteria.max_false_match), "ambiguous")
+    return 1.0 - chance
 
 
 def _sought_back(

@@ -29,7 +29,7 @@ from .consensus import (
 )
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches
-from .point_choice import points_in_view, working_image
+from .point_choice import likeliest, points_in_view, working_image
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
@@ -72,6 +72,9 @@ class Options:
     least_reach_px: float = 16.0  # least reach, so that a wrong image can fail to agree
     most_reach_px: float = 64.0  # beyond, a coarse offset of the whole image is found first
     common_px: float = 0.0  # 1 sigma of an error common to all matches
+    most_first: int = (
+        400  # points searched before the position is known; more if these do not agree
+    )
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
     most_sigmas: float = 4.0  # largest correction of the given sensor
@@ -188,12 +191,29 @@ class _Search:
                 return PositionFix(NOT_HERE, reason, self.unmatched(area.points))
             if math.isfinite(chance):
                 coarse = JointOffset(len(area), chance, 0.0, reason="only at a coarse scale")
-        matches = self.sought(self.working, area)
-        score = self.agreement(matches, area)
+        matches, score, area = self.first_search(area)
         if not score.significant or score.pose is None:
             return self.refused(matches, area, score, coarse)
         matches, pose = self.settled(score.pose)
         return self.judged(matches, pose, score)
+
+    def first_search(self, area: SearchArea) -> tuple[Matches, Consensus, SearchArea]:
+        """Matches and agreement of the likeliest points of an area (`point_choice.likeliest`) and
+        their area; of all points if those do not agree.
+        """
+        suns = self.working.sun_directions(self.catalog.position_mcmf[area.points])
+        best = likeliest(
+            self.catalog, area.points, self.working.sensor, suns, self.options.most_first
+        )
+        some = area.only(np.isin(area.points, best))
+        matches = self.sought(self.working, some)
+        score = self.agreement(matches, some)
+        if len(some) == len(area) or (score.significant and score.pose is not None):
+            return matches, score, some
+        # a second attempt doubles the number of solutions that chance can offer
+        area = replace(area, log10_places=area.log10_places + math.log10(2.0))
+        matches = self.sought(self.working, area)
+        return matches, self.agreement(matches, area), area
 
     def sought(self, image: Image, area: SearchArea) -> Matches:
         """Matches near where an image's sensor projects the points; the predictions are those of

@@ -4,7 +4,8 @@ it.
 The claim of a point is that a search within the catalogue's search radius finds the true place and
 no other. The final matches of `matching.position_fix` come from a search of a few pixels, which is
 easier. Therefore every point with a claim is searched for once more, in the image as it was searched
-(`matching.point_choice.working_image`), within the radius of the build.
+(`matching.point_choice.working_image`), within the radius of the build. These searches do not use
+the claims, which they judge.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Index
-from ..cameras.sensor import Sensor, mean_step, pixel_size_m
+from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..catalog.prediction import predict
 from ..images.image import Image
 from ..matching.matches import CODE, Matches
 from ..matching.point_choice import points_in_view, working_image
+from ..matching.point_claims import NO_CLAIM, claimed, ground_slopes
 from ..matching.point_search import Criteria, find_points
 from ..photometry.laws import Reflectance
 from .claims import GATE_PX, GATE_SIGMAS, Claims, squared_distance
@@ -65,11 +66,8 @@ class ClaimSearch:
 
     def _stated(self, working: Image, rows: Index) -> Claims:
         """The claims, without trials."""
-        places = self.catalog.position_mcmf[rows]
-        rotation = self.catalog.rotation_mcmf_to_enu[rows]
-        sun = np.einsum("nij,nj->ni", rotation, working.sun_directions(places))
-        view = np.einsum("nij,nj->ni", rotation, working.sensor.towards(places))
-        stated = predict(self.catalog, rows, sun, view, pixel_size_m(working.sensor, places))
+        suns = working.sun_directions(self.catalog.position_mcmf[rows])
+        stated = claimed(self.catalog, rows, working.sensor, suns)
         sigma = np.stack([stated.sigma_major_m, stated.sigma_minor_m], axis=-1)
         return replace(
             Claims.none(len(rows)),
@@ -89,7 +87,7 @@ class ClaimSearch:
             self.model,
             search_radius_m(self.catalog, rows[chosen]) / pixel_size_m(sensor, places),
             points=rows[chosen],
-            criteria=self.criteria,
+            criteria=replace(self.criteria, prior=NO_CLAIM),
         )
         offset = matches.found_px - sensor.project(places)
         sigmas = np.sqrt(
@@ -125,12 +123,8 @@ def ground_errors_m(
     the sensor shows as offsets (n, 2) in pixels, to first order. ``rotation`` (n, 3, 3): MCMF to
     each point's ENU frame. NaN where the sensor shows no such displacement.
     """
-    here = sensor.project(points_mcmf_m)
-    slopes = []
-    for axis in (rotation[:, 0], rotation[:, 1]):
-        ahead, behind = (sensor.project(points_mcmf_m + sign * axis) for sign in (1.0, -1.0))
-        slopes.append(mean_step(ahead - here, here - behind))
-    (east_x, east_y), (north_x, north_y) = (slope.T for slope in slopes)
+    slopes = ground_slopes(sensor, points_mcmf_m, rotation)
+    (east_x, east_y), (north_x, north_y) = slopes[..., 0].T, slopes[..., 1].T
     x, y = offset_px.T
     with np.errstate(divide="ignore", invalid="ignore"):
         area = east_x * north_y - north_x * east_y

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
+from ..catalog.prediction import ellipse_covariance
 
 BINS = 10
 """Number of bins of predicted probability, of equal width, from 0 to 1. A value on a limit belongs
@@ -198,19 +199,6 @@ def wilson_interval(found: int, count: int, z: float = Z95) -> tuple[float, floa
     middle = (share + more / 2.0) / (1.0 + more)
     half = z * math.sqrt(share * (1.0 - share) / count + more / (4.0 * count)) / (1.0 + more)
     return max(min(middle - half, share), 0.0), min(max(middle + half, share), 1.0)
-
-
-def ellipse_covariance(sigma_m: ArrayLike, angle_deg: ArrayLike) -> Array:
-    """Covariances (n, 2, 2), axes east and north, of ellipses with 1 sigma along the major and minor
-    axis (n, 2) and the angle of the major axis clockwise from north, degrees (n,). NaN for ellipses
-    that are not finite.
-    """
-    sigma, angle = np.asarray(sigma_m, np.float64), np.radians(angle_deg)
-    variance = np.where(np.isfinite(sigma), sigma, np.nan) ** 2
-    major = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
-    minor = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
-    axes = np.stack([major, minor], axis=-1)
-    return np.asarray((axes * variance[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def squared_distance(error: Array, covariance: Array) -> Array:

@@ -21,12 +21,13 @@ POINT_COLUMNS = (
     "correlation", "second_correlation", "back_px", "reason",
     "residual_column_px", "residual_row_px", "pixel_m",
     "detection_probability", "usable", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg",
-    "found", "error_east_m", "error_north_m",
+    "found", "error_east_m", "error_north_m", "prior", "posterior",
 )  # fmt: skip
 """One row per point. ``major_axis_deg`` is from the column direction (right) towards the row
 direction (down), 0..180. Residuals are the position found minus the prediction of the corrected
 sensor. From ``detection_probability`` on: what the catalogue claims, and the trial of the claims
 (`claim_trials`); ``usable`` and ``found`` are 0 or 1, empty without a claim and without a trial.
+``prior`` and ``posterior`` are those of the match (`matching.matches`).
 """
 
 WINDOW_COLUMNS = (
@@ -74,6 +75,8 @@ def point_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
         claims.angle_deg,
         _bits(claims.found, claims.tried),
         *claims.error_m.T,
+        matches.prior,
+        matches.posterior,
     )
     return list(zip(*columns, strict=True))
 

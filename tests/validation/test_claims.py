@@ -12,11 +12,11 @@ from helpers import verdicts
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lcp_catalog.catalog.prediction import ellipse_covariance
 from lcp_catalog.validation.claims import (
     BINS,
     Claims,
     bins,
-    ellipse_covariance,
     score,
     squared_distance,
     wilson_interval,
