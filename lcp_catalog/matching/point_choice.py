@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..catalog.schema import usable
+from ..catalog.schema import DETECTION_STEP, usable
 from ..errors import SunError
 from ..geometry.frames import direction_enu
 from ..images.image import Image
@@ -70,7 +70,8 @@ def likeliest(
 
     The image is divided into square cells, ``most`` in its area. Taken are the points with the
     highest claimed detection probability of each cell, then the second of each cell and so on, in
-    each round the highest probabilities first; of equal probabilities the smaller sigma. Points
+    each round the highest probabilities first; of equal ones, as they are stored, the
+    smaller sigma. Points
     with a probability below one half come after all others; a point without a claim counts as one
     half. Rows of a catalogue without claims are evenly spread over its order. ``sun_directions``
     (n, 3): unit MCMF vectors.
@@ -79,17 +80,18 @@ def likeliest(
         return evenly(rows, most)
     stated = claimed(catalog, rows, sensor, sun_directions)
     probability = np.nan_to_num(stated.detection_probability, nan=0.5)
+    steps = np.floor(probability / DETECTION_STEP + 0.25)
     sigma = np.nan_to_num(stated.sigma_major_m, nan=np.inf)
     side = math.sqrt(math.prod(sensor.shape) / max(most, 1))
     pixels = np.nan_to_num(sensor.project(catalog.position_mcmf[rows]))
     column, row = np.floor(pixels / side).T
-    order = np.lexsort((sigma, -probability, row, column))
+    order = np.lexsort((sigma, -steps, row, column))
     first = np.ones(len(rows), bool)
     first[1:] = (np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)
     place = np.arange(len(rows))
     turn = np.empty(len(rows), np.int64)
     turn[order] = place - np.maximum.accumulate(np.where(first, place, 0))
-    best = np.lexsort((sigma, -probability, turn, probability < 0.5))[:most]
+    best = np.lexsort((sigma, -steps, turn, probability < 0.5))[:most]
     return rows[np.sort(best)]
 
 

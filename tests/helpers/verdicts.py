@@ -62,7 +62,12 @@ def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
     predicted = camera().moved(MOVED).project(places)
     second, back = correlation - 0.3, np.where(lost, np.nan, 0.1)
     rows = np.arange(n, dtype=np.int64)
-    return Matches(rows, predicted, found, covariance, correlation, second, back, code), places
+    prior = np.where(rows % 5 == 0, np.nan, dice.random(n))
+    posterior = np.where(nowhere, np.nan, dice.random(n))
+    made = Matches(
+        rows, predicted, found, covariance, correlation, second, back, code, prior, posterior
+    )
+    return made, places
 
 
 def solved(found: Matches, places: np.ndarray) -> Pose:

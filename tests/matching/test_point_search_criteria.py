@@ -5,6 +5,7 @@ image.
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from helpers.twins_match import catalog_of_patches, correlation_at, looking_at
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.images.image import Image
-from lcp_catalog.landmarks.uniqueness import effective_samples, false_match_probability
 from lcp_catalog.matching import point_search
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.point_choice import points_in_view
@@ -151,10 +151,12 @@ def test_most_of_what_is_lost_says_why(bump, above, bright, answer) -> None:
 def test_the_chance_of_a_false_match_is_a_bound(bump, above) -> None:
     photo = plain_photo(noisy(picture(above, ((0, 0), (45, 4))), 0.25), above)
     found = sought(bump, photo, 50.0, criteria=Criteria(max_false_match=1.0))
-    template = drawn(above)
-    patch = np.where(template.mask, template.values, np.float32(np.nan))
-    chance = false_match_probability(found.correlation, found.second, effective_samples(patch))[0]
+    chance = 1.0 - found.posterior[0]
     assert 0.005 < chance < 0.5
+    # noise of a pixel is white, so that the two correlations differ by the variance of two of N pixels
+    best, other, count = found.correlation[0], found.second[0], drawn(above).mask.sum()
+    variance = (1.0 - best**2) * (2.0 - best**2 - other**2) / count
+    assert chance == pytest.approx(NormalDist().cdf((other - best) / variance**0.5), rel=0.25)
     assert said(bump, photo, 50.0, max_false_match=1.001 * chance) == "found"
     assert said(bump, photo, 50.0, max_false_match=0.999 * chance) == "ambiguous"
 

@@ -62,12 +62,13 @@ def test_points_read_back_are_the_matches() -> None:
 
 
 def test_claims_read_back_are_those_of_the_image() -> None:
-    """Unknown figures are empty cells, flags 0 or 1; the columns are the last ones."""
+    """Unknown figures are empty cells, flags 0 or 1; the columns are the last ones, with
+    the match's prior and posterior."""
     image = verdicts.image()
     rows, claims = read(csv_text([image])), image.claims
     assert list(rows[0])[18:] == [
         "detection_probability", "usable", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg",
-        "found", "error_east_m", "error_north_m",
+        "found", "error_east_m", "error_north_m", "prior", "posterior",
     ]  # fmt: skip
     wanted = {
         "detection_probability": claims.probability,
@@ -78,6 +79,8 @@ def test_claims_read_back_are_those_of_the_image() -> None:
         "found": np.where(claims.tried, claims.found, np.nan),
         "error_east_m": claims.error_m[:, 0],
         "error_north_m": claims.error_m[:, 1],
+        "prior": image.matches.prior,
+        "posterior": image.matches.posterior,
     }
     for name, figures in wanted.items():
         found = np.array([value(row[name]) for row in rows])
