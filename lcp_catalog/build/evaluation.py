@@ -17,7 +17,7 @@ from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
-from ..landmarks.localization import harris_response, lit_share, mean_lit_level
+from ..landmarks.localization import harris_response, lit_share, mean_lit_level, shift_bias
 from ..landmarks.patches import gather_patches, halved, through_optics
 from ..landmarks.uniqueness import other_places
 from ..terrain.far_terrain import FarTerrain
@@ -215,8 +215,13 @@ class _Condition:
         found.detection[good], found.located[good] = detection, located
         found.second_peak[good] = np.fmax(rivals[:, 0], -1.0)
         found.false_match[good] = 1.0 - unique
+        bias = np.zeros((len(good), 2))
+        shaded = np.flatnonzero((seen[good] != alone[good]).any(axis=(1, 2)))
+        some = good[shaded]
+        bias[shaded] = shift_bias(alone[some], seen[some] - alone[some])
+        bias[np.isinf(match.covariance_px2).any(axis=(1, 2))] = 0.0
         major, minor, angle = _ellipse(
-            match.covariance_px2 * pixel_m**2
+            (match.covariance_px2 + bias[:, :, None] * bias[:, None]) * pixel_m**2
             + self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
         )
         found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle

@@ -85,6 +85,32 @@ def registration(
     )
 
 
+def shift_bias(patches: AnyArray, differences: AnyArray) -> Array:
+    """Displacement of the match of patches (n, p, p) in images that differ from them by known
+    ``differences`` (n, p, p), as by shadows that terrain outside a patch casts into it: (n, 2)
+    nodes, columns and rows, to first order; infinite where the patch is not located.
+
+    It is that of the least squares of `registration`: -F^-1 B e, restricted to the shift, for the
+    difference e.
+    """
+    image, e = (np.asarray(a, dtype=np.float64) for a in (patches, differences))
+    unit = image - image.mean(axis=(1, 2), keepdims=True)
+    power = np.einsum("nij,nij->n", unit, unit)
+    unit /= np.sqrt(np.where(power > 0.0, power, 1.0))[:, None, None]
+    slopes = np.stack([node_slopes(image, 2), node_slopes(image, 1)], axis=1)
+    slopes -= slopes.mean(axis=(2, 3), keepdims=True)
+    slopes -= np.einsum("naij,nij->na", slopes, unit)[..., None, None] * unit[:, None]
+    xx, yy, xy = (
+        np.einsum("nij,nij->n", slopes[:, a], slopes[:, b]) for a, b in ((0, 0), (1, 1), (0, 1))
+    )
+    x, y = (np.einsum("nij,nij->n", slopes[:, a], e) for a in (0, 1))
+    determinant = xx * yy - xy * xy
+    good = determinant > 1e-9 * (xx + yy) ** 2
+    safe = np.where(good, determinant, 1.0)
+    bias = np.stack([xy * y - yy * x, xy * x - xx * y], axis=-1) / safe[:, None]
+    return np.where(good[:, None], bias, np.inf)
+
+
 def node_slopes(patches: Array, axis: int) -> Array:
     """Derivative of patches (n, p, p) along an axis at their nodes: differences of the sixth order
     over seven nodes, of lower order in the three outer rows.

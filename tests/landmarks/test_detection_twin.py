@@ -15,10 +15,12 @@ from helpers.twins_detection import (
     shift_covariance,
     sixth_order_slopes,
 )
+from scipy.ndimage import map_coordinates, spline_filter
+from scipy.optimize import least_squares
 
 from lcp_catalog.landmarks.detection import detection_probability
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
-from lcp_catalog.landmarks.localization import node_slopes, registration
+from lcp_catalog.landmarks.localization import node_slopes, registration, shift_bias
 
 CELL_M = 100.0
 NODES, SEARCH = 17, 20
@@ -110,3 +112,24 @@ def test_slopes_of_a_sine(axis):
     true = 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * x / 5.0)[3:-3]
     np.testing.assert_allclose(inside, true, rtol=0.03)
     np.testing.assert_allclose(node_slopes(patches[:, :3, :3], axis).shape, (1, 3, 3))
+
+
+def test_bias_by_a_shadow_against_a_fit():
+    """A shaded corner moves the match; the reference is SciPy's least squares on shift, gain and offset with the patch's spline."""
+    place = around(4)
+    size, margin = len(place.patch), SEARCH
+    surface = spline_filter(place.image, order=3)
+    grid = np.indices((size, size)) + margin
+    patch = place.patch
+    change = np.zeros_like(patch)
+    change[:5, :6] = -0.05 * patch[:5, :6]
+
+    def residual(x):
+        model = map_coordinates(surface, grid - x[[1, 0], None, None], order=3, prefilter=False)
+        return (x[2] * model + x[3] - patch - change).ravel()
+
+    fitted = least_squares(residual, [0.0, 0.0, 1.0, 0.0]).x[:2]
+    assert np.hypot(*fitted) > 0.02
+    found = shift_bias(patch[None], change[None])[0]
+    np.testing.assert_allclose(found, fitted, atol=0.2 * np.hypot(*fitted))
+    assert np.isinf(shift_bias(np.ones((1, 9, 9)), np.zeros((1, 9, 9)))).all()
