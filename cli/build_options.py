@@ -90,7 +90,7 @@ point_options = option_group(
         "spacing_km",
         type=click.FloatRange(0, min_open=True),
         metavar="KM",
-        help="Least distance between two points; default: two patch widths.",
+        help="Least distance between two points; default: two patch widths, at most 8 km.",
     ),
     click.option(
         "--search",

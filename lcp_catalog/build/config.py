@@ -158,6 +158,7 @@ class ViewConfig:
 
 
 SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
+SPACING_MAX_M = 8000.0
 """Default search radius: so many nodes, but not more than so many metres."""
 
 
@@ -166,7 +167,7 @@ class PointConfig:
     """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = 33
-    spacing_m: float | None = None  # two patch widths
+    spacing_m: float | None = None  # two patch widths, at most `SPACING_MAX_M`
     search_m: float | None = None  # 64 nodes, at most `SEARCH_MAX_M`
     candidates_per_cell: int = 2
     min_detection: float = 0.9
@@ -201,12 +202,13 @@ class PointConfig:
         return max(1, round(self.search_m / gsd_m))
 
     def spacing_nodes(self, gsd_m: float) -> int:
-        """Least distance between two points, in nodes; by default two patch widths."""
-        return (
-            2 * (self.patch_nodes - 1)
-            if self.spacing_m is None
-            else max(1, round(self.spacing_m / gsd_m))
-        )
+        """Least distance between two points, in nodes; by default two patch widths, at most
+        `SPACING_MAX_M`, but not less than half a patch.
+        """
+        if self.spacing_m is not None:
+            return max(1, round(self.spacing_m / gsd_m))
+        widest = max(self.half, round(SPACING_MAX_M / gsd_m))
+        return min(2 * (self.patch_nodes - 1), widest)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ class Cell:
 
 
 def useful_cell(dems: DemSet, area: Area) -> Cell:
-    """Cell for the patches of an area: about half of the effective resolution of the DEM that is
-    used at its centre, as its posting times a power of 2, at least the posting.
+    """Cell for the patches of an area: at most about half of the effective resolution of the DEM
+    that is used at its centre, as its posting times a power of 2, at least the posting.
 
     AreaError if the area has no height.
     """
@@ -47,8 +47,8 @@ def useful_cell_m(dems: DemSet, area: Area) -> float:
 
 
 def cell_for(posting_m: float, resolution_m: float) -> float:
-    """Posting times the power of 2 that is nearest to `CELL_PER_RESOLUTION` of the resolution; at
-    least the posting.
+    """Posting times the greatest power of 2 that is at most `CELL_PER_RESOLUTION` of the resolution
+    (or up to 7 % above it); at least the posting.
     """
     octaves = math.log2(CELL_PER_RESOLUTION * resolution_m / posting_m)
-    return posting_m * 2.0 ** max(0, math.floor(octaves + 0.5))
+    return posting_m * 2.0 ** max(0, math.floor(octaves + 0.1))
