@@ -82,7 +82,8 @@ def coarse_shift(
     """
     given = np.asarray(points, dtype=np.int64)
     suns = image.sun_directions(catalog.position_mcmf[given])
-    rows = likeliest(catalog, given, image.sensor, suns, _MOST_POINTS)
+    some = likeliest(catalog, given, image.sensor, suns, _MOST_POINTS)
+    rows = given[some]
     if not len(rows):
         return None
     factor, size = _scale(catalog, image, rows, reach_px / image.sensor.factor, grid_px)
@@ -90,7 +91,7 @@ def coarse_shift(
     offset = offset_px(rows) if callable(offset_px) else offset_px
     offset = np.zeros(2) if offset is None else np.asarray(offset, dtype=np.float64)
     if np.shape(offset) == (len(given), 2):
-        offset = offset[np.isin(given, rows)]
+        offset = offset[some]
     offset = np.broadcast_to(offset, (len(rows), 2)) / searched.factor
     reach, slack = max(1, math.ceil(reach_px / searched.factor)), round(slack_px / searched.factor)
     votes, voters = np.zeros((2 * reach + 1,) * 2), np.zeros((2 * reach + 1,) * 2, np.int64)

@@ -126,8 +126,7 @@ def find_joint_offset(
     if len(area) < FEWEST:
         return None
     suns = image.sun_directions(catalog.position_mcmf[area.points])
-    best = likeliest(catalog, area.points, image.sensor, suns, _MOST_POINTS)
-    some = area.only(np.isin(area.points, best))
+    some = area.only(likeliest(catalog, area.points, image.sensor, suns, _MOST_POINTS))
     search = _Search(
         catalog, image, given, uncertainty, model, some, width_px, common_px, check_sun
     )

@@ -59,25 +59,24 @@ def choose_points(
     if most is None:
         return chosen
     suns = directions_to_sun(sensor, catalog.position_mcmf[chosen], sun_direction)
-    return likeliest(catalog, chosen, sensor, suns, most)
+    return chosen[likeliest(catalog, chosen, sensor, suns, most)]
 
 
 def likeliest(
     catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike, most: int
 ) -> Index:
-    """At most ``most`` of the rows (n,), ascending: the points most likely to be found, spread over
-    the image.
+    """Indices (m,), ascending, into the rows (n,): at most ``most`` points, those most likely to be
+    found, spread over the image.
 
     The image is divided into square cells, ``most`` in its area. Taken are the points with the
     highest claimed detection probability of each cell, then the second of each cell and so on, in
-    each round the highest probabilities first; of equal ones, as they are stored, the
-    smaller sigma. Points
-    with a probability below one half come after all others; a point without a claim counts as one
-    half. Rows of a catalogue without claims are evenly spread over its order. ``sun_directions``
-    (n, 3): unit MCMF vectors.
+    each round the highest probabilities first; of equal ones, as they are stored, the smaller sigma.
+    Points with a probability below one half come after all others; a point without a claim counts
+    as one half. Points of a catalogue without claims are evenly spread over the list.
+    ``sun_directions`` (n, 3): unit MCMF vectors.
     """
     if len(rows) <= most or not catalog.has_claims:
-        return evenly(rows, most)
+        return evenly(np.arange(len(rows)), most)
     stated = claimed(catalog, rows, sensor, sun_directions)
     probability = np.nan_to_num(stated.detection_probability, nan=0.5)
     steps = np.floor(probability / DETECTION_STEP + 0.25)
@@ -92,7 +91,7 @@ def likeliest(
     turn = np.empty(len(rows), np.int64)
     turn[order] = place - np.maximum.accumulate(np.where(first, place, 0))
     best = np.lexsort((sigma, -steps, turn, probability < 0.5))[:most]
-    return rows[np.sort(best)]
+    return np.sort(best)
 
 
 def evenly(rows: Index, most: int) -> Index:

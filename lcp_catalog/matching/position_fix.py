@@ -205,7 +205,7 @@ class _Search:
         best = likeliest(
             self.catalog, area.points, self.working.sensor, suns, self.options.most_first
         )
-        some = area.only(np.isin(area.points, best))
+        some = area.only(best)
         matches = self.sought(self.working, some)
         score = self.agreement(matches, some)
         if len(some) == len(area) or (score.significant and score.pose is not None):
