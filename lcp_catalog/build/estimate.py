@@ -13,14 +13,22 @@ from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, run_area
 from .assembly import OVERVIEW_NODES, choose
+from .evaluation import image_scales
 from .run import Build
 from .sweep import Conditions
 
-FILE_BYTES = 130_000
-"""Size of a catalogue file without points: HDF5 structures and chunks (measured, 11 to 226 points)."""
+FILE_BYTES = 180_000
+"""Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
 
-STORED_SHARE = 0.75
-"""Bytes in the file for each byte of patches, conditions and overview (measured on the same builds: 0.73 to 0.8)."""
+STORED_SHARE = 0.8
+"""Bytes in the file for each byte of patches and overview (measured on the same two builds, of 17 and
+35 points: 0.80 and 0.81)."""
+
+STORED_CLAIMS = 0.3
+"""Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
+
+_CLAIM_BYTES = 6
+"""Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
 
 def estimate(build: Build, workers: int) -> dict[str, Any]:
@@ -41,7 +49,10 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         / max(ground[sample], 1)
     )
     layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
-    one_point = config.points.patch_nodes**2 * 4 * layers + int(np.prod(conditions[sample].shape))
+    patch = config.points.patch_nodes**2 * 4 * layers
+    claims = int(np.prod(conditions[sample].shape)) * (
+        1 + _CLAIM_BYTES * len(image_scales(config.points.patch_nodes))
+    )
     return {
         "areas": len(build.jobs),
         "suns": max(int(c.reachable.sum()) for c in conditions),
@@ -52,7 +63,9 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
             seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1
         ),
         "bytes_estimate": int(
-            FILE_BYTES + STORED_SHARE * (points * one_point + _overview_bytes(build))
+            FILE_BYTES
+            + STORED_SHARE * (points * patch + _overview_bytes(build))
+            + STORED_CLAIMS * points * claims
         ),
         "decisions": [_cell_decision(build), *result.plan.to_json()["decisions"]],
     }
