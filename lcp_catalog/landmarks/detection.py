@@ -69,6 +69,8 @@ def detection_probability(
     ``self_correlation`` (n,): noise-free correlation at the true place.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
+    some = np.isfinite(rivals).any(axis=0)
+    rivals, rival_contrast = rivals[:, some], rival_contrast[:, some]
     nodes, weights = (_NODES, _NODE_WEIGHTS) if match.spread > 0.0 else (np.zeros(1), np.ones(1))
     parts = [
         _at_noise(match, rho, rivals, rival_contrast, least_correlation, math.exp(match.spread * x))

@@ -100,19 +100,19 @@ def noise_products(
     so that each term is two multiplications with p x p matrices.
     """
     n, m, p = fields.shape[:3]
-    smooth = np.empty(fields.shape, dtype=np.float64)
     terms = _Terms.of(model, p, pixel_m)
     east, south = errors.east[:, None], errors.south[:, None]
     by_east, by_south = fields * east, fields * south
     cross = terms.slope_cross
-    smooth[...] = model.sensor_noise**2 * fields
+    smooth = np.float32(model.sensor_noise**2) * fields
     if model.height_sigma_m > 0.0:
         smooth += east * (terms.slope_along.apply(by_east) + cross.apply(by_south))
         smooth += south * (terms.slope_across.apply(by_south) + cross.apply(by_east))
     if model.albedo_sigma > 0.0:
         level = errors.level[:, None]
         smooth += level * terms.albedo.apply(fields * level)
-    products = np.einsum("nik,njk->nij", fields.reshape(n, m, p * p), smooth.reshape(n, m, p * p))
+    flat, other = (part.reshape(n, m, p * p) for part in (fields, smooth))
+    products = np.matmul(flat, other.transpose(0, 2, 1)).astype(np.float64)
     variance = (
         model.sensor_noise**2
         + terms.slope_along.variance * np.mean(np.square(errors.east, dtype=np.float64), (1, 2))
