@@ -104,7 +104,7 @@ point_options = option_group(
         "sensor_noise",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         metavar="SHARE",
-        help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.03.",
+        help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.07.",
     ),
 )
 

@@ -81,7 +81,7 @@ class Build:
         if albedo:
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
         maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
-        errors = error_model(config, dems, region, maps, albedo is not None)
+        errors = error_model(config, dems, region, maps)
         given = (grid, region, gsd_m, config, dems, choice, errors, albedo, maps)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
         return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps)
@@ -148,7 +148,6 @@ def error_model(
     dems: DemSet,
     region: Area,
     maps: ErrorMaps | None,
-    with_albedo_map: bool,
 ) -> ErrorModel:
     """The error model of a build: its configuration, completed by the height errors of the DEMs and
     the maps, as medians over the region (`dem.height_errors`). DemError for a map without a value in
@@ -162,7 +161,7 @@ def error_model(
     if not known.any():
         raise AreaError(f"no DEM covers the region ({region.bounds})")
     height_m = float(np.median(sigma[known])), float(np.median(length[known]))
-    return config.errors.model(*height_m, with_albedo_map)
+    return config.errors.model(*height_m)
 
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:

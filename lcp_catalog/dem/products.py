@@ -58,6 +58,8 @@ _BURNS_2012 = (
     "vertical precision 1 to 2 m (the larger is taken); no true resolution is stated"
 )
 
+_APOLLO_15 = "fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)"
+
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
     (re.compile(pattern, re.I), facts)
     for pattern, facts in (
@@ -77,7 +79,10 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
         (r"LDEM_\d+[NS]", ProductFacts("LDEM_POLAR", None, None, None, _LOLA_POLAR)),
         (r"LDEM_512(?!\d)", ProductFacts("LDEM", (60.0, 75.0), 10.0, None, _SMITH_2010)),
         (r"LDEM_\d+", ProductFacts("LDEM", None, 10.0, None, _SMITH_2010)),
-        (r"GLD100", ProductFacts("GLD100", None, 20.0, 300.0, _SCHOLTEN_2012)),
+        (
+            r"GLD100",
+            ProductFacts("GLD100", None, 20.0, 300.0, _SCHOLTEN_2012, 24.5, 530.0, _APOLLO_15),
+        ),
         (r"NAC_DTM", ProductFacts("NAC_DTM", None, 2.0, None, _BURNS_2012)),
     )
 )

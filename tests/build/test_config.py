@@ -10,8 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.build.config import (
-    ALBEDO_SIGMA_WITH_MAP,
-    ALBEDO_SIGMA_WITHOUT_MAP,
     AreaConfig,
     BuildConfig,
     ErrorConfig,
@@ -84,14 +82,11 @@ def test_bad_files_name_the_file_and_the_key(tmp_path: Path, text: str, names: s
     assert "\n" not in str(caught.value)
 
 
-def test_errors_that_are_not_given_follow_from_the_dem_and_the_albedo_map() -> None:
-    plain = ErrorConfig().model(12.0, 600.0, with_albedo_map=False)
+def test_errors_that_are_not_given_follow_from_the_dem() -> None:
+    plain = ErrorConfig().model(12.0, 600.0)
     assert (plain.height_sigma_m, plain.height_length_m) == (12.0, 600.0)
-    assert plain.albedo_sigma == ALBEDO_SIGMA_WITHOUT_MAP
-    mapped = ErrorConfig().model(12.0, 600.0, with_albedo_map=True)
-    assert mapped.albedo_sigma == ALBEDO_SIGMA_WITH_MAP < ALBEDO_SIGMA_WITHOUT_MAP
     given = ErrorConfig(height_sigma_m=0.0, albedo_sigma=0.01, sensor_noise=0.2, spread=0.0)
-    model = given.model(12.0, 600.0, with_albedo_map=True)
+    model = given.model(12.0, 600.0)
     assert (model.height_sigma_m, model.height_length_m) == (0.0, 600.0)
     assert (model.albedo_sigma, model.sensor_noise, model.spread) == (0.01, 0.2, 0.0)
 
