@@ -154,8 +154,10 @@ class ViewConfig:
 
 
 SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
-SPACING_MAX_M = 8000.0
 """Default search radius: so many nodes, but not more than so many metres."""
+
+SPACING_MAX_M = 8000.0
+"""Greatest default spacing, unless half a patch is wider."""
 
 
 @dataclass(frozen=True)

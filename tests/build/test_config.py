@@ -100,3 +100,13 @@ def test_the_stored_configuration_holds_no_value_that_was_not_given() -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.toml"):
         BuildConfig.from_toml(tmp_path / "nowhere.toml")
+
+
+def test_spacing_and_search_by_default_and_as_given() -> None:
+    """Two patches, but at least half of one, and 64 cells; both at most 8 km."""
+    fine, coarse = 118.0, 948.0
+    assert [PointConfig().spacing_nodes(g) for g in (fine, 474.0, coarse)] == [64, 17, 16]
+    assert [PointConfig().search_nodes(g) for g in (fine, 474.0, coarse)] == [64, 17, 8]
+    given = PointConfig(spacing_m=20_000.0, search_m=300.0)
+    assert (given.spacing_nodes(474.0), given.search_nodes(474.0)) == (42, 1)
+    assert PointConfig(patch_nodes=9).spacing_nodes(fine) == 16

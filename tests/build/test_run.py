@@ -111,7 +111,9 @@ def test_no_two_points_are_nearer_than_the_spacing(catalog: Catalog) -> None:
         catalog.longitude[:, None], catalog.latitude[:, None], catalog.longitude, catalog.latitude
     )
     np.fill_diagonal(away, np.inf)
-    assert np.radians(away.min()) * 1_737_400.0 >= 32 * 474.0 - 1.0
+    # by default two patches, 32 cells or 15 km, but at most 8 km: 17 cells
+    assert np.radians(away.min()) * 1_737_400.0 >= 17 * 474.0 - 1.0
+    assert tomllib.loads(catalog.config)["points"]["spacing_m"] == 17 * 474.0
 
 
 def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
