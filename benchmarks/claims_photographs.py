@@ -85,11 +85,11 @@ def chosen(data: Path, which: str) -> list[str]:
 
 def work(folder: Path, data: Path, names: Sequence[str], build: Build) -> list[Result]:
     """All frames; finished ones from the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
     return [_one(folder, data, name, build) for name in names]
 
 
 def _one(folder: Path, data: Path, name: str, build: Build) -> Result:
+    folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}-{build.name}.npz"
     if not path.exists():
         photo, files, dem = _opened(data, name)
