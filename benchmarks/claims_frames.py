@@ -46,7 +46,7 @@ class Place:
 
     dem: str  # in the shared data
     center_deg: tuple[float, float]
-    size_km: float = 140.0
+    size_km: float = 110.0
     gsd_m: float = 474.0
     spacing_km: float = 8.0
 
@@ -59,7 +59,6 @@ PLACES = {
         "images/apollo15-metric-farside/gld100_064ppd_lat-28_-13_lon132-155.tif", (143.5, -20.5)
     ),
 }
-SUNS = ["--sun-azimuths", "0:337.5:22.5", "--sun-elevations", "5,10,15,20,30,45,60"]
 DRAW = Draw(
     fov_deg=(10.0, 40.0),
     off_nadir_deg=(0.0, 30.0),
@@ -112,7 +111,7 @@ def built(path: Path, dem: Path, place: Place) -> Path:
     if not path.exists():
         centre = [str(v) for v in place.center_deg]
         where = ["--center", *centre, "--size", str(place.size_km), "--gsd", str(place.gsd_m)]
-        how = ["--spacing", str(place.spacing_km), *SUNS, "--reflectance", LAW, "--jobs", "2"]
+        how = ["--spacing", str(place.spacing_km), "--reflectance", LAW, "--jobs", "2"]
         if run(["build-catalog", str(dem), "-o", str(path), *where, *how]):
             raise SystemExit(f"{path.name}: the build failed")
     return path
