@@ -25,6 +25,7 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.build.estimate import estimate
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import (
@@ -454,3 +455,12 @@ def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Pa
     with pytest.raises(OutputExistsError, match="--overwrite"):
         run_build(plan, output)
     assert not output.with_name("mine.h5.parts").exists()
+
+
+def test_the_size_of_the_file_is_estimated(plan: Build, built: Path) -> None:
+    """From one area's points, by measured shares for patches and claims."""
+    said = estimate(plan, workers=1)
+    assert said["bytes_estimate"] == pytest.approx(built.stat().st_size, rel=0.3)
+    assert said["areas"] == len(plan.jobs)
+    assert said["views"] == 2
+    assert said["decisions"][0]["effect"] == "cell size"
