@@ -41,6 +41,24 @@ SUN_STEP_DEG = 10.0
 ELEVATIONS_DEG = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
 CELLS_M = (118.0, 237.0, 474.0, 948.0)
 PATCHES = (17, 25, 33, 49)
+SERIES_TOML = """[errors]
+sensor_noise = 0.15
+height_sigma_m = 92.0
+height_length_m = 1450.0
+albedo_sigma = 0.095
+albedo_length_m = 5000.0
+position_sigma_m = 80.0
+spread = 0.3
+[points]
+patch_nodes = 25
+[model]
+direction_tolerance_deg = 1.5
+"""
+"""Catalogues for the Apollo 16 series: the error model as fitted to every second frame with
+`validation.error_fit` (its pixels are samples of finer scans, not means over their area, so that
+errors of the heights are not averaged), and patches as large as 25 of its pixels.
+"""
+SERIES_CELL_M = 1280.0
 SIZES_OF = ("AS15-M-0414", "AS15-M-0295")
 SIZES_KM = 110.0
 NAMES = ("probability", "usable", "sigma_m", "angle_deg", "tried", "found", "error_m")
@@ -133,7 +151,6 @@ def _validated(catalog: Path, data: Path, photo: Image, files: ImageFiles, build
         sun=SunChoice() if files.camera else SunChoice(subsolar_deg=(float(lon), float(lat))),
         model=reflectance_model(LAW),
         albedo=AlbedoMap.open(data / ALBEDO) if build.albedo else None,
-        pose_is_known=files.camera is not None,
     )
     return validate(request).verdict.images[0]
 
@@ -159,13 +176,16 @@ def _built(
         centre = [f"{(west + east) / 2.0:.4f}", f"{(south + north) / 2.0:.4f}"]
         where = ["--center", *centre, "--size", f"{build.size_km:g}"]
     how = ["--spacing", f"{build.spacing_km:g}", "--reflectance", LAW, "--jobs", "1"]
-    how += [] if build.gsd_m is None else ["--gsd", f"{build.gsd_m:g}"]
-    if build.patch is not None:
+    series = photo.sensor.corrections != POSE
+    cell_m = SERIES_CELL_M if series else build.gsd_m
+    how += [] if cell_m is None else ["--gsd", f"{cell_m:g}"]
+    if series or build.patch is not None:
         config = path.with_suffix(".toml")
-        config.write_text(f"[points]\npatch_nodes = {build.patch}\n", encoding="utf-8")
+        text = SERIES_TOML if series else f"[points]\npatch_nodes = {build.patch}\n"
+        config.write_text(text, encoding="utf-8")
         how += ["--config", str(config)]
-    how += ["--albedo", str(data / ALBEDO)] if build.albedo else []
-    how += [] if photo.sensor.corrections == POSE else ["--view", "0:0"]
+    how += ["--albedo", str(data / ALBEDO)] if build.albedo and not series else []
+    how += ["--view", "0:0"] if series else []
     start = time.perf_counter()
     code = run(["build-catalog", str(dem), "-o", str(path), *where, *suns, *how])
     return (path if code == 0 else None), time.perf_counter() - start
