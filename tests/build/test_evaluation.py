@@ -144,6 +144,17 @@ def test_flags_follow_from_the_probabilities_and_shares():
     assert (found.sigma_major_m >= found.sigma_minor_m).all()
 
 
+def test_terrain_that_repeats_itself_is_localizable_and_not_unique():
+    """A period of 9 nodes in a search of 12: eight places and more are like the true one."""
+    found = judged(np.tile(ground(8, nodes=9, length=1.5, sigma=3.0), (9, 9)))
+    clear = (found.condition & LOCALIZABLE) > 0
+    assert clear.sum() >= 4
+    assert not ((found.condition & UNIQUE) > 0)[clear].any()
+    assert (found.detection[:, 0][clear] < 0.2).all()
+    assert (found.second_peak[clear] > 0.99).all()
+    assert (found.false_match[clear] > 0.8).all()
+
+
 def test_more_noise_is_never_better():
     rows, cols = np.array([36]), np.array([36])
     sweep = swept(ground(3))
