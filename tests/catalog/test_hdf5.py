@@ -328,6 +328,17 @@ def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
     assert "elevation_sigma: the variable is missing" in verify(copy)
 
 
+def test_another_wording_of_a_description_is_read(copy: Path) -> None:
+    """Files of earlier versions describe the same variables in other words."""
+    with h5py.File(copy, "r+") as file:
+        file["elevation_sigma"].attrs["long_name"] = "published 1-sigma of the heights"
+    assert verify(copy) == []
+    assert len(open_catalog(copy)) == 12
+    with h5py.File(copy, "r+") as file:
+        file["elevation_sigma"].attrs["long_name"] = ""
+    assert any(line.startswith("elevation_sigma: long_name is") for line in verify(copy))
+
+
 def test_a_changed_byte_is_noticed_by_its_checksum(copy: Path) -> None:
     with h5py.File(copy) as file:
         place = file["dem"].id.get_chunk_info(0)
