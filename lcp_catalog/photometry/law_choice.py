@@ -3,11 +3,11 @@
 The error is the rms residual of Hapke's image after a fit of the other model's image with a free
 gain and offset, as a share of the mean signal: sqrt(1 - r^2) of the contrast, where r is the
 correlation of the two images. Image correlation is not affected by gain and offset; it sees the
-residual as noise, which adds (in squares) to the noise of an image, 0.13 to 0.2 of the mean signal
-where it was measured (`PointConfig.image_noise`). The images show random relief: facets with
-normally distributed slopes, isotropic, restricted to those that are lit and visible (shadows are
-the same under any model). If one image has many phase angles (a wide camera), one gain and offset
-apply to all of them.
+residual as noise, which adds (in squares) to the other differences between an image and its render,
+0.13 to 0.2 of the mean signal where they were measured as white noise. The images show random
+relief: facets with normally distributed slopes, isotropic, restricted to those that are lit and
+visible (shadows are the same under any model). If one image has many phase angles (a wide camera),
+one gain and offset apply to all of them.
 """
 
 from __future__ import annotations
