@@ -32,7 +32,7 @@ from .layout import (
     split,
     variable_attributes,
 )
-from .schema import ADDED_IN_1_1, OPTIONAL, SCHEMA_VERSION, Variable
+from .schema import ADDED_IN_1_1, FORMER_NAMES, OPTIONAL, SCHEMA_VERSION, Variable
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -433,8 +433,9 @@ def _variable_problems(
         yield f"{name}: has the dimensions ({', '.join(dims)}) instead of ({wanted})"
     for attribute, expected in attributes.items():
         found = dataset.attrs.get(attribute)
-        if attribute == "long_name" and isinstance(found, str) and found:
-            continue  # the wording may be that of another version
+        former = FORMER_NAMES.get(name, ()) if attribute == "long_name" else ()
+        if isinstance(found, str) and found in former:
+            continue
         if not np.array_equal(found, expected):
             yield f"{name}: {attribute} is {found!s} instead of {expected!s}"
 

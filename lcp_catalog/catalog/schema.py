@@ -17,6 +17,12 @@ SCHEMA_VERSION = "2.0"
 UNCLAIMED_VERSION = "1.2"
 """Version of files without claims: readers of schema 1 open them."""
 
+FORMER_NAMES = {
+    "elevation_sigma": ("published 1-sigma of the DEM product's heights, NaN for none",),
+    "dem_resolution": ("published true ground resolution of the DEM product, NaN for none",),
+}
+"""`long_name` of variables in files of earlier versions."""
+
 ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
 """Variables that files of schema 1.0 lack; they are read as NaN."""
 

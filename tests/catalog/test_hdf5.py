@@ -328,14 +328,16 @@ def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
     assert "elevation_sigma: the variable is missing" in verify(copy)
 
 
-def test_another_wording_of_a_description_is_read(copy: Path) -> None:
-    """Files of earlier versions describe the same variables in other words."""
+def test_the_words_of_an_earlier_version_are_read(copy: Path) -> None:
+    """Files of earlier versions describe two variables in other words."""
     with h5py.File(copy, "r+") as file:
-        file["elevation_sigma"].attrs["long_name"] = "published 1-sigma of the heights"
+        file["elevation_sigma"].attrs["long_name"] = (
+            "published 1-sigma of the DEM product's heights, NaN for none"
+        )
     assert verify(copy) == []
     assert len(open_catalog(copy)) == 12
     with h5py.File(copy, "r+") as file:
-        file["elevation_sigma"].attrs["long_name"] = ""
+        file["elevation_sigma"].attrs["long_name"] = "height"
     assert any(line.startswith("elevation_sigma: long_name is") for line in verify(copy))
 
 
