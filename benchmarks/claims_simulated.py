@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from lcp_catalog import Area, Request, SunChoice, render
-from lcp_catalog.landmarks.detection import detection_probability
+from lcp_catalog.landmarks.detection import detection_probability, top_probability
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
-from lcp_catalog.landmarks.uniqueness import other_places
+from lcp_catalog.landmarks.uniqueness import RING, other_places, places_around
 from lcp_catalog.photometry.laws import reflectance_model
 
 HADLEY = "images/apollo15-metric-hadley/gld100_256ppd_lat20-30_lon000-010.tif"
@@ -195,8 +195,10 @@ def by_library(
     rivals, contrast = other_places(image, patches, middle, middle, around.search)
     whole = replace(match, shift_loss=np.zeros(1))
     found = detection_probability(whole, rivals, contrast, least_correlation=-1.0)
+    near, around_contrast = places_around(image, patches, middle, middle)
+    on_top = top_probability(whole, RING, near, around_contrast)
     assert match.nodes == nodes**2
-    return float(found[0][0]), np.asarray(match.covariance_px2[0])
+    return float(found[0][0] * on_top[0]), np.asarray(match.covariance_px2[0])
 
 
 def fitted_shift(

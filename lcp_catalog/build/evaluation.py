@@ -14,12 +14,12 @@ from ..accuracy import TIERS
 from ..arrays import Array, Float32
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
-from ..landmarks.detection import detection_probability
+from ..landmarks.detection import detection_probability, top_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
 from ..landmarks.localization import harris_response, lit_share, mean_lit_level, shift_bias
 from ..landmarks.patches import gather_patches, halved, through_optics
-from ..landmarks.uniqueness import other_places
+from ..landmarks.uniqueness import RING, other_places, places_around
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.occlusion import occluded
 from .config import BuildConfig
@@ -206,12 +206,13 @@ class _Condition:
         match = self.errors.rows(good).registration(alone[good] / unit, errors, pixel_m)
         search = max(1, self.points.search_nodes(self.gsd_m) // scale)
         rivals, spread = other_places(sources[0], alone[good], rows[good], cols[good], search)
+        own = _correlation(alone[good], seen[good])
         detection, located, unique = detection_probability(
-            match,
-            rivals,
-            spread / level[good][:, None],
-            _correlation(alone[good], seen[good]),
+            match, rivals, spread / level[good][:, None], own
         )
+        near, contrast = places_around(sources[0], alone[good], rows[good], cols[good])
+        on_top = top_probability(match, RING, near, contrast / level[good][:, None], own)
+        detection, unique = detection * on_top, unique * on_top
         found.detection[good], found.located[good] = detection, located
         found.second_peak[good] = np.fmax(rivals[:, 0], -1.0)
         found.false_match[good] = 1.0 - unique

@@ -15,6 +15,9 @@ above the least correlation L that a match must have:
 
     P = integral from L of phi((x - e_0) / sqrt(v_0)) / sqrt(v_0) prod_k Phi((x - e_k) / sqrt(v_k)) dx
 
+P is multiplied by the probability that noise does not move the top of the true peak itself off by
+more than 2 nodes (`top_probability`).
+
 If the noise differs from place to place (`ErrorModel.spread`), P is the mean over its distribution.
 
 rho_0 is below 1 where the patch, rendered alone, differs from the patch among the terrain around it
@@ -28,7 +31,7 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from ..arrays import Array, Float32, Mask
+from ..arrays import AnyArray, Array, Float32, Mask
 from ..kernels.matching.acquisition import acquisition
 from .localization import Registration
 
@@ -106,6 +109,47 @@ def _at_noise(
     )
     out[bad] = 0.0
     return out
+
+
+def top_probability(
+    match: Registration,
+    offsets: AnyArray,
+    around: Array,
+    contrast: Array,
+    self_correlation: Array | float = 1.0,
+) -> Array:
+    """Probability that the correlation at the true place is above that at the strongest of the
+    places around it, (n,): noise moves the top of a broad peak, towards windows of higher contrast.
+
+    ``offsets`` (k, 2): distances of the places, columns and rows; ``around``, ``contrast`` (n, k):
+    noise-free correlation and contrast there, NaN outside the image. The two windows share most of
+    their noise. The variance of the difference of their correlations is, to first order, that of
+    the noise's product with the slope of the patch along the distance, and at most that of two
+    independent ones. Places in other directions are left out: the result is up to 0.2 too high where
+    it is about 1/2, and wrong by up to 0.06 where it is above 0.9, mostly too low.
+    """
+    mean, variance = correlation_moments(
+        match.contrast,
+        np.asarray(self_correlation, dtype=np.float64),
+        match.noise_variance,
+        match.along,
+        match.nodes,
+    )
+    there, spread = correlation_moments(
+        np.nan_to_num(contrast),
+        np.nan_to_num(around),
+        match.noise_variance[:, None],
+        match.along[:, None],
+        match.nodes,
+    )
+    power = match.nodes * (np.square(match.contrast) + match.noise_variance)
+    steps, slope_noise = np.asarray(offsets, np.float64), np.asarray(match.slope_noise, np.float64)
+    apart = np.einsum("ka,nab,kb->nk", steps, slope_noise, steps)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        apart = np.minimum(apart / power[:, None], variance[:, None] + spread)
+        margin = (mean[:, None] - there) / np.sqrt(np.maximum(apart, _LEAST_VARIANCE))
+    margin = np.where(np.isfinite(around) & np.isfinite(margin), margin, np.inf)
+    return np.asarray(ndtr(margin.min(axis=1, initial=np.inf)))
 
 
 def mistake_probability(

@@ -33,7 +33,9 @@ class Registration:
     of the noise about its mean over the patch; ``along``: V, variance of the noise's product with
     the centred patch of unit norm; ``shift_loss``: expected loss of correlation because the true
     place lies between whole pixels; (n,). ``covariance_px2`` (n, 2, 2) of the shift, columns first,
-    rows downwards; infinite where the patch is not located in some direction. ``spread``: of the
+    rows downwards; infinite where the patch is not located in some direction. ``slope_noise`` (n, 2,
+    2): covariance of the noise's products with the slopes of the patch, after the projection, in
+    units of the squared norm of the centred patch. ``spread``: of the
     error model; the covariance is the mean over places, the other figures are those of a place with
     typical noise.
     """
@@ -45,6 +47,7 @@ class Registration:
     covariance_px2: Array
     nodes: int
     spread: float = 0.0
+    slope_noise: Array | None = None
 
 
 def registration(
@@ -82,6 +85,7 @@ def registration(
         * math.exp(2.0 * model.spread**2),
         nodes=nodes,
         spread=model.spread,
+        slope_noise=products[:, :2, :2] / np.where(textured, power, 1.0)[:, None, None],
     )
 
 

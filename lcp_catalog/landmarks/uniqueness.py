@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array, Float32, Index
 from ..kernels.matching.search import rivals
 from .corners import fill_missing
-from .patches import halved
+from .patches import gather_patches, halved
 
 RIVALS = 64
 """Greatest number of other places for each patch. In noise above the contrast all maxima of a search
@@ -83,4 +83,34 @@ def other_places(
     order = np.argsort(-places[0], axis=1, kind="stable")
     found[tried], spread[tried] = (np.take_along_axis(part, order, axis=1) for part in places)
     found[cut], spread[cut] = np.nan, np.nan
+    return found, spread
+
+
+RING = np.unique(
+    np.round(
+        3.0 * np.stack([f(np.arange(16) * np.pi / 8.0) for f in (np.cos, np.sin)], axis=-1)
+    ).astype(np.int64),
+    axis=0,
+)
+"""Distances (column, row) of the places just outside a patch's own peak (`EXCLUSION_PX`)."""
+
+
+def places_around(
+    image: Float32, patches: Float32, rows: Index, cols: Index
+) -> tuple[Array, Array]:
+    """Correlations of patches (n, p, p), those at nodes (rows, cols) of an image, with the windows at
+    the distances `RING`, and the contrasts of these windows: (n, k) each; NaN for windows that leave
+    the image or hold a missing node.
+    """
+    half = patches.shape[1] // 2
+    unit = patches - patches.mean(axis=(1, 2), dtype=np.float64, keepdims=True)
+    norm = np.sqrt(np.einsum("nij,nij->n", unit, unit))
+    unit = (unit / np.where(norm > 0.0, norm, 1.0)[:, None, None]).astype(np.float32)
+    found, spread = np.empty((2, len(rows), len(RING)))
+    for k, (right, down) in enumerate(RING.tolist()):
+        window = gather_patches(image, rows + down, cols + right, half)
+        spread[:, k] = window.std(axis=(1, 2), dtype=np.float64)
+        product = np.einsum("nij,nij->n", unit, window)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found[:, k] = product / (spread[:, k] * window[0].size ** 0.5)
     return found, spread

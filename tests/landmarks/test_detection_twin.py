@@ -18,9 +18,10 @@ from helpers.twins_detection import (
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.optimize import least_squares
 
-from lcp_catalog.landmarks.detection import detection_probability
+from lcp_catalog.landmarks.detection import detection_probability, top_probability
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import node_slopes, registration, shift_bias
+from lcp_catalog.landmarks.uniqueness import RING, places_around
 
 CELL_M = 100.0
 NODES, SEARCH = 17, 20
@@ -133,3 +134,51 @@ def test_bias_by_a_shadow_against_a_fit():
     found = shift_bias(patch[None], change[None])[0]
     np.testing.assert_allclose(found, fitted, atol=0.2 * np.hypot(*fitted))
     assert np.isinf(shift_bias(np.ones((1, 9, 9)), np.zeros((1, 9, 9)))).all()
+
+
+def test_places_around_against_opencv():
+    place = around(5)
+    image = place.image.astype(np.float32)
+    middle = np.array([len(image) // 2])
+    patch = place.patch[None].astype(np.float32)
+    found, contrast = places_around(image, patch, middle, middle)
+    cols, rows = RING.T
+    assert len(RING) == 16
+    at = rows + SEARCH, cols + SEARCH
+    np.testing.assert_allclose(found[0], place.correlation[at], atol=2e-5)
+    np.testing.assert_allclose(contrast[0], place.contrast[at], rtol=1e-4)
+    edge = np.array([NODES // 2])
+    assert np.isnan(places_around(image, patch, edge, edge)[0][0]).any()
+
+
+@pytest.mark.parametrize(
+    ("length", "level", "bound"),
+    [
+        (0.0, 0.8, 0.2),
+        (1.5, 0.3, 0.2),
+        (4.0, 0.25, 0.2),
+        (0.0, 0.2, 0.06),
+        (1.5, 0.12, 0.06),
+        (4.0, 0.09, 0.06),
+    ],
+)
+def test_top_probability_against_draws(length, level, bound):
+    """Share of 200 draws of the noise in which the highest correlation within 2 nodes is above all those around, over 10 broad
+    peaks; the bounds are those that the function states.
+    """
+    dice = np.random.default_rng(11)
+    said, seen = [], []
+    for seed in range(10):
+        place = Surroundings.of(ground(seed, 5.0), 60, 60, NODES // 2, 6)
+        patch, cols, rows = place.patch[None].astype(np.float32), *RING.T
+        middle = np.array([len(place.image) // 2])
+        near = places_around(place.image.astype(np.float32), patch, middle, middle)
+        said.append(top_probability(library(place.patch, level, length), RING, *near)[0])
+        inside, above = np.hypot(*(np.indices((13, 13)) - 6)) <= 2.0, 0
+        for _ in range(200):
+            noisy = place.image + level * noise_field(dice, len(place.image), length)
+            score = correlation(noisy, place.patch)
+            above += score[inside].max() > score[rows + 6, cols + 6].max()
+        seen.append(above / 200)
+    assert abs(np.mean(said) - np.mean(seen)) < bound
+    assert np.mean(seen) < 0.99  # the noise matters
