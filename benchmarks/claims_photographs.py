@@ -1,7 +1,8 @@
 """Claims against photographs: Apollo 15 Metric frames with their cameras, and the map-projected Apollo 16 series.
 
-For each frame `lcp build-catalog` builds a catalogue of the ground that it shows, under the Suns around its own (two elevations
-and two azimuths), from GLD100 and the relative albedo map. The library's validation searches for the points and scores the
+For each Apollo 15 frame `lcp build-catalog` builds a catalogue of the ground that it shows, under the Suns around its own (four
+elevations and two azimuths), from GLD100 and the relative albedo map; for the Apollo 16 series one catalogue under 30 Suns, without
+a map of albedo. The library's validation searches for the points and scores the
 claims. The frames of the fit set were used to choose and to fit; those kept aside are judged once, at the end (``--set kept``).
 """
 
@@ -59,8 +60,14 @@ direction_tolerance_deg = 1.5
 errors of the heights are not averaged), and patches as large as 25 of its pixels.
 """
 SERIES_CELL_M = 1280.0
+SERIES_SPACING_KM = 15.0
+SERIES_BOUNDS_DEG = (0.5, -12.5, 15.5, -5.2)
+SERIES_SUNS = ("--sun-azimuths", "70,80,90", "--sun-elevations", "6:60:6")
+"""Suns of the one catalogue for all frames of the series."""
 SIZES_OF = ("AS15-M-0414", "AS15-M-0295")
 SIZES_KM = 110.0
+VIEWS = ("0:0", "40:0", "40:90", "40:180", "40:270")
+"""Views of the catalogues for the Apollo 15 frames, whose camera sees 37 deg to either side."""
 NAMES = ("probability", "usable", "sigma_m", "angle_deg", "tried", "found", "error_m")
 
 
@@ -111,7 +118,8 @@ def _one(folder: Path, data: Path, name: str, build: Build) -> Result:
     path = folder / f"{name}-{build.name}.npz"
     if not path.exists():
         photo, files, dem = _opened(data, name)
-        catalog, seconds = _built(folder / f"{name}-{build.name}.h5", data, photo, dem, build)
+        stem = name if files.camera else "series"
+        catalog, seconds = _built(folder / f"{stem}-{build.name}.h5", photo, dem, data, build)
         figures: dict[str, Any] = {"frame": name, "seconds": seconds, "bytes": 0, "points": 0}
         figures["sun_elevation_deg"] = _angles(photo)[1]
         claims = Claims.none(reason="no point was built")
@@ -156,7 +164,7 @@ def _validated(catalog: Path, data: Path, photo: Image, files: ImageFiles, build
 
 
 def _built(
-    path: Path, data: Path, photo: Image, dem: Path, build: Build
+    path: Path, photo: Image, dem: Path, data: Path, build: Build
 ) -> tuple[Path | None, float]:
     """The catalogue, built by the command unless it is there, and the seconds that this took; None without a point."""
     if path.exists():
@@ -168,15 +176,18 @@ def _built(
         "--sun-azimuths",
         _listed(sorted(around)),
         "--sun-elevations",
-        _listed(ELEVATIONS_DEG[k - 1 : k + 1]),
+        _listed(ELEVATIONS_DEG[max(k - 2, 0) : k + 2]),
     ]
-    west, south, east, north = _shown_deg(photo, dem)
+    series = photo.sensor.corrections != POSE
+    if series:
+        suns = list(SERIES_SUNS)
+    west, south, east, north = SERIES_BOUNDS_DEG if series else _shown_deg(photo, dem)
     where = ["--bounds", *(f"{v:.4f}" for v in (west, south, east, north))]
     if build.size_km is not None:
         centre = [f"{(west + east) / 2.0:.4f}", f"{(south + north) / 2.0:.4f}"]
         where = ["--center", *centre, "--size", f"{build.size_km:g}"]
-    how = ["--spacing", f"{build.spacing_km:g}", "--reflectance", LAW, "--jobs", "1"]
-    series = photo.sensor.corrections != POSE
+    spacing_km = SERIES_SPACING_KM if series else build.spacing_km
+    how = ["--spacing", f"{spacing_km:g}", "--reflectance", LAW, "--jobs", "2"]
     cell_m = SERIES_CELL_M if series else build.gsd_m
     how += [] if cell_m is None else ["--gsd", f"{cell_m:g}"]
     if series or build.patch is not None:
@@ -185,7 +196,8 @@ def _built(
         config.write_text(text, encoding="utf-8")
         how += ["--config", str(config)]
     how += ["--albedo", str(data / ALBEDO)] if build.albedo and not series else []
-    how += ["--view", "0:0"] if series else []
+    views = ("0:0",) if series else VIEWS
+    how += [part for view in views for part in ("--view", view)]
     start = time.perf_counter()
     code = run(["build-catalog", str(dem), "-o", str(path), *where, *suns, *how])
     return (path if code == 0 else None), time.perf_counter() - start

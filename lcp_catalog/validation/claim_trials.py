@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array, Index
+from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
+from ..catalog.patch_terrain import nodes_mcmf
 from ..images.image import Image
 from ..matching.matches import CODE, Matches
 from ..matching.point_choice import points_in_view, working_image
@@ -29,6 +30,10 @@ from .claims import GATE_PX, GATE_SIGMAS, Claims, squared_distance
 NO_TRIAL = tuple(CODE[reason] for reason in ("out of frame", "no data", "saturated"))
 """Codes of points whose surroundings the image does not show."""
 
+SHOWN_SHARE = 0.9
+"""Least share of a patch's nodes on valid pixels: a claim is about a patch that the image shows."""
+
+_AT_ONCE = 256
 _SEARCH_NODES = 64
 """Search radius of a build that does not state one, cells."""
 
@@ -57,6 +62,7 @@ class ClaimSearch:
         working = working_image(self.catalog, self.image, rows)
         claims = self._stated(working, rows)
         inside = np.isin(rows, points_in_view(self.catalog, self.image.sensor))
+        inside[inside] = self._shown(working, rows[inside])
         if not claims.claimed.any():
             reason = "the catalogue claims nothing for this Sun, view and scale"
             return replace(claims, reason=reason)
@@ -76,6 +82,24 @@ class ClaimSearch:
             sigma_m=sigma.astype(np.float64),
             angle_deg=np.asarray(stated.sigma_angle_deg, np.float64),
         )
+
+    def _shown(self, working: Image, rows: Index) -> Mask:
+        """True for points whose patch lies in the image, with at least `SHOWN_SHARE` of its nodes on
+        valid pixels, (n,).
+        """
+        height, width = working.signal.shape
+        shown = np.zeros(len(rows), np.bool_)
+        for start in range(0, len(rows), _AT_ONCE):
+            part = rows[start : start + _AT_ONCE]
+            pixels = working.sensor.project(nodes_mcmf(self.catalog, part))
+            column, row = np.moveaxis(
+                np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64), -1, 0
+            )
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            valid = working.valid[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+            enough = valid.mean(axis=(1, 2)) >= SHOWN_SHARE
+            shown[start : start + _AT_ONCE] = inside.all(axis=(1, 2)) & enough
+        return shown
 
     def _tried(self, working: Image, rows: Index, chosen: Index, claims: Claims) -> Claims:
         """The claims with trials of some of them, ``chosen`` (m,)."""
