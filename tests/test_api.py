@@ -47,7 +47,7 @@ def test_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = lcp.BuildConfig.from_dict(
         {
             "area": {"center_deg": [3.5, 26.0], "size_km": 150.0, "gsd_m": 474.0},
-            "sun": {"elevations_deg": [15.0], "azimuths_deg": [90.0, 105.0]},
+            "sun": {"elevations_deg": [10.0, 15.0, 20.0], "azimuths_deg": [90.0, 105.0]},
             "view": {"off_nadir_deg": [0.0], "azimuth_deg": [0.0], "altitude_km": [float("inf")]},
             "points": {"patch_nodes": 17, "spacing_m": 6000.0, "search_m": 12000.0},
         }

@@ -369,7 +369,9 @@ def _section(kind: type, name: str, table: object) -> Any:
     unknown = sorted(set(table) - set(hints))
     for key in unknown:
         instead = _REPLACED.get(f"{name}.{key}")
-        _require(instead is None, f"{name}.{key} is replaced by {instead} since version 2")
+        _require(
+            instead is None, f"{name}.{key} is replaced by {instead} (since catalogues of schema 2)"
+        )
     _require(not unknown, f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
     return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
 
