@@ -51,6 +51,8 @@ FEWEST = 10
 
 _TILT = 0.01
 _OWN_GAIN = 0.5
+_LEAST_PLACE_M = 1e-3
+"""Errors of place below this are 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,4 +318,4 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
             low = middle
         else:
             high = middle
-    return replace(model, position_sigma_m=high)
+    return replace(model, position_sigma_m=high if high > _LEAST_PLACE_M else 0.0)
