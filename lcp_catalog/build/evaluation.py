@@ -14,6 +14,7 @@ from ..accuracy import TIERS
 from ..arrays import Array, Float32
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
+from ..landmarks.correlation import moments
 from ..landmarks.detection import detection_probability, top_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.independence import dependence
@@ -206,7 +207,7 @@ class _Condition:
         match = self.errors.rows(good).registration(alone[good] / unit, errors, pixel_m)
         search = max(1, self.points.search_nodes(self.gsd_m) // scale)
         rivals, spread = other_places(sources[0], alone[good], rows[good], cols[good], search)
-        own = _correlation(alone[good], seen[good])
+        own = moments(*(a[good].reshape(len(good), -1) for a in (alone, seen))).correlation
         detection, located, unique = detection_probability(
             match, rivals, spread / level[good][:, None], own
         )
@@ -270,16 +271,6 @@ def _halved_change(
         part = np.pad(change[k], 1)[top : top + 2 * size, left : left + 2 * size]
         out[k] = part.reshape(size, 2, size, 2).mean(axis=(1, 3))
     return out
-
-
-def _correlation(a: Float32, b: Float32) -> Array:
-    """Centred normalised correlation of patches (n, p, p), (n,); 0 for a constant one."""
-    x, y = (
-        z.astype(np.float64) - z.mean(axis=(1, 2), dtype=np.float64, keepdims=True) for z in (a, b)
-    )
-    scale = np.sqrt((x * x).sum(axis=(1, 2)) * (y * y).sum(axis=(1, 2)))
-    both = (x * y).sum(axis=(1, 2))
-    return np.where(scale > 0.0, both / np.where(scale > 0.0, scale, 1.0), 0.0)
 
 
 def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:

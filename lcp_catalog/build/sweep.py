@@ -20,7 +20,7 @@ from ..cameras.view import View, slant_range_m
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
 from ..photometry.law_choice import Choice, choose, named
-from ..photometry.laws import Reflectance, planes_of, radiance_of_nodes
+from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
 from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, is_vertical, plan_scene
@@ -30,9 +30,6 @@ from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
 from ..terrain.terrain import Terrain
 from .config import BuildConfig
-
-_TILT = 0.01
-"""Difference of slope at which derivatives of the radiance are taken."""
 
 
 @dataclass(frozen=True)
@@ -150,11 +147,6 @@ def _patch_angle_rad(config: BuildConfig, gsd_m: float) -> float:
     return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
 
 
-def _normalised(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Vectors (3, rows, cols) of unit length."""
-    return np.asarray(planes / np.sqrt((planes * planes).sum(axis=0)))
-
-
 @dataclass(frozen=True)
 class Sweep:
     """All images of a terrain's core under the conditions, one after the other, as the scene plan
@@ -230,14 +222,9 @@ class Sweep:
         return neutral(self.brightness)
 
     @cached_property
-    def tilted(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Planes of the normals of the same terrain with slopes that are larger by `_TILT`, towards
-        east and towards south.
-        """
-        east, south = self.planes.copy(), self.planes.copy()
-        east[0] -= _TILT * self.planes[2]
-        south[1] += _TILT * self.planes[2]
-        return _normalised(east), _normalised(south)
+    def steeper_planes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """`planes` of the same terrain with larger slopes (`photometry.laws.steeper`)."""
+        return steeper(self.planes)
 
     def shaded(
         self,
@@ -272,9 +259,9 @@ class Sweep:
                     condition = (view, int(elevation), azimuth)
                     hidden = (dark[slot], self.unseen[view])
                     bands = [self.shaded(self.planes, condition, *hidden)]
-                    for planes in self.tilted if sensitivity else ():
+                    for planes in self.steeper_planes if sensitivity else ():
                         change = self.shaded(planes, condition, *hidden) - bands[0]
-                        bands.append(change * np.float32(1.0 / _TILT))
+                        bands.append(change * np.float32(1.0 / SLOPE_STEP))
                     if factors is not None:
                         bands = [band * factors for band in bands]
                     yield RenderedImage(*condition, bands[0], tuple(bands[1:]))

@@ -241,6 +241,22 @@ def planes_of(normals: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(np.moveaxis(normals, -1, 0))
 
 
+SLOPE_STEP = 0.01
+"""Difference of slope at which derivatives of the radiance with respect to the slopes are taken."""
+
+
+def steeper(planes: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """`planes_of` the normals of the same terrain with slopes larger by `SLOPE_STEP`, towards east
+    and towards south.
+    """
+    east, south = planes.copy(), planes.copy()
+    east[0] -= np.float32(SLOPE_STEP) * planes[2]
+    south[1] += np.float32(SLOPE_STEP) * planes[2]
+    lengths = (np.sqrt((turned * turned).sum(axis=0)) for turned in (east, south))
+    first, second = (turned / length for turned, length in zip((east, south), lengths, strict=True))
+    return first, second
+
+
 def radiance_of_nodes(
     planes: NDArray[np.float32],
     sun: Array,

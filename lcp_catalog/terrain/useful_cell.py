@@ -41,11 +41,6 @@ def useful_cell(dems: DemSet, area: Area) -> Cell:
     return Cell(cell_m, f"{what}, which resolves {resolution:.0f} m {how}")
 
 
-def useful_cell_m(dems: DemSet, area: Area) -> float:
-    """Cell size of `useful_cell`, metres."""
-    return useful_cell(dems, area).gsd_m
-
-
 def cell_for(posting_m: float, resolution_m: float) -> float:
     """Posting times the greatest power of 2 that is at most `CELL_PER_RESOLUTION` of the resolution
     (or up to 7 % above it); at least the posting.

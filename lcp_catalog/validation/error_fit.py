@@ -34,7 +34,7 @@ from ..geometry.frames import EnuFrame
 from ..images.image import Image
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import registration
-from ..photometry.laws import Reflectance, planes_of, radiance_of_nodes
+from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
 from .orthoimage import orthorectify
 
 LAGS = 6
@@ -49,7 +49,6 @@ ALBEDO_LENGTHS = np.geomspace(1.0, 8.0, 7)
 FEWEST = 10
 """Least number of points for a fit."""
 
-_TILT = 0.01
 _OWN_GAIN = 0.5
 _LEAST_PLACE_M = 1e-3
 """Errors of place below this are 0."""
@@ -127,11 +126,9 @@ def _sample(
     dark = terrain.field.occluded_alone(half, half, size // 2, sun)[0].astype(np.uint8)
     hidden = np.zeros((size, size), np.bool_)
     bands = [radiance_of_nodes(normals, sun, view, dark, hidden, model)]
-    for axis, sign in ((0, -1.0), (1, 1.0)):
-        tilted = normals.copy()
-        tilted[axis] += np.float32(sign * _TILT) * normals[2]
-        tilted /= np.sqrt((tilted * tilted).sum(axis=0))
-        bands.append((radiance_of_nodes(tilted, sun, view, dark, hidden, model) - bands[0]) / _TILT)
+    for planes in steeper(normals):
+        change = radiance_of_nodes(planes, sun, view, dark, hidden, model) - bands[0]
+        bands.append(change / SLOPE_STEP)
     if catalog.albedo is not None:
         bands = [band * np.nan_to_num(catalog.albedo[row], nan=1.0) for band in bands]
     render, east, south = (np.nan_to_num(band).astype(np.float64) for band in bands)
