@@ -14,9 +14,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from helpers.closed_loops import BLUR_PX, Draw, Shot, Site
+from helpers.closed_loops import Draw, Shot, Site, embree_frame
 from helpers.dem_clones import Errors, clone
-from helpers.embree_camera import Ground, Pinhole, photograph, read_out
+from helpers.embree_camera import Ground
 from helpers.embree_mesh import mcmf, read_nodes
 from lcp_cli.main import run
 
@@ -123,21 +123,8 @@ def taken(catalog: Catalog, nodes, place: Place, shot: Shot, camera: Camera) -> 
     errors = Errors(*(float(model[k]) for k in Errors.__dataclass_fields__))
     surface, brightness = clone(nodes, errors, np.random.default_rng([SEED, shot.number]))
     ground = Ground(surface, mcmf(*place.center_deg), brightness)
-    said = camera.to_json()
-    judge = Pinhole(
-        np.array(said["position_mcmf_m"]),
-        np.array(said["rotation_mcmf_to_camera"]),
-        said["focal_length_px"],
-        tuple(said["principal_point_px"]),
-        tuple(said["image_size_px"]),
-    )
-    sun = np.array(said["sun_position_mcmf_m"])
-    light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=2, seed=shot.number)
-    known = np.isfinite(light)
-    numbers = read_out(np.nan_to_num(light), 1.0 / float(model["sensor_noise"]), BITS, shot.number)
-    signal = np.where(known, numbers, np.nan).astype(np.float32)
-    weight = (known & (numbers < 2**BITS - 1)).astype(np.float32)
-    return Image(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
+    snr = 1.0 / float(model["sensor_noise"])
+    return embree_frame(ground, camera, snr, BITS, samples=2, seed=shot.number)
 
 
 def _tried(catalog: Catalog, photo: Image) -> tuple[np.ndarray, Claims, np.ndarray]:

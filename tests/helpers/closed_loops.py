@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rasterio
@@ -34,6 +35,9 @@ from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import DemSurface, frame
 from lcp_catalog.sun.ephemeris import direction_from_subsolar
 from lcp_catalog.terrain.terrain import sample_patch
+
+if TYPE_CHECKING:
+    from helpers.embree_camera import Ground
 
 Renderer = Callable[[Camera, "Shot"], Image]
 
@@ -214,28 +218,37 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
     return take
 
 
+def embree_frame(
+    ground: Ground, camera: Camera, snr: float, bits: int, samples: int, seed: int
+) -> Image:
+    """A frame of a ground by the independent renderer, its camera made from CAMERA.json's numbers alone."""
+    from helpers.embree_camera import Pinhole, photograph, read_out
+
+    said = camera.to_json()
+    judge = Pinhole(
+        np.array(said["position_mcmf_m"]),
+        np.array(said["rotation_mcmf_to_camera"]),
+        said["focal_length_px"],
+        tuple(said["principal_point_px"]),
+        tuple(said["image_size_px"]),
+    )
+    sun = np.array(said["sun_position_mcmf_m"])
+    light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=samples, seed=seed)
+    known = np.isfinite(light)
+    numbers = read_out(np.nan_to_num(light), snr, bits, seed)
+    signal = np.where(known, numbers, np.nan).astype(np.float32)
+    weight = (known & (numbers < 2**bits - 1)).astype(np.float32)
+    return Image(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
+
+
 def by_embree(dem: Path, middle_deg: tuple[float, float], reach_m: float) -> Renderer:
     """Frames of the DEM's mesh within reach of a place; the judge's camera is made from CAMERA.json's numbers alone."""
-    from helpers.embree_camera import Ground, Pinhole, photograph, read_out
+    from helpers.embree_camera import Ground
 
     ground = Ground.of(dem, *middle_deg, reach_m)
 
     def take(camera: Camera, shot: Shot) -> Image:
-        said = camera.to_json()
-        judge = Pinhole(
-            np.array(said["position_mcmf_m"]),
-            np.array(said["rotation_mcmf_to_camera"]),
-            said["focal_length_px"],
-            tuple(said["principal_point_px"]),
-            tuple(said["image_size_px"]),
-        )
-        sun = np.array(said["sun_position_mcmf_m"])
-        light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=3, seed=shot.number)
-        known = np.isfinite(light)
-        numbers = read_out(np.nan_to_num(light), SNR, BITS, shot.number)
-        signal = np.where(known, numbers, np.nan).astype(np.float32)
-        weight = (known & (numbers < 2**BITS - 1)).astype(np.float32)
-        return Image(camera.name, signal, weight, camera, sun_position_mcmf_m=sun)
+        return embree_frame(ground, camera, SNR, BITS, samples=3, seed=shot.number)
 
     return take
 
