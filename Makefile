@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-peers clean venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers clean venv
 
 all: catalog
 
@@ -62,6 +62,9 @@ check: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m pytest benchmarks --benchmark-enable --benchmark-sort=name
+
+bench-build: $(READY)
+	$(BIN)/python benchmarks/build.py
 
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers

@@ -1,0 +1,144 @@
+"""Time of an area by stage: public and private functions of the build are wrapped while it runs, and
+every second counts for the innermost wrapped function.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property, wraps
+from typing import Any
+
+from build_areas import Package
+
+STAGES: dict[str, tuple[str, ...]] = {
+    "terrain": ("build.area_job:area_sweep", "build.area_job:_Core.__init__"),
+    "corners": ("build.area_job:_find",),
+    "patches": (
+        "build.area_job:_patches",
+        "build.area_job:_place_errors",
+        "build.area_job:_turns",
+        "build.area_job:_known_alike",
+        "build.area_job:_has_whole_patch",
+    ),
+    "shadows": ("build.sweep:Sweep._dark", "build.sweep:Sweep._hidden"),
+    "shading": (
+        "build.sweep:Sweep.shaded",
+        "build.sweep:Sweep.normals",
+        "build.sweep:Sweep.planes",
+        "build.sweep:Sweep.steeper_planes",
+    ),
+    "dependence": (
+        "build.evaluation:_Patches._dependence",
+        "build.patch_light:PatchLight.shadow_dependence",
+        "build.patch_light:PatchLight.occlusion_dependence",
+        "landmarks.independence:dependence",
+    ),
+    "localization, detection": (
+        "landmarks.localization:registration",
+        "landmarks.localization:shift_bias",
+        "landmarks.localization:harris_response",
+        "landmarks.detection:detection_probability",
+        "landmarks.detection:top_probability",
+        "build.evaluation:_ellipse",
+    ),
+    "uniqueness": (
+        "landmarks.uniqueness:other_places",
+        "landmarks.uniqueness:places_around",
+    ),
+}
+"""Functions of each stage, ``module:name``; names that a package does not have are left out, so that
+the table holds for an older and a newer one."""
+
+REST = "rest"
+
+
+class Clock:
+    """Seconds by stage; the time of a nested stage does not count for the outer one."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._stack = [REST]
+        self._since = time.process_time()
+
+    def _turn(self) -> None:
+        now = time.process_time()
+        self.seconds[self._stack[-1]] += now - self._since
+        self._since = now
+
+    def timed(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, its time counted for the stage."""
+
+        @wraps(function)
+        def inside(*args: Any, **kwargs: Any) -> Any:
+            self._turn()
+            self._stack.append(stage)
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._turn()
+                self._stack.pop()
+
+        return inside
+
+    def stop(self) -> dict[str, float]:
+        """Seconds of every stage of the table, in its order, and of the rest."""
+        self._turn()
+        return {stage: self.seconds.get(stage, 0.0) for stage in (*STAGES, REST)}
+
+
+@contextmanager
+def measured(package: Package) -> Iterator[Clock]:
+    """A clock that counts while the block runs. The kernels must have been compiled before."""
+    clock = Clock()
+    undo: list[Callable[[], None]] = []
+    for stage, names in STAGES.items():
+        for name in names:
+            undo += _wrapped(package, name, clock, stage)
+    clock._turn()
+    clock.seconds.clear()
+    try:
+        yield clock
+    finally:
+        for back in reversed(undo):
+            back()
+
+
+def _wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Callable[[], None]]:
+    """Wrap a function wherever the package's modules hold it; the calls that undo it."""
+    path, _, attribute = name.partition(":")
+    try:
+        owner = package.module(path)
+    except ModuleNotFoundError:
+        return []
+    *classes, last = attribute.split(".")
+    for part in classes:
+        owner = getattr(owner, part, None)
+    found = vars(owner).get(last) if owner is not None else None
+    if found is None:
+        return []
+    if isinstance(found, cached_property):
+        return [_set(found, "func", clock.timed(stage, found.func))]
+    if classes:
+        return [_set(owner, last, clock.timed(stage, found))]
+    inside = clock.timed(stage, found)
+    return [
+        _set(module, key, inside)
+        for module in _modules(package)
+        for key, value in list(vars(module).items())
+        if value is found
+    ]
+
+
+def _modules(package: Package) -> list[Any]:
+    begins = f"{package.name}."
+    return [module for key, module in list(sys.modules.items()) if key.startswith(begins)]
+
+
+def _set(owner: Any, name: str, value: Any) -> Callable[[], None]:
+    before = getattr(owner, name) if not isinstance(owner, type) else vars(owner)[name]
+    setattr(owner, name, value)
+    return lambda: setattr(owner, name, before)

@@ -1,0 +1,63 @@
+"""The parts of benchmarks/build.py that its figures rest on."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from build_differences import differences
+from build_stages import REST, Clock
+from build_tables import Subject, ratio, stage_table
+
+
+def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> SimpleNamespace:
+    """Candidates on the equator with flags (n, conditions)."""
+    condition = np.array(flags, np.uint8)
+    values = np.full(condition.shape, detection, np.float32)
+    evaluation = SimpleNamespace(
+        condition=condition, detection=values, sigma_major_m=100.0 * values
+    )
+    places = {"lon_deg": np.array(lon), "lat_deg": np.zeros(len(lon))}
+
+    class Candidates(SimpleNamespace):
+        def __len__(self) -> int:
+            return len(self.lon_deg)
+
+    return Candidates(**places, evaluation=evaluation)
+
+
+def test_candidates_are_paired_by_place_and_their_flags_compared() -> None:
+    before = result([1.0, 2.0, 3.0], [[31, 31, 0], [1, 29, 31], [31, 31, 31]], 0.5)
+    now = result([2.0, 1.0, 4.0], [[1, 31, 31], [31, 30, 0], [31, 31, 31]], 0.625)
+    found = differences(before, now, cell_m=100.0)
+    assert (found.paired, found.alone, found.evaluated) == (2, (1, 1), 5)
+    assert found.any_flag == pytest.approx(2 / 5)  # 31 and 30, 29 and 31
+    assert found.usable == pytest.approx(2 / 5)
+    assert found.flags == pytest.approx([1 / 5, 1 / 5, 0.0, 0.0, 0.0])
+    assert found.detection == pytest.approx((0.125, 0.125))
+    assert found.sigma == pytest.approx((0.25, 0.25))
+
+
+def test_a_nested_stage_does_not_count_for_the_outer_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter(np.arange(20.0))
+    monkeypatch.setattr("build_stages.time.process_time", lambda: float(next(times)))
+    clock = Clock()  # 0
+    inner = clock.timed("shadows", lambda: None)  # starts at 2, ends at 3
+    clock.timed("corners", inner)()  # starts at 1, ends at 4
+    assert {k: v for k, v in clock.stop().items() if v} == {
+        "corners": 2.0,
+        "shadows": 1.0,
+        REST: 2.0,
+    }
+
+
+def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> None:
+    now = Subject("now", lambda: None, 100, 10, [1.0, 2.0, 1.0], [{"terrain": 0.25, REST: 0.5}])
+    before = Subject("before", lambda: None, 50, 10, [8.0, 8.0, 2.0], [{"terrain": 2.0, REST: 3.0}])
+    assert ratio(now, before) == pytest.approx(8.0)
+    lines = stage_table([now, before]).splitlines()
+    assert lines[0] == "| stage, ms | now | before |"
+    assert lines[2:] == [
+        "| terrain | 250.0 | 2000.0 |",
+        "| rest | 500.0 | 3000.0 |",
+        "| all | 750.0 | 5000.0 |",
+    ]
