@@ -7,12 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accuracy import TIERS
-from ..arrays import Float32
-from ..landmarks.independence import dependence
+from ..arrays import Array, Float32
 from ..landmarks.patches import gather_patches
-from ..terrain.far_terrain import FarTerrain
-from ..terrain.occlusion import occluded
 from .sweep import RenderedImage, Sweep
 
 
@@ -23,24 +19,35 @@ class PatchLight:
         self, sweep: Sweep, rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
     ) -> None:
         self.sweep, self.where = sweep, (rows, cols, half)
-        self._field_rows, self._field_cols = rows + sweep.window[0], cols + sweep.window[2]
 
     @property
     def turn_deg(self) -> float:
         """Azimuth of the points' north in the area's frame."""
         return float(np.degrees(self.sweep.turn_rad))
 
-    def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
-        """Share of each patch's nodes that only terrain outside the patch shadows, (n,), and these
-        nodes, (n, p, p).
+    def shadows(
+        self, azimuth: int, elevations: NDArray[np.intp], dark: NDArray[np.uint8]
+    ) -> tuple[Float32, NDArray[np.bool_]]:
+        """Share of each patch's nodes that only terrain outside the patch shadows, (k, n), and these
+        nodes, (k, n, p, p), for k Suns of an azimuth and their shadows (`Sweep.dark`).
         """
-        direction = self.sweep.conditions.sun_direction(elevation, azimuth, self.sweep.turn_rad)
-        return self._dependence(direction, self.sweep.far)
+        suns = [
+            self.sweep.conditions.sun_direction(int(elevation), azimuth, self.sweep.turn_rad)
+            for elevation in elevations
+        ]
+        return self._dependence(np.array(suns), dark)
+
+    def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
+        """`shadows` of one Sun: (n,) and (n, p, p)."""
+        slot = int(self.sweep.conditions.reachable[:elevation, azimuth].sum())
+        dark = self.sweep.dark(azimuth)[slot : slot + 1]
+        share, cast = self.shadows(azimuth, np.array([elevation]), dark)
+        return share[0], cast[0]
 
     def occlusion_dependence(self, view: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
         direction = self.sweep.conditions.view_direction(view, self.sweep.turn_rad)
-        return self._dependence(direction, None)[0]
+        return self._dependence(direction[None], self.sweep.unseen[view][None].view(np.uint8))[0][0]
 
     def unshadowed(self, some: NDArray[np.int64], image: RenderedImage) -> Float32:
         """Radiance (m, p, p) of some patches without cast shadows; NaN where not visible."""
@@ -60,22 +67,10 @@ class PatchLight:
         return radiance
 
     def _dependence(
-        self, direction: NDArray[np.float64], far: FarTerrain | None
+        self, directions: Array, dark: NDArray[np.uint8]
     ) -> tuple[Float32, NDArray[np.bool_]]:
-        field, (rows, cols, half) = self.sweep.field, self.where
-        if far is not None and not far.matters(field, direction, self.sweep.window):
-            far = None  # tested once for all patches
-        normals = self.sweep.normals @ direction.astype(np.float32)
-        faces = gather_patches(normals > 0.0, rows, cols, half)
-        alone = ~field.occluded_alone(self._field_rows, self._field_cols, half, direction)
-        exact = TIERS["reference"]
-        full = np.stack(
-            [
-                ~occluded(
-                    field, direction, exact, (r - half, r + half + 1, c - half, c + half + 1), far
-                )
-                for r, c in zip(self._field_rows, self._field_cols, strict=True)
-            ]
+        sweep, (rows, cols, half) = self.sweep, self.where
+        cast = sweep.field.shadowed_from_outside(
+            dark, sweep.planes, sweep.window, (rows, cols), half, directions
         )
-        share = dependence(alone & faces, full & faces).astype(np.float32)
-        return share, alone & ~full & faces
+        return cast.mean(axis=(2, 3)).astype(np.float32), cast

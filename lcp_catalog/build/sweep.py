@@ -202,8 +202,26 @@ class Sweep:
             return np.zeros(self.normals.shape[:2], dtype=np.bool_)
         return occluded(self.field, direction, self.accuracy, self.window)
 
-    def _dark(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
-        """1 where terrain keeps the Sun from a node, uint8 (elevations, rows, cols)."""
+    @property
+    def suns(self) -> list[tuple[int, NDArray[np.intp]]]:
+        """The Sun azimuths with the elevations that can occur there, by their indices."""
+        columns = [np.flatnonzero(column) for column in self.conditions.reachable.T]
+        return [(azimuth, found) for azimuth, found in enumerate(columns) if len(found)]
+
+    def dark(self, azimuth: int) -> NDArray[np.uint8]:
+        """1 where terrain keeps the Sun from a node, uint8 (elevations, rows, cols), for the azimuth's
+        elevations in `suns`. Computed once and kept.
+        """
+        if azimuth not in self._masks:
+            elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
+            self._masks[azimuth] = self._shadows(azimuth, elevations)
+        return self._masks[azimuth]
+
+    @cached_property
+    def _masks(self) -> dict[int, NDArray[np.uint8]]:
+        return {}
+
+    def _shadows(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
         if not self.plan.cast_shadows.modelled:
             return np.zeros((len(elevations), *self.normals.shape[:2]), dtype=np.uint8)
         azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad
@@ -249,11 +267,8 @@ class Sweep:
         """
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
         factors = self.factors
-        for azimuth in range(len(self.conditions.sun_azimuth_deg)):
-            elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
-            if not len(elevations):
-                continue
-            dark = self._dark(azimuth, elevations)
+        for azimuth, elevations in self.suns:
+            dark = self.dark(azimuth)
             for slot, elevation in enumerate(elevations):
                 for view in wanted:
                     condition = (view, int(elevation), azimuth)

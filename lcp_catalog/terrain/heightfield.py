@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
 from ..kernels.rays import bundles, camera_tiles, isolated_patches, max_pyramid, surface
-from ..kernels.shadows import scan_lines, steep_tiles
+from ..kernels.shadows import proved_bounds, scan_lines, steep_tiles
 
 Window = tuple[int, int, int, int]
 """Rows and columns, half open: first row, row behind the last, first column, column behind the
@@ -35,7 +35,7 @@ class Heightfield:
     infinite ones become nodata. ValueError unless the array has two dimensions and at least one
     node, and the cell size is positive. Memory per node: 4 bytes, 1.33 for the max pyramid after
     the first ray, 4 for a transposed copy after the first shadow scan with the Sun in the east or
-    west.
+    west; with nodata, 4 more for each orientation, without the nodes beside it.
     """
 
     z_m: NDArray[np.float32]
@@ -98,6 +98,16 @@ class Heightfield:
     def transposed_m(self) -> NDArray[np.float32]:
         """Heights with rows and columns exchanged, for passes along the rows."""
         return scan_lines.transposed(self.z_m)
+
+    @cached_property
+    def borderless_m(self) -> NDArray[np.float32]:
+        """Heights without the nodes beside nodata (`kernels.shadows.proved_bounds`)."""
+        return proved_bounds.without_borders(self.z_m) if self.has_holes else self.z_m
+
+    @cached_property
+    def transposed_borderless_m(self) -> NDArray[np.float32]:
+        """`borderless_m` with rows and columns exchanged."""
+        return scan_lines.transposed(self.borderless_m) if self.has_holes else self.transposed_m
 
     @cached_property
     def _pyramid(
@@ -225,6 +235,34 @@ class Heightfield:
                 self.z_m, centre_rows, centre_cols, half, *self.ray_in_cells(direction), out
             )
         return out
+
+    def shadowed_from_outside(
+        self,
+        dark: NDArray[np.uint8],
+        planes: NDArray[np.float32],
+        window: Window,
+        centres: tuple[ArrayLike, ArrayLike],
+        half: int,
+        directions: Array,
+    ) -> Mask:
+        """Nodes of patches that only terrain outside the patch keeps dark, bool (k, n, size, size):
+        dark, facing the direction, and not occluded by the patch alone.
+
+        ``dark`` (k, rows, cols): 1 where a node of the window is occluded in a direction of
+        ``directions`` (k, 3); ``planes`` (3, rows, cols): components of the
+        window's normals; ``centres``: rows and columns in the window of n patches of (2 half + 1)^2
+        nodes. Nodes outside the window: False.
+        """
+        rows, cols = (np.ascontiguousarray(one, dtype=np.int64) for one in centres)
+        size = 2 * half + 1
+        cast = np.zeros((len(directions), rows.size, size, size), dtype=np.bool_)
+        if cast.size:
+            rays = np.array([self.ray_in_cells(one) for one in directions])
+            isolated_patches.shadowed_from_outside(
+                self.z_m, planes, dark, (window[0], window[2]), rows, cols, half,
+                rays, directions.astype(np.float32), cast,
+            )  # fmt: skip
+        return cast
 
     def normals(self, window: Window | None = None) -> NDArray[np.float32]:
         """Unit normals of the window's nodes, float32 (rows, cols, 3) east, north, up; NaN where no

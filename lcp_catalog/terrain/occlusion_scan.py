@@ -69,6 +69,11 @@ class SunAhead:
         self.z = field.transposed_m if self.transposed else field.z_m
         self.top = max(0, row0 - self._reach(window))
 
+    @property
+    def sure(self) -> NDArray[np.float32]:
+        """The heights ``z`` without the nodes beside nodata."""
+        return self.field.transposed_borderless_m if self.transposed else self.field.borderless_m
+
     def stencil(
         self, cells: int, on_node: float = scan_lines.ON_LINE
     ) -> tuple[NDArray[np.int64], Array]:
@@ -157,7 +162,7 @@ def hybrid_occluded(
     a0, a1, b0, b1 = sun.window
     marks = np.empty((a1 - a0, b1 - b0), dtype=np.uint8)
     proved_bounds.mark(
-        sun.z, proved_bounds.without_borders(sun.z) if field.has_holes else sun.z, proved, unlike,
+        sun.z, sun.sure, proved, unlike,
         sun.flipped, (sun.shear, sun.rise, sun.rise / sun.length, sun.lean), effort.density,
         effort.cells, stencil, sure_stencil,
         slacks(field, sun.rise, stride, sun.window[1] - sun.top), (sun.top, stride), sun.window, marks,

@@ -43,8 +43,8 @@ RULES = (
 )
 
 HELD_EQUAL = (
-    "Equal in every tier: the Sun is a point source, each view a bundle of parallel rays, one Sun direction serves a group of points, and "
-    "the independence of a patch from the terrain around it is tested with exact rays. Only shadows and occlusion in the images differ."
+    "Equal in every tier: the Sun is a point source, each view a bundle of parallel rays, and one Sun direction "
+    "serves a group of points. Only shadows and occlusion differ, in the images and in the test of a patch's independence."
 )
 
 LAWS_HEADING = "Cost of the reflectance models"

@@ -253,3 +253,31 @@ class TestOccludedAlone:
         for n, (i, j) in enumerate(zip(rows + 1, cols + 1, strict=True)):
             cut = padded[i : i + 2 * half + 1, j : j + 2 * half + 1]
             assert agrees(answer[n], node_margins(cut.astype(float), in_cells(direction, GSD)))
+
+    @quick
+    @given(terrains(), st.lists(suns, min_size=1, max_size=3), st.integers(1, 4), st.integers(0, 9))
+    def test_nodes_that_only_terrain_outside_darkens(self, z, directions, half, seed):
+        """Against the occlusion by the patch alone, over the patches' nodes inside the window."""
+        rng = np.random.default_rng(seed)
+        f, (rows, cols) = field(z), z.shape
+        window = (rows // 4, rows - rows // 5, cols // 5, cols)
+        shape = (window[1] - window[0], window[3] - window[2])
+        planes = np.moveaxis(f.normals(window), -1, 0).copy()
+        dark = rng.integers(0, 2, (len(directions), *shape)).astype(np.uint8)
+        dark[:, np.isnan(f.z_m[window[0] : window[1], window[2] : window[3]])] = 0
+        middles = [rng.integers(half, max(side - half, half + 1), 3) for side in shape]
+        towards = np.array(directions)
+        found = f.shadowed_from_outside(
+            dark, planes, window, (middles[0], middles[1]), half, towards
+        )
+        inside = np.pad(np.zeros(shape, bool), half + 1, constant_values=True)
+        for k, direction in enumerate(directions):
+            facing = np.einsum("cij,c->ij", planes, np.float32(direction)) > 0.0
+            wanted = np.pad((dark[k] > 0) & facing, half + 1)
+            for n, (i, j) in enumerate(zip(*middles, strict=True)):
+                box = np.s_[i + 1 : i + 2 * half + 2, j + 1 : j + 2 * half + 2]
+                if inside[box].any():
+                    continue
+                at = [i + window[0]], [j + window[2]]
+                alone = f.occluded_alone(*at, half, direction)[0]
+                np.testing.assert_array_equal(found[k, n], wanted[box] & ~alone)
