@@ -33,6 +33,18 @@ class Differences:
     sigma_lost: float
 
 
+@dataclass(frozen=True)
+class Places:
+    """Candidates that only have places and an evaluation."""
+
+    lon_deg: np.ndarray
+    lat_deg: np.ndarray
+    evaluation: Any
+
+    def __len__(self) -> int:
+        return len(self.lon_deg)
+
+
 def pairs(first: Any, second: Any, within_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows of candidates of two results that lie at the same place."""
     if not len(first) or not len(second):

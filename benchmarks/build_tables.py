@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from build_differences import FLAGS, Differences
+from build_differences import ALL, FLAGS, Differences, share
 
 
 @dataclass
@@ -22,6 +22,17 @@ class Subject:
     seconds: list[float] = field(default_factory=list)
     stages: list[dict[str, float]] = field(default_factory=list)
     result: Any = None
+
+    @property
+    def candidates(self) -> Any:
+        """The candidates of the result."""
+        return getattr(self.result, "candidates", self.result)
+
+    @property
+    def usable(self) -> float:
+        """Share of the evaluated candidate-conditions that are usable."""
+        condition = self.candidates.evaluation.condition
+        return share(condition[condition > 0] == ALL)
 
     @property
     def rate(self) -> float:
@@ -55,13 +66,22 @@ def sizes(subjects: Sequence[Subject], job: Any) -> str:
             one.name,
             str(one.nodes),
             str(one.conditions),
-            str(len(one.result.candidates)),
+            str(len(one.candidates)),
+            f"{100.0 * one.usable:.1f}",
             f"{statistics.median(one.seconds):.3f}",
             f"{one.rate:.3f}",
         ]
         for one in subjects
     ]
-    head = ["", "own nodes", "conditions", "candidates", "seconds", "million node-conditions / s"]
+    head = [
+        "",
+        "own nodes",
+        "conditions",
+        "candidates",
+        "usable, %",
+        "seconds",
+        "million node-conditions / s",
+    ]
     return f"Area {job.task.name}, cells of {job.gsd_m:.0f} m.\n\n{table(head, rows)}"
 
 
@@ -91,13 +111,13 @@ def ratio_text(subjects: Sequence[Subject]) -> str:
     )
 
 
-def differences_text(found: Differences) -> str:
+def differences_text(found: Differences, name: str) -> str:
     """The differences, with the flags that differ."""
     flags = ", ".join(
         f"{name} {100.0 * part:.3f} %" for name, part in zip(FLAGS, found.flags, strict=True)
     )
     rows = [
-        ["candidates at the same places / only before / only now",
+        ["candidates at the same places / only there / only now",
          f"{found.paired} / {found.alone[0]} / {found.alone[1]}"],
         ["candidate-conditions", str(found.evaluated)],
         ["any of the five flags differs", f"{100.0 * found.any_flag:.3f} %"],
@@ -108,4 +128,4 @@ def differences_text(found: Differences) -> str:
          f"{found.sigma[0]:.4f} / {found.sigma[1]:.2g}"],
         ["sigma_major finite in one only", f"{100.0 * found.sigma_lost:.3f} %"],
     ]  # fmt: skip
-    return f"{table(['', 'difference'], rows)}\n\nFlags: {flags}."
+    return f"{table([f'now against {name}', 'difference'], rows)}\n\nFlags: {flags}."

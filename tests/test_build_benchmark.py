@@ -4,25 +4,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from build_differences import differences
+from build_differences import Places, differences
 from build_stages import REST, Clock
 from build_tables import Subject, ratio, stage_table
 
 
-def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> SimpleNamespace:
+def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> Places:
     """Candidates on the equator with flags (n, conditions)."""
     condition = np.array(flags, np.uint8)
     values = np.full(condition.shape, detection, np.float32)
     evaluation = SimpleNamespace(
         condition=condition, detection=values, sigma_major_m=100.0 * values
     )
-    places = {"lon_deg": np.array(lon), "lat_deg": np.zeros(len(lon))}
-
-    class Candidates(SimpleNamespace):
-        def __len__(self) -> int:
-            return len(self.lon_deg)
-
-    return Candidates(**places, evaluation=evaluation)
+    return Places(np.array(lon), np.zeros(len(lon)), evaluation)
 
 
 def test_candidates_are_paired_by_place_and_their_flags_compared() -> None:
