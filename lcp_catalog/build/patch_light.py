@@ -31,11 +31,7 @@ class PatchLight:
         """Share of each patch's nodes that only terrain outside the patch shadows, (k, n), and these
         nodes, (k, n, p, p), for k Suns of an azimuth and their shadows (`Sweep.dark`).
         """
-        suns = [
-            self.sweep.conditions.sun_direction(int(elevation), azimuth, self.sweep.turn_rad)
-            for elevation in elevations
-        ]
-        return self._dependence(np.array(suns), dark)
+        return self._dependence(self.sweep.sun_directions[elevations, azimuth], dark)
 
     def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
         """`shadows` of one Sun: (n,) and (n, p, p)."""
@@ -46,8 +42,8 @@ class PatchLight:
 
     def occlusion_dependence(self, view: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
-        direction = self.sweep.conditions.view_direction(view, self.sweep.turn_rad)
-        return self._dependence(direction[None], self.sweep.unseen[view][None].view(np.uint8))[0][0]
+        directions = self.sweep.view_directions[view : view + 1]
+        return self._dependence(directions, self.sweep.unseen[view][None].view(np.uint8))[0][0]
 
     def unshadowed(self, some: NDArray[np.int64], image: RenderedImage) -> Float32:
         """Radiance (m, p, p) of some patches without cast shadows; NaN where not visible."""

@@ -192,10 +192,21 @@ class Sweep:
         return planes_of(self.normals)
 
     @cached_property
+    def sun_directions(self) -> Array:
+        """Unit ENU vectors to the Suns, (elevation, azimuth, 3)."""
+        azimuths = self.conditions.sun_azimuth_deg + np.degrees(self.turn_rad)
+        return direction_enu(azimuths, self.conditions.sun_elevation_deg[:, None])
+
+    @cached_property
+    def view_directions(self) -> Array:
+        """Unit ENU vectors to the cameras, (view, 3)."""
+        azimuths = self.conditions.view_azimuth_deg + np.degrees(self.turn_rad)
+        return direction_enu(azimuths, 90.0 - self.conditions.off_nadir_deg)
+
+    @cached_property
     def unseen(self) -> list[Mask]:
         """For each view the nodes that terrain hides."""
-        views = range(len(self.conditions.off_nadir_deg))
-        return [self._hidden(self.conditions.view_direction(v, self.turn_rad)) for v in views]
+        return [self._hidden(direction) for direction in self.view_directions]
 
     def _hidden(self, direction: Array) -> Mask:
         if not self.plan.occlusion.modelled or is_vertical(direction):
@@ -255,8 +266,7 @@ class Sweep:
         in `photometry.laws.radiance_of_nodes`.
         """
         view, elevation, azimuth = condition
-        sun = self.conditions.sun_direction(elevation, azimuth, self.turn_rad)
-        camera = self.conditions.view_direction(view, self.turn_rad)
+        sun, camera = self.sun_directions[elevation, azimuth], self.view_directions[view]
         return radiance_of_nodes(planes, sun, camera, dark, unseen, self.model)
 
     def images(

@@ -46,11 +46,24 @@ def robust_contrast(image: Float32) -> float:
     """Robust standard deviation of the lit nodes, (84th - 16th percentile) / 2; 0 if no node is
     lit.
     """
-    lit = image[np.isfinite(image) & (image > 0.0)]
+    lit = image[image > 0.0]  # False for NaN
+    lit = lit[np.isfinite(lit)]
     if not lit.size:
         return 0.0
-    low, high = np.percentile(lit, [15.865, 84.135])
-    return float(high - low) / 2.0
+    low, high = _percentiles(lit, 15.865, 84.135)
+    return (high - low) / 2.0
+
+
+def _percentiles(values: Float32, *percents: float) -> list[float]:
+    """Percentiles of values (n,), interpolated linearly, by one partition."""
+    places = [(values.size - 1) * percent / 100.0 for percent in percents]
+    firsts = [int(place) for place in places]
+    ranks = [(first, min(first + 1, values.size - 1)) for first in firsts]
+    ordered = np.partition(values, sorted({rank for pair in ranks for rank in pair}))
+    return [
+        float(ordered[low]) + (place - low) * (float(ordered[high]) - float(ordered[low]))
+        for place, (low, high) in zip(places, ranks, strict=True)
+    ]
 
 
 def harris(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
@@ -87,14 +100,15 @@ def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float3
     NaN where the response is NaN.
     """
     response = harris(image, block, k)
-    lit = np.isfinite(response) & np.nan_to_num(image > 0.0)
-    positive = response[lit & (np.nan_to_num(response) > 0.0)]
-    if not positive.size:
-        return np.where(np.isfinite(response), np.float32(0.0), np.float32(np.nan))
-    high = np.percentile(positive, _HIGH_PERCENTILE)
-    share = np.clip(np.nan_to_num(response) / high, 0.0, 1.0) ** 0.25
-    share = np.where(lit, share, 0.0).astype(np.float32)
-    return np.where(np.isfinite(response), share, np.float32(np.nan))
+    share = response * np.float32(0.0)  # NaN where the response is
+    which = np.flatnonzero((response > 0.0) & (image > 0.0))  # False for NaN
+    if not which.size:
+        return share
+    positive = response.ravel()[which]
+    (high,) = _percentiles(positive, _HIGH_PERCENTILE)
+    bounded = np.minimum(positive / np.float32(high), np.float32(1.0))
+    share.ravel()[which] = np.sqrt(np.sqrt(bounded))
+    return share
 
 
 @dataclass
@@ -117,8 +131,9 @@ class Persistence:
 
     def add(self, image: Float32) -> None:
         """Add the image of one condition."""
-        self.total += np.nan_to_num(relative_response(image))
-        self.lit += np.isfinite(image) & (np.nan_to_num(image) > 0.0)
+        response = relative_response(image)
+        self.total += np.where(np.isnan(response), np.float32(0.0), response)
+        self.lit += (image > 0.0) & np.isfinite(image)
         self.conditions += 1
 
     def score(self) -> Float32:

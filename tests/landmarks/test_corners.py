@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.landmarks.corners import (
     Persistence,
+    _percentiles,
     candidates,
     fill_missing,
     harris,
@@ -201,3 +202,23 @@ def test_equals_on_both_sides_of_a_cell_edge_are_one_candidate():
     score[20, 18] = score[20, 21] = 0.5
     rows, cols = candidates(score, spacing_px=20, per_cell=1, border=2, radius=4)
     assert (rows.tolist(), cols.tolist()) == ([20], [18])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 4001])
+def test_percentiles_are_numpys(count):
+    values = np.random.default_rng(count).normal(size=count).astype(np.float32)
+    percents = (0.0, 15.865, 50.0, 84.135, 99.0, 100.0)
+    expected = np.percentile(values.astype(np.float64), percents)
+    np.testing.assert_allclose(_percentiles(values, *percents), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_relative_response_is_the_fourth_root_of_the_share_of_the_99th_percentile():
+    image = np.random.default_rng(3).gamma(2.0, size=(60, 70)).astype(np.float32)
+    image[10:20] = 0.0  # in shadow
+    image[40, 40:50] = np.nan
+    response = harris(image)
+    lit = np.isfinite(response) & (np.nan_to_num(image) > 0.0)
+    high = np.percentile(response[lit & (response > 0.0)], 99.0)
+    expected = np.where(lit, np.clip(response / high, 0.0, 1.0) ** 0.25, 0.0)
+    expected[np.isnan(response)] = np.nan
+    np.testing.assert_allclose(relative_response(image), expected, atol=1e-6)
