@@ -64,7 +64,7 @@ bench: $(READY)
 	$(BIN)/python -m pytest benchmarks --benchmark-enable --benchmark-sort=name
 
 bench-build: $(READY)
-	$(BIN)/python benchmarks/build.py
+	$(BIN)/python benchmarks/build.py areas roofline memory jobs
 
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers

@@ -1,10 +1,11 @@
 """Time of the main job: areas of three terrains through `run_area`, by stage, beside another commit's package and a straightforward
 pipeline in the same process.
 
-    .venv/bin/python benchmarks/build.py [--case highland] [--rounds 1] [--against REV] [--no-pipeline]     (make bench-build)
+    .venv/bin/python benchmarks/build.py areas roofline memory jobs        (make bench-build; default: areas)
+    .venv/bin/python benchmarks/build.py --case highland --rounds 1 --no-pipeline  (a quick check against the older commit)
 
-Everything runs on one thread, in turn; the ratios are medians over the rounds. The output is Markdown. Seconds are processor time
-(`time.process_time`), so that other processes of the machine count less.
+Areas run on one thread, in turn; the ratios are medians over the rounds. Their seconds are processor time (`time.process_time`), so
+that other processes of the machine count less; those of `jobs` are wall time. The output is Markdown.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,72 +25,152 @@ for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 from build_areas import CASES, Case, Package, conditions_of, own_nodes
 from build_differences import Places, differences
+from build_processes import jobs_text, memory_text
+from build_roofline import Machine, roofline_table, work_of
 from build_stages import measured
 from build_tables import Subject, differences_text, in_turn, ratio_text, sizes, stage_table
 
+from lcp_catalog.build.evaluation import image_scales
 from lcp_catalog.threads import limit_threads
 
 BEFORE = "faf736b"
 """The commit before the evaluation became kernels."""
 ROUNDS = 5
+COARSE_REACH = 24
+"""Nodes of search radius from which the older package searched at half resolution first."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
     parser.add_argument("--case", action="append", choices=CASES, help="default: all")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--against", default=BEFORE, metavar="REV", help="none: no other commit")
     parser.add_argument("--no-pipeline", action="store_true", help="without the pipeline")
+    parser.add_argument(
+        "--size", type=float, default=150.0, metavar="KM", help="jobs: of the build"
+    )
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "bench-build")
     asked = parser.parse_args(argv)
+    for name in asked.sections:
+        if name not in SECTIONS:
+            parser.error(f"no section {name!r}; there are {', '.join(SECTIONS)}")
     with limit_threads(1):
-        for name in asked.case or CASES:
-            print(case_text(CASES[name], asked), flush=True)
+        for name in asked.sections or ["areas"]:
+            for text in SECTIONS[name](asked):
+                print(text, flush=True)
+
+
+def cases(asked: argparse.Namespace) -> list[Case]:
+    return [CASES[name] for name in asked.case or CASES]
+
+
+def packages(asked: argparse.Namespace) -> dict[str, Package]:
+    """The working tree's package, and that of the other commit."""
+    found = {"now": Package("lcp_catalog")}
+    if asked.against != "none":
+        found[asked.against] = Package.of_commit(asked.against, asked.output / "packages")
+    return found
+
+
+# -- areas
+
+
+def areas(asked: argparse.Namespace) -> Iterator[str]:
+    """Sizes, stages, ratios and differences of each case."""
+    for case in cases(asked):
+        yield case_text(case, asked)
 
 
 def case_text(case: Case, asked: argparse.Namespace) -> str:
     """The tables of a case."""
-    packages = [Package("lcp_catalog")]
-    if asked.against != "none":
-        packages.append(Package.of_commit(asked.against, asked.output / "packages"))
-    jobs = [package.job(case, asked.output) for package in packages]
-    areas = [subject(package, job, asked) for package, job in zip(packages, jobs, strict=True)]
-    subjects = (
-        areas if asked.no_pipeline else [*areas, straightforward(packages[0], jobs[0], areas[0])]
-    )
-    in_turn(subjects, asked.rounds)
-    for package, job, one in zip(packages, jobs, areas, strict=True):
-        for _ in range(asked.rounds):
-            with measured(package) as clock:
-                package.run(job)
-            one.stages.append(clock.stop())
-    text = f"## {case.name}\n\n{sizes(subjects, jobs[0])}\n\n{stage_table(subjects)}\n"
-    text += f"\n{ratio_text(subjects)}\n"
+    subjects = [subject(name, package, case, asked) for name, package in packages(asked).items()]
     now, *others = subjects
-    for other in others:
-        found = differences(other.candidates, now.candidates, jobs[0].gsd_m)
+    if not asked.no_pipeline:
+        subjects.append(straightforward(now))
+    in_turn(subjects, asked.rounds)
+    text = f"## {case.name}\n\n{sizes(subjects, now.job)}\n\n{stage_table(subjects)}\n"
+    text += f"\n{ratio_text(subjects)}\n"
+    for other in subjects[1:]:
+        found = differences(other.candidates, now.candidates, now.job.gsd_m)
         text += f"\n{differences_text(found, other.name)}\n"
+    for other in others:
+        exact = exhaustive(other)
+        if exact is not None:
+            found = differences(exact, now.candidates, now.job.gsd_m)
+            title = f"{other.name} with every search at full resolution"
+            text += f"\n{differences_text(found, title)}\n"
     return text
 
 
-def subject(package: Package, job: Any, asked: argparse.Namespace) -> Subject:
-    """`run_area` of a package."""
-    name = "now" if package.name == "lcp_catalog" else asked.against
+def subject(name: str, package: Package, case: Case, asked: argparse.Namespace) -> Subject:
+    """`run_area` of a package on a case."""
+    job = package.job(case, asked.output)
     nodes, count = own_nodes(package, job), conditions_of(package, job)
-    return Subject(name, lambda: package.run(job), nodes, count)
+    return Subject(name, partial(package.run, job), nodes, count, package, job)
 
 
-def straightforward(package: Package, job: Any, area: Subject) -> Subject:
-    """The pipeline, with the candidates of the area's result."""
+def straightforward(area: Subject) -> Subject:
+    """The pipeline on an area, with the candidates of the area's result."""
     from build_pipeline import Pipeline
 
     area.result = area.run()
-    found = area.result.candidates
+    found = area.candidates
 
     def run() -> Places:
-        return Places(found.lon_deg, found.lat_deg, Pipeline(package, job, found).run())
+        made = Pipeline(area.package, area.job, found)
+        return Places(found.lon_deg, found.lat_deg, made.run())
 
     return Subject("pipeline", run, area.nodes, area.conditions)
+
+
+def exhaustive(area: Subject) -> Any:
+    """The candidates of an older package's area with every search for rivals at full resolution; None
+    where its searches are so anyway, or where the package has no such switch."""
+    evaluation = area.package.module("build.evaluation")
+    search = getattr(evaluation, "other_places", None)
+    if search is None or area.job.config.points.search_nodes(area.job.gsd_m) < COARSE_REACH:
+        return None
+    evaluation.other_places = partial(search, exact=True)
+    try:
+        return area.run().candidates
+    finally:
+        evaluation.other_places = search
+
+
+# -- other sections
+
+
+def roofline(asked: argparse.Namespace) -> Iterator[str]:
+    """The machine's peak, and each case's stages beside it."""
+    machine = Machine.measured()
+    yield f"## roofline\n\n{machine.text()}"
+    for case in cases(asked):
+        one = subject("now", Package("lcp_catalog"), case, asked)
+        one.result = one.run()
+        stages = []
+        for _ in range(asked.rounds):
+            with measured(one.package) as clock:
+                one.run()
+            stages.append(clock.stop())
+        works = work_of(one.job, one.result, image_scales(one.job.config.points.patch_nodes))
+        yield f"**{case.name}**\n\n{roofline_table(works, stages, machine)}\n"
+
+
+def memory(asked: argparse.Namespace) -> Iterator[str]:
+    yield memory_text(packages(asked), cases(asked), asked.output)
+
+
+def jobs(asked: argparse.Namespace) -> Iterator[str]:
+    yield jobs_text(asked.output, asked.size, asked.rounds)
+
+
+SECTIONS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+    "areas": areas,
+    "roofline": roofline,
+    "memory": memory,
+    "jobs": jobs,
+}
 
 
 if __name__ == "__main__":

@@ -24,7 +24,11 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.area_job:_known_alike",
         "build.area_job:_has_whole_patch",
     ),
-    "shadows": ("build.sweep:Sweep._dark", "build.sweep:Sweep._hidden"),
+    "shadows": (
+        "build.sweep:Sweep._dark",
+        "build.sweep:Sweep.dark",
+        "build.sweep:Sweep._hidden",
+    ),
     "shading": (
         "build.sweep:Sweep.shaded",
         "build.sweep:Sweep.normals",
@@ -34,8 +38,8 @@ STAGES: dict[str, tuple[str, ...]] = {
     "dependence": (
         "build.evaluation:_Patches._dependence",
         "build.patch_light:PatchLight.shadow_dependence",
+        "build.patch_light:PatchLight.shadows",
         "build.patch_light:PatchLight.occlusion_dependence",
-        "landmarks.independence:dependence",
     ),
     "localization, detection": (
         "landmarks.localization:registration",

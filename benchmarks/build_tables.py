@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from build_areas import Package
 from build_differences import ALL, FLAGS, Differences, share
+from build_stages import measured
 
 
 @dataclass
@@ -19,6 +21,9 @@ class Subject:
     run: Callable[[], Any]
     nodes: int
     conditions: int
+    package: Package | None = None
+    """The package whose stages are timed; None for no stages."""
+    job: Any = None
     seconds: list[float] = field(default_factory=list)
     stages: list[dict[str, float]] = field(default_factory=list)
     result: Any = None
@@ -41,8 +46,8 @@ class Subject:
 
 
 def in_turn(subjects: Sequence[Subject], rounds: int) -> None:
-    """Time the subjects in turn, after one run of each that compiles its kernels; every second round
-    in the opposite order.
+    """Time the subjects in turn, as a whole and by stage, after one run of each that compiles its
+    kernels; every second round in the opposite order.
     """
     for one in subjects:
         one.result = one.run()
@@ -51,6 +56,10 @@ def in_turn(subjects: Sequence[Subject], rounds: int) -> None:
             start = time.process_time()
             one.run()
             one.seconds.append(time.process_time() - start)
+            if one.package is not None:
+                with measured(one.package) as clock:
+                    one.run()
+                one.stages.append(clock.stop())
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

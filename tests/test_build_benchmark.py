@@ -45,8 +45,12 @@ def test_a_nested_stage_does_not_count_for_the_outer_one(monkeypatch: pytest.Mon
 
 
 def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> None:
-    now = Subject("now", lambda: None, 100, 10, [1.0, 2.0, 1.0], [{"terrain": 0.25, REST: 0.5}])
-    before = Subject("before", lambda: None, 50, 10, [8.0, 8.0, 2.0], [{"terrain": 2.0, REST: 3.0}])
+    now = Subject(
+        "now", lambda: None, 100, 10, None, None, [1.0, 2.0, 1.0], [{"terrain": 0.25, REST: 0.5}]
+    )
+    before = Subject(
+        "before", lambda: None, 50, 10, None, None, [8.0, 8.0, 2.0], [{"terrain": 2.0, REST: 3.0}]
+    )
     assert ratio(now, before) == pytest.approx(8.0)
     lines = stage_table([now, before]).splitlines()
     assert lines[0] == "| stage, ms | now | before |"
