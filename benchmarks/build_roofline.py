@@ -26,22 +26,8 @@ def _chains(a, b, sums, count):
     for _ in range(count):
         for k in range(sums.size):
             x = sums[k]
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b  # noqa: E702  unrolled
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b  # noqa: E702  unrolled
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b  # noqa: E702  unrolled
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b
-            x = x * a + b  # noqa: E702  unrolled
+            for _ in range(CHAIN):
+                x = x * a + b
             sums[k] = x
 
 
