@@ -194,6 +194,7 @@ class Pipeline:
         levels = terrain.far.levels if terrain.far else ()
         self.ground = Surface(places(field), *(places(level) for level in levels))
         self.factors = self.sweep.factors
+        self.masks: dict[tuple[float, ...], np.ndarray] = {}
         self.groups = self._groups(package, candidates)
         shape = self.sweep.conditions.shape
         scaled = (len(candidates), 3, *shape)
@@ -237,6 +238,14 @@ class Pipeline:
             for e, a in np.argwhere(of.reachable)
         ]
 
+    def hidden(self, towards: np.ndarray) -> np.ndarray:
+        """Nodes of the core from which a direction is blocked; kept for the next time."""
+        key = tuple(towards.tolist())
+        if key not in self.masks:
+            found = self.ground.hidden(self.starts, towards)
+            self.masks[key] = found.reshape(self.core[2].shape)
+        return self.masks[key]
+
     def corners(self) -> np.ndarray:
         """Places of the highest mean response over all Suns in the view straight down."""
         of, shape = self.sweep.conditions, self.core[2].shape
@@ -245,7 +254,7 @@ class Pipeline:
         total = np.zeros(shape)
         for _, _, sun in self.suns(0.0):
             image = self.shader.radiance(0, sun, view)
-            image = np.where(self.ground.hidden(self.starts, sun).reshape(shape), 0.0, image)
+            image = np.where(self.hidden(sun), 0.0, image)
             total += corner_response(image * self.factors if self.factors is not None else image)
         highest = cv2.dilate(total, np.ones((3, 3), np.uint8))
         return np.argwhere((total >= highest) & (total > 0.0))
@@ -265,17 +274,14 @@ class Pipeline:
             for azimuth, off in zip(of.view_azimuth_deg, of.off_nadir_deg, strict=True)
         ]
         hidden = [
-            self.ground.hidden(self.starts, view).reshape(shape)
-            if view[2] < 1.0 - 1e-12
-            else np.zeros(shape, bool)
-            for view in views
+            self.hidden(view) if view[2] < 1.0 - 1e-12 else np.zeros(shape, bool) for view in views
         ]
         occluded = [
             self.dependence(group, alone, view, mask)
             for view, mask in zip(views, hidden, strict=True)
         ]
         for e, a, sun in self.suns(group.turn_deg):
-            dark = self.ground.hidden(self.starts, sun).reshape(shape)
+            dark = self.hidden(sun)
             cast = self.dependence(group, alone, sun, dark)
             for v, view in enumerate(views):
                 bands = [self.shader.radiance(k, sun, view) for k in range(3)]
