@@ -28,7 +28,7 @@ from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.area import Area
 from ..terrain.heightfield import Window
 from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
-from ..terrain.terrain import Terrain, sample_patch
+from ..terrain.terrain import Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate, image_scales
@@ -289,13 +289,12 @@ class _Found:
 def _patches(lon: Array, lat: Array, job: AreaJob) -> _Found:
     """The candidates' patches, with the albedo factors of the same nodes."""
     size = job.config.points.patch_nodes
-    z = np.empty((len(lon), size, size), dtype=np.float32)
-    albedo = np.empty_like(z) if job.albedo else None
-    elevation = np.empty(len(lon))
-    product = np.empty(len(lon), dtype=np.int16)
-    for i, (o, a) in enumerate(zip(lon, lat, strict=True)):
-        patch = sample_patch(job.dems, float(o), float(a), size, job.gsd_m)
-        z[i], elevation[i], product[i] = patch.z_m, patch.frame.height_m, patch.product
-        if albedo is not None and job.albedo is not None:
-            albedo[i] = job.albedo.patch(patch.frame, patch.z_m, job.gsd_m)
-    return _Found(z, elevation, product, albedo)
+    found = sample_patches(job.dems, lon, lat, size, job.gsd_m)
+    frames = [patch.frame for patch in found]
+    z = np.array([patch.z_m for patch in found], dtype=np.float32).reshape(-1, size, size)
+    return _Found(
+        z,
+        np.array([frame.height_m for frame in frames]),
+        np.array([patch.product for patch in found], dtype=np.int16),
+        job.albedo.patches(frames, z, job.gsd_m) if job.albedo else None,
+    )

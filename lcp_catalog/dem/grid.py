@@ -144,7 +144,7 @@ class Grid:
             return self._polar_pixel(lon, lat)
         turn = 360.0 * self._ring_m / self.pixel_m
         column = ((lon - self.center_lon_deg) * self._ring_m - self.x0_m) / self.pixel_m
-        column = (column + 0.5 + EDGE_PX) % turn - 0.5 - EDGE_PX
+        column = column - np.floor((column + 0.5 + EDGE_PX) / turn) * turn
         row = (self.y0_m - lat * _DEGREE_M) / self.pixel_m
         return np.broadcast_to(column, np.broadcast_shapes(column.shape, row.shape)), row
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -188,13 +189,19 @@ class AlbedoMap:
         """Factors (n,) at ENU points (n, 3) of the surface; 1 outside the map."""
         return neutral(self.at_enu(terrain.frame, points, terrain.field.gsd_m).astype(np.float32))
 
-    def patch(self, frame: EnuFrame, z_m: Float32, gsd_m: float) -> Float32:
-        """Factors (n, n) at the nodes of a square patch around a frame's origin; row 0 is north,
-        column 0 west. NaN outside the map.
+    def patches(self, frames: Sequence[EnuFrame], z_m: Float32, gsd_m: float) -> Float32:
+        """Factors (n, p, p) at the nodes of square patches around the origins of their frames; row 0
+        is north, column 0 west. NaN outside the map.
         """
-        step = (np.arange(len(z_m)) - len(z_m) // 2) * gsd_m
-        x, y = np.meshgrid(step, -step)
-        return self.at_enu(frame, np.stack([x, y, z_m], axis=-1), gsd_m).astype(np.float32)
+        step = (np.arange(z_m.shape[1]) - z_m.shape[1] // 2) * gsd_m
+        x, y = np.tile(step, len(step)), np.repeat(-step, len(step))
+        lon, lat = np.empty((2, len(frames), x.size))
+        for k, (frame, z) in enumerate(zip(frames, z_m, strict=True)):
+            up_m, heights_m = MOON_RADIUS_M + frame.height_m, z.ravel().astype(np.float64)
+            heights.enu_to_lonlat(x, y, heights_m, frame.rotation, up_m, lon[k], lat[k])
+        return (
+            self.at(np.degrees(lon), np.degrees(lat), gsd_m).reshape(z_m.shape).astype(np.float32)
+        )
 
     # -- what it covers
 

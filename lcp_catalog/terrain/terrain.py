@@ -2,15 +2,16 @@
 
 The surface point over a node (x, y) of the tangent plane is the intersection of the frame's
 vertical line with the terrain: ``|origin + x e + y n + z u| = R + h(lon, lat)``. It is found by
-fixed-point iteration on h. Each step multiplies the error by the slope of the terrain times the
-tangent of the angle between node and origin seen from the Moon's centre (0.02 at 100 km on a
-20 degree slope). The iteration stops for each node separately, so that a node's height does not
-depend on the window.
+iteration on h, with secants after the first step. A step without them multiplies the error by the
+slope of the terrain times the tangent of the angle between node and origin seen from the Moon's
+centre (0.02 at 100 km on a 20 degree slope). The iteration stops for each node separately, so that
+a node's height does not depend on the window.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,21 +127,38 @@ def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m:
 
     ``AreaError`` if the point has no height.
     """
+    return sample_patches(dems, np.array([lon_deg]), np.array([lat_deg]), size, gsd_m)[0]
+
+
+def sample_patches(
+    dems: DemSet, lon_deg: Array, lat_deg: Array, size: int, gsd_m: float
+) -> list[Patch]:
+    """`sample_patch` of several surface points (n,)."""
     if size < 1 or size % 2 == 0:
         raise AreaError(f"a patch of {size} nodes has no centre node; its size must be odd")
-    require_place(lon_deg, lat_deg)
+    for place in zip(lon_deg, lat_deg, strict=True):
+        require_place(*place)
     _require_gsd(gsd_m)
-    height, number = dems.heights(lon_deg, lat_deg, gsd_m)
-    if number < 0:
+    if not len(lon_deg):
+        return []
+    heights, numbers = dems.heights(lon_deg, lat_deg, gsd_m)
+    if (numbers < 0).any():
+        lon, lat = (float(angle[numbers < 0][0]) for angle in (lon_deg, lat_deg))
         raise AreaError(
-            f"no DEM has a height at longitude {lon_deg:g}, latitude {lat_deg:g}; the DEM "
+            f"no DEM has a height at longitude {lon:g}, latitude {lat:g}; the DEM "
             f"covers {dems.bounds}"
         )
-    frame = EnuFrame(lon_deg, lat_deg, float(height))
+    frames = [
+        EnuFrame(float(lon), float(lat), float(height))
+        for lon, lat, height in zip(lon_deg, lat_deg, heights, strict=True)
+    ]
     half = size // 2
-    z, _ = _heights(dems, frame, NodeWindow(-half, half + 1, -half, half + 1), gsd_m)
-    z[half, half] = 0.0  # by definition; the solution agrees to a micrometre
-    return Patch(z, frame, int(number))
+    step = np.arange(-half, half + 1) * gsd_m
+    x, y = np.tile(step, size), np.repeat(-step, size)
+    z, _ = _solve(dems, frames, np.tile(x, len(frames)), np.tile(y, len(frames)), gsd_m)
+    patches = z.reshape(-1, size, size).astype(np.float32)
+    patches[:, half, half] = 0.0  # by definition; the solution agrees to a micrometre
+    return [Patch(*one) for one in zip(patches, frames, numbers.tolist(), strict=True)]
 
 
 def native_gsd_m(dems: DemSet, area: Area) -> float:
@@ -158,7 +176,7 @@ def native_dem(dems: DemSet, area: Area) -> Dem:
         x0, x1, y0, y1 = area.extent_m
         x, y = np.meshgrid(np.linspace(x0, x1, 33), np.linspace(y0, y1, 33))
         coarsest = max(dem.gsd_m for dem in dems.dems)
-        _, index = _solve(dems, area.frame, x.ravel(), y.ravel(), coarsest)
+        _, index = _solve(dems, [area.frame], x.ravel(), y.ravel(), coarsest)
         if not (index >= 0).any():
             raise AreaError(
                 f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
@@ -177,34 +195,41 @@ def _heights(
     for row in range(0, rows, step):
         y = -np.arange(window.row0 + row, window.row0 + min(row + step, rows)) * gsd_m
         block = np.s_[row : row + len(y)]
-        heights, numbers = _solve(dems, frame, np.tile(x, len(y)), np.repeat(y, cols), gsd_m)
+        heights, numbers = _solve(dems, [frame], np.tile(x, len(y)), np.repeat(y, cols), gsd_m)
         z[block], index[block] = heights.reshape(-1, cols), numbers.reshape(-1, cols)
     return z, index
 
 
-def _solve(dems: DemSet, frame: EnuFrame, x: Array, y: Array, gsd_m: float) -> tuple[Array, Int16]:
-    """ENU z over nodes (n,), NaN without a height, and the index of each one's DEM (-1: none)."""
-    up_m = MOON_RADIUS_M + frame.height_m
+def _solve(
+    dems: DemSet, frames: Sequence[EnuFrame], x: Array, y: Array, gsd_m: float
+) -> tuple[Array, Int16]:
+    """ENU z over nodes (n,) of frames, the same number of nodes in each, NaN without a height, and
+    the index of each one's DEM (-1: none).
+    """
+    origins = np.array([(frame.lon_deg, frame.lat_deg) for frame in frames])
+    which = np.repeat(np.arange(len(frames)), x.size // len(frames))
+    origin = np.array([frame.height_m for frame in frames])[which]
     away2 = x * x + y * y
-    height = np.full(x.size, frame.height_m)
+    height, index = origin.copy(), np.full(x.size, -1, np.int16)
     height[away2 >= (_LIMB * MOON_RADIUS_M) ** 2] = np.nan
-    index = np.full(x.size, -1, np.int16)
+    before, gap = np.full(x.size, np.nan), np.full(x.size, np.nan)
     active = np.flatnonzero(np.isfinite(height))
     for _ in range(_ITERATIONS):
         if active.size == 0:
             break
-        guess = height[active]
-        z = np.sqrt((MOON_RADIUS_M + guess) ** 2 - away2[active]) - up_m
         lon, lat = np.empty(active.size), np.empty(active.size)
-        resample.enu_to_lonlat(x[active], y[active], z, frame.rotation, up_m, lon, lat)
-        found, numbers = dems.heights(np.degrees(lon), np.degrees(lat), gsd_m)
-        height[active], index[active] = found, numbers
-        active = active[np.abs(found - guess) >= _TOLERANCE_M]  # NaN has converged: no height
+        resample.lonlat_over(x, y, height, active, which, origins, lon, lat)
+        found, index[active] = dems.heights(lon, lat, gsd_m)
+        left = np.empty_like(active)
+        count = resample.improve_heights(
+            found, active, x, y, height, before, gap, _TOLERANCE_M, left
+        )
+        active = left[:count]
     height[active], index[active] = (
         np.nan,
         -1,
     )  # not converged: a cliff seen edge-on, far from the centre
-    return np.sqrt((MOON_RADIUS_M + height) ** 2 - away2) - up_m, index
+    return np.sqrt((MOON_RADIUS_M + height) ** 2 - away2) - (MOON_RADIUS_M + origin), index
 
 
 def _require_gsd(gsd_m: float) -> None:

@@ -15,9 +15,16 @@ from hypothesis import strategies as st
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from lcp_catalog.kernels.resampling import heights as resample
 from lcp_catalog.terrain import terrain as terrain_module
 from lcp_catalog.terrain.area import Area, NodeWindow
-from lcp_catalog.terrain.terrain import Terrain, build_terrain, sample_patch, terrain_from_area
+from lcp_catalog.terrain.terrain import (
+    Terrain,
+    build_terrain,
+    sample_patch,
+    sample_patches,
+    terrain_from_area,
+)
 
 R = 1_737_400.0
 
@@ -143,6 +150,37 @@ def test_the_whole_disc(flat: DemSet) -> None:
     assert not np.isnan(z[z.shape[0] // 2, z.shape[1] // 2])
     _, _, height = places(terrain)
     assert np.nanmax(np.abs(height)) < 0.25  # float32 of z down to -1400 km
+
+
+@pytest.mark.parametrize(
+    "at", [(0.0, 0.0), (359.9, 40.0), (12.0, 89.9), (200.0, -90.0), (5.0, 90.0)]
+)
+def test_longitude_and_latitude_over_nodes(at: tuple[float, float]) -> None:
+    """Against the frame's own transformation, near the origin and up to 80 deg from it."""
+    rng = np.random.default_rng(7)
+    away = np.repeat([100.0, 3e4, 5e5, 1.7e6], 500) * rng.uniform(-0.7, 0.7, (2, 2000))
+    (x, y), height = away, rng.uniform(-9e3, 1e4, 2000)
+    some = np.sort(rng.permutation(2000)[:1900])
+    lon, lat = np.empty((2, 1900))
+    origins, which = np.array([(1.0, 2.0), at]), np.ones(2000, np.int64)
+    resample.lonlat_over(x, y, height, some, which, origins, lon, lat)
+    z = np.sqrt((R + height) ** 2 - x * x - y * y) - R
+    points = EnuFrame(*at).to_mcmf(np.stack([x, y, z], axis=-1)[some])
+    _, _, found_m = mcmf_to_lonlat(points)
+    np.testing.assert_allclose(found_m, height[some], atol=1e-6)
+    assert ((lon >= 0.0) & (lon < 360.0) & (np.abs(lat) <= 90.0)).all()
+    np.testing.assert_allclose(lonlat_to_mcmf(lon, lat, height[some]), points, atol=1e-6)
+
+
+def test_patches_are_those_taken_one_by_one(moon: DemSet) -> None:
+    lon, lat = np.array([359.9999, 12.0, 77.0]), np.array([40.0, -3.0, 89.99])
+    for patch, place in zip(
+        sample_patches(moon, lon, lat, 9, 2000.0), zip(lon, lat, strict=True), strict=True
+    ):
+        alone = sample_patch(moon, *place, 9, 2000.0)
+        assert patch.frame == alone.frame
+        np.testing.assert_array_equal(patch.z_m, alone.z_m)
+    assert sample_patches(moon, lon[:0], lat[:0], 9, 2000.0) == []
 
 
 class TestPatch:

@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ...constants import MOON_RADIUS_M
+
 
 @njit(cache=True, nogil=True, inline="always")
 def _keys(t, w):
@@ -150,6 +152,130 @@ def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
         a = math.atan2(py, px)
         lon[k] = a if a >= 0.0 else a + 2.0 * math.pi
         lat[k] = math.atan2(pz, math.sqrt(px * px + py * py))
+
+
+_STEEP = 2.0
+"""Slope of terrain (63 deg), as a tangent, that the bound on the error of `improve_heights` holds for."""
+
+
+_NARROW = 0.2
+"""Tangent up to which `_narrow_atan` holds."""
+_RUN = 256
+"""Nodes of `lonlat_over` that are processed at once."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _narrow_atan(t):
+    """Arc tangent of |t| <= `_NARROW`, by its series; the error is below that of rounding."""
+    q = t * t
+    s = -1.0 / 23.0
+    s = 1.0 / 21.0 + q * s
+    s = -1.0 / 19.0 + q * s
+    s = 1.0 / 17.0 + q * s
+    s = -1.0 / 15.0 + q * s
+    s = 1.0 / 13.0 + q * s
+    s = -1.0 / 11.0 + q * s
+    s = 1.0 / 9.0 + q * s
+    s = -1.0 / 7.0 + q * s
+    s = 1.0 / 5.0 + q * s
+    s = -1.0 / 3.0 + q * s
+    return t + t * q * s
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned_from(sine, cosine, east, north, up, lon_turn, lat_turn):
+    """Differences of longitude and latitude, radians, of ENU directions (k,) from the origin of
+    their frame, whose latitude has this sine and cosine.
+    """
+    wide = 0
+    for k in range(east.size):
+        level = cosine * up[k] - sine * north[k]
+        axial = cosine * north[k] + sine * up[k]
+        away = math.sqrt(east[k] * east[k] + level * level)
+        a = east[k] / level
+        b = (axial * cosine - away * sine) / (away * cosine + axial * sine)
+        wide += (level <= 0.0) | (abs(a) > _NARROW) | (abs(b) > _NARROW)
+        lon_turn[k], lat_turn[k] = _narrow_atan(a), _narrow_atan(b)
+    if wide == 0:
+        return
+    for k in range(east.size):
+        level = cosine * up[k] - sine * north[k]
+        axial = cosine * north[k] + sine * up[k]
+        away = math.sqrt(east[k] * east[k] + level * level)
+        aside, above = axial * cosine - away * sine, away * cosine + axial * sine
+        if level <= 0.0 or abs(east[k] / level) > _NARROW or abs(aside / above) > _NARROW:
+            lon_turn[k], lat_turn[k] = math.atan2(east[k], level), math.atan2(aside, above)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lonlat_over(x, y, height, some, which, origins, lon, lat):
+    """Longitude (0..360) and latitude, degrees, (k,) of the points at a height above the sphere over
+    the nodes ``some`` (k,) of tangent planes.
+
+    x, y, height, which (n,): place, height and frame of each node; origins (f, 2): longitude and
+    latitude of the frames' origins, degrees.
+    """
+    east, north, up = np.empty(_RUN), np.empty(_RUN), np.empty(_RUN)
+    lon_turn, lat_turn = np.empty(_RUN), np.empty(_RUN)
+    first = 0
+    while first < some.size:
+        frame, count = which[some[first]], 0
+        while count < _RUN and first + count < some.size and which[some[first + count]] == frame:
+            i = some[first + count]
+            radius = MOON_RADIUS_M + height[i]
+            east[count], north[count] = x[i], y[i]
+            up[count] = math.sqrt(radius * radius - (x[i] * x[i] + y[i] * y[i]))
+            count += 1
+        lon0, lat0 = origins[frame, 0], origins[frame, 1]
+        turn = math.radians(lat0)
+        _turned_from(
+            math.sin(turn),
+            math.cos(turn),
+            east[:count],
+            north[:count],
+            up[:count],
+            lon_turn,
+            lat_turn,
+        )
+        for k in range(count):
+            there = lon0 + math.degrees(lon_turn[k])
+            there = there if there >= 0.0 else there + 360.0
+            lon[first + k] = there if there < 360.0 else there - 360.0
+            lat[first + k] = min(max(lat0 + math.degrees(lat_turn[k]), -90.0), 90.0)
+        first += count
+
+
+@njit(cache=True, nogil=True)
+def improve_heights(found, some, x, y, height, before, gap_before, tolerance, left):
+    """One step towards the heights at which vertical lines meet the terrain: heights (n,) of the
+    nodes ``some`` (k,) from the terrain's heights ``found`` (k,) at the points that they give. Write
+    the nodes that need another step into ``left`` and return their number.
+
+    A node is finished if its error is at most ``tolerance``: a height that differs by d from the
+    terrain at its point is wrong by at most d q / (1 - q), where q is the terrain's slope times the
+    tangent of the angle between the frame's vertical and the node's. A node without a height (NaN)
+    is finished. The first step takes the height that was found, later ones the secant's root;
+    ``before`` (NaN at first) and ``gap_before``: height and difference of the step before.
+    """
+    count = 0
+    for k in range(some.size):
+        i = some[k]
+        guess, gap = height[i], found[k] - height[i]
+        height[i] = found[k]
+        if math.isnan(gap):
+            continue
+        away2 = x[i] * x[i] + y[i] * y[i]
+        radius = MOON_RADIUS_M + found[k]
+        rate = _STEEP * math.sqrt(away2 / max(radius * radius - away2, 1.0))
+        if abs(gap) < tolerance or (rate < 1.0 and abs(gap) * rate <= tolerance * (1.0 - rate)):
+            continue
+        slope = 1.0 + (gap - gap_before[i]) / (guess - before[i])  # NaN at first
+        if abs(slope) < 0.5:
+            height[i] += gap * slope / (1.0 - slope)
+        before[i], gap_before[i] = guess, gap
+        left[count] = i
+        count += 1
+    return count
 
 
 _STEPS = 8192.0
