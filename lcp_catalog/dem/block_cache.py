@@ -1,7 +1,9 @@
-"""Cache of means of blocks of pixels, which the far terrain of neighbouring areas needs again.
+"""Caches of windows of pixels, and of means of blocks of pixels, which the far terrain of neighbouring
+areas needs again.
 
 A window of blocks is assembled from square tiles of a fixed lattice. So the mean of a block does
-not depend on the window, and a large file is read once for each block size.
+not depend on the window, and a large file is read once for each block size. The last windows of
+pixels are kept with a margin, since the steps of an iteration need almost the same ones.
 """
 
 from __future__ import annotations
@@ -14,8 +16,16 @@ import numpy as np
 
 from ..arrays import Float32
 
+Window = tuple[int, int, int, int]
+"""First row, row behind the last, first column, column behind the last."""
+
 LIMIT_BYTES = 256 << 20
 """Greatest size of the cache in a process; the least recently used tiles are removed first."""
+
+RECENT = 4
+"""Windows that `recent` keeps in a process."""
+RECENT_PIXELS = 4_000_000
+"""Largest window that `recent` keeps."""
 
 _TILE_PIXELS = 1024
 _TILE_BLOCKS = 64
@@ -47,6 +57,7 @@ class _Store:
 
 
 _store = _Store()
+_windows: OrderedDict[Hashable, tuple[Window, Float32]] = OrderedDict()
 
 
 def window(
@@ -88,3 +99,28 @@ def _tile(
         tile = read(i * side, (i + 1) * side, j * side, (j + 1) * side)
         _store.keep(key, tile)
     return tile
+
+
+def recent(
+    source: Hashable, wanted: Window, margins: tuple[int, int], read: Callable[[Window], Float32]
+) -> tuple[Float32, int, int]:
+    """A window of a source that contains the wanted one, with its first row and column: the last one
+    that was read if it does, otherwise one with ``margins`` (rows, columns) around the wanted one.
+    """
+    row0, row1, col0, col1 = wanted
+    with _store.lock:
+        found = _windows.get(source)
+    if found is not None:
+        (top, bottom, left, right), pixels = found
+        if top <= row0 and row1 <= bottom and left <= col0 and col1 <= right:
+            return pixels, top, left
+    more = (row0 - margins[0], row1 + margins[0], col0 - margins[1], col1 + margins[1])
+    if (more[1] - more[0]) * (more[3] - more[2]) > RECENT_PIXELS:
+        return read(wanted), row0, col0
+    pixels = read(more)
+    with _store.lock:
+        _windows[source] = more, pixels
+        _windows.move_to_end(source)
+        while len(_windows) > RECENT:
+            _windows.popitem(last=False)
+    return pixels, more[0], more[2]

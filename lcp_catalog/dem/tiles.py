@@ -30,6 +30,8 @@ _WINDOW_PIXELS = 32_000_000
 """Windows with more pixels are read in parts."""
 _MARGIN = 2
 """Pixels beside a fractional one that cubic convolution uses."""
+_SPARE_PX = 16
+"""Pixels around a window that are read with it for the next steps of an iteration."""
 HOLE_PX = 4.0
 """Number of pixels around missing ones over which the next product takes over."""
 _STRETCHED = 2.0
@@ -215,7 +217,13 @@ class Layer(Generic[File]):
             for part in (slice(0, half), slice(half, None)):
                 self._sample_window(number, u[part], v[part], factor, gsd_m, out[part], away[part])
             return
-        window = self._ground_window(number, (row0, row1, col0, col1), factor, gsd_m)
+        wide = _SPARE_PX if not period or col1 - col0 + 2 * _SPARE_PX < period else 0
+        window, row0, col0 = block_cache.recent(
+            (self._identity, number, factor, gsd_m),
+            (row0, row1, col0, col1),
+            (_SPARE_PX, wide),
+            lambda box: self._ground_window(number, box, factor, gsd_m),
+        )
         heights.sample(window, row0, col0, period, u, v, out)
         if away.size and not np.isnan(window).any():
             away[:] = HOLE_PX

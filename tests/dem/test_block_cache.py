@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from lcp_catalog.dem.mosaic import DemSet
 def empty():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(block_cache, "_store", block_cache._Store())
+        patch.setattr(block_cache, "_windows", OrderedDict())
         yield
 
 
@@ -85,3 +87,30 @@ def test_a_far_cell_takes_the_coarsest_product_that_is_fine_enough(tmp_path) -> 
         (10.0, 1.0),
     ):
         assert round(float(dems.for_cells(cell).heights(0.4, 0.4, cell)[0])) == level
+
+
+def test_a_recent_window_is_read_once(monkeypatch) -> None:
+    calls: list = []
+
+    def pixels(source: str, *wanted: int) -> np.ndarray:
+        read = blocks(calls)
+        found, top, left = block_cache.recent(source, wanted, (2, 3), lambda box: read(*box))
+        row0, row1, col0, col1 = wanted
+        return found[row0 - top : row1 - top, col0 - left : col1 - left]
+
+    for source, window, reads in (
+        ("a", (5, 9, -4, 6), 1),
+        ("a", (3, 11, -7, 9), 1),  # the first with its margins
+        ("b", (5, 9, -4, 6), 2),
+        ("a", (2, 9, -4, 6), 3),  # a row more
+        ("a", (5, 9, -4, 10), 4),
+    ):
+        rows, cols = np.mgrid[window[0] : window[1], window[2] : window[3]]
+        np.testing.assert_array_equal(pixels(source, *window), 1000.0 * rows + cols)
+        assert len(calls) == reads
+    monkeypatch.setattr(block_cache, "RECENT_PIXELS", 50)
+    assert pixels("c", 0, 5, 0, 5).shape == (5, 5)
+    assert calls[-1] == (0, 5, 0, 5)  # too large to be kept
+    for number in range(block_cache.RECENT):
+        pixels(str(number), 0, 1, 0, 1)
+    assert list(block_cache._windows) == ["0", "1", "2", "3"]
