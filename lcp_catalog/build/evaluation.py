@@ -6,23 +6,28 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Float32
+from ..arrays import Array, Float32, Index
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
-from ..landmarks.correlation import moments
-from ..landmarks.detection import detection_probability, top_probability
+from ..landmarks.detection import detection_probability, least_rival, top_probability
 from ..landmarks.error_model import ErrorModel, PatchErrors
-from ..landmarks.localization import harris_response, lit_share, mean_lit_level, shift_bias
-from ..landmarks.patches import gather_patches, halved, through_optics
-from ..landmarks.uniqueness import RING, other_places, places_around
+from ..landmarks.localization import Registration, harris_response, lit_share, mean_lit_level
+from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
+from ..landmarks.uniqueness import RING, other_places, searched_exactly
 from .config import BuildConfig
 from .patch_light import PatchLight
 from .place_errors import PlaceErrors
 from .sweep import RenderedImage, Sweep
+
+_DOUBT = 0.03, 0.07
+"""Detection probabilities so far below and above the limit are computed again with a search at full
+resolution. The first search can miss places; it then states too much."""
 
 SMALLEST_PX = 7
 """Fewest pixels a side of a patch in a coarser image."""
@@ -92,144 +97,216 @@ def evaluate(
     result = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     if not len(rows):
         return result
-    patches = PatchLight(sweep, rows, cols, config.points.half)
-    hidden = [
-        patches.occlusion_dependence(view) for view in range(len(sweep.conditions.off_nadir_deg))
-    ]
-    shaded: dict[tuple[int, int], tuple[Float32, NDArray[np.bool_]]] = {}
-    for image in sweep.images(sensitivity=True):
-        sun = (image.elevation, image.azimuth)
-        if sun not in shaded:
-            shaded[sun] = patches.shadow_dependence(*sun)
-        at = (slice(None), image.view, image.elevation, image.azimuth)
-        share, cast = shaded[sun]
-        result.shadow_dependence[at] = share
-        result.occlusion_dependence[at] = hidden[image.view]
-        _Condition(image, patches, cast, config, gsd_m, errors).judge(result, at)
+    light = PatchLight(sweep, rows, cols, config.points.half)
+    for view in range(len(sweep.conditions.off_nadir_deg)):
+        hidden = light.occlusion_dependence(view)
+        result.occlusion_dependence[:, view] = hidden[:, None, None]
+    judge = _Judge(light, config, gsd_m, errors)
+    for (elevation, azimuth), images in groupby(sweep.images(sensitivity=True), lambda i: i.sun):
+        share, cast = light.shadow_dependence(elevation, azimuth)
+        at = (slice(None), slice(None), elevation, azimuth)
+        result.shadow_dependence[at] = share[:, None]
+        judge.sun(list(images), cast, result, at)
+    never = ~sweep.conditions.reachable
+    result.occlusion_dependence[:, :, never] = np.nan
     return result
 
 
-class _Condition:
-    """One condition of all candidates."""
+_At = tuple[slice, slice, int, int]
+
+
+class _Judge:
+    """Evaluation of all candidates in all images of a Sun. An item is a candidate in an image; items
+    are ordered by image, then by candidate.
+    """
 
     def __init__(
-        self,
-        image: RenderedImage,
-        patches: PatchLight,
-        cast: NDArray[np.bool_],
-        config: BuildConfig,
-        gsd_m: float,
-        errors: PlaceErrors,
+        self, light: PatchLight, config: BuildConfig, gsd_m: float, errors: PlaceErrors
     ) -> None:
-        self.image, self.patches, self.cast = image, patches, cast
-        self.points, self.gsd_m, self.errors = config.points, gsd_m, errors
+        self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
+        self.scales = image_scales(config.points.patch_nodes)
 
-    def judge(self, result: Evaluation, at: tuple[slice, int, int, int]) -> None:
-        """Write the results of the condition."""
-        points, (rows, cols, half) = self.points, self.patches.where
-        raw = gather_patches(self.image.radiance, rows, cols, half)
+    def sun(
+        self, images: list[RenderedImage], cast: NDArray[np.bool_], result: Evaluation, at: _At
+    ) -> None:
+        """Write the results of one Sun's images; ``cast`` (n, p, p): nodes that only terrain around a
+        patch shadows.
+        """
+        points, (rows, cols, half) = self.points, self.light.where
+        count, shape = len(rows), (len(images), len(rows))
+        raw = np.stack([image.radiance for image in images])
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
-        filled = fill_missing(self.image.radiance, 2 * half + 1)
-        sources = [filled, *(np.nan_to_num(slope) for slope in self.image.slopes)]
-        seen = gather_patches(filled, rows, cols, half)
-        alone = self._alone(seen)
-        lit = lit_share(raw) >= points.min_lit_share
-        result.harris[at] = harris_response(seen)
-        flags = np.full(len(rows), EVALUATED, dtype=np.uint8)
-        place = (rows, cols, half)
-        for slot, scale in enumerate(image_scales(points.patch_nodes)):
+        filled = np.stack([fill_missing(image, 2 * half + 1) for image in raw])
+        slopes = [np.nan_to_num(np.stack(s)) for s in zip(*(i.slopes for i in images), strict=True)]
+        items = _Items(
+            np.repeat(np.arange(len(images)), count),
+            np.tile(rows, len(images)),
+            np.tile(cols, len(images)),
+            half,
+        )
+        lit = lit_share(items.of(raw)) >= points.min_lit_share
+        seen = items.of(filled)
+        alone = self._alone(seen, images, cast)
+        result.harris[at] = harris_response(seen).reshape(shape).T
+        flags = np.full(shape, EVALUATED, dtype=np.uint8)
+        sources = [filled, *slopes]
+        for slot, scale in enumerate(self.scales):
             if scale > 1:
-                change = _halved_change(alone - seen, place)
-                place = (rows // scale, cols // scale, half // scale)
+                change = halved_changes(alone - seen, items.rows, items.cols)
+                items = items.halved()
                 sources = [halved(source) for source in sources]
-                seen = gather_patches(sources[0], *place)
+                seen = items.of(sources[0])
                 alone = seen + change
             shown = [through_optics(sources[0], scale), *sources[1:]]
-            blurred = gather_patches(shown[0], *place)
-            alone_blurred = blurred + _blurred_patches(np.nan_to_num(alone - seen), scale)
-            found = self._at_scale(scale, shown, place, blurred, alone_blurred, lit)
-            column = (at[0], slot, *at[1:])
-            result.detection[column] = found.detection
-            result.sigma_major_m[column] = found.major_m
-            result.sigma_minor_m[column] = found.minor_m
-            result.sigma_angle_deg[column] = (found.angle_deg - self.patches.turn_deg) % 180.0
+            blurred = items.of(shown[0])
+            alone_blurred = blurred + through_optics(np.nan_to_num(alone - seen), scale)
+            found = self._at_scale(scale, shown, items, blurred, alone_blurred, lit)
+            for part, values in (
+                (result.detection, found.detection),
+                (result.sigma_major_m, found.major_m),
+                (result.sigma_minor_m, found.minor_m),
+                (result.sigma_angle_deg, (found.angle_deg - self.light.turn_deg) % 180.0),
+            ):
+                part[(at[0], slot, *at[1:])] = values.reshape(shape).T
             if scale == 1:
-                result.second_peak[at] = found.second_peak
-                result.false_match[at] = found.false_match
-                flags |= np.where(found.located >= points.min_detection, LOCALIZABLE, 0).astype(
-                    np.uint8
-                )
-                flags |= np.where(found.detection >= points.min_detection, UNIQUE, 0).astype(
-                    np.uint8
-                )
-        for name, flag in (("shadow", UNSHADOWED), ("occlusion", UNOCCLUDED)):
-            share = getattr(result, f"{name}_dependence")[at]
-            flags |= np.where(share <= points.max_dependence, flag, 0).astype(np.uint8)
-        result.condition[at] = flags
+                result.second_peak[at] = found.second_peak.reshape(shape).T
+                result.false_match[at] = found.false_match.reshape(shape).T
+                for values, flag in ((found.located, LOCALIZABLE), (found.detection, UNIQUE)):
+                    flags |= _flagged(values >= points.min_detection, flag).reshape(shape)
+        result.condition[at] = flags.T
+        for share, flag in (
+            (result.shadow_dependence[at], UNSHADOWED),
+            (result.occlusion_dependence[at], UNOCCLUDED),
+        ):
+            result.condition[at] |= _flagged(share <= points.max_dependence, flag)
 
-    def _alone(self, seen: Float32) -> Float32:
+    def _alone(
+        self, seen: Float32, images: list[RenderedImage], cast: NDArray[np.bool_]
+    ) -> Float32:
         """The patches rendered from their own nodes alone: nodes that only terrain around the patch
         shadows are lit.
         """
-        some = np.flatnonzero(self.cast.any(axis=(1, 2)))
+        some = np.flatnonzero(cast.any(axis=(1, 2)))
         if not len(some):
             return seen
         alone = seen.copy()
-        lit = self.patches.unshadowed(some, self.image)
-        alone[some] = np.where(self.cast[some] & np.isfinite(lit), lit, seen[some])
+        for number, image in enumerate(images):
+            items = number * len(cast) + some
+            lit = self.light.unshadowed(some, image)
+            alone[items] = np.where(cast[some] & np.isfinite(lit), lit, seen[items])
         return alone
 
     def _at_scale(
         self,
         scale: int,
         sources: list[Float32],
-        place: tuple[NDArray[np.int64], NDArray[np.int64], int],
+        items: _Items,
         seen: Float32,
         alone: Float32,
         lit: NDArray[np.bool_],
     ) -> _Found:
-        """Detection and covariance in an image of a scale; ``sources``: radiance as the image shows it,
+        """Detection and covariance in images of a scale; ``sources``: radiance as the images show it,
         and its slope sensitivities, at that scale.
         """
-        rows, cols, half = place
-        found = _Found.nothing(len(rows))
+        found = _Found.nothing(len(lit))
         level = mean_lit_level(alone)
         good = np.flatnonzero(lit & np.isfinite(level) & np.isfinite(seen).all(axis=(1, 2)))
         if not len(good):
             return found
-        unit = level[good][:, None, None]
-        parts = [gather_patches(s, rows[good], cols[good], half) / unit for s in sources]
-        errors = PatchErrors(*(np.asarray(part, dtype=np.float32) for part in parts))
+        some, level = items.some(good), level[good]
+        errors = PatchErrors(seen[good], *(some.of(source) for source in sources[1:]))
         pixel_m = scale * self.gsd_m
-        match = self.errors.rows(good).registration(alone[good] / unit, errors, pixel_m)
+        models = self.errors.rows(good % len(self.errors.which))
+        match = models.registration(alone[good], errors, pixel_m, level)
         search = max(1, self.points.search_nodes(self.gsd_m) // scale)
-        rivals, spread = other_places(sources[0], alone[good], rows[good], cols[good], search)
-        own = moments(*(a[good].reshape(len(good), -1) for a in (alone, seen))).correlation
-        detection, located, unique = detection_probability(
-            match, rivals, spread / level[good][:, None], own
-        )
-        near, contrast = places_around(sources[0], alone[good], rows[good], cols[good])
-        on_top = top_probability(match, RING, near, contrast / level[good][:, None], own)
-        detection, unique = detection * on_top, unique * on_top
-        found.detection[good], found.located[good] = detection, located
-        found.second_peak[good] = np.fmax(rivals[:, 0], -1.0)
-        found.false_match[good] = 1.0 - unique
-        bias = np.zeros((len(good), 2))
-        shaded = np.flatnonzero((seen[good] != alone[good]).any(axis=(1, 2)))
-        some = good[shaded]
-        bias[shaded] = shift_bias(alone[some], seen[some] - alone[some])
-        bias[np.isinf(match.covariance_px2).any(axis=(1, 2))] = 0.0
-        major, minor, angle = _ellipse(
-            (match.covariance_px2 + bias[:, :, None] * bias[:, None]) * pixel_m**2
-            + self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
-        )
+        chances = _chances(match, sources[0], alone[good], level, some, search)
+        below, above = _DOUBT
+        doubt = chances.detection - self.points.min_detection
+        again = np.flatnonzero((doubt > -below) & (doubt < above))
+        if len(again) and not searched_exactly(alone.shape[1], search):
+            checked = _chances(
+                match.rows(again), sources[0], alone[good[again]], level[again], some.some(again),
+                search, exact=True,
+            )  # fmt: skip
+            for part, values in zip(chances, checked, strict=True):
+                part[again] = values
+        found.detection[good], found.located[good] = chances.detection, chances.located
+        found.second_peak[good], found.false_match[good] = chances.second_peak, chances.false_match
+        bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
+        place = self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
+        covariance = match.covariance_px2 + bias[:, :, None] * bias[:, None]
+        major, minor, angle = _ellipse(covariance * pixel_m**2 + place)
         found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle
         return found
 
 
+class _Chances(NamedTuple):
+    """Probabilities of patches, (n,) each: that a patch is found; that it is located, whatever is
+    elsewhere; that another place is taken for it; and the highest correlation elsewhere.
+    """
+
+    detection: Array
+    located: Array
+    false_match: Array
+    second_peak: Array
+
+
+def _chances(
+    match: Registration,
+    images: Float32,
+    patches: Float32,
+    level: Array,
+    items: _Items,
+    search: int,
+    exact: bool = False,
+) -> _Chances:
+    """The probabilities of patches of images in a search of +-``search`` pixels."""
+    others = other_places(
+        images, patches, items.rows, items.cols, search, items.which,
+        least_rival(match, match.own), exact=exact,
+    )  # fmt: skip
+    unit = level[:, None]
+    detection, located, unique = detection_probability(
+        match, others.correlation, others.contrast / unit, match.own
+    )
+    on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
+    return _Chances(
+        detection * on_top, located, 1.0 - unique * on_top, np.fmax(others.correlation[:, 0], -1.0)
+    )
+
+
+def _flagged(which: NDArray[np.bool_], flag: int) -> NDArray[np.uint8]:
+    """The flag where ``which`` is true, else 0."""
+    return np.where(which, flag, 0).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class _Items:
+    """Patches of images: the image (n,) of each, the row and column of its middle, and the nodes from
+    there to its edge.
+    """
+
+    which: Index
+    rows: Index
+    cols: Index
+    half: int
+
+    def of(self, images: Float32) -> Float32:
+        """The patches (n, p, p) of images (k, rows, cols)."""
+        return patches_of(images, self.which, self.rows, self.cols, self.half)
+
+    def some(self, chosen: Index) -> _Items:
+        """A selection of the items."""
+        return _Items(self.which[chosen], self.rows[chosen], self.cols[chosen], self.half)
+
+    def halved(self) -> _Items:
+        """The same places in images at half the resolution."""
+        return _Items(self.which, self.rows // 2, self.cols // 2, self.half // 2)
+
+
 @dataclass(frozen=True)
 class _Found:
-    """Results of one condition at one scale, (n,) each."""
+    """Results of items at one scale, (n,) each."""
 
     detection: Array
     located: Array
@@ -244,30 +321,6 @@ class _Found:
         """Results of patches that are not found: infinite sigma, no angle."""
         blank = [0.0, 0.0, np.nan, np.nan, np.inf, np.inf, np.nan]
         return cls(*(np.full(count, value) for value in blank))
-
-
-def _blurred_patches(patches: Float32, scale: int) -> Float32:
-    """Patches (n, p, p) through the optics, each alone."""
-    if not patches.any():
-        return patches
-    return np.stack([through_optics(patch, scale) for patch in patches])
-
-
-def _halved_change(
-    change: Float32, place: tuple[NDArray[np.int64], NDArray[np.int64], int]
-) -> Float32:
-    """Differences (n, p, p) from an image at the patches at ``place`` (rows, cols, half of p), at
-    half their resolution, on the pixels of the image at half its resolution
-    (`landmarks.patches.halved`); 0 beyond the patches.
-    """
-    rows, cols, fine = place
-    size = 2 * (fine // 2) + 1
-    out = np.zeros((len(change), size, size), dtype=np.float32)
-    for k in np.flatnonzero(change.any(axis=(1, 2))):
-        top, left = 1 + fine % 2 - rows[k] % 2, 1 + fine % 2 - cols[k] % 2
-        part = np.pad(change[k], 1)[top : top + 2 * size, left : left + 2 * size]
-        out[k] = part.reshape(size, 2, size, 2).mean(axis=(1, 3))
-    return out
 
 
 def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:

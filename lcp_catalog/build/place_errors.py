@@ -66,17 +66,21 @@ class PlaceErrors:
         """A selection of the candidates."""
         return PlaceErrors(self.models, self.which[some])
 
-    def registration(self, patches: AnyArray, errors: PatchErrors, pixel_m: float) -> Registration:
+    def registration(
+        self, patches: AnyArray, errors: PatchErrors, pixel_m: float, level: Array
+    ) -> Registration:
         """`landmarks.localization.registration` of the candidates' patches (n, p, p), each with its
         own model.
         """
         if len(self.models) == 1:
-            return registration(patches, errors, self.models[0], pixel_m)
+            return registration(patches, errors, self.models[0], pixel_m, level)
         used = np.unique(self.which)
         parts = []
         for number in used.tolist():
             here = np.flatnonzero(self.which == number)
-            own = registration(patches[here], errors.rows(here), self.models[number], pixel_m)
+            own = registration(
+                patches[here], errors.rows(here), self.models[number], pixel_m, level[here]
+            )
             parts.append((here, own))
         return _joined(parts)
 

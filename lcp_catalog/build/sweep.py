@@ -102,6 +102,11 @@ class RenderedImage:
     radiance: NDArray[np.float32]
     slopes: tuple[NDArray[np.float32], ...] = ()
 
+    @property
+    def sun(self) -> tuple[int, int]:
+        """Indices of the Sun's elevation and azimuth."""
+        return self.elevation, self.azimuth
+
 
 def plan_area(
     terrain: Terrain,

@@ -26,34 +26,20 @@ rho_0 is below 1 where the patch, rendered alone, differs from the patch among t
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from scipy.special import ndtr
 
 from ..arrays import AnyArray, Array, Float32, Mask
-from ..kernels.matching.acquisition import acquisition
+from ..kernels.matching import acquisition as kernel
 from .localization import Registration
 
 LEAST_CORRELATION = 0.3
 """Least correlation of a match."""
 
+_CLEAR = 4.5
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
 _LEAST_VARIANCE = 1e-12
-
-
-def correlation_moments(
-    contrast: Array, rho: Array, noise_variance: Array, along: Array, nodes: int
-) -> tuple[Array, Array]:
-    """Mean and variance of the correlation with a window of a contrast whose noise-free correlation
-    is ``rho``; arrays that broadcast. Contrast and noise in the same unit.
-    """
-    total = np.square(contrast) + noise_variance
-    safe = np.where(total > 0.0, total, 1.0)
-    mean = np.where(total > 0.0, rho * contrast / np.sqrt(safe), 0.0)
-    variance = along / nodes / safe * (1.0 - mean**2)
-    return mean, np.maximum(variance, _LEAST_VARIANCE)
 
 
 def detection_probability(
@@ -72,43 +58,36 @@ def detection_probability(
     ``self_correlation`` (n,): noise-free correlation at the true place.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
-    some = np.isfinite(rivals).any(axis=0)
-    rivals, rival_contrast = rivals[:, some], rival_contrast[:, some]
     nodes, weights = (_NODES, _NODE_WEIGHTS) if match.spread > 0.0 else (np.zeros(1), np.ones(1))
-    parts = [
-        _at_noise(match, rho, rivals, rival_contrast, least_correlation, math.exp(match.spread * x))
-        for x in nodes
-    ]
-    found, there, highest = np.tensordot(weights, np.array(parts), axes=1).T
+    out = np.empty((len(match.contrast), 3))
+    kernel.acquisition(
+        match.contrast, match.noise_variance, match.along, rho, match.nodes,
+        np.asarray(rivals, np.float64), np.asarray(rival_contrast, np.float64),
+        np.exp(match.spread * nodes), weights, least_correlation, out,
+    )  # fmt: skip
+    found, there, highest = out.T
     return found, there, highest
 
 
-def _at_noise(
-    match: Registration, rho: Array, rivals: Array, contrast: Array, least: float, factor: float
-) -> Array:
-    """The three probabilities (n, 3) at places whose noise is a factor times the typical one."""
-    noise, along = match.noise_variance * factor**2, match.along * factor**2
-    mean, variance = correlation_moments(match.contrast, rho, noise, along, match.nodes)
-    bad = ~(match.contrast > 0.0) | ~np.isfinite(variance) | ~np.isfinite(mean)
-    absent = np.isnan(rivals)
-    theirs, spread = correlation_moments(
-        np.where(absent, 0.0, contrast),
-        np.where(absent, 0.0, rivals),
-        noise[:, None],
-        np.where(bad, 1.0, along)[:, None],
-        match.nodes,
-    )
-    out = np.empty((len(mean), 3))
-    acquisition(
-        np.where(bad, 0.0, mean),
-        np.sqrt(np.where(bad, 1.0, variance)),
-        np.where(absent, np.nan, theirs),
-        np.sqrt(spread),
-        least,
-        out,
-    )
-    out[bad] = 0.0
-    return out
+def least_rival(match: Registration, self_correlation: Array | float = 1.0) -> Array:
+    """Noise-free correlation (n,) below which another place does not change the detection probability
+    of a patch: its correlation in noise is more than `_CLEAR` standard deviations below that at the
+    true place, for windows of half the patch's contrast up to any contrast.
+    """
+    rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
+    nodes = _NODES if match.spread > 0.0 else np.zeros(1)
+    least = np.full(len(match.contrast), np.inf)
+    for factor in np.exp(2.0 * match.spread * nodes):
+        noise, along = factor * match.noise_variance, factor * match.along / match.nodes
+        own = np.square(match.contrast)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = rho * np.sqrt(own / (own + noise))
+            variance = along / (own + noise) * (1.0 - mean**2)
+            for share in (0.25, 1.0, 100.0):
+                reduced = np.sqrt(share * own / (share * own + noise))
+                both = variance + along / (share * own + noise)
+                least = np.fmin(least, (mean - _CLEAR * np.sqrt(both)) / reduced)
+    return least
 
 
 def top_probability(
@@ -128,28 +107,14 @@ def top_probability(
     independent ones. Places in other directions are left out: the result is up to 0.2 too high where
     it is about 1/2, and wrong by up to 0.06 where it is above 0.9, mostly too low.
     """
-    mean, variance = correlation_moments(
-        match.contrast,
-        np.asarray(self_correlation, dtype=np.float64),
-        match.noise_variance,
-        match.along,
-        match.nodes,
-    )
-    there, spread = correlation_moments(
-        np.nan_to_num(contrast),
-        np.nan_to_num(around),
-        match.noise_variance[:, None],
-        match.along[:, None],
-        match.nodes,
-    )
-    power = match.nodes * (np.square(match.contrast) + match.noise_variance)
-    steps, slope_noise = np.asarray(offsets, np.float64), np.asarray(match.slope_noise, np.float64)
-    apart = np.einsum("ka,nab,kb->nk", steps, slope_noise, steps)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        apart = np.minimum(apart / power[:, None], variance[:, None] + spread)
-        margin = (mean[:, None] - there) / np.sqrt(np.maximum(apart, _LEAST_VARIANCE))
-    margin = np.where(np.isfinite(around) & np.isfinite(margin), margin, np.inf)
-    return np.asarray(ndtr(margin.min(axis=1, initial=np.inf)))
+    rho = np.broadcast_to(np.asarray(self_correlation, np.float64), match.contrast.shape)
+    out = np.empty(len(match.contrast))
+    kernel.on_top(
+        match.contrast, match.noise_variance, match.along, rho, match.nodes,
+        np.asarray(match.slope_noise, np.float64), np.asarray(offsets, np.float64),
+        np.asarray(around, np.float64), np.asarray(contrast, np.float64), out,
+    )  # fmt: skip
+    return out
 
 
 def mistake_probability(

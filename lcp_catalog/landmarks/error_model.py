@@ -89,82 +89,89 @@ class PatchErrors:
         return PatchErrors(self.level[some], self.east[some], self.south[some])
 
 
-def noise_products(
-    fields: Float32, errors: PatchErrors, model: ErrorModel, pixel_m: float
-) -> tuple[Array, Array]:
-    """Covariances E[(f_i . n)(f_j . n)] of the noise's products with fields f (n, m, p, p), shape
-    (n, m, m), and the mean noise variance of a node, (n,).
-
-    ``pixel_m``: side of a node's cell. The noise is not stationary: brightness and slope
-    sensitivity are those of each node. The covariance of a Gaussian field is a product of its axes',
-    so that each term is two multiplications with p x p matrices.
-    """
-    n, m, p = fields.shape[:3]
-    terms = _Terms.of(model, p, pixel_m)
-    east, south = errors.east[:, None], errors.south[:, None]
-    by_east, by_south = fields * east, fields * south
-    cross = terms.slope_cross
-    smooth = np.float32(model.sensor_noise**2) * fields
-    if model.height_sigma_m > 0.0:
-        smooth += east * (terms.slope_along.apply(by_east) + cross.apply(by_south))
-        smooth += south * (terms.slope_across.apply(by_south) + cross.apply(by_east))
-    if model.albedo_sigma > 0.0:
-        level = errors.level[:, None]
-        smooth += level * terms.albedo.apply(fields * level)
-    flat, other = (part.reshape(n, m, p * p) for part in (fields, smooth))
-    products = np.matmul(flat, other.transpose(0, 2, 1)).astype(np.float64)
-    variance = (
-        model.sensor_noise**2
-        + terms.slope_along.variance * np.mean(np.square(errors.east, dtype=np.float64), (1, 2))
-        + terms.slope_across.variance * np.mean(np.square(errors.south, dtype=np.float64), (1, 2))
-        + terms.albedo.variance * np.mean(np.square(errors.level, dtype=np.float64), (1, 2))
-    )
-    return 0.5 * (products + products.transpose(0, 2, 1)), variance
-
-
 @dataclass(frozen=True, eq=False)
-class _Separable:
-    """Covariance of a field at nodes r, s: ``rows``[r_row, s_row] ``cols``[r_col, s_col]."""
-
-    rows: Float32
-    cols: Float32
-
-    @property
-    def variance(self) -> float:
-        return float(self.rows[0, 0] * self.cols[0, 0])
-
-    def apply(self, fields: Float32) -> Float32:
-        """The covariance times fields (..., p, p)."""
-        return np.asarray(np.matmul(self.rows, fields @ self.cols.T))
-
-
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """Covariances of slope errors (east with east, south with south, east with south) and of
-    unmapped brightness.
+class NoiseTerms:
+    """The noise of an `ErrorModel` on p x p pixels, as `kernels.matching.registration` applies it:
+    the variances of white noise, of a slope error and of relative brightness, and for the latter two
+    either their values by distance or their principal components.
     """
 
-    slope_along: _Separable
-    slope_across: _Separable
-    slope_cross: _Separable
-    albedo: _Separable
+    variances: Array
+    taps: Float32
+    heights: Float32
+    albedo: Float32
 
     @staticmethod
-    @lru_cache(maxsize=32)
-    def of(model: ErrorModel, nodes: int, pixel_m: float) -> _Terms:
+    @lru_cache(maxsize=256)
+    def of(model: ErrorModel, nodes: int, pixel_m: float) -> NoiseTerms:
         """The terms for patches of ``nodes`` x ``nodes`` pixels of a side in metres."""
-        step = np.arange(nodes, dtype=np.float64)
-        lag = (step[:, None] - step[None]) * pixel_m
+        lag = np.arange(1.0 - nodes, nodes) * pixel_m
         value, first, second = (
-            (model.height_sigma_m * part).astype(np.float32)
-            for part in _gaussian(lag, model.height_length_m, pixel_m)
+            model.height_sigma_m * part for part in _gaussian(lag, model.height_length_m, pixel_m)
         )
-        by_albedo = _gaussian(lag, model.albedo_length_m, pixel_m)[0]
-        level = (model.albedo_sigma * by_albedo).astype(np.float32)
-        return _Terms(
-            _Separable(value, second), _Separable(second, value), _Separable(-first, first),
-            _Separable(level, level),
-        )  # fmt: skip
+        bright = model.albedo_sigma * _gaussian(lag, model.albedo_length_m, pixel_m)[0]
+        middle = nodes - 1
+        heights = _slope_components(value, first, second)
+        taps = np.stack([value, first, -first, second])
+        large = np.abs(taps) > _NEGLIGIBLE * np.abs(taps).max(axis=1, initial=1e-300, keepdims=True)
+        reach = int(np.abs(np.flatnonzero(large.any(axis=0)) - middle).max(initial=0))
+        taps = taps[:, middle - reach : middle + reach + 1]
+        if _operations_by_distance(nodes, reach) > _operations_by_components(nodes, heights):
+            taps = taps[:, :0]
+        return NoiseTerms(
+            np.array([model.sensor_noise**2, value[middle] * second[middle], bright[middle] ** 2]),
+            np.ascontiguousarray(taps, dtype=np.float32),
+            heights,
+            _level_components(bright),
+        )
+
+
+_NEGLIGIBLE = 1e-5
+"""Share of the greatest covariance, or of the greatest eigenvalue, below which a part is left out."""
+
+
+def _operations_by_distance(nodes: int, reach: int) -> int:
+    """Multiplications for each field, both ways of applying the slope errors."""
+    return 8 * (2 * reach + 1) * nodes * (nodes + reach)
+
+
+def _operations_by_components(nodes: int, components: Float32) -> int:
+    count = components.shape[2]
+    return 2 * count * nodes * (nodes + count)
+
+
+def _between(values: Array) -> Array:
+    """The matrix (p, p) of values (2 p - 1,) by the difference of row and column."""
+    nodes = (len(values) + 1) // 2
+    step = np.arange(nodes)
+    return np.asarray(values[step[:, None] - step + nodes - 1])
+
+
+def _roots(covariance: Array) -> Array:
+    """Principal components (r, n) of a covariance (n, n), each times the root of its variance."""
+    variance, vectors = np.linalg.eigh(covariance)
+    some = variance > _NEGLIGIBLE * variance[-1]
+    return np.asarray((vectors[:, some] * np.sqrt(variance[some])).T)
+
+
+def _slope_components(value: Array, first: Array, second: Array) -> Float32:
+    """Components (2, 2, r, p) of slope errors towards the columns and the rows; the arguments as in
+    `_gaussian`. Heights and derivatives at the nodes of a line have common components, of which one
+    half gives the heights and the other the derivatives.
+    """
+    nodes = (len(value) + 1) // 2
+    unit = math.sqrt(max(second[nodes - 1], 1e-300) / max(value[nodes - 1], 1e-300))
+    mixed = _between(first) / unit
+    joint = np.block([[_between(value), mixed], [mixed.T, _between(second) / unit**2]])
+    roots = _roots(joint)
+    heights, slopes = roots[:, :nodes], roots[:, nodes:] * unit
+    return np.array([[heights, slopes], [slopes, heights]], dtype=np.float32)
+
+
+def _level_components(value: Array) -> Float32:
+    """Components (2, 1, r, p) of brightness."""
+    roots = _roots(_between(value))
+    return np.array([[roots], [roots]], dtype=np.float32)
 
 
 def _gaussian(lag: Array, length: float, pixel: float) -> tuple[Array, Array, Array]:

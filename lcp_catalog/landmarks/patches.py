@@ -5,27 +5,27 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float32
+from ..arrays import Float32, Index
+from ..kernels.matching import patches as kernels
 
 POINT_SPREAD_PX = 0.5
 """Default 1 sigma of an image's point spread, beside the pixel's own square."""
 
 
-def through_optics(image: Float32, scale: int) -> Float32:
-    """An image without NaN through a pixel's square and a Gaussian of `POINT_SPREAD_PX` pixels; its
-    border is extended.
+def through_optics(images: Float32, scale: int) -> Float32:
+    """Images (k, rows, cols) without NaN through a pixel's square and a Gaussian of
+    `POINT_SPREAD_PX` pixels; their borders are extended.
 
     ``scale``: nodes along a pixel of the image, which is the mean over that many nodes. The square
     of a pixel has the variance 1/12 px^2, of which the mean over nodes has taken (1 - 1/scale^2)/12;
     the rest is added to the Gaussian's.
     """
-    kernel = _spread(POINT_SPREAD_PX**2 + 1.0 / (12.0 * scale**2))
-    blurred = cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(blurred, dtype=np.float32)
+    out = np.empty_like(images)
+    kernels.blurred(images, _spread(POINT_SPREAD_PX**2 + 1.0 / (12.0 * scale**2)), out)
+    return out
 
 
 @lru_cache
@@ -64,9 +64,31 @@ def gather_patches(
     return np.where(inside, found, outside)
 
 
-def halved(image: Float32) -> Float32:
-    """Means of 2 x 2 pixels (rows // 2, cols // 2); an odd last row or column is left out."""
-    rows, cols = (n // 2 for n in image.shape)
-    pairs = image[: 2 * rows, : 2 * cols].astype(np.float64)
-    pairs = pairs[::2] + pairs[1::2]
-    return np.asarray(0.25 * (pairs[:, ::2] + pairs[:, 1::2]), dtype=np.float32)
+def patches_of(images: Float32, which: Index, rows: Index, cols: Index, half: int) -> Float32:
+    """The (2 half + 1)^2 nodes around each (row, col) of image ``which`` (n,) of images (k, rows,
+    cols), shape (n, 2 half + 1, 2 half + 1); NaN for nodes outside the image.
+    """
+    size = 2 * half + 1
+    out = np.empty((len(which), size, size), np.float32)
+    kernels.gather(images, which, rows, cols, half, out)
+    return out
+
+
+def halved(images: Float32) -> Float32:
+    """Means of 2 x 2 pixels of images (..., rows, cols), (..., rows // 2, cols // 2); an odd last row
+    or column is left out.
+    """
+    rows, cols = (n // 2 * 2 for n in images.shape[-2:])
+    pairs = images[..., 0:rows:2, :cols].astype(np.float64) + images[..., 1:rows:2, :cols]
+    return np.asarray(0.25 * (pairs[..., ::2] + pairs[..., 1::2]), dtype=np.float32)
+
+
+def halved_changes(changes: Float32, rows: Index, cols: Index) -> Float32:
+    """Differences (n, p, p) from an image at the patches around (rows, cols), at half their
+    resolution, on the pixels of the image at half its resolution (`halved`), (n, q, q) with q = 2
+    (p // 4) + 1; 0 beyond the patches.
+    """
+    size = 2 * (changes.shape[1] // 4) + 1
+    out = np.empty((len(changes), size, size), np.float32)
+    kernels.halved_changes(changes, rows, cols, out)
+    return out

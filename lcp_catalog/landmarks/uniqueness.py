@@ -5,12 +5,14 @@ Correlation is centred and normalised: it does not depend on gain and offset.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..arrays import Array, Float32, Index
-from ..kernels.matching.search import rivals
+from ..kernels.matching.rivals import rivals, window_norms
 from .corners import fill_missing
-from .patches import gather_patches, halved
+from .patches import halved
 
 RIVALS = 64
 """Greatest number of other places for each patch. In noise above the contrast all maxima of a search
@@ -23,67 +25,13 @@ EXCLUSION_PX = 2.0
 _FLAT = 1e-3
 """A patch whose contrast is not above this share of the whole image's has no contrast."""
 
-_COARSE_HALF_MIN = 16
+_COARSE_HALF_MIN = 8
 """Smaller patches are searched at full resolution: half resolution loses rivals of theirs. The Brier
 score of the detection probability is 0.030 with it for 17 x 17 nodes and 0.012 for 25 x 25, and
 0.004 at full resolution; for 33 x 33 nodes it is 0.003 and 0.002."""
 
-_COARSE_REACH_MIN = 24
+_COARSE_REACH_MIN = 12
 """Smaller search areas are searched at full resolution, which then costs about the same."""
-
-
-def other_places(
-    image: Float32,
-    patches: Float32,
-    rows: Index,
-    cols: Index,
-    search: int,
-    exclusion: float = EXCLUSION_PX,
-    exact: bool = False,
-) -> tuple[Array, Array]:
-    """The highest correlations of each patch with other places whose centres lie within
-    +-``search`` nodes in both axes, and the contrasts (standard deviations) of the image's windows
-    there: (n, `RIVALS`) each, best first, NaN where there are fewer.
-
-    ``patches`` (n, p, p): those at nodes (rows, cols) of the image. Another place is a local
-    maximum of the correlation (3 x 3 nodes) farther than ``exclusion`` nodes from the patch's own.
-    A ridge without change along itself is a chain of equal maxima and counts. Places are whole
-    nodes; the search square is cut at the image's border.
-
-    Missing nodes hold the mean of the valid nodes around them; windows without contrast correlate
-    0. A patch without contrast has one other place with correlation 1; a patch that the image's
-    border cuts has none.
-
-    The search is that of the matcher (`kernels.matching.search`): half resolution first, then full
-    resolution from its highest peaks; ``exact``: full resolution everywhere, as for patches below
-    33 nodes a side and for small search areas.
-    """
-    size = patches.shape[1]
-    half = size // 2
-    filled = fill_missing(np.asarray(image, dtype=np.float32), size)
-    fine = np.ascontiguousarray(filled - filled.mean(dtype=np.float64), dtype=np.float32)
-    centres = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2)
-    cut = ((centres < half) | (centres >= np.array(fine.shape[::-1]) - half)).any(axis=1)
-    found = np.full((len(rows), RIVALS), np.nan)
-    spread = np.full_like(found, np.nan)
-    contrast = patches.std(axis=(1, 2), dtype=np.float64)
-    flat = ~(contrast > _FLAT * fine.std(dtype=np.float64))
-    found[flat, 0] = 1.0
-    spread[flat, 0] = contrast[flat]
-    tried = np.flatnonzero(~flat & ~cut)
-    coarse = halved(fine)
-    two_steps = half >= _COARSE_HALF_MIN and search >= _COARSE_REACH_MIN and not exact
-    places = np.empty((len(tried), RIVALS)), np.empty((len(tried), RIVALS))
-    rivals(
-        fine, np.ones_like(fine), coarse, np.ones_like(coarse),
-        np.ascontiguousarray(patches[tried], dtype=np.float32), centres[tried] - half, search,
-        float(exclusion), two_steps, *places,
-    )  # fmt: skip
-    # an ascent from a lower peak at half resolution can end higher; NaN stays last
-    order = np.argsort(-places[0], axis=1, kind="stable")
-    found[tried], spread[tried] = (np.take_along_axis(part, order, axis=1) for part in places)
-    found[cut], spread[cut] = np.nan, np.nan
-    return found, spread
 
 
 RING = np.unique(
@@ -95,22 +43,85 @@ RING = np.unique(
 """Distances (column, row) of the places just outside a patch's own peak (`EXCLUSION_PX`)."""
 
 
-def places_around(
-    image: Float32, patches: Float32, rows: Index, cols: Index
-) -> tuple[Array, Array]:
-    """Correlations of patches (n, p, p), those at nodes (rows, cols) of an image, with the windows at
-    the distances `RING`, and the contrasts of these windows: (n, k) each; NaN for windows that leave
-    the image or hold a missing node.
+class OtherPlaces(NamedTuple):
+    """Places that resemble n patches. ``correlation``, ``contrast`` (n, `RIVALS`): the highest
+    correlations of each patch with other places, best first, and the standard deviations of the
+    image's windows there, NaN where there are fewer. ``near``, ``near_contrast`` (n, k): the same at
+    the distances `RING` from the patch's own place, NaN for windows that leave the image.
     """
-    half = patches.shape[1] // 2
-    unit = patches - patches.mean(axis=(1, 2), dtype=np.float64, keepdims=True)
-    norm = np.sqrt(np.einsum("nij,nij->n", unit, unit))
-    unit = (unit / np.where(norm > 0.0, norm, 1.0)[:, None, None]).astype(np.float32)
-    found, spread = np.empty((2, len(rows), len(RING)))
-    for k, (right, down) in enumerate(RING.tolist()):
-        window = gather_patches(image, rows + down, cols + right, half)
-        spread[:, k] = window.std(axis=(1, 2), dtype=np.float64)
-        product = np.einsum("nij,nij->n", unit, window)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            found[:, k] = product / (spread[:, k] * window[0].size ** 0.5)
-    return found, spread
+
+    correlation: Array
+    contrast: Array
+    near: Array
+    near_contrast: Array
+
+
+def other_places(
+    images: Float32,
+    patches: Float32,
+    rows: Index,
+    cols: Index,
+    search: int,
+    which: Index | None = None,
+    least: Array | None = None,
+    exclusion: float = EXCLUSION_PX,
+    exact: bool = False,
+) -> OtherPlaces:
+    """Other places that resemble patches (n, p, p), at nodes (rows, cols) of one of the images (k,
+    rows, cols), ``which`` (n,) (default: the first): those whose centres lie within +-``search``
+    nodes in both axes.
+
+    Another place is a local maximum of the correlation (3 x 3 nodes) farther than ``exclusion``
+    nodes from the patch's own. A ridge without change along itself is a chain of equal maxima and
+    counts. Places are whole nodes; the search square is cut at the image's border.
+
+    Missing nodes hold the mean of the valid nodes around them; windows without contrast correlate
+    0. A patch without contrast has one other place with correlation 1; a patch that the image's
+    border cuts has none.
+
+    Half resolution is searched first, then full resolution from its highest maxima; ``exact``: full
+    resolution everywhere, as for patches below 33 nodes a side and for small search areas.
+    """
+    size = patches.shape[1]
+    half = size // 2
+    least = np.full(len(rows), -2.0) if least is None else least
+    which = np.zeros(len(rows), np.int64) if which is None else which
+    fine = np.stack([fill_missing(image, size) for image in np.asarray(images, np.float32)])
+    fine -= fine.mean(axis=(1, 2), dtype=np.float64, keepdims=True).astype(np.float32)
+    centres = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2)
+    places = OtherPlaces(
+        *np.full((2, len(rows), RIVALS), np.nan), *np.full((2, len(rows), len(RING)), np.nan)
+    )
+    if min(fine.shape[1:]) < size:
+        return places
+    cut = ((centres < half) | (centres >= np.array(fine.shape[:0:-1]) - half)).any(axis=1)
+    contrast = patches.std(axis=(1, 2), dtype=np.float64)
+    flat = ~(contrast > _FLAT * fine.std(axis=(1, 2), dtype=np.float64)[which]) & ~cut
+    places.correlation[flat, 0], places.contrast[flat, 0] = 1.0, contrast[flat]
+    tried = np.flatnonzero(~flat & ~cut)
+    two_steps = not (exact or searched_exactly(size, search))
+    norms = _norms(fine, size)
+    coarse = halved(fine) if two_steps else fine[:0]
+    found = OtherPlaces(*(np.empty((len(tried), *part.shape[1:])) for part in places))
+    rivals(
+        fine, norms, coarse, _norms(coarse, half) if two_steps else norms[:0],
+        np.ascontiguousarray(patches[tried], dtype=np.float32), which[tried],
+        centres[tried] - half, search, float(exclusion), two_steps, least[tried], RING,
+        *found,
+    )  # fmt: skip
+    for part, own in zip(places, found, strict=True):
+        part[tried] = own
+    return places
+
+
+def searched_exactly(size: int, search: int) -> bool:
+    """True if patches of size x size nodes are searched for at full resolution at once."""
+    return size // 2 < _COARSE_HALF_MIN or search < _COARSE_REACH_MIN
+
+
+def _norms(images: Float32, size: int) -> Float32:
+    """Reciprocals of the norms of all windows of size x size pixels of images (k, rows, cols)."""
+    count, rows, cols = images.shape
+    norms = np.empty((count, rows - size + 1, cols - size + 1), np.float32)
+    window_norms(images, size, norms)
+    return norms

@@ -1,43 +1,145 @@
-"""Probability that a normal variable is the highest of several and above a threshold."""
+"""Probabilities that a patch is found at its true place and nowhere else (`landmarks.detection`)."""
 
 import math
 
-from numba import njit
+import numpy as np
+from numba import njit, prange
 
 _STEPS = 61
 _SIGMAS = 5.0
 _CLEAR = 6.0
 """Sigmas beyond which a value counts as certainly above or below another."""
+_BINS = 256
+"""Bins of a sigma in the table of the normal distribution; with linear interpolation its error is at
+most 5e-7.
+"""
+_NORMAL = np.array(
+    [
+        0.5 * math.erfc(-math.sqrt(0.5) * (k / _BINS - _CLEAR))
+        for k in range(int(2 * _CLEAR) * _BINS + 2)
+    ]
+)
+_DENSITY = np.exp(-0.5 * np.linspace(-_SIGMAS, _SIGMAS, _STEPS) ** 2)
+_LEAST_VARIANCE = 1e-12
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def acquisition(mean, sigma, others, spread, least, out):
-    """For n normal variables with ``mean`` and ``sigma`` (n,) write into out (n, 3): the probability
-    that the variable is above ``least`` and above all its independent rivals; that it is above
-    ``least``; that it is above all its rivals.
+def _normal(z):
+    """The distribution function of the normal distribution."""
+    if z >= _CLEAR:
+        return 1.0
+    if z <= -_CLEAR:
+        return 0.0
+    at = (z + _CLEAR) * _BINS
+    k = int(at)
+    return _NORMAL[k] + (at - k) * (_NORMAL[k + 1] - _NORMAL[k])
 
-    others, spread (n, k): means and sigmas of the rivals, which are normal, too; NaN where there are
-    fewer. The integral over the variable is a sum of 61 steps within 5 sigma.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moments(contrast, rho, noise, along, nodes):
+    """Mean and variance of the correlation with a window of a contrast whose noise-free correlation
+    is ``rho`` (`landmarks.detection`).
     """
+    total = contrast * contrast + noise
+    if not total > 0.0:
+        return 0.0, _LEAST_VARIANCE
+    mean = rho * contrast / math.sqrt(total)
+    return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def highest(mean, sigma, others, spreads, count, least, out):
+    """Write into out (3,): the probability that a normal variable is above ``least`` and above all
+    its independent rivals; that it is above ``least``; that it is above all its rivals.
+
+    others, spreads: means and sigmas of the rivals, which are normal, too; ``count`` of them count.
+    The integral over the variable is a sum of 61 steps within 5 sigma. others and spreads are
+    overwritten.
+    """
+    near = 0
+    for j in range(count):  # the others are certainly below
+        if mean - _SIGMAS * sigma - others[j] < _CLEAR * spreads[j]:
+            others[near], spreads[near] = others[j], 1.0 / spreads[j]
+            near += 1
     step = 2.0 * _SIGMAS / (_STEPS - 1)
-    for i in range(mean.size):
-        weight = found = above = first = 0.0
-        for k in range(_STEPS):
-            z = -_SIGMAS + k * step
-            x = mean[i] + z * sigma[i]
-            density = math.exp(-0.5 * z * z)
-            passed = min(max((x - least) / (step * sigma[i]) + 0.5, 0.0), 1.0)
-            highest = 1.0
-            for j in range(others.shape[1]):
-                if not others[i, j] > -2.0:
-                    continue
-                gap = (x - others[i, j]) / spread[i, j]
-                if gap < _CLEAR:
-                    highest *= 0.5 * math.erfc(-gap * math.sqrt(0.5))
-                if highest < 1e-12:
-                    break
-            weight += density
-            found += density * passed * highest
-            above += density * passed
-            first += density * highest
-        out[i, 0], out[i, 1], out[i, 2] = found / weight, above / weight, first / weight
+    weight = found = above = first = 0.0
+    for k in range(_STEPS):
+        z = -_SIGMAS + k * step
+        x = mean + z * sigma
+        density = _DENSITY[k]
+        passed = min(max((x - least) / (step * sigma) + 0.5, 0.0), 1.0)
+        top = 1.0
+        for j in range(near):
+            top *= _normal((x - others[j]) * spreads[j])
+            if top < 1e-12:
+                break
+        weight += density
+        found += density * passed * top
+        above += density * passed
+        first += density * top
+    out[0], out[1], out[2] = found / weight, above / weight, first / weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def acquisition(
+    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, out
+):
+    """Write the three probabilities of `highest` for n patches into out (n, 3), as means over the
+    noise of places.
+
+    contrast, noise, along, rho (n,): the patch's contrast, the variance of the noise about its mean,
+    V, and the noise-free correlation at the true place. rivals (n, k) noise-free correlations and
+    contrasts of other places, NaN where there are fewer. factors, weights (m,): of the noise's sigma
+    at places. All 0 for a patch without contrast or with an infinite V.
+    """
+    for i in prange(contrast.size):
+        out[i] = 0.0
+        if not contrast[i] > 0.0 or not math.isfinite(along[i]) or not math.isfinite(rho[i]):
+            continue
+        others, spreads = np.empty(rivals.shape[1]), np.empty(rivals.shape[1])
+        part = np.empty(3)
+        for m in range(factors.size):
+            scale = factors[m] * factors[m]
+            mean, variance = moments(contrast[i], rho[i], scale * noise[i], scale * along[i], nodes)
+            count = 0
+            for j in range(rivals.shape[1]):
+                if rivals[i, j] > -2.0:
+                    others[count], spread = moments(
+                        rival_contrast[i, j],
+                        rivals[i, j],
+                        scale * noise[i],
+                        scale * along[i],
+                        nodes,
+                    )
+                    spreads[count] = math.sqrt(spread)
+                    count += 1
+            highest(mean, math.sqrt(variance), others, spreads, count, least, part)
+            for k in range(3):
+                out[i, k] += weights[m] * part[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_contrast, out):
+    """Write the probability that the correlation at the true place is above that at the strongest
+    of the places around it into out (n,).
+
+    slope_noise (n, 2, 2), offsets (k, 2), near and near_contrast (n, k): as in
+    `landmarks.detection.top_probability`; the others as in `acquisition`.
+    """
+    for i in prange(contrast.size):
+        mean, variance = moments(contrast[i], rho[i], noise[i], along[i], nodes)
+        power = nodes * (contrast[i] * contrast[i] + noise[i])
+        least = math.inf
+        for k in range(offsets.shape[0]):
+            there, spread = moments(near_contrast[i, k], near[i, k], noise[i], along[i], nodes)
+            x, y = offsets[k, 0], offsets[k, 1]
+            apart = (
+                x * x * slope_noise[i, 0, 0]
+                + x * y * (slope_noise[i, 0, 1] + slope_noise[i, 1, 0])
+                + y * y * slope_noise[i, 1, 1]
+            )
+            apart = min(apart / power, variance + spread)
+            margin = (mean - there) / math.sqrt(max(apart, _LEAST_VARIANCE))
+            if math.isfinite(margin) and margin < least:
+                least = margin
+        out[i] = 0.5 * math.erfc(-least * math.sqrt(0.5))

@@ -2,8 +2,7 @@
 everywhere, then by steepest ascent at full resolution from the highest peaks; or at full resolution
 everywhere.
 
-`find_templates` finds templates in another image (point matching); `rivals` finds the places of an
-image that resemble a part of it (uniqueness). Only pixels under a template's mask are used. Missing
+Only pixels under a template's mask are used. Missing
 pixels of the image are filled before; a place with too few valid pixels under the mask has no
 correlation.
 """
@@ -14,6 +13,7 @@ import numpy as np
 from numba import njit, prange
 
 from .correlation import FLAT, NOWHERE, bounds, centred, correlations, window
+from .maxima import maxima
 
 NUMBERS = 6
 """Results for each template: offset right and down, correlation, highest other peak (NaN: none),
@@ -28,8 +28,6 @@ out.
 """
 _STEPS = 8
 """Greatest number of steps of an ascent."""
-_MARGIN = 3.0
-"""Pixels by which a peak at half resolution may lie nearer than the exclusion."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -82,47 +80,11 @@ def _at(image, weight, template, mask, count, flat, row, col, least_real):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(score, lowest, row, col, exclusion, places, heights):
-    """Insert the highest maxima (3 x 3) of a map above ``lowest`` into places (k, 2; row and
-    column) and heights (k,), best first. Return their number. Places within ``exclusion``
-    (negative: none) of (row, col) are left out.
-    """
-    ny, nx = score.shape
-    found, size = 0, heights.size
-    near = exclusion * exclusion if exclusion >= 0.0 else -1.0
-    for y in range(ny):
-        for x in range(nx):
-            here = score[y, x]
-            if here <= lowest or (found == size and here <= heights[size - 1]):
-                continue
-            if (y - row) ** 2 + (x - col) ** 2 <= near:
-                continue
-            top = True
-            for i in range(max(0, y - 1), min(ny, y + 2)):
-                for j in range(max(0, x - 1), min(nx, x + 2)):
-                    if score[i, j] > here:
-                        top = False
-            if not top:
-                continue
-            k = min(found, size - 1)
-            while k > 0 and heights[k - 1] < here:
-                heights[k], places[k, 0], places[k, 1] = (
-                    heights[k - 1],
-                    places[k - 1, 0],
-                    places[k - 1, 1],
-                )
-                k -= 1
-            heights[k], places[k, 0], places[k, 1] = here, y, x
-            found = min(found + 1, size)
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _climb(image, weight, template, mask, count, flat, row, col, limits, least_real):
     """Steepest ascent from (row, col), one pixel a step, within limits (first and last row and
     column).
 
-    Return the last place, its correlation, and True if it is a maximum.
+    Return the last place and its correlation.
     """
     best = _at(image, weight, template, mask, count, flat, row, col, least_real)
     old_row, old_col = row - 9, col - 9
@@ -144,9 +106,9 @@ def _climb(image, weight, template, mask, count, flat, row, col, limits, least_r
                 if here > best:
                     best, up, left = here, r, c
         if up == row and left == col:
-            return row, col, best, True
+            return row, col, best
         old_row, old_col, row, col = row, col, up, left
-    return row, col, best, False
+    return row, col, best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -167,21 +129,18 @@ def _choose(rows, cols, heights, exclusion, row, col, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _maxima(
     fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
-    least_real, coarse, lowest, exclusion, places, heights,
+    least_real, coarse, places, heights,
 ):  # fmt: skip
     """The highest maxima of a template's correlation within limits, into places (k, 2; row and
-    column) and heights (k,).
-
-    Return their number and the highest share of valid pixels under the mask. ``exclusion``
-    (negative: none): places no farther than this from (row, col) do not count, nor do ascents that
-    end there or before a maximum.
+    column) and heights (k,). Return their number and the highest share of valid pixels under the
+    mask.
     """
     if not coarse:
         score, real, _ = correlations(
             fine, fine_weight, template, mask, count, limits[0], limits[2],
             limits[1] - limits[0] + 1, limits[3] - limits[2] + 1, least_real,
         )  # fmt: skip
-        found = _peaks(score, lowest, row - limits[0], col - limits[2], exclusion, places, heights)
+        found = maxima(score, 0.0, 0, 0, -1.0, places, heights)
         for k in range(found):
             places[k, 0], places[k, 1] = places[k, 0] + limits[0], places[k, 1] + limits[2]
         return found, real
@@ -197,20 +156,17 @@ def _maxima(
         half, half_weight, narrow, inside, few,
         box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1, least_real,
     )  # fmt: skip
-    away = max(0.5 * (exclusion - _MARGIN), 0.0) if exclusion >= 0.0 else -1.0
-    found = _peaks(score, lowest, top - box[0], left - box[2], away, places, heights)
+    found = maxima(score, 0.0, 0, 0, -1.0, places, heights)
     kept, flat = 0, FLAT * variance * count
     for k in range(found):
         if kept > 0 and heights[k] < heights[0] - _SLACK:
             break
         r = min(max(row + 2 * (places[k, 0] + box[0] - top), limits[0]), limits[1])
         c = min(max(col + 2 * (places[k, 1] + box[2] - left), limits[2]), limits[3])
-        r, c, height, settled = _climb(
+        places[kept, 0], places[kept, 1], heights[kept] = _climb(
             fine, fine_weight, template, mask, count, flat, r, c, limits, least_real
         )
-        if exclusion < 0.0 or (settled and (r - row) ** 2 + (c - col) ** 2 > exclusion**2):
-            places[kept, 0], places[kept, 1], heights[kept] = r, c, height
-            kept += 1
+        kept += 1
     return kept, real
 
 
@@ -249,7 +205,7 @@ def _find_template(
     places, heights = np.empty((PEAKS, 2), np.int64), np.zeros(PEAKS)
     found, out[5] = _maxima(
         fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
-        least_real, coarse, 0.0, -1.0, places, heights,
+        least_real, coarse, places, heights,
     )  # fmt: skip
     if found:
         _choose(places[:found, 0], places[:found, 1], heights[:found], exclusion, row, col, out)
@@ -282,53 +238,3 @@ def find_templates(
             fine, fine_weight, half, half_weight, values[k], masks[k], origins[k, 1], origins[k, 0],
             reaches[k], exclusion[k], least_real, coarse[k], out[k],
         )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _contrast(image, row, col, rows, cols):
-    """Standard deviation of a window."""
-    origin = np.float64(image[row, col])
-    first = second = 0.0
-    for i in range(rows):
-        for j in range(cols):
-            x = image[row + i, col + j] - origin
-            first += x
-            second += x * x
-    mean = first / (rows * cols)
-    return math.sqrt(max(second / (rows * cols) - mean * mean, 0.0))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def rivals(
-    fine, fine_weight, half, half_weight, templates, origins, reach, exclusion, coarse, out, spread
-):
-    """Search for n templates in the image that they belong to: the correlations of other places,
-    best first, into out (n, k), NaN where there are fewer, and the standard deviations of the
-    windows there into spread (n, k).
-
-    Other places are maxima (3 x 3 pixels) within ``reach`` in both axes and farther than
-    ``exclusion`` from the template's own place. templates (n, p, p); origins (n, 2) column and row
-    of each one's first pixel, all of it in the image; the other arguments as in `find_templates`.
-    If no ascent from half resolution ends at such a place, the search is repeated at full
-    resolution.
-    """
-    size = templates.shape[1]
-    for k in prange(origins.shape[0]):
-        col, row = origins[k, 0], origins[k, 1]
-        mask = np.ones((size, size), np.bool_)
-        template = np.empty((size, size), np.float32)
-        count = centred(templates[k], mask, template)
-        limits = window(fine.shape, size, size, row, col, reach)
-        places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
-        found = 0
-        for first in (coarse, False):
-            if found == 0 and count > 0:
-                found, _ = _maxima(
-                    fine, fine_weight, half, half_weight, templates[k], mask, template, count, row, col,
-                    limits, reach, 0.0, first, -1.5, exclusion, places, heights,
-                )  # fmt: skip
-        for i in range(out.shape[1]):
-            out[k, i] = spread[k, i] = math.nan
-        for i in range(found):
-            out[k, i] = heights[i]
-            spread[k, i] = _contrast(fine, places[i, 0], places[i, 1], size, size)

@@ -1,0 +1,129 @@
+"""Patches of images: copies, differences at half resolution, the optics' blur, and light on them."""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def gather(stack, which, rows, cols, half, out):
+    """Copy the (2 half + 1)^2 nodes around each (row, col) of image ``which`` of a stack (k, rows,
+    cols) into out (n, size, size); nodes outside the image are NaN.
+    """
+    size = 2 * half + 1
+    for n in prange(which.size):
+        image = stack[which[n]]
+        top, left = rows[n] - half, cols[n] - half
+        if 0 <= top <= image.shape[0] - size and 0 <= left <= image.shape[1] - size:
+            for i in range(size):
+                source, target = image[top + i, left : left + size], out[n, i]
+                for j in range(size):
+                    target[j] = source[j]
+        else:
+            for i in range(size):
+                for j in range(size):
+                    r, c = top + i, left + j
+                    inside = 0 <= r < image.shape[0] and 0 <= c < image.shape[1]
+                    out[n, i, j] = image[r, c] if inside else math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def halved_changes(changes, rows, cols, out):
+    """Write differences (n, p, p) from images at the patches around (rows, cols), at half their
+    resolution, on the pixels of images at half resolution, into out (n, q, q), q = 2 (p // 4) + 1; 0
+    beyond the patches.
+    """
+    p, q = changes.shape[1], out.shape[1]
+    fine = p // 2
+    for n in prange(changes.shape[0]):
+        top, left = fine % 2 - rows[n] % 2, fine % 2 - cols[n] % 2
+        for i in range(q):
+            for j in range(q):
+                total = np.float32(0.0)
+                for r in range(max(top + 2 * i, 0), min(top + 2 * i + 2, p)):
+                    for c in range(max(left + 2 * j, 0), min(left + 2 * j + 2, p)):
+                        total += changes[n, r, c]
+                out[n, i, j] = np.float32(0.25) * total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _blur(image, taps, work, out):
+    """One image through a kernel (7,) along both axes, its border extended."""
+    rows, cols = image.shape
+    for r in range(rows):
+        line = work[r]
+        for c in range(cols):
+            line[c] = taps[3] * image[r, c]
+        for k in range(7):
+            if k == 3:
+                continue
+            a, source = taps[k], image[min(max(r + k - 3, 0), rows - 1)]
+            for c in range(cols):
+                line[c] += a * source[c]
+    wide = np.empty(cols + 6, np.float32)
+    for r in range(rows):
+        wide[3 : 3 + cols] = work[r]
+        wide[:3] = work[r, 0]
+        wide[cols + 3 :] = work[r, cols - 1]
+        x0, x1, x2, x3 = wide[0:cols], wide[1 : 1 + cols], wide[2 : 2 + cols], wide[3 : 3 + cols]
+        x4, x5, x6 = wide[4 : 4 + cols], wide[5 : 5 + cols], wide[6 : 6 + cols]
+        line = out[r]
+        for c in range(cols):
+            line[c] = (
+                (taps[0] * x0[c] + taps[1] * x1[c]) + (taps[2] * x2[c] + taps[3] * x3[c])
+            ) + ((taps[4] * x4[c] + taps[5] * x5[c]) + taps[6] * x6[c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def blurred(stack, taps, out):
+    """Write images (k, rows, cols) through a kernel (7,) along both axes, their borders extended,
+    into out; images that are 0 everywhere stay so.
+    """
+    for k in prange(stack.shape[0]):
+        some = False
+        for r in range(stack.shape[1]):
+            for c in range(stack.shape[2]):
+                some = some or stack[k, r, c] != 0.0
+        if some:
+            _blur(stack[k], taps, np.empty(stack.shape[1:], np.float32), out[k])
+        else:
+            out[k] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def light(patches, share, level):
+    """Write the share of each patch's nodes (n, p, p) that are lit (above 0) into share (n,), and
+    their mean into level (n,): NaN where a node is missing or none is lit.
+    """
+    for n in prange(patches.shape[0]):
+        count, missing, total = 0, False, 0.0
+        for i in range(patches.shape[1]):
+            for j in range(patches.shape[2]):
+                x = patches[n, i, j]
+                missing = missing or not math.isfinite(x)
+                if x > 0.0:
+                    count += 1
+                    total += x
+        share[n] = count / (patches.shape[1] * patches.shape[2])
+        level[n] = math.nan if missing or count == 0 else total / count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def harris(patches, level, weight, out):
+    """Write det M - weight trace(M)^2 of each patch (n, p, p), divided by its level (n,), over the
+    squared number of nodes, into out (n,); M from central differences, one-sided at the border. NaN
+    where the level is.
+    """
+    high, wide = patches.shape[1], patches.shape[2]
+    for n in prange(patches.shape[0]):
+        image, xx, yy, xy = patches[n], 0.0, 0.0, 0.0
+        for i in range(high):
+            up, down = max(i - 1, 0), min(i + 1, high - 1)
+            for j in range(wide):
+                left, right = max(j - 1, 0), min(j + 1, wide - 1)
+                x = np.float64(image[i, right] - image[i, left]) / (right - left)
+                y = np.float64(image[down, j] - image[up, j]) / (down - up)
+                xx, yy, xy = xx + x * x, yy + y * y, xy + x * y
+        scale = (level[n] * level[n]) ** 2 * np.float64(high * wide) ** 2
+        out[n] = (xx * yy - xy * xy - weight * (xx + yy) ** 2) / scale
