@@ -121,7 +121,7 @@ def straightforward(area: Subject) -> Subject:
         made = Pipeline(area.package, area.job, found)
         return Places(found.lon_deg, found.lat_deg, made.run())
 
-    return Subject("pipeline", run, area.nodes, area.conditions)
+    return Subject("pipeline", run, area.nodes, area.conditions, area.package, area.job, False)
 
 
 def exhaustive(area: Subject) -> Any:
@@ -150,6 +150,7 @@ def roofline(asked: argparse.Namespace) -> Iterator[str]:
         one.result = one.run()
         stages = []
         for _ in range(asked.rounds):
+            one.package.forget()
             with measured(one.package) as clock:
                 one.run()
             stages.append(clock.stop())

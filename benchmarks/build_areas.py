@@ -121,6 +121,12 @@ class Package:
         """The area's result."""
         return self.module("build.area_job").run_area(job)
 
+    def forget(self) -> None:
+        """Drop the DEM windows kept from the last area: in a build that was another area. Blocks of
+        far terrain, which neighbours share, stay.
+        """
+        getattr(self.module("dem.block_cache"), "_windows", {}).clear()
+
 
 def own_nodes(package: Package, job: Any) -> int:
     """Number of nodes that belong to the area, by their places on the sphere."""

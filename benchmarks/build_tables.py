@@ -21,9 +21,10 @@ class Subject:
     run: Callable[[], Any]
     nodes: int
     conditions: int
-    package: Package | None = None
-    """The package whose stages are timed; None for no stages."""
-    job: Any = None
+    package: Package
+    job: Any
+    staged: bool = True
+    """True if its stages are timed, too."""
     seconds: list[float] = field(default_factory=list)
     stages: list[dict[str, float]] = field(default_factory=list)
     result: Any = None
@@ -53,10 +54,12 @@ def in_turn(subjects: Sequence[Subject], rounds: int) -> None:
         one.result = one.run()
     for number in range(rounds):
         for one in subjects if number % 2 else list(reversed(subjects)):
+            one.package.forget()
             start = time.process_time()
             one.run()
             one.seconds.append(time.process_time() - start)
-            if one.package is not None:
+            if one.staged:
+                one.package.forget()
                 with measured(one.package) as clock:
                     one.run()
                 one.stages.append(clock.stop())

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from build_areas import Package
 from build_differences import Places, differences
 from build_stages import REST, Clock
 from build_tables import Subject, ratio, stage_table
@@ -44,13 +45,15 @@ def test_a_nested_stage_does_not_count_for_the_outer_one(monkeypatch: pytest.Mon
     }
 
 
+def timed(name: str, nodes: int, seconds: list[float], stages: dict[str, float]) -> Subject:
+    """An area of 10 conditions that has been timed."""
+    package = Package("lcp_catalog")
+    return Subject(name, lambda: None, nodes, 10, package, None, True, seconds, [stages])
+
+
 def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> None:
-    now = Subject(
-        "now", lambda: None, 100, 10, None, None, [1.0, 2.0, 1.0], [{"terrain": 0.25, REST: 0.5}]
-    )
-    before = Subject(
-        "before", lambda: None, 50, 10, None, None, [8.0, 8.0, 2.0], [{"terrain": 2.0, REST: 3.0}]
-    )
+    now = timed("now", 100, [1.0, 2.0, 1.0], {"terrain": 0.25, REST: 0.5})
+    before = timed("before", 50, [8.0, 8.0, 2.0], {"terrain": 2.0, REST: 3.0})
     assert ratio(now, before) == pytest.approx(8.0)
     lines = stage_table([now, before]).splitlines()
     assert lines[0] == "| stage, ms | now | before |"
