@@ -17,7 +17,7 @@ from build_areas import Package
 STAGES: dict[str, tuple[str, ...]] = {
     "terrain": ("build.area_job:area_sweep", "build.area_job:_Core.__init__"),
     "corners": ("build.area_job:_find",),
-    "patches": (
+    "heights of patches": (
         "build.area_job:_patches",
         "build.area_job:_place_errors",
         "build.area_job:_turns",
@@ -41,7 +41,20 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.patch_light:PatchLight.shadows",
         "build.patch_light:PatchLight.occlusion_dependence",
     ),
+    "scales of the images, patches": (
+        "landmarks.corners:fill_missing",
+        "landmarks.patches:through_optics",
+        "landmarks.patches:halved",
+        "landmarks.patches:halved_changes",
+        "landmarks.patches:gather_patches",
+        "landmarks.patches:patches_of",
+        "build.evaluation:_halved_change",
+        "build.evaluation:_blurred_patches",
+    ),
     "localization, detection": (
+        "landmarks.localization:lit_share",
+        "landmarks.localization:mean_lit_level",
+        "landmarks.detection:least_rival",
         "landmarks.localization:registration",
         "landmarks.localization:shift_bias",
         "landmarks.localization:harris_response",
