@@ -19,7 +19,7 @@ from ..landmarks.detection import detection_probability, least_rival, top_probab
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import Registration, harris_response, lit_share, mean_lit_level
 from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
-from ..landmarks.uniqueness import RING, other_places, searched_exactly
+from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
 from .patch_light import PatchLight
 from .place_errors import PlaceErrors
@@ -137,7 +137,7 @@ class _Judge:
         raw = np.stack([image.radiance for image in images])
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
         filled = np.stack([fill_missing(image, 2 * half + 1) for image in raw])
-        slopes = [np.nan_to_num(np.stack(s)) for s in zip(*(i.slopes for i in images), strict=True)]
+        slopes = [_complete(np.stack(s)) for s in zip(*(i.slopes for i in images), strict=True)]
         items = _Items(
             np.repeat(np.arange(len(images)), count),
             np.tile(rows, len(images)),
@@ -159,7 +159,7 @@ class _Judge:
                 alone = seen + change
             shown = [through_optics(sources[0], scale), *sources[1:]]
             blurred = items.of(shown[0])
-            alone_blurred = blurred + through_optics(np.nan_to_num(alone - seen), scale)
+            alone_blurred = blurred + through_optics(_complete(alone - seen), scale)
             found = self._at_scale(scale, shown, items, blurred, alone_blurred, lit)
             for part, values in (
                 (result.detection, found.detection),
@@ -219,13 +219,14 @@ class _Judge:
         models = self.errors.rows(good % len(self.errors.which))
         match = models.registration(alone[good], errors, pixel_m, level)
         search = max(1, self.points.search_nodes(self.gsd_m) // scale)
-        chances = _chances(match, sources[0], alone[good], level, some, search)
+        images = SearchImages.of(sources[0], alone.shape[1])
+        chances = _chances(match, images, alone[good], level, some, search)
         below, above = _DOUBT
         doubt = chances.detection - self.points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
         if len(again) and not searched_exactly(alone.shape[1], search):
             checked = _chances(
-                match.rows(again), sources[0], alone[good[again]], level[again], some.some(again),
+                match.rows(again), images, alone[good[again]], level[again], some.some(again),
                 search, exact=True,
             )  # fmt: skip
             for part, values in zip(chances, checked, strict=True):
@@ -238,6 +239,11 @@ class _Judge:
         major, minor, angle = _ellipse(covariance * pixel_m**2 + place)
         found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle
         return found
+
+
+def _complete(values: Float32) -> Float32:
+    """The values, 0 where one is missing."""
+    return values if np.isfinite(values.sum()) else np.nan_to_num(values)
 
 
 class _Chances(NamedTuple):
@@ -253,7 +259,7 @@ class _Chances(NamedTuple):
 
 def _chances(
     match: Registration,
-    images: Float32,
+    images: SearchImages,
     patches: Float32,
     level: Array,
     items: _Items,
@@ -328,8 +334,15 @@ def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:
     0..180, of covariances (n, 2, 2) of columns (east) and rows (south); infinite and NaN for
     infinite ones.
     """
-    finite = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
-    values, vectors = np.linalg.eigh(np.where(finite[:, None, None], covariance, np.eye(2)))
-    sigma = np.where(finite[:, None], np.sqrt(np.maximum(values, 0.0)), np.inf)
-    angle = np.degrees(np.arctan2(vectors[:, 0, 1], -vectors[:, 1, 1])) % 180.0
-    return sigma[:, 1], sigma[:, 0], np.where(finite, angle, np.nan)
+    xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    finite = np.isfinite(xx) & np.isfinite(yy) & np.isfinite(xy)
+    xx, yy, xy = (np.where(finite, part, 0.0) for part in (xx, yy, xy))
+    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    major, minor = (
+        np.where(finite, np.sqrt(np.maximum(value, 0.0)), np.inf)
+        for value in (middle + apart, middle - apart)
+    )
+    # the axis (cos t, sin t) of columns and rows has tan 2t = 2 xy / (xx - yy)
+    east_of = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    angle = (np.degrees(east_of) + 90.0) % 180.0
+    return major, minor, np.where(finite, angle, np.nan)

@@ -76,18 +76,12 @@ def least_rival(match: Registration, self_correlation: Array | float = 1.0) -> A
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
     nodes = _NODES if match.spread > 0.0 else np.zeros(1)
-    least = np.full(len(match.contrast), np.inf)
-    for factor in np.exp(2.0 * match.spread * nodes):
-        noise, along = factor * match.noise_variance, factor * match.along / match.nodes
-        own = np.square(match.contrast)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = rho * np.sqrt(own / (own + noise))
-            variance = along / (own + noise) * (1.0 - mean**2)
-            for share in (0.25, 1.0, 100.0):
-                reduced = np.sqrt(share * own / (share * own + noise))
-                both = variance + along / (share * own + noise)
-                least = np.fmin(least, (mean - _CLEAR * np.sqrt(both)) / reduced)
-    return least
+    out = np.empty(len(match.contrast))
+    kernel.least_rivals(
+        match.contrast, match.noise_variance, match.along, rho, match.nodes,
+        np.exp(match.spread * nodes), _CLEAR, out,
+    )  # fmt: skip
+    return out
 
 
 def top_probability(

@@ -78,9 +78,10 @@ def halved(images: Float32) -> Float32:
     """Means of 2 x 2 pixels of images (..., rows, cols), (..., rows // 2, cols // 2); an odd last row
     or column is left out.
     """
-    rows, cols = (n // 2 * 2 for n in images.shape[-2:])
-    pairs = images[..., 0:rows:2, :cols].astype(np.float64) + images[..., 1:rows:2, :cols]
-    return np.asarray(0.25 * (pairs[..., ::2] + pairs[..., 1::2]), dtype=np.float32)
+    whole = np.ascontiguousarray(images, dtype=np.float32).reshape(-1, *images.shape[-2:])
+    out = np.empty((len(whole), whole.shape[1] // 2, whole.shape[2] // 2), np.float32)
+    kernels.halved(whole, out)
+    return out.reshape(*images.shape[:-2], *out.shape[1:])
 
 
 def halved_changes(changes: Float32, rows: Index, cols: Index) -> Float32:

@@ -5,6 +5,7 @@ Correlation is centred and normalised: it does not depend on gain and offset.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +57,35 @@ class OtherPlaces(NamedTuple):
     near_contrast: Array
 
 
+@dataclass(frozen=True, eq=False)
+class SearchImages:
+    """Images (k, rows, cols) prepared for searches for patches of ``size`` x ``size`` nodes: less
+    their means, with the norms of their windows, and the same at half resolution; and the least norm
+    (k,) of a patch with contrast.
+    """
+
+    size: int
+    images: Float32
+    norms: Float32
+    coarse: Float32
+    coarse_norms: Float32
+    least_norm: Array
+
+    @classmethod
+    def of(cls, images: Float32, size: int) -> SearchImages:
+        """The images; missing nodes hold the mean of the valid nodes around them."""
+        fine = np.asarray(images, np.float32)
+        if not np.isfinite(fine.sum()):
+            fine = np.stack([fill_missing(image, size) for image in fine])
+        fine = fine - fine.mean(axis=(1, 2), dtype=np.float64, keepdims=True).astype(np.float32)
+        coarse = halved(fine)
+        power = np.einsum("kij,kij->k", fine, fine, dtype=np.float64) / fine[0].size
+        parts = _norms(fine, size), coarse, _norms(coarse, size // 2)
+        return cls(size, fine, *parts, _FLAT * np.sqrt(power) * size)
+
+
 def other_places(
-    images: Float32,
+    images: Float32 | SearchImages,
     patches: Float32,
     rows: Index,
     cols: Index,
@@ -79,39 +107,27 @@ def other_places(
     0. A patch without contrast has one other place with correlation 1; a patch that the image's
     border cuts has none.
 
-    Half resolution is searched first, then full resolution from its highest maxima; ``exact``: full
-    resolution everywhere, as for patches below 33 nodes a side and for small search areas.
+    Half resolution is searched first, then full resolution from its highest maxima; maxima below
+    ``least`` (n,), except the two highest, may be left out (`detection.least_rival`). ``exact``: full
+    resolution everywhere, as for small patches and small search areas.
     """
     size = patches.shape[1]
-    half = size // 2
-    least = np.full(len(rows), -2.0) if least is None else least
-    which = np.zeros(len(rows), np.int64) if which is None else which
-    fine = np.stack([fill_missing(image, size) for image in np.asarray(images, np.float32)])
-    fine -= fine.mean(axis=(1, 2), dtype=np.float64, keepdims=True).astype(np.float32)
-    centres = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2)
-    places = OtherPlaces(
+    found = OtherPlaces(
         *np.full((2, len(rows), RIVALS), np.nan), *np.full((2, len(rows), len(RING)), np.nan)
     )
-    if min(fine.shape[1:]) < size:
-        return places
-    cut = ((centres < half) | (centres >= np.array(fine.shape[:0:-1]) - half)).any(axis=1)
-    contrast = patches.std(axis=(1, 2), dtype=np.float64)
-    flat = ~(contrast > _FLAT * fine.std(axis=(1, 2), dtype=np.float64)[which]) & ~cut
-    places.correlation[flat, 0], places.contrast[flat, 0] = 1.0, contrast[flat]
-    tried = np.flatnonzero(~flat & ~cut)
-    two_steps = not (exact or searched_exactly(size, search))
-    norms = _norms(fine, size)
-    coarse = halved(fine) if two_steps else fine[:0]
-    found = OtherPlaces(*(np.empty((len(tried), *part.shape[1:])) for part in places))
+    if not isinstance(images, SearchImages):
+        if min(images.shape[1:]) < size:
+            return found
+        images = SearchImages.of(images, size)
+    origins = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2) - size // 2
     rivals(
-        fine, norms, coarse, _norms(coarse, half) if two_steps else norms[:0],
-        np.ascontiguousarray(patches[tried], dtype=np.float32), which[tried],
-        centres[tried] - half, search, float(exclusion), two_steps, least[tried], RING,
-        *found,
+        images.images, images.norms, images.coarse, images.coarse_norms, images.least_norm,
+        np.ascontiguousarray(patches, dtype=np.float32),
+        np.zeros(len(rows), np.int64) if which is None else which, origins, search,
+        float(exclusion), not (exact or searched_exactly(size, search)),
+        np.full(len(rows), -2.0) if least is None else least, RING, *found,
     )  # fmt: skip
-    for part, own in zip(places, found, strict=True):
-        part[tried] = own
-    return places
+    return found
 
 
 def searched_exactly(size: int, search: int) -> bool:
@@ -122,6 +138,6 @@ def searched_exactly(size: int, search: int) -> bool:
 def _norms(images: Float32, size: int) -> Float32:
     """Reciprocals of the norms of all windows of size x size pixels of images (k, rows, cols)."""
     count, rows, cols = images.shape
-    norms = np.empty((count, rows - size + 1, cols - size + 1), np.float32)
+    norms = np.empty((count, max(rows - size + 1, 0), max(cols - size + 1, 0)), np.float32)
     window_norms(images, size, norms)
     return norms

@@ -143,3 +143,22 @@ def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_
             if math.isfinite(margin) and margin < least:
                 least = margin
         out[i] = 0.5 * math.erfc(-least * math.sqrt(0.5))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def least_rivals(contrast, noise, along, rho, nodes, factors, clear, out):
+    """Write the noise-free correlation below which another place does not matter into out (n,): in
+    noise it is ``clear`` standard deviations below that at the true place, for windows of half the
+    patch's contrast, of the same, and of ten times as much; the others as in `acquisition`.
+    """
+    for i in prange(contrast.size):
+        out[i] = math.inf
+        for factor in factors:
+            scale = factor * factor
+            mean, variance = moments(contrast[i], rho[i], scale * noise[i], scale * along[i], nodes)
+            for share in (0.5, 1.0, 10.0):
+                theirs = share * contrast[i]
+                total = theirs * theirs + scale * noise[i]
+                spread = variance + scale * along[i] / nodes / total
+                least = (mean - clear * math.sqrt(spread)) * math.sqrt(total) / theirs
+                out[i] = min(out[i], least)

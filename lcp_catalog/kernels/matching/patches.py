@@ -109,6 +109,28 @@ def light(patches, share, level):
         level[n] = math.nan if missing or count == 0 else total / count
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _gradients(above, row, below, step, sums):
+    """Add the squares and the product of the gradients at a row's nodes to sums (3,): xx, yy, xy."""
+    n = row.size
+    xx = yy = xy = np.float32(0.0)
+    left, middle, right = row[: n - 2], row[1 : n - 1], row[2:]
+    high, low = above[1 : n - 1], below[1 : n - 1]
+    for k in range(middle.size):
+        x, y = np.float32(0.5) * (right[k] - left[k]), step * (low[k] - high[k])
+        xx += x * x
+        yy += y * y
+        xy += x * y
+    for k, x in ((0, row[1] - row[0]), (n - 1, row[n - 1] - row[n - 2])):
+        y = step * (below[k] - above[k])
+        xx += x * x
+        yy += y * y
+        xy += x * y
+    sums[0] += xx
+    sums[1] += yy
+    sums[2] += xy
+
+
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def harris(patches, level, weight, out):
     """Write det M - weight trace(M)^2 of each patch (n, p, p), divided by its level (n,), over the
@@ -117,13 +139,22 @@ def harris(patches, level, weight, out):
     """
     high, wide = patches.shape[1], patches.shape[2]
     for n in prange(patches.shape[0]):
-        image, xx, yy, xy = patches[n], 0.0, 0.0, 0.0
+        image, sums = patches[n], np.zeros(3)
         for i in range(high):
             up, down = max(i - 1, 0), min(i + 1, high - 1)
-            for j in range(wide):
-                left, right = max(j - 1, 0), min(j + 1, wide - 1)
-                x = np.float64(image[i, right] - image[i, left]) / (right - left)
-                y = np.float64(image[down, j] - image[up, j]) / (down - up)
-                xx, yy, xy = xx + x * x, yy + y * y, xy + x * y
+            _gradients(image[up], image[i], image[down], np.float32(1.0 / (down - up)), sums)
+        xx, yy, xy = sums
         scale = (level[n] * level[n]) ** 2 * np.float64(high * wide) ** 2
         out[n] = (xx * yy - xy * xy - weight * (xx + yy) ** 2) / scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def halved(stack, out):
+    """Write the means of 2 x 2 pixels of images (k, rows, cols) into out (k, rows // 2, cols // 2)."""
+    for k in prange(stack.shape[0]):
+        for r in range(out.shape[1]):
+            one, other, line = stack[k, 2 * r], stack[k, 2 * r + 1], out[k, r]
+            for c in range(line.size):
+                line[c] = np.float32(0.25) * (
+                    (one[2 * c] + other[2 * c]) + (one[2 * c + 1] + other[2 * c + 1])
+                )

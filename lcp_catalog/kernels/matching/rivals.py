@@ -50,7 +50,7 @@ def window_norms(stack, size, out):
         for r in range(rows):
             for c in range(cols):
                 x = np.float64(image[r, c]) - mean
-                old = np.float64(image[r - size, c]) - mean if r >= size else mean - mean
+                old = np.float64(image[r - size, c]) - mean if r >= size else 0.0
                 first[c] += x - old
                 second[c] += x * x - old * old
             if r < size - 1:
@@ -71,7 +71,7 @@ def window_norms(stack, size, out):
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _unit(template, wide):
     """A template (p, q) less its mean, of unit norm, with zeros behind each row up to ``wide``
-    columns, (p, wide); all 0 if it is flat.
+    columns, (p, wide), all 0 if it is flat; and its norm.
     """
     rows, cols = template.shape
     total = 0.0
@@ -89,7 +89,7 @@ def _unit(template, wide):
     for r in range(rows):
         for c in range(cols):
             out[r, c] *= np.float32(scale)
-    return out
+    return out, math.sqrt(power)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -203,7 +203,7 @@ def _from_half(
     """
     blocks, top, left = _blocks(values, row, col)
     side = blocks.shape[0]
-    small = _unit(blocks, side)
+    small, _ = _unit(blocks, side)
     box = window(half.shape, side, side, top, left, (reach + 1) // 2)
     if box[1] < box[0] or box[3] < box[2]:
         return 0
@@ -258,18 +258,21 @@ def _rivals_of(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def rivals(
-    stack, norms, half, half_norms, templates, which, origins, reach, exclusion, coarse, least, ring,
-    out, spread, around, contrast,
+    stack, norms, half, half_norms, least_norm, templates, which, origins, reach, exclusion, coarse,
+    least, ring, out, spread, around, contrast,
 ):  # fmt: skip
     """Search for n templates in the images that they belong to.
 
     stack, half (images, rows, cols) with their `window_norms` (for half: of half the templates'
-    size); templates (n, p, p); which (n,): image of each; origins (n, 2): column and row of each
-    one's first pixel, all of it in the image. Other places are maxima (3 x 3 pixels) within
-    ``reach`` in both axes and farther than ``exclusion`` from the template's own place: their
-    correlations, best first, go into out (n, k), NaN where there are fewer, the standard deviations
-    of the windows there into spread (n, k). The same at the distances ring (m, 2; columns and rows)
-    into around and contrast (n, m), NaN where the window leaves the image.
+    size); least_norm (images,): a template whose norm is not above it has one other place with
+    correlation 1; templates (n, p, p); which (n,): image of each; origins (n, 2): column and row of
+    each one's first pixel; a template that is not all in the image has no other places.
+
+    Other places are maxima (3 x 3 pixels) within ``reach`` in both axes and farther than
+    ``exclusion`` from the template's own place: their correlations, best first, go into out (n, k),
+    NaN where there are fewer, the standard deviations of the windows there into spread (n, k). The
+    same at the distances ring (m, 2; columns and rows) into around and contrast (n, m), NaN where
+    the window leaves the image.
 
     With half resolution first, maxima that are certainly below least (n,) are left out, except the
     two highest; the highest 16 at half resolution are followed to full resolution, the others keep
@@ -280,14 +283,19 @@ def rivals(
     for n in prange(templates.shape[0]):
         image, own = stack[which[n]], norms[which[n]]
         col, row = origins[n, 0], origins[n, 1]
-        template = _unit(templates[n], wide)
+        out[n], spread[n], around[n], contrast[n] = math.nan, math.nan, math.nan, math.nan
+        if not (0 <= row < own.shape[0] and 0 <= col < own.shape[1]):
+            continue
+        template, norm = _unit(templates[n], wide)
+        if not norm > least_norm[which[n]]:
+            out[n, 0], spread[n, 0] = 1.0, norm / size
+            continue
         region = np.empty((wide, wide), np.float32)
         places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
         found = _rivals_of(
             image, own, half[which[n]], half_norms[which[n]], templates[n], template, row, col,
             reach, exclusion, coarse, least[n], region, places, heights,
         )  # fmt: skip
-        out[n], spread[n] = math.nan, math.nan
         for k in range(found):
             i = k
             while i > 0 and out[n, i - 1] < heights[k]:  # an ascent can end above an earlier one
@@ -299,7 +307,6 @@ def rivals(
         _copied(image, row - _AROUND, col - _AROUND, wide, wide, region)
         for k in range(ring.shape[0]):
             r, c = row + ring[k, 1], col + ring[k, 0]
-            around[n, k] = contrast[n, k] = math.nan
             if 0 <= r < own.shape[0] and 0 <= c < own.shape[1]:
                 around[n, k] = _at(region, own, template, r, c, row - _AROUND, col - _AROUND)
                 contrast[n, k] = 1.0 / (own[r, c] * size) if own[r, c] > 0.0 else 0.0
