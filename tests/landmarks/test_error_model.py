@@ -1,5 +1,6 @@
-"""Covariances of the error model: against dense matrices, whose derivatives are differences, and
-against random fields made on a finer grid.
+"""Covariances of the error model in the statistics of a match: against dense matrices, whose
+derivatives are differences, against products with matrices of rows and columns, and against random
+fields made on a finer grid.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ import math
 
 import numpy as np
 import pytest
+from helpers import twins_registration as twin
 from scipy.integrate import dblquad
 
 from lcp_catalog.errors import ConfigError
-from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors, noise_products
+from lcp_catalog.landmarks.error_model import ErrorModel, NoiseTerms, PatchErrors
+from lcp_catalog.landmarks.localization import registration
 
 CELL_M = 474.0
 MODEL = ErrorModel(
@@ -22,6 +25,20 @@ MODEL = ErrorModel(
     albedo_sigma=0.06,
     albedo_length_m=1500.0,
 )
+SHORT_M, LONG_M = 250.0, 1200.0
+"""Correlation lengths of heights that the kernel applies by distance and by principal components."""
+
+
+def of_length(length_m: float) -> ErrorModel:
+    return dataclasses.replace(MODEL, height_length_m=length_m)
+
+
+def only(model: ErrorModel, alone: str) -> ErrorModel:
+    """A model with one source of error, all of them ("everything") or none."""
+    for name in ("sensor_noise", "height_sigma_m", "albedo_sigma"):
+        if alone not in ("everything", name):
+            model = dataclasses.replace(model, **{name: 0.0})
+    return model
 
 
 def sources(seed: int, n: int = 2, p: int = 9) -> PatchErrors:
@@ -29,6 +46,16 @@ def sources(seed: int, n: int = 2, p: int = 9) -> PatchErrors:
     rng = np.random.default_rng(seed)
     level = 1.0 + 0.2 * rng.normal(size=(n, p, p))
     return PatchErrors(*(a.astype(np.float32) for a in (level, *rng.normal(size=(2, n, p, p)))))
+
+
+def textures(seed: int, n: int = 2, p: int = 9) -> np.ndarray:
+    """Patches about 1: waves, and the last one white noise."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:p, 0:p]
+    k, phase = rng.normal(size=(2, n, 12, 1, 1)) * 0.5, rng.uniform(0, 6.28, size=(n, 12, 1, 1))
+    waves = 1.0 + 0.05 * np.cos(k[0] * x + k[1] * y + phase).sum(axis=1)
+    waves[-1] = 1.0 + 0.2 * rng.normal(size=(p, p))
+    return waves.astype(np.float32)
 
 
 def gaussian(sigma: float, length_m: float, lag_x, lag_y):
@@ -62,27 +89,75 @@ def dense(errors: PatchErrors, k: int, model: ErrorModel) -> np.ndarray:
     return slopes + albedo + model.sensor_noise**2 * np.eye(p * p)
 
 
-@pytest.mark.parametrize(
-    "alone", ["everything", "sensor_noise", "height_sigma_m", "albedo_sigma", "nothing"]
-)
-def test_products_are_those_of_the_dense_covariance(alone):
-    model = MODEL
-    for name in ("sensor_noise", "height_sigma_m", "albedo_sigma"):
-        if alone not in ("everything", name):
-            model = dataclasses.replace(model, **{name: 0.0})
-    errors = sources(1)
-    fields = np.random.default_rng(2).normal(size=(2, 3, 9, 9)).astype(np.float32)
-    products, variance = noise_products(fields, errors, model, CELL_M)
-    assert (products > 0).any() == (alone != "nothing")
+ALONE = ["everything", "sensor_noise", "height_sigma_m", "albedo_sigma", "nothing"]
+
+
+def test_both_ways_of_applying_slope_errors_are_tested():
+    for p in (9, 17, 33):
+        assert NoiseTerms.of(of_length(SHORT_M), p, CELL_M).taps.shape[1] > 0
+        assert NoiseTerms.of(of_length(LONG_M), p, CELL_M).taps.shape[1] == 0
+
+
+@pytest.mark.parametrize("alone", ALONE)
+@pytest.mark.parametrize("length_m", [SHORT_M, LONG_M])
+@pytest.mark.parametrize("p", [9, 17, 33])
+def test_statistics_are_those_of_the_dense_covariance(p, length_m, alone):
+    """Products with the fields, and the covariance of least squares with the four columns as they
+    are, without a projection. The kernel leaves out parts below 1e-5 of the greatest covariance or
+    eigenvalue.
+    """
+    model = only(of_length(length_m), alone)
+    patches, errors = textures(p, p=p), sources(1, p=p)
+    found = registration(patches, errors, model, CELL_M)
+    fields, _ = twin.fields_of(patches.astype(np.float64))
+    assert (found.along > 0).any() == (alone != "nothing")
     for k in range(2):
-        covariance, flat = dense(errors, k, model), fields[k].reshape(3, -1).astype(np.float64)
+        covariance, flat = dense(errors, k, model), fields[k].reshape(4, -1)
         expected = flat @ covariance @ flat.T
-        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))).max()
-        np.testing.assert_allclose(products[k], expected, atol=2e-5 * scale, rtol=0)
-        assert variance[k] == pytest.approx(np.diag(covariance).mean(), rel=2e-5)
+        power = patches[k].size * patches[k].var(dtype=np.float64)
+        slopes = found.slope_noise[k] * power
+        scale = np.diag(expected)[:2].max()
+        np.testing.assert_allclose(slopes, expected[:2, :2], atol=4e-5 * scale, rtol=0)
+        assert found.along[k] == pytest.approx(expected[2, 2], rel=4e-5)
+        within = np.diag(covariance).mean() - covariance.mean()
+        assert found.noise_variance[k] == pytest.approx(within, rel=2e-5, abs=1e-12)
+        image = patches[k].astype(np.float64)
+        ones = np.ones_like(image)
+        rows = np.stack([twin.node_slopes(image, 1), twin.node_slopes(image, 0), ones, image])
+        inverse = np.linalg.pinv(rows.reshape(4, -1))
+        shift = (inverse.T @ covariance @ inverse)[:2, :2]
+        np.testing.assert_allclose(
+            found.covariance_px2[k], shift, atol=4e-5 * np.diag(shift).max(), rtol=0
+        )
+        bias = -inverse.T @ (errors.level[k] - image).ravel()
+        np.testing.assert_allclose(
+            found.bias[k], bias[:2], atol=2e-5 * np.abs(bias[:2]).max(), rtol=0
+        )
+        own = np.corrcoef(patches[k].ravel(), errors.level[k].ravel())[0, 1]
+        assert found.own[k] == pytest.approx(own, abs=2e-6)
 
 
-def made_noise(errors: PatchErrors, count: int, fine: int = 4) -> np.ndarray:
+@pytest.mark.parametrize("alone", ALONE)
+@pytest.mark.parametrize("length_m", [SHORT_M, 600.0, LONG_M, 5000.0])
+@pytest.mark.parametrize("p", [7, 9, 17, 33])
+def test_statistics_are_those_of_the_plain_formulas(p, length_m, alone):
+    """Patches and sources that are divided by their levels; six patches are more than one block."""
+    model = dataclasses.replace(only(of_length(length_m), alone), spread=0.2)
+    patches, errors = textures(p + 1, 6, p), sources(2, 6, p)
+    level = np.random.default_rng(p).uniform(0.01, 3.0, 6)
+    by = level[:, None, None].astype(np.float32)
+    scaled = PatchErrors(errors.level * by, errors.east * by, errors.south * by)
+    found = registration(patches * by, scaled, model, CELL_M, level)
+    said = twin.statistics(patches * by, scaled, model, CELL_M, level)
+    for name, expected in said._asdict().items():
+        worst = np.abs(expected).reshape(6, -1).max(axis=1)
+        error = np.abs(getattr(found, name) - expected).reshape(6, -1).max(axis=1)
+        assert (error <= (1e-6 if name == "own" else 4e-5 * worst)).all(), name
+    assert found.nodes == p * p
+    assert found.spread == 0.2
+
+
+def made_noise(errors: PatchErrors, model: ErrorModel, count: int, fine: int = 4) -> np.ndarray:
     """Noise (count, p, p) of patch 0 from fields on a grid ``fine`` times finer, made by Fourier
     transforms: height errors, whose slopes are exact derivatives, and brightness, both as means over
     pixels; and white noise of pixels.
@@ -96,8 +171,8 @@ def made_noise(errors: PatchErrors, count: int, fine: int = 4) -> np.ndarray:
         power = np.exp(-0.5 * length**2 * (kx**2 + ky**2))
         return sigma * np.sqrt(power / power.mean())
 
-    heights = spectrum(MODEL.height_sigma_m, MODEL.height_length_m)
-    albedo = spectrum(MODEL.albedo_sigma, MODEL.albedo_length_m)
+    heights = spectrum(model.height_sigma_m, model.height_length_m)
+    albedo = spectrum(model.albedo_sigma, model.albedo_length_m)
     noise = []
     for _ in range(count):
         white = [np.fft.fft2(rng.normal(size=(size, size))) for _ in range(2)]
@@ -108,21 +183,30 @@ def made_noise(errors: PatchErrors, count: int, fine: int = 4) -> np.ndarray:
             m * part[0]
             for m, part in zip(means, (errors.east, errors.south, errors.level), strict=True)
         )
-        noise.append(one + MODEL.sensor_noise * rng.normal(size=(p, p)))
+        noise.append(one + model.sensor_noise * rng.normal(size=(p, p)))
     return np.array(noise)
 
 
-def test_products_are_those_of_random_fields():
-    """Within 3 standard errors of 1500 draws (11 %)."""
-    errors = sources(4, n=1)
-    y, x = np.mgrid[0:9, 0:9] / 8.0
-    fields = np.stack([np.ones((9, 9)), np.cos(3 * x), np.sin(5 * y) * x, x - y])[None]
-    products, variance = noise_products(fields.astype(np.float32), errors, MODEL, CELL_M)
-    noise = made_noise(errors, 1500)
-    found = np.einsum("aij,nij->na", fields[0], noise)
-    scale = np.sqrt(np.outer(np.diag(products[0]), np.diag(products[0])))
-    np.testing.assert_allclose(np.cov(found.T) / scale, products[0] / scale, atol=0.11)
-    assert noise.var() == pytest.approx(variance[0], rel=0.05)
+@pytest.mark.parametrize("length_m", [300.0, 600.0])
+def test_statistics_are_those_of_random_fields(length_m):
+    """Within 3 standard errors of 1500 draws (11 %); by distance and by principal components."""
+    model = of_length(length_m)
+    by_distance = NoiseTerms.of(model, 9, CELL_M).taps.shape[1] > 0
+    assert by_distance == (length_m < 500.0)
+    errors, y, x = sources(4, n=1), *(np.mgrid[0:9, 0:9] / 8.0)
+    patch = (1.0 + 0.1 * np.cos(3 * x) + 0.1 * np.sin(5 * y) * x + 0.05 * (x - y))[None]
+    found = registration(patch, errors, model, CELL_M)
+    fields, _ = twin.fields_of(patch)
+    power = patch.size * patch.var()
+    stated = np.zeros((3, 3))
+    stated[:2, :2], stated[2, 2] = found.slope_noise[0] * power, found.along[0]
+    noise = made_noise(errors, model, 1500)
+    seen = np.cov(np.einsum("aij,nij->na", fields[0, :3], noise).T)
+    scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
+    for part in (np.s_[:2, :2], np.s_[2, 2]):
+        np.testing.assert_allclose((seen / scale)[part], (stated / scale)[part], atol=0.11)
+    within = noise.var(axis=(1, 2)).mean()
+    assert within == pytest.approx(found.noise_variance[0], rel=0.05)
 
 
 @pytest.mark.parametrize(("length", "worst"), [(0.35, 0.11), (0.5, 0.04), (1.0, 0.003)])

@@ -50,7 +50,7 @@ def _by_distance(fields, east, south, p, taps, work, products):
 
     fields (4, p p); east, south (p p,): sensitivities to slopes along the columns and the rows. taps
     (4, 2 b + 1): covariance of heights along an axis, its first derivative, that with the other
-    sign, and the negative of its second derivative, at the distances -b..b. work (8, (p + 2 b)
+    sign, and the negative of its second derivative, at the distances -b..b. work (7, (p + 2 b)
     (p + b)): its first four arrays are 0 in b rows at both ends and in b columns behind each row.
     """
     value, first, minus_first, second = taps[0], taps[1], taps[2], taps[3]
