@@ -63,6 +63,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.evaluation:_ellipse",
     ),
     "uniqueness": (
+        "landmarks.uniqueness:SearchImages.of",
         "landmarks.uniqueness:other_places",
         "landmarks.uniqueness:places_around",
     ),
@@ -114,7 +115,7 @@ def measured(package: Package) -> Iterator[Clock]:
     undo: list[Callable[[], None]] = []
     for stage, names in STAGES.items():
         for name in names:
-            undo += _wrapped(package, name, clock, stage)
+            undo += wrapped(package, name, clock, stage)
     clock._turn()
     clock.seconds.clear()
     try:
@@ -124,7 +125,7 @@ def measured(package: Package) -> Iterator[Clock]:
             back()
 
 
-def _wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Callable[[], None]]:
+def wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Callable[[], None]]:
     """Wrap a function wherever the package's modules hold it; the calls that undo it."""
     path, _, attribute = name.partition(":")
     try:
@@ -139,6 +140,8 @@ def _wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Call
         return []
     if isinstance(found, cached_property):
         return [_set(found, "func", clock.timed(stage, found.func))]
+    if isinstance(found, classmethod):
+        return [_set(owner, last, classmethod(clock.timed(stage, found.__func__)))]
     if classes:
         return [_set(owner, last, clock.timed(stage, found))]
     inside = clock.timed(stage, found)

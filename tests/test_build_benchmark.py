@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from build_areas import Package
 from build_differences import Places, differences
-from build_stages import REST, Clock
+from build_stages import REST, STAGES, Clock, wrapped
 from build_tables import Subject, ratio, stage_table
 
 
@@ -62,3 +62,16 @@ def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> No
         "| rest | 500.0 | 3000.0 |",
         "| all | 750.0 | 5000.0 |",
     ]
+
+
+def test_every_stage_has_a_function_in_the_package() -> None:
+    missing = []
+    for stage, names in STAGES.items():
+        clock = Clock()
+        undo = [
+            back for name in names for back in wrapped(Package("lcp_catalog"), name, clock, stage)
+        ]
+        missing += [] if undo else [stage]
+        for back in reversed(undo):
+            back()
+    assert missing == []
