@@ -60,8 +60,8 @@ EXIT_SOME_FAILED = 3
     "--plan",
     "plan_only",
     is_flag=True,
-    help="Print the number of areas and conditions, estimates of time, memory and file size, and the scene plan. One "
-    "area is computed for the estimates; nothing is written.",
+    help="Print the number of areas and conditions, estimates of time, memory and file size, and the scene plan. Two "
+    "areas are computed for the estimates; nothing is written.",
 )
 @click.option(
     "--json",

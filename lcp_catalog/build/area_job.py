@@ -7,6 +7,7 @@ not: the build chooses among the candidates of all areas.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,6 +56,13 @@ class AreaJob:
     errors: ErrorModel
     albedo: AlbedoMap | None = None
     maps: ErrorMaps | None = None
+
+    @property
+    def work(self) -> int:
+        """Own nodes times conditions, to which most of the time of an area is proportional."""
+        return (
+            math.prod(self.task.window.shape) * Conditions.at(self.task.lat_deg, self.config).count
+        )
 
 
 @dataclass(frozen=True)

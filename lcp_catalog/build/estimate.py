@@ -1,7 +1,8 @@
-"""Estimate of a build's size, time and memory, from one of its areas that is computed."""
+"""Estimate of a build's size, time and memory, from two of its areas that are computed."""
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict
 from typing import Any
@@ -27,21 +28,28 @@ STORED_SHARE = 0.8
 STORED_CLAIMS = 0.3
 """Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
 
+START_S = 2.5
+"""Time before the first area: imports, the plan, and kernels from the cache (measured)."""
+
+WORKER_START_S = 1.5
+"""Time in which worker processes start (measured)."""
+
 _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
 
 def estimate(build: Build, workers: int) -> dict[str, Any]:
-    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from one computed
-    area the memory, time, file size and scene plan.
+    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a computed
+    area the memory, time, file size and scene plan; a second one, the smallest, counts for the time.
     """
     config = build.config
     conditions = [Conditions.at(job.task.lat_deg, config) for job in build.jobs]
     halo = config.points.search_nodes(build.gsd_m) + config.points.half
-    nodes = [int(np.prod(job.task.window.grown(halo).shape)) for job in build.jobs]
+    nodes = [math.prod(job.task.window.grown(halo).shape) for job in build.jobs]
     cost = [n * c.count for n, c in zip(nodes, conditions, strict=True)]
-    sample = sorted(range(len(cost)), key=cost.__getitem__)[len(cost) // 2]
-    seconds, result = _measured(build, sample)
+    order = sorted(range(len(build.jobs)), key=lambda k: build.jobs[k].work)
+    sample = order[len(order) // 2]
+    seconds, (result, _) = _measured(build, sample, order[0])
     ground = [int(np.prod(job.task.window.shape)) for job in build.jobs]
     points = (
         len(choose(result.candidates, build.config, build.gsd_m))
@@ -60,7 +68,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "cell_renders": int(sum(cost)),
         "memory_mb_per_worker": round(peak_mb()),
         "seconds_estimate": round(
-            seconds * sum(cost) / max(cost[sample], 1) / min(workers, len(build.jobs)), 1
+            _seconds(build, (sample, order[0]), seconds, min(workers, len(build.jobs))), 1
         ),
         "bytes_estimate": int(
             FILE_BYTES
@@ -71,19 +79,37 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     }
 
 
+def _seconds(build: Build, indices: tuple[int, int], measured: list[float], workers: int) -> float:
+    """Time of a build from the seconds of two areas: a constant for each area, and seconds
+    proportional to its `AreaJob.work`.
+    """
+    work = np.array([job.work for job in build.jobs], dtype=np.float64)
+    (large, small), (most, least) = work[list(indices)], measured
+    rate = most / max(large, 1.0)
+    if large > small:
+        rate = min(rate, max(0.0, (most - least) / (large - small)))
+    total = (most - rate * large) * len(work) + rate * work.sum()
+    return START_S + float(total) / workers + (WORKER_START_S if workers > 1 else 0.0)
+
+
 def _cell_decision(build: Build) -> dict[str, Any]:
     """The choice of the cell, in the form of the scene plan's decisions."""
     reason = f"cells of {build.gsd_m:.5g} m: {build.cell.reason}"
     return asdict(Decision("cell size", True, reason, None, "m"))
 
 
-def _measured(build: Build, index: int) -> tuple[float, AreaResult]:
-    """Seconds of one area, on one thread, after a first run that compiles the kernels."""
+def _measured(build: Build, *indices: int) -> tuple[list[float], list[AreaResult]]:
+    """Seconds of areas, on one thread, after a first run that loads or compiles the kernels, and
+    their results.
+    """
+    seconds, results = [], []
     with limit_threads(1):
-        run_area(build.jobs[index])
-        start = time.perf_counter()
-        result = run_area(build.jobs[index])
-        return time.perf_counter() - start, result
+        run_area(build.jobs[indices[0]])
+        for index in indices:
+            start = time.perf_counter()
+            results.append(run_area(build.jobs[index]))
+            seconds.append(time.perf_counter() - start)
+    return seconds, results
 
 
 def _overview_bytes(build: Build) -> int:

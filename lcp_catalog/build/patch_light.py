@@ -25,25 +25,18 @@ class PatchLight:
         """Azimuth of the points' north in the area's frame."""
         return float(np.degrees(self.sweep.turn_rad))
 
-    def shadows(
-        self, azimuth: int, elevations: NDArray[np.intp], dark: NDArray[np.uint8]
-    ) -> tuple[Float32, NDArray[np.bool_]]:
-        """Share of each patch's nodes that only terrain outside the patch shadows, (k, n), and these
-        nodes, (k, n, p, p), for k Suns of an azimuth and their shadows (`Sweep.dark`).
-        """
-        return self._dependence(self.sweep.sun_directions[elevations, azimuth], dark)
-
     def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, NDArray[np.bool_]]:
-        """`shadows` of one Sun: (n,) and (n, p, p)."""
-        slot = int(self.sweep.conditions.reachable[:elevation, azimuth].sum())
-        dark = self.sweep.dark(azimuth)[slot : slot + 1]
-        share, cast = self.shadows(azimuth, np.array([elevation]), dark)
-        return share[0], cast[0]
+        """Share of each patch's nodes that only terrain outside the patch shadows, (n,), and these
+        nodes, (n, p, p).
+        """
+        sun = self.sweep.sun_directions[elevation, azimuth]
+        before = int(self.sweep.conditions.reachable[:elevation, azimuth].sum())
+        return self._dependence(sun, self.sweep.dark(azimuth)[before])
 
     def occlusion_dependence(self, view: int) -> Float32:
         """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
-        directions = self.sweep.view_directions[view : view + 1]
-        return self._dependence(directions, self.sweep.unseen[view][None].view(np.uint8))[0][0]
+        hidden = self.sweep.unseen[view].view(np.uint8)
+        return self._dependence(self.sweep.view_directions[view], hidden)[0]
 
     def unshadowed(self, some: NDArray[np.int64], image: RenderedImage) -> Float32:
         """Radiance (m, p, p) of some patches without cast shadows; NaN where not visible."""
@@ -63,10 +56,10 @@ class PatchLight:
         return radiance
 
     def _dependence(
-        self, directions: Array, dark: NDArray[np.uint8]
+        self, direction: Array, dark: NDArray[np.uint8]
     ) -> tuple[Float32, NDArray[np.bool_]]:
         sweep, (rows, cols, half) = self.sweep, self.where
         cast = sweep.field.shadowed_from_outside(
-            dark, sweep.planes, sweep.window, (rows, cols), half, directions
-        )
-        return cast.mean(axis=(2, 3)).astype(np.float32), cast
+            dark[None], sweep.planes, sweep.window, (rows, cols), half, direction[None]
+        )[0]
+        return cast.mean(axis=(1, 2)).astype(np.float32), cast

@@ -264,6 +264,7 @@ def _run_areas(
 ) -> dict[str, str]:
     """Compute the areas without a checkpoint. Return the causes of those that failed, by name."""
     todo = [job for job in build.jobs if checkpoints.read(job.task.name) is None]
+    todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
     done, failed = len(build.jobs) - len(todo), {}
     progress(done, len(build.jobs))
     for index, outcome in run_tasks(run_area, todo, jobs, scheduler):

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float32, Index, Mask
-from .thinning import thinned
 
 _HIGH_PERCENTILE = 99.0
 """Percentile of the response that counts as 1: below the maximum, so that a single bright spot does
@@ -166,13 +165,25 @@ def candidates(
     clean = np.where(usable, score, np.float32(0.0)).astype(np.float32)
     highest = cv2.dilate(clean, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
     rows, cols = np.nonzero((clean == highest) & (clean > 0.0))
-    keep = thinned(np.stack([rows, cols], axis=-1), np.arange(len(rows)), radius + 0.5, norm=np.inf)
-    rows, cols = rows[keep], cols[keep]
+    first = _first_of_equals(rows, cols, radius, clean.shape)
+    rows, cols = rows[first], cols[first]
     cell_row, cell_col = (rows + origin[0]) // spacing_px, (cols + origin[1]) // spacing_px
     order = np.lexsort((cols, rows, -clean[rows, cols], cell_col, cell_row))
     keep = order[_rank_in_group(cell_row[order], cell_col[order]) < per_cell]
     keep = keep[np.lexsort((cols[keep], rows[keep]))]
     return rows[keep], cols[keep]
+
+
+def _first_of_equals(rows: Index, cols: Index, radius: int, shape: tuple[int, ...]) -> Mask:
+    """True for maxima without another one before them, by (row, column), that counts and lies within
+    ``radius`` nodes in both axes: of equal height, since each is the highest there.
+    """
+    taken, first = np.zeros(shape, dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
+    for k, (row, col) in enumerate(zip(rows.tolist(), cols.tolist(), strict=True)):
+        if not taken[row, col]:
+            first[k] = True
+            taken[row : row + radius + 1, max(col - radius, 0) : col + radius + 1] = True
+    return first
 
 
 def _inner(shape: tuple[int, ...], border: int) -> Mask:

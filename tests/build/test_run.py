@@ -342,10 +342,13 @@ def test_a_broken_run_is_resumed(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     output = tmp_path / "broken.h5"
-    victim = plan.jobs[-1].task.name
+    largest_first = sorted(plan.jobs, key=lambda job: -job.work)
+    victim = largest_first[-1].task.name
+    begun: list[str] = []
 
     def fails_at_the_end(job: object) -> object:
-        if job.task.name == victim:  # type: ignore[attr-defined]  # an AreaJob
+        begun.append(job.task.name)  # type: ignore[attr-defined]  # an AreaJob
+        if begun[-1] == victim:
             raise RuntimeError("a bit fell over")
         return run_area(job)  # type: ignore[arg-type]
 
@@ -355,6 +358,7 @@ def test_a_broken_run_is_resumed(
     assert not output.exists()
     kept = sorted(output.with_name("broken.h5.parts").glob("*.npz"))
     assert len(kept) == len(plan.jobs) - 1
+    assert begun == [job.task.name for job in largest_first]
 
     done: list[str] = []
 
