@@ -65,7 +65,7 @@ def noise_products(
 
     sources: radiance and its derivatives by the slopes along the columns and the rows.
     """
-    n, m, p = fields.shape[:3]
+    p = fields.shape[-1]
     level, east, south = (np.asarray(a, np.float64)[:, None] for a in sources)
     lag = (np.arange(p)[:, None] - np.arange(p)) * pixel_m
     value, first, second = (

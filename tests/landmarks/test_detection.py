@@ -8,13 +8,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import twins_registration as twin
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from lcp_catalog.kernels.matching import acquisition as kernel
 from lcp_catalog.landmarks.detection import (
-    correlation_moments,
     detection_probability,
+    least_rival,
     mistake_probability,
+    top_probability,
 )
 from lcp_catalog.landmarks.localization import Registration
 
@@ -30,6 +33,9 @@ def case(contrast=0.1, noise=0.1, gain=1.0, spread=0.0, loss=0.0, n=1) -> Regist
         along=gain * noise**2 * whole,
         shift_loss=loss * whole,
         covariance_px2=np.zeros((n, 2, 2)),
+        slope_noise=np.zeros((n, 2, 2)),
+        bias=np.zeros((n, 2)),
+        own=whole,
         nodes=NODES,
         spread=spread,
     )
@@ -162,9 +168,101 @@ def test_moments_are_those_of_correlations_in_noise(length):
             scores = seen @ unit / np.linalg.norm(seen, axis=1)
             within = (noise - noise.mean(axis=(1, 2), keepdims=True)).var(axis=(1, 2)).mean()
             along = (noise.reshape(3000, -1) @ unit).var()
-            mean, variance = correlation_moments(window.std(), rho, within, along, 289)
+            mean, variance = kernel.moments(window.std(), rho, within, along, 289)
             assert mean == pytest.approx(scores.mean(), abs=0.015)
             assert np.sqrt(variance) == pytest.approx(scores.std(), rel=0.45)
+
+
+def test_moments_are_those_of_the_formula():
+    """Against NumPy, at all figures; without contrast and noise there is no correlation."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        contrast, noise, along = np.exp(rng.uniform(-7, 1, 3))
+        figures = contrast, rng.uniform(-1, 1), noise, along
+        expected = [float(a) for a in twin.correlation_moments(*figures, NODES)]
+        assert list(kernel.moments(*figures, NODES)) == pytest.approx(expected, rel=1e-12)
+    assert kernel.moments(0.0, 0.7, 0.0, 1.0, NODES) == (0.0, pytest.approx(1e-12))
+    assert kernel.moments(0.1, 1.0, 0.0, 0.0, NODES) == (1.0, pytest.approx(1e-12))
+
+
+def test_the_table_of_the_normal_distribution_is_that_of_scipy():
+    """At random places, at the table's, halfway between them, and at and beyond its ends."""
+    rng = np.random.default_rng(0)
+    places = [
+        rng.uniform(-7, 7, 20_000),
+        np.linspace(-6.0, 6.0, 2 * 12 * 256 + 1),
+        rng.normal(size=999),
+    ]
+    ends = [-np.inf, -1e6, -6.001, -6.0, -5.9999999, 5.9999999, 6.0, 6.001, 1e6, np.inf]
+    at = np.concatenate([*places, ends])
+    found = np.array([kernel._normal(z) for z in at])
+    assert np.abs(found - norm.cdf(at)).max() < 1e-6
+    assert (np.diff(found[np.argsort(at)]) >= 0.0).all()
+
+
+def random_cases(rng, n: int, spread: float) -> tuple[Registration, np.ndarray]:
+    """Matches of contrasts, noise and V of any size, and their correlations at the true place."""
+    noise, gain = np.exp(rng.uniform(-4.6, 0.0, n)), np.exp(rng.uniform(0.0, 4.0, n))
+    slopes = rng.normal(size=(n, 2, 2)) * noise[:, None, None]
+    match = dataclasses.replace(
+        case(spread=spread, n=n),
+        contrast=np.exp(rng.uniform(-4.0, -0.7, n)),
+        noise_variance=noise**2,
+        along=gain * noise**2,
+        shift_loss=rng.uniform(0.0, 0.05, n),
+        slope_noise=slopes @ slopes.transpose(0, 2, 1),
+    )
+    return match, rng.uniform(0.6, 1.0, n)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+@pytest.mark.parametrize("contrasts", [(0.5, 1.0), (0.5, 10.0), (5.0, 1000.0)])
+def test_rivals_below_the_least_one_change_no_probability(contrasts, spread):
+    """All of 64 rivals, and one just below it."""
+    rng = np.random.default_rng(1)
+    match, own = random_cases(rng, 3000, spread)
+    least = least_rival(match, own)[:, None]
+    rho = rng.uniform(-0.5, 1.0, (3000, 64)) * rng.uniform(0.0, 1.0, (3000, 1))
+    contrast = match.contrast[:, None] * np.exp(rng.uniform(*np.log(contrasts), rho.shape))
+    below = rho < least
+    assert 0.1 < below.mean() < 0.9
+    whole = np.array(detection_probability(match, rho, contrast, own))
+    assert np.mean((whole[2] > 0.05) & (whole[2] < 0.95)) > 0.2
+    rest = detection_probability(match, np.where(below, np.nan, rho), contrast, own)
+    np.testing.assert_allclose(rest, whole, atol=1e-4)
+    just, one = np.where((least > -1.0) & (least <= 1.0), least - 1e-6, np.nan), contrast[:, :1]
+    assert np.isfinite(just).mean() > 0.3
+    alone = detection_probability(match, np.full_like(just, np.nan), one, own)
+    np.testing.assert_allclose(detection_probability(match, just, one, own), alone, atol=1e-5)
+
+
+def test_the_least_rival_is_not_far_below_those_that_matter():
+    """Rivals 0.3 above it reduce the probability in most matches where it is high."""
+    match, own = random_cases(np.random.default_rng(2), 500, 0.0)
+    least = least_rival(match, own)
+    some = (least > 0.0) & (least < 0.6)
+    assert some.sum() > 50
+    rho = np.repeat((least + 0.3)[:, None], 10, axis=1)
+    found = detection_probability(match, rho, match.contrast[:, None] + 0 * rho, own, -1.0)[0]
+    assert np.median(found[some]) < 0.995
+
+
+def test_the_top_of_a_peak_against_the_formula():
+    """Places outside the image (NaN) do not count; without any, the top is where it belongs."""
+    rng = np.random.default_rng(3)
+    match, own = random_cases(rng, 200, 0.0)
+    offsets = np.array([[3, 0], [-2, 2], [0, -3], [1, 3]])
+    near = own[:, None] - rng.uniform(0.0, 0.3, (200, 4))
+    contrast = match.contrast[:, None] * np.exp(rng.uniform(-0.5, 0.5, (200, 4)))
+    gone = rng.random((200, 4)) < 0.3
+    gone[:, 0] = False
+    near, contrast = np.where(gone, np.nan, near), np.where(gone, np.nan, contrast)
+    found = top_probability(match, offsets, near, contrast, own)
+    expected = twin.top_probability(match, offsets, near, contrast, own)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert ((found > 0.1) & (found < 0.9)).sum() > 30
+    none = np.full((200, 4), np.nan)
+    assert (top_probability(match, offsets, none, none, own) == 1.0).all()
 
 
 def test_mistakes_are_as_frequent_as_stated():

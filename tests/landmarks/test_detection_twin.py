@@ -20,8 +20,8 @@ from scipy.optimize import least_squares
 
 from lcp_catalog.landmarks.detection import detection_probability, top_probability
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
-from lcp_catalog.landmarks.localization import node_slopes, registration, shift_bias
-from lcp_catalog.landmarks.uniqueness import RING, places_around
+from lcp_catalog.landmarks.localization import registration
+from lcp_catalog.landmarks.uniqueness import RING, other_places
 
 CELL_M = 100.0
 NODES, SEARCH = 17, 20
@@ -44,6 +44,15 @@ def noise_model(level: float, length: float) -> ErrorModel:
         return ErrorModel(sensor_noise=level, height_sigma_m=0.0, albedo_sigma=0.0)
     inner = np.sqrt(length**2 - 1.0 / 6.0)
     return ErrorModel(0.0, 0.0, 500.0, level * length / inner, inner * CELL_M, 0.0)
+
+
+def near_places(image: np.ndarray, patch: np.ndarray, at: int):
+    """Correlations and contrasts at the distances `RING` from (at, at), (1, k) each."""
+    centre = np.array([at])
+    found = other_places(
+        image.astype(np.float32)[None], patch[None].astype(np.float32), centre, centre, 2
+    )
+    return found.near, found.near_contrast
 
 
 def library(patch: np.ndarray, level: float, length: float):
@@ -103,18 +112,6 @@ def test_noise_has_the_stated_autocorrelation():
     assert np.mean(field[:, :, 3:] * field[:, :, :-3]) == pytest.approx(np.exp(-0.5), abs=0.03)
 
 
-@pytest.mark.parametrize("axis", [1, 2])
-def test_slopes_of_a_sine(axis):
-    """Within 3 % of the derivative for a wave of five nodes, inside; central differences give 76 %."""
-    x = np.arange(17.0)
-    wave = np.sin(2.0 * np.pi * x / 5.0)
-    patches = np.broadcast_to(wave[:, None] if axis == 1 else wave, (1, 17, 17))
-    inside = np.moveaxis(node_slopes(patches, axis), axis, 0)[3:-3, 0, 0]
-    true = 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * x / 5.0)[3:-3]
-    np.testing.assert_allclose(inside, true, rtol=0.03)
-    np.testing.assert_allclose(node_slopes(patches[:, :3, :3], axis).shape, (1, 3, 3))
-
-
 def test_bias_by_a_shadow_against_a_fit():
     """A shaded corner moves the match; the reference is SciPy's least squares on shift, gain and offset with the patch's spline."""
     place = around(4)
@@ -131,24 +128,36 @@ def test_bias_by_a_shadow_against_a_fit():
 
     fitted = least_squares(residual, [0.0, 0.0, 1.0, 0.0]).x[:2]
     assert np.hypot(*fitted) > 0.02
-    found = shift_bias(patch[None], change[None])[0]
-    np.testing.assert_allclose(found, fitted, atol=0.2 * np.hypot(*fitted))
-    assert np.isinf(shift_bias(np.ones((1, 9, 9)), np.zeros((1, 9, 9)))).all()
+    even = np.ones((1, size, size), np.float32)
+
+    def matched(patches: np.ndarray, images: np.ndarray):
+        seen = PatchErrors(images.astype(np.float32), 0.0 * even, 0.0 * even)
+        return registration(patches, seen, noise_model(0.1, 0.0), CELL_M)
+
+    found = matched(patch[None], patch[None] + change)
+    np.testing.assert_allclose(found.bias[0], fitted, atol=0.2 * np.hypot(*fitted))
+    own = np.corrcoef(patch.ravel(), (patch + change).ravel())[0, 1]
+    assert found.own[0] == pytest.approx(own, abs=1e-6)
+    assert own < 0.997
+    alike = matched(patch[None], patch[None])
+    np.testing.assert_allclose(alike.bias, 0.0, atol=1e-6)
+    assert alike.own[0] == pytest.approx(1.0, abs=1e-6)
+    assert np.isinf(matched(even, even).bias).all()
+    assert matched(even, even).own[0] == 0.0
+    assert matched(patch[None], even).own[0] == 0.0
 
 
 def test_places_around_against_opencv():
     place = around(5)
-    image = place.image.astype(np.float32)
-    middle = np.array([len(image) // 2])
-    patch = place.patch[None].astype(np.float32)
-    found, contrast = places_around(image, patch, middle, middle)
+    found, contrast = near_places(place.image, place.patch, len(place.image) // 2)
     cols, rows = RING.T
     assert len(RING) == 16
     at = rows + SEARCH, cols + SEARCH
     np.testing.assert_allclose(found[0], place.correlation[at], atol=2e-5)
     np.testing.assert_allclose(contrast[0], place.contrast[at], rtol=1e-4)
-    edge = np.array([NODES // 2])
-    assert np.isnan(places_around(image, patch, edge, edge)[0][0]).any()
+    edge = NODES // 2
+    for part in near_places(place.image, place.image[:NODES, :NODES], edge):
+        np.testing.assert_array_equal(np.isnan(part[0]), (cols < 0) | (rows < 0))
 
 
 @pytest.mark.parametrize(
@@ -170,9 +179,8 @@ def test_top_probability_against_draws(length, level, bound):
     said, seen = [], []
     for seed in range(10):
         place = Surroundings.of(ground(seed, 5.0), 60, 60, NODES // 2, 6)
-        patch, cols, rows = place.patch[None].astype(np.float32), *RING.T
-        middle = np.array([len(place.image) // 2])
-        near = places_around(place.image.astype(np.float32), patch, middle, middle)
+        cols, rows = RING.T
+        near = near_places(place.image, place.patch, len(place.image) // 2)
         said.append(top_probability(library(place.patch, level, length), RING, *near)[0])
         inside, above = np.hypot(*(np.indices((13, 13)) - 6)) <= 2.0, 0
         for _ in range(200):

@@ -131,6 +131,8 @@ def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_
         power = nodes * (contrast[i] * contrast[i] + noise[i])
         least = math.inf
         for k in range(offsets.shape[0]):
+            if not math.isfinite(near[i, k]):  # beyond the image's border
+                continue
             there, spread = moments(near_contrast[i, k], near[i, k], noise[i], along[i], nodes)
             x, y = offsets[k, 0], offsets[k, 1]
             apart = (
