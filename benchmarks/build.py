@@ -28,7 +28,7 @@ from build_differences import Places, differences
 from build_processes import jobs_text, memory_text
 from build_roofline import Machine, roofline_table, work_of
 from build_stages import measured
-from build_tables import Subject, differences_text, in_turn, ratio_text, sizes, stage_table
+from build_tables import FULL, Measured, Subject, in_turn, summary
 
 from lcp_catalog.build.evaluation import image_scales
 from lcp_catalog.threads import limit_threads
@@ -77,30 +77,30 @@ def packages(asked: argparse.Namespace) -> dict[str, Package]:
 
 
 def areas(asked: argparse.Namespace) -> Iterator[str]:
-    """Sizes, stages, ratios and differences of each case."""
+    """Sizes, stages, ratios and differences of each case, and all cases in one."""
+    found = []
     for case in cases(asked):
-        yield case_text(case, asked)
+        found.append(measured_case(case, asked))
+        yield found[-1].text()
+    if len(found) > 1:
+        yield summary(found)
 
 
-def case_text(case: Case, asked: argparse.Namespace) -> str:
-    """The tables of a case."""
+def measured_case(case: Case, asked: argparse.Namespace) -> Measured:
+    """A case's subjects timed in turn, and the differences between their results."""
     subjects = [subject(name, package, case, asked) for name, package in packages(asked).items()]
     now, *others = subjects
     if not asked.no_pipeline:
         subjects.append(straightforward(now))
     in_turn(subjects, asked.rounds)
-    text = f"## {case.name}\n\n{sizes(subjects, now.job)}\n\n{stage_table(subjects)}\n"
-    text += f"\n{ratio_text(subjects)}\n"
-    for other in subjects[1:]:
-        found = differences(other.candidates, now.candidates, now.job.gsd_m)
-        text += f"\n{differences_text(found, other.name)}\n"
+    found = {one.name: one.candidates for one in subjects[1:]}
     for other in others:
         exact = exhaustive(other)
         if exact is not None:
-            found = differences(exact, now.candidates, now.job.gsd_m)
-            title = f"{other.name} with every search at full resolution"
-            text += f"\n{differences_text(found, title)}\n"
-    return text
+            found[f"{other.name}, {FULL}"] = exact
+    cell_m = now.job.gsd_m
+    compared = {name: differences(each, now.candidates, cell_m) for name, each in found.items()}
+    return Measured(case.name, subjects, compared)
 
 
 def subject(name: str, package: Package, case: Case, asked: argparse.Namespace) -> Subject:

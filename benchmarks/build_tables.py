@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -102,7 +102,7 @@ def stage_table(subjects: Sequence[Subject]) -> str:
     timed = [one for one in subjects if one.stages]
     rows = []
     for stage in timed[0].stages[0]:
-        times = [statistics.median(part[stage] for part in one.stages) for one in timed]
+        times = [_median(one, stage) for one in timed]
         rows.append([stage, *(f"{1e3 * seconds:.1f}" for seconds in times)])
     totals = (statistics.median(sum(part.values()) for part in one.stages) for one in timed)
     rows.append(["all", *(f"{1e3 * seconds:.1f}" for seconds in totals)])
@@ -141,3 +141,74 @@ def differences_text(found: Differences, name: str) -> str:
         ["sigma_major finite in one only", f"{100.0 * found.sigma_lost:.3f} %"],
     ]  # fmt: skip
     return f"{table([f'now against {name}', 'difference'], rows)}\n\nFlags: {flags}."
+
+
+# -- cases
+
+
+FULL = "every search at full resolution"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A case: what was timed, this package first, and the differences of this package's result from
+    the others, by their names.
+    """
+
+    name: str
+    subjects: Sequence[Subject]
+    differences: Mapping[str, Differences]
+
+    def text(self) -> str:
+        """All tables of the case."""
+        parts = [f"## {self.name}", sizes(self.subjects, self.subjects[0].job)]
+        parts += [stage_table(self.subjects), ratio_text(self.subjects)]
+        parts += [differences_text(found, name) for name, found in self.differences.items()]
+        return "\n\n".join(parts) + "\n"
+
+
+def summary(cases: Sequence[Measured]) -> str:
+    """One row a case: rates, ratios, usable decisions that differ; and the stages of all cases."""
+    rows = []
+    for case in cases:
+        now, *others = case.subjects
+        row = [case.name, str(now.nodes), str(now.conditions), str(len(now.candidates))]
+        row += [f"{one.rate:.3f}" for one in case.subjects]
+        row += [f"{ratio(now, other):.1f}" for other in others]
+        row += [f"{100.0 * found.usable:.3f}" for found in _columns(case, cases)]
+        rows.append(row)
+    first = cases[0].subjects
+    head = ["case", "own nodes", "conditions", "candidates"]
+    head += [f"{one.name}, M node-conditions / s" for one in first]
+    head += [f"times {other.name}" for other in first[1:]]
+    head += [f"decisions not as {name}, %" for name in _names(cases)]
+    stages = []
+    for stage in first[0].stages[0]:
+        times = (
+            _median(one, stage) for case in cases for one in reversed(case.subjects) if one.staged
+        )
+        stages.append([stage, *(f"{1e3 * seconds:.0f}" for seconds in times)])
+    titles = (
+        f"{case.name}, {one.name}"
+        for case in cases
+        for one in reversed(case.subjects)
+        if one.staged
+    )
+    return f"## all cases\n\n{table(head, rows)}\n\n{table(['stage, ms', *titles], stages)}\n"
+
+
+def _names(cases: Sequence[Measured]) -> list[str]:
+    """Names that any case was compared with, without those of searches at full resolution."""
+    return list(dict.fromkeys(n for case in cases for n in case.differences if FULL not in n))
+
+
+def _columns(case: Measured, cases: Sequence[Measured]) -> list[Differences]:
+    """A case's differences in the order of `_names`; those of an older package with full searches
+    where there are any, because the first searches of that package lose places.
+    """
+    found = case.differences
+    return [found.get(f"{name}, {FULL}", found[name]) for name in _names(cases)]
+
+
+def _median(one: Subject, stage: str) -> float:
+    return statistics.median(part[stage] for part in one.stages)
