@@ -8,8 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.landmarks.patches import gather_patches
-from lcp_catalog.landmarks.uniqueness import RIVALS, other_places
+from lcp_catalog.kernels.matching.rivals import window_norms
+from lcp_catalog.landmarks.patches import patches_of
+from lcp_catalog.landmarks.uniqueness import (
+    RING,
+    RIVALS,
+    OtherPlaces,
+    SearchImages,
+    other_places,
+    searched_exactly,
+)
 
 HALF, SEARCH = 8, 20
 
@@ -29,10 +37,18 @@ def crater(image, row, col, radius=4.0):
     image += (np.exp(-(away**2)) * (c - col) / radius).astype(np.float32)
 
 
-def others(image, rows, cols, half=HALF, search=SEARCH, **how):
-    """Correlations and contrasts of the places that resemble the image's own patches."""
+def places(images, rows, cols, half=HALF, search=SEARCH, which=None, **how) -> OtherPlaces:
+    """Places that resemble the images' own patches."""
     rows, cols = np.asarray(rows, np.int64), np.asarray(cols, np.int64)
-    return other_places(image, gather_patches(image, rows, cols, half), rows, cols, search, **how)
+    image_of = np.zeros(len(rows), np.int64) if which is None else which
+    own = patches_of(images, image_of, rows, cols, half)
+    return other_places(images, own, rows, cols, search, which, **how)
+
+
+def others(image, *where, exact=True, **how):
+    """Correlations and contrasts of the places that resemble one image's own patches."""
+    found = places(image[None], *where, exact=exact, **how)
+    return found.correlation, found.contrast
 
 
 def highest(*given, **how):
@@ -77,39 +93,173 @@ def test_a_patch_of_another_image_is_searched_for_at_its_own_place():
     """The patch rendered alone differs from the image where terrain around it casts shadows."""
     image = field(2)
     alone = image[52:69, 52:69] + field(3, (17, 17), contrast=0.05)
-    found, _ = other_places(image, alone[None], np.array([60]), np.array([60]), SEARCH)
-    mixed = image.copy()
-    mixed[52:69, 52:69] = alone
+    at = np.array([60])
+    found = other_places(image[None], alone[None], at, at, SEARCH, exact=True).correlation
     score = cv2.matchTemplate(image[32:89, 32:89], alone, cv2.TM_CCOEFF_NORMED)
     top = (score == cv2.dilate(score, np.ones((3, 3)))) & (score < score[SEARCH, SEARCH])
     assert found[0, 0] == pytest.approx(score[top].max(), abs=5e-5)
 
 
-def test_half_resolution_first_loses_little_and_never_gains():
+def half_resolution(image, row, col, half, search):
+    """Correlations of all maxima at half resolution: the patch's complete 2 x 2 blocks with the image's."""
+    small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    first = (row - half + 1) // 2, (col - half + 1) // 2
+    side = min((n + half + 1) // 2 - f for n, f in zip((row, col), first, strict=True))
+    reach = (search + 1) // 2
+    patch = small[first[0] : first[0] + side, first[1] : first[1] + side]
+    part = small[
+        first[0] - reach : first[0] + side + reach, first[1] - reach : first[1] + side + reach
+    ]
+    score = cv2.matchTemplate(part, patch, cv2.TM_CCOEFF_NORMED)
+    return score[score == cv2.dilate(score, np.ones((3, 3)))]
+
+
+def counterparts(quick, exact, k):
+    """For each place of patch k that the quick search found: True if the exhaustive search found one with
+    its correlation and contrast.
+    """
+    some = np.isfinite(quick[0][k])
+    alike = np.abs(quick[0][k, some, None] - exact[0][k]) < 1e-5
+    near = np.abs(quick[1][k, some, None] / exact[1][k] - 1.0) < 1e-4
+    return (alike & near).any(axis=1)
+
+
+@pytest.mark.parametrize("half", [8, 16])
+def test_half_resolution_first_loses_little_and_what_is_followed_never_gains(half):
+    """The highest 16 maxima at half resolution are followed to maxima at full resolution; the others
+    keep their correlation at half resolution.
+    """
     image = field(2, (300, 300), smooth=2.0)
     rng = np.random.default_rng(0)
     rows, cols = rng.integers(80, 220, size=(2, 100))
-    exact, quick = (highest(image, rows, cols, 16, 60, exact=e) for e in (True, False))
-    assert (quick <= exact + 1e-5).all()
-    assert np.mean(exact - quick > 1e-4) < 0.1
-    assert np.sqrt(np.mean((exact - quick) ** 2)) < 0.02
-    found, spread = others(image, rows, cols, 16, 60)
-    all_of_them, theirs = others(image, rows, cols, 16, 60, exact=True)
-    assert np.isfinite(found).sum() < 0.5 * np.isfinite(all_of_them).sum()  # the lower ones
-    assert (np.diff(np.nan_to_num(found, nan=-2.0), axis=1) <= 0.0).all()  # best first
-    for k in range(20):
-        for rho, contrast in zip(found[k, :3], spread[k, :3], strict=True):
-            if np.isfinite(rho):
-                same = np.abs(all_of_them[k] - rho) + np.abs(theirs[k] - contrast)
-                assert np.nanmin(same) < 1e-4
+    assert not searched_exactly(2 * half + 1, 60)
+    quick, exact = (others(image, rows, cols, half, 60, exact=e) for e in (False, True))
+    assert (np.diff(np.nan_to_num(quick[0], nan=-2.0), axis=1) <= 0.0).all()  # best first
+    lost = exact[0][:, 0] - quick[0][:, 0]
+    assert np.mean(np.abs(lost) > 1e-4) < 0.1
+    assert np.sqrt(np.mean(lost**2)) < 0.02
+    followed = 0
+    for k in range(100):
+        real = counterparts(quick, exact, k)
+        coarse = half_resolution(image, rows[k], cols[k], half, 60)
+        rest = quick[0][k, : len(real)][~real]
+        assert (np.abs(rest[:, None] - coarse).min(axis=1, initial=2.0) < 1e-4).all()
+        assert real[:3].all()
+        assert rest.max() < quick[0][k, 2]
+        followed += real.sum()
+    assert 1000 < followed <= 1600
 
 
-def test_small_patches_and_areas_are_searched_at_full_resolution():
+def test_where_all_maxima_are_followed_none_gains():
+    image = field(6, (300, 300), smooth=3.0)
+    rows, cols = np.random.default_rng(3).integers(60, 240, size=(2, 80))
+    quick, exact = (others(image, rows, cols, 8, 14, exact=e) for e in (False, True))
+    count = np.isfinite(quick[0]).sum(axis=1)
+    assert count.max() <= 16
+    assert count.sum() > 250
+    assert all(counterparts(quick, exact, k).all() for k in range(80))
+    assert (quick[0][:, 0] <= exact[0][:, 0] + 1e-5).all()
+
+
+def test_places_below_the_least_are_left_out_and_those_above_are_not():
+    """Each patch's own least correlation; the two highest places stay."""
+    image = field(2, (300, 300), smooth=2.0)
+    rows, cols = np.random.default_rng(0).integers(80, 220, size=(2, 100))
+    whole, _ = others(image, rows, cols, 16, 60, exact=False)
+    least = np.linspace(0.2, 1.5, 100)
+    some, _ = others(image, rows, cols, 16, 60, exact=False, least=least)
+    for k in range(100):
+        left, all_of_them = (a[k][np.isfinite(a[k])] for a in (some, whole))
+        assert np.isin(left, all_of_them).all()
+        above = all_of_them[all_of_them >= least[k]]
+        np.testing.assert_array_equal(left[: len(above)], above)
+        assert len(left) >= 1
+    count = np.isfinite(some).sum(axis=1)
+    assert count[:10].mean() > 5.0
+    assert (count[-40:] <= 2).all()  # no correlation is above 1
+    np.testing.assert_array_equal(
+        others(image, rows, cols, 16, 60, least=least)[0], others(image, rows, cols, 16, 60)[0]
+    )
+
+
+@pytest.mark.parametrize(("half", "search"), [(7, 40), (16, 11), (8, 11), (3, 5)])
+def test_small_patches_and_areas_are_searched_at_full_resolution(half, search):
     image = field(4, (200, 200), smooth=1.0)
     rows, cols = np.random.default_rng(0).integers(60, 140, size=(2, 20))
-    for half, search in ((15, 40), (16, 23)):
-        one, other = (others(image, rows, cols, half, search, exact=e) for e in (True, False))
-        np.testing.assert_array_equal(one, other)
+    assert searched_exactly(2 * half + 1, search)
+    one, other = (others(image, rows, cols, half, search, exact=e) for e in (True, False))
+    np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_patches_of_several_images_are_those_of_each_alone(exact):
+    """And of images that are prepared once."""
+    images = np.stack([field(seed, (150, 140), level=seed) for seed in (1, 2, 3)])
+    rng = np.random.default_rng(5)
+    (rows, cols), which = rng.integers(5, 135, (2, 40)), rng.integers(0, 3, 40)
+    found = places(images, rows, cols, which=which, exact=exact)
+    own = patches_of(images, which, rows, cols, HALF)
+    prepared = SearchImages.of(images, 2 * HALF + 1)
+    again = other_places(prepared, own, rows, cols, SEARCH, which, exact=exact)
+    for number in range(3):
+        some = which == number
+        alone = places(images[number : number + 1], rows[some], cols[some], exact=exact)
+        for part, expected, repeated in zip(found, alone, again, strict=True):
+            np.testing.assert_array_equal(part[some], expected)
+            np.testing.assert_array_equal(repeated, part)
+    inside = np.isfinite(found.correlation[:, 0])
+    assert 20 < inside.sum() < 40
+    assert np.isnan(found.near[~inside]).all()
+
+
+def test_places_nearby_are_those_of_numpy():
+    """NaN where the window leaves the image."""
+    image = field(7)
+    rows, cols = np.array([60, 8, 111, 30]), np.array([60, 60, 9, 111])
+    found = places(image[None], rows, cols)
+    own = patches_of(image[None], np.zeros(4, np.int64), rows, cols, HALF)
+    left = 0
+    for k, (right, down) in enumerate(RING.tolist()):
+        assert 2.0 < np.hypot(right, down) < 3.5
+        r, c = rows + down, cols + right
+        windows = patches_of(image[None], np.zeros(4, np.int64), r, c, HALF)
+        for i in range(4):
+            if np.isnan(windows[i]).any():
+                assert np.isnan([found.near[i, k], found.near_contrast[i, k]]).all()
+                left += 1
+                continue
+            rho = np.corrcoef(own[i].ravel(), windows[i].ravel())[0, 1]
+            assert found.near[i, k] == pytest.approx(rho, abs=2e-6)
+            spread = windows[i].std(dtype=np.float64)
+            assert found.near_contrast[i, k] == pytest.approx(spread, rel=1e-5)
+    assert left > 10
+
+
+@pytest.mark.parametrize("size", [1, 4, 8, 17])
+def test_norms_of_windows_are_those_of_numpy(size):
+    """0 for windows without contrast; a high level costs no digits."""
+    images = np.stack([field(1, (40, 33)), field(2, (40, 33), level=0.0, contrast=30.0)])
+    images[0, 10:32, 5:30] = 1.0
+    images[1] += 500.0
+    found = np.full((2, 41 - size, 34 - size), np.nan, np.float32)
+    window_norms(images, size, found)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        images.astype(np.float64), (size, size), (1, 2)
+    )
+    power = size**2 * windows.var(axis=(3, 4))
+    flat = power <= 1e-6 * size**2 * images.var(axis=(1, 2), dtype=np.float64)[:, None, None]
+    assert flat[0].any()
+    assert flat.all() == (size == 1)
+    expected = np.where(flat, 0.0, 1.0 / np.sqrt(np.where(flat, 1.0, power)))
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_an_image_smaller_than_the_patch_has_no_places():
+    image = field(1, (30, 16))[None]
+    at, patch = np.array([8]), field(2, (17, 17))[None]
+    for images in (image, SearchImages.of(image, 17)):
+        for part in other_places(images, patch, at, at, SEARCH):
+            assert np.isnan(part).all()
 
 
 @pytest.mark.parametrize(("dr", "dc"), [(0, 17), (13, 14), (-19, 6)])
@@ -181,7 +331,8 @@ def test_patches_without_contrast_and_at_borders(half):
     assert others(image, [], [], half)[0].shape == (0, RIVALS)
     blank = np.full((60, 60), np.nan, np.float32)
     patch = np.zeros((1, 17, 17), np.float32)
-    assert other_places(blank, patch, np.array([30]), np.array([30]), SEARCH)[0][0, 0] == 1.0
+    at = np.array([30])
+    assert other_places(blank[None], patch, at, at, SEARCH).correlation[0, 0] == 1.0
 
 
 def test_two_gaps_of_the_same_shape_do_not_correlate():
@@ -190,7 +341,10 @@ def test_two_gaps_of_the_same_shape_do_not_correlate():
         image[54:67, col - 6 : col + 3] = np.nan
     filled = np.where(np.isfinite(image), image, np.nanmean(image)).astype(np.float32)
     patch = filled[52:69, 52:69][None]
-    assert other_places(image, patch, np.array([60]), np.array([60]), SEARCH)[0][0, 0] < 0.6
+    at = np.array([60])
+    for exact in (True, False):
+        found = other_places(image[None], patch, at, at, SEARCH, exact=exact)
+        assert found.correlation[0, 0] < 0.6
 
 
 def test_a_high_level_does_not_reduce_precision():
