@@ -27,7 +27,7 @@ from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.area import Area
-from ..terrain.heightfield import Window
+from ..terrain.heightfield import Heightfield, Window
 from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
@@ -88,6 +88,13 @@ class AreaResult:
 
     candidates: Candidates
     plan: ScenePlan
+
+
+def prepare() -> None:
+    """Import what an area needs, and start the kernels: in a new process the first one takes a
+    while.
+    """
+    Heightfield(np.zeros((2, 2), np.float32), 1.0).normals()
 
 
 def run_area(job: AreaJob) -> AreaResult:

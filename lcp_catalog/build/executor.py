@@ -12,6 +12,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from ..errors import ConfigError
@@ -22,18 +23,23 @@ Result = TypeVar("Result")
 
 log = logging.getLogger(__name__)
 
+_EARLY = 8
+"""Greatest number of processes that start before the tasks are known."""
+
 
 def run_tasks(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     jobs: int = 1,
     scheduler: str | None = None,
+    started: ProcessPoolExecutor | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Yield (index of the task, its result or its exception) in the order in which tasks end.
 
     ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address of a dask
-    scheduler whose workers have this package installed. Results do not depend on either. ConfigError
-    for invalid ``jobs``, or without dask.distributed.
+    scheduler whose workers have this package installed. Results do not depend on either. ``started``:
+    processes that run already (`starting_workers`). ConfigError for invalid ``jobs``, or without
+    dask.distributed.
     """
     if jobs < 1:
         raise ConfigError(f"--jobs must be at least 1, not {jobs}")
@@ -42,7 +48,26 @@ def run_tasks(
     elif jobs == 1 or len(tasks) == 1:
         yield from _here(function, tasks)
     else:
-        yield from _in_processes(function, tasks, min(jobs, len(tasks)))
+        yield from _in_processes(function, tasks, min(jobs, len(tasks)), started)
+
+
+@contextmanager
+def starting_workers(
+    jobs: int, prepare: Callable[[], None]
+) -> Iterator[ProcessPoolExecutor | None]:
+    """Processes for `run_tasks` that start, and call ``prepare``, while this one goes on; ended with
+    the context. None for one job.
+    """
+    if jobs < 2:
+        yield None
+        return
+    pool = _new_pool(jobs)
+    try:
+        for _ in range(min(jobs, _EARLY)):
+            pool.submit(_prepare, prepare)
+        yield pool
+    finally:
+        _stop(pool)
 
 
 def _here(
@@ -61,6 +86,11 @@ def _outcome(function: Callable[[Task], Result], task: Task) -> Result | Excepti
         return error
 
 
+def _prepare(prepare: Callable[[], None]) -> None:
+    limit_threads(1)
+    prepare()
+
+
 def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     """Run a task in a worker. The function's module, and with it OpenCV, has been imported by now."""
     limit_threads(1)
@@ -68,13 +98,17 @@ def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | E
 
 
 def _in_processes(
-    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    jobs: int,
+    started: ProcessPoolExecutor | None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     pending = list(range(len(tasks)))
     while pending:
         done: set[int] = set()
         suspects: set[int] = set()
-        for index, outcome in _one_pool(function, tasks, pending, jobs):
+        pool, started = started or _new_pool(jobs), None
+        for index, outcome in _one_pool(pool, function, tasks, pending, jobs):
             if isinstance(outcome, BrokenProcessPool):
                 suspects.add(index)
             else:
@@ -84,7 +118,7 @@ def _in_processes(
         if suspects and pending:
             # The task that killed the worker is not known: run each suspect once in a process of its own.
             for index in sorted(suspects):
-                for _, outcome in _one_pool(function, tasks, [index], 1):
+                for _, outcome in _one_pool(_new_pool(1), function, tasks, [index], 1):
                     yield index, _died(outcome)
             pending = [index for index in pending if index not in suspects]
 
@@ -97,12 +131,21 @@ def _died(outcome: Result | Exception) -> Result | Exception:
     return outcome
 
 
-def _one_pool(
-    function: Callable[[Task], Result], tasks: Sequence[Task], indices: Sequence[int], jobs: int
-) -> Iterator[tuple[int, Result | Exception]]:
-    """Give the pool one task per worker at a time, so that a broken pool has few suspects."""
+def _new_pool(jobs: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
+    return ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
+
+
+def _one_pool(
+    pool: ProcessPoolExecutor,
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    indices: Sequence[int],
+    jobs: int,
+) -> Iterator[tuple[int, Result | Exception]]:
+    """Give the pool one task per worker at a time, so that a broken pool has few suspects; shut it
+    down in the end.
+    """
     waiting = list(indices)
     running: dict[Future[Any], int] = {}
     broken = False

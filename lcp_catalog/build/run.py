@@ -11,6 +11,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,12 @@ from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, useful_cell
-from .area_job import AreaJob, AreaResult, run_area
+from .area_job import AreaJob, AreaResult, prepare, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble
 from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
-from .executor import run_tasks
+from .executor import run_tasks, starting_workers
 from .sweep import Conditions, law_of_build
 
 log = logging.getLogger(__name__)
@@ -196,17 +197,19 @@ def build_catalog(
     Raises the library's errors (`errors`): AreaError for a region without cells, SunError if the Sun
     reaches none of the configured directions, OutputExistsError, and those of the files that are read.
     """
-    build = Build.plan(dem_paths, config)
-    return run_build(
-        build,
-        Path(output),
-        jobs=jobs,
-        scheduler=scheduler,
-        resume=resume,
-        overwrite=overwrite,
-        keep_going=keep_going,
-        progress=progress,
-    )
+    with starting_workers(jobs if scheduler is None else 1, prepare) as started:
+        build = Build.plan(dem_paths, config)
+        return run_build(
+            build,
+            Path(output),
+            jobs=jobs,
+            scheduler=scheduler,
+            resume=resume,
+            overwrite=overwrite,
+            keep_going=keep_going,
+            progress=progress,
+            started=started,
+        )
 
 
 def run_build(
@@ -219,15 +222,17 @@ def run_build(
     overwrite: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
+    started: ProcessPoolExecutor | None = None,
 ) -> BuildReport:
-    """Run a planned build and write the catalogue; options as in `build_catalog`.
+    """Run a planned build and write the catalogue; options as in `build_catalog`, ``started`` as in
+    `executor.run_tasks`.
 
     Finished areas are kept beside the output until the catalogue has been written.
     """
     check_output(output, overwrite)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
     checkpoints.begin(resume)
-    failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress)
+    failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress, started)
     results = {
         job.task.name: checkpoints.read(job.task.name)
         for job in build.jobs
@@ -261,13 +266,14 @@ def _run_areas(
     scheduler: str | None,
     keep_going: bool,
     progress: Progress,
+    started: ProcessPoolExecutor | None,
 ) -> dict[str, str]:
     """Compute the areas without a checkpoint. Return the causes of those that failed, by name."""
     todo = [job for job in build.jobs if checkpoints.read(job.task.name) is None]
     todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
     done, failed = len(build.jobs) - len(todo), {}
     progress(done, len(build.jobs))
-    for index, outcome in run_tasks(run_area, todo, jobs, scheduler):
+    for index, outcome in run_tasks(run_area, todo, jobs, scheduler, started):
         name = todo[index].task.name
         if isinstance(outcome, Exception):
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"

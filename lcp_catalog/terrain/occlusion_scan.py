@@ -154,6 +154,8 @@ def hybrid_occluded(
     if not _casts(field, out.shape, ray[2]):
         return np.zeros_like(out), 0
     sun = SunAhead(field, ray, window)
+    if not sun.awake(ray[2] / sun.length, scan_lines.LINES).any():
+        return np.zeros_like(out), 0
     stencil, sure_stencil = sun.stencil(effort.cells), sun.stencil(effort.cells, on_node=0.0)
     stride = sun.stride(sun.rise)
     # beside nodata only the proved bounds use the edges of existing triangles alone

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from lcp_catalog.build.executor import run_tasks
+from lcp_catalog.build.executor import run_tasks, starting_workers
 from lcp_catalog.errors import ConfigError
 
 
@@ -39,3 +39,39 @@ def test_a_dying_worker_takes_only_its_own_task() -> None:
 def test_no_jobs_is_refused() -> None:
     with pytest.raises(ConfigError, match="--jobs"):
         list(run_tasks(square, [1], jobs=0))
+
+
+def prepare() -> None:
+    """The state of a worker that was prepared."""
+    os.environ["PREPARED"] = "yes"
+
+
+def was_prepared(value: int) -> str | None:
+    return os.environ.get("PREPARED") if value != 3 else os._exit(9)
+
+
+def test_workers_start_before_their_tasks_are_known() -> None:
+    with starting_workers(2, prepare) as started:
+        assert started is not None
+        assert set(dict(run_tasks(was_prepared, [1, 2], 2, started=started)).values()) == {"yes"}
+    with starting_workers(2, prepare) as started:
+        outcomes = dict(run_tasks(was_prepared, [1, 3, 2], 2, started=started))
+    assert isinstance(outcomes[1], RuntimeError)  # the others may run again in new processes
+    assert "PREPARED" not in os.environ
+    with starting_workers(1, prepare) as started:
+        assert started is None
+
+
+def test_workers_without_tasks_end_with_their_context() -> None:
+    processes = []
+
+    def without_tasks() -> None:
+        with starting_workers(2, prepare) as started:
+            assert started is not None
+            processes.extend(started._processes.values())
+            raise ValueError("no plan")
+
+    with pytest.raises(ValueError, match="no plan"):
+        without_tasks()
+    assert processes
+    assert not any(process.is_alive() for process in processes)
