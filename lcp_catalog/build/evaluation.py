@@ -101,144 +101,186 @@ def evaluate(
     for view in range(len(sweep.conditions.off_nadir_deg)):
         hidden = light.occlusion_dependence(view)
         result.occlusion_dependence[:, view] = hidden[:, None, None]
-    judge = _Judge(light, config, gsd_m, errors)
-    for (elevation, azimuth), images in groupby(sweep.images(sensitivity=True), lambda i: i.sun):
-        share, cast = light.shadow_dependence(elevation, azimuth)
-        at = (slice(None), slice(None), elevation, azimuth)
-        result.shadow_dependence[at] = share[:, None]
-        judge.sun(list(images), cast, result, at)
+    judge = _Judge(light, config, gsd_m, errors, result)
+    for sun, images in groupby(sweep.images(sensitivity=True), lambda image: image.sun):
+        judge.sun(sun, list(images))
     never = ~sweep.conditions.reachable
     result.occlusion_dependence[:, :, never] = np.nan
     return result
 
 
-_At = tuple[slice, slice, int, int]
-
-
 class _Judge:
-    """Evaluation of all candidates in all images of a Sun. An item is a candidate in an image; items
-    are ordered by image, then by candidate.
-    """
+    """Evaluation of all candidates in all images of a Sun."""
 
     def __init__(
-        self, light: PatchLight, config: BuildConfig, gsd_m: float, errors: PlaceErrors
+        self,
+        light: PatchLight,
+        config: BuildConfig,
+        gsd_m: float,
+        errors: PlaceErrors,
+        result: Evaluation,
     ) -> None:
         self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
-        self.scales = image_scales(config.points.patch_nodes)
+        self.result, self.scales = result, image_scales(config.points.patch_nodes)
 
-    def sun(
-        self, images: list[RenderedImage], cast: NDArray[np.bool_], result: Evaluation, at: _At
-    ) -> None:
-        """Write the results of one Sun's images; ``cast`` (n, p, p): nodes that only terrain around a
-        patch shadows.
-        """
-        points, (rows, cols, half) = self.points, self.light.where
-        count, shape = len(rows), (len(images), len(rows))
-        raw = np.stack([image.radiance for image in images])
-        # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
-        filled = np.stack([fill_missing(image, 2 * half + 1) for image in raw])
-        slopes = [_complete(np.stack(s)) for s in zip(*(i.slopes for i in images), strict=True)]
-        items = _Items(
-            np.repeat(np.arange(len(images)), count),
-            np.tile(rows, len(images)),
-            np.tile(cols, len(images)),
-            half,
-        )
-        lit = lit_share(items.of(raw)) >= points.min_lit_share
-        seen = items.of(filled)
-        alone = self._alone(seen, images, cast)
-        result.harris[at] = harris_response(seen).reshape(shape).T
-        flags = np.full(shape, EVALUATED, dtype=np.uint8)
-        sources = [filled, *slopes]
-        for slot, scale in enumerate(self.scales):
-            if scale > 1:
-                change = halved_changes(alone - seen, items.rows, items.cols)
-                items = items.halved()
-                sources = [halved(source) for source in sources]
-                seen = items.of(sources[0])
-                alone = seen + change
-            shown = [through_optics(sources[0], scale), *sources[1:]]
-            blurred = items.of(shown[0])
-            alone_blurred = blurred + through_optics(_complete(alone - seen), scale)
-            found = self._at_scale(scale, shown, items, blurred, alone_blurred, lit)
-            for part, values in (
-                (result.detection, found.detection),
-                (result.sigma_major_m, found.major_m),
-                (result.sigma_minor_m, found.minor_m),
-                (result.sigma_angle_deg, (found.angle_deg - self.light.turn_deg) % 180.0),
-            ):
-                part[(at[0], slot, *at[1:])] = values.reshape(shape).T
-            if scale == 1:
-                result.second_peak[at] = found.second_peak.reshape(shape).T
-                result.false_match[at] = found.false_match.reshape(shape).T
-                for values, flag in ((found.located, LOCALIZABLE), (found.detection, UNIQUE)):
-                    flags |= _flagged(values >= points.min_detection, flag).reshape(shape)
-        result.condition[at] = flags.T
-        for share, flag in (
+    def sun(self, sun: tuple[int, int], images: list[RenderedImage]) -> None:
+        """Write the results of the images of a Sun (elevation, azimuth), one for each view."""
+        result, points, (rows, cols, half) = self.result, self.points, self.light.where
+        at = (slice(None), slice(None), *sun)
+        share, cast = self.light.shadow_dependence(*sun)
+        result.shadow_dependence[at] = share[:, None]
+        result.condition[at] = EVALUATED
+        for part, flag in (
             (result.shadow_dependence[at], UNSHADOWED),
             (result.occlusion_dependence[at], UNOCCLUDED),
         ):
-            result.condition[at] |= _flagged(share <= points.max_dependence, flag)
+            result.condition[at] |= _flagged(part <= points.max_dependence, flag)
+        result.detection[:, :, :, *sun] = 0.0
+        result.sigma_major_m[:, :, :, *sun] = result.sigma_minor_m[:, :, :, *sun] = np.inf
 
-    def _alone(
-        self, seen: Float32, images: list[RenderedImage], cast: NDArray[np.bool_]
-    ) -> Float32:
-        """The patches rendered from their own nodes alone: nodes that only terrain around the patch
-        shadows are lit.
+        raw = np.stack([image.radiance for image in images])
+        # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
+        filled = np.stack([fill_missing(image, 2 * half + 1) for image in raw])
+        sources = [filled]
+        for slopes in zip(*(image.slopes for image in images), strict=True):
+            sources.append(_complete(np.stack(slopes)))
+        whole = _Items.all(len(images), rows, cols, half)
+        result.harris[at] = harris_response(whole.of(filled)).reshape(len(images), -1).T
+        items = whole.some(np.flatnonzero(lit_share(whole.of(raw)) >= points.min_lit_share))
+        change = self._change(items, filled, images, cast)
+        for slot, scale in enumerate(self.scales):
+            if scale > 1:
+                sources = [halved(source) for source in sources]
+                if change is not None:
+                    change = halved_changes(change, items.rows, items.cols)
+                items = items.halved()
+            shown = [through_optics(sources[0], scale), *sources[1:]]
+            seen = items.of(shown[0])
+            alone = seen if change is None else seen + through_optics(change, scale)
+            level = mean_lit_level(alone)
+            good = np.flatnonzero(np.isfinite(level))
+            if len(good):
+                patches = _Patches(items, seen, alone, level, shown)
+                self._judge(slot, sun, patches if len(good) == len(level) else patches.some(good))
+
+    def _change(
+        self,
+        items: _Items,
+        filled: Float32,
+        images: list[RenderedImage],
+        cast: NDArray[np.bool_],
+    ) -> Float32 | None:
+        """The difference (n, p, p) of the patches rendered from their own nodes alone from those in
+        the images: nodes that only terrain around the patch shadows are lit. None without any.
         """
         some = np.flatnonzero(cast.any(axis=(1, 2)))
         if not len(some):
-            return seen
-        alone = seen.copy()
+            return None
+        change = np.zeros((len(items.which), *cast.shape[1:]), np.float32)
         for number, image in enumerate(images):
-            items = number * len(cast) + some
-            lit = self.light.unshadowed(some, image)
-            alone[items] = np.where(cast[some] & np.isfinite(lit), lit, seen[items])
-        return alone
+            here = np.flatnonzero((items.which == number) & np.isin(items.candidate, some))
+            if len(here):
+                shaded = items.some(here)
+                lit = self.light.unshadowed(shaded.candidate, image)
+                own = cast[shaded.candidate] & np.isfinite(lit)
+                change[here] = np.where(own, lit - shaded.of(filled), np.float32(0.0))
+        return change
 
-    def _at_scale(
-        self,
-        scale: int,
-        sources: list[Float32],
-        items: _Items,
-        seen: Float32,
-        alone: Float32,
-        lit: NDArray[np.bool_],
-    ) -> _Found:
-        """Detection and covariance in images of a scale; ``sources``: radiance as the images show it,
-        and its slope sensitivities, at that scale.
-        """
-        found = _Found.nothing(len(lit))
-        level = mean_lit_level(alone)
-        good = np.flatnonzero(lit & np.isfinite(level) & np.isfinite(seen).all(axis=(1, 2)))
-        if not len(good):
-            return found
-        some, level = items.some(good), level[good]
-        errors = PatchErrors(seen[good], *(some.of(source) for source in sources[1:]))
+    def _judge(self, slot: int, sun: tuple[int, int], patches: _Patches) -> None:
+        """Write detection and covariance of patches in images of a scale."""
+        scale, items, points = self.scales[slot], patches.items, self.points
         pixel_m = scale * self.gsd_m
-        models = self.errors.rows(good % len(self.errors.which))
-        match = models.registration(alone[good], errors, pixel_m, level)
-        search = max(1, self.points.search_nodes(self.gsd_m) // scale)
-        images = SearchImages.of(sources[0], alone.shape[1])
-        chances = _chances(match, images, alone[good], level, some, search)
+        models = self.errors.rows(items.candidate)
+        match = models.registration(patches.alone, patches.errors, pixel_m, patches.level)
+        search = max(1, points.search_nodes(self.gsd_m) // scale)
+        images = SearchImages.of(patches.shown[0], patches.size)
+        chances = _chances(match, images, patches, search)
         below, above = _DOUBT
-        doubt = chances.detection - self.points.min_detection
+        doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
-        if len(again) and not searched_exactly(alone.shape[1], search):
-            checked = _chances(
-                match.rows(again), images, alone[good[again]], level[again], some.some(again),
-                search, exact=True,
-            )  # fmt: skip
+        if len(again) and not searched_exactly(patches.size, search):
+            checked = _chances(match.rows(again), images, patches.some(again), search, exact=True)
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
-        found.detection[good], found.located[good] = chances.detection, chances.located
-        found.second_peak[good], found.false_match[good] = chances.second_peak, chances.false_match
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
         place = self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
         covariance = match.covariance_px2 + bias[:, :, None] * bias[:, None]
         major, minor, angle = _ellipse(covariance * pixel_m**2 + place)
-        found.major_m[good], found.minor_m[good], found.angle_deg[good] = major, minor, angle
-        return found
+        result, where = self.result, (items.candidate, slot, items.which, *sun)
+        result.detection[where] = chances.detection
+        result.sigma_major_m[where], result.sigma_minor_m[where] = major, minor
+        result.sigma_angle_deg[where] = (angle - self.light.turn_deg) % 180.0
+        if scale == 1:
+            own = (items.candidate, items.which, *sun)
+            result.second_peak[own] = chances.second_peak
+            result.false_match[own] = chances.false_match
+            for values, flag in ((chances.located, LOCALIZABLE), (chances.detection, UNIQUE)):
+                result.condition[own] |= _flagged(values >= points.min_detection, flag)
+
+
+@dataclass(frozen=True)
+class _Items:
+    """Patches of images: the candidate and the image (n,) of each, the row and column of its middle,
+    and the nodes from there to its edge.
+    """
+
+    candidate: Index
+    which: Index
+    rows: Index
+    cols: Index
+    half: int
+
+    @classmethod
+    def all(cls, images: int, rows: Index, cols: Index, half: int) -> _Items:
+        """All candidates in all images, ordered by image."""
+        count = len(rows)
+        which = np.repeat(np.arange(images), count)
+        candidate = np.tile(np.arange(count), images)
+        return cls(candidate, which, rows[candidate], cols[candidate], half)
+
+    def of(self, images: Float32) -> Float32:
+        """The patches (n, p, p) of images (k, rows, cols)."""
+        return patches_of(images, self.which, self.rows, self.cols, self.half)
+
+    def some(self, chosen: Index) -> _Items:
+        """A selection of the items."""
+        parts = (self.candidate, self.which, self.rows, self.cols)
+        candidate, which, rows, cols = (part[chosen] for part in parts)
+        return _Items(candidate, which, rows, cols, self.half)
+
+    def halved(self) -> _Items:
+        """The same places in images at half the resolution."""
+        return dataclasses.replace(
+            self, rows=self.rows // 2, cols=self.cols // 2, half=self.half // 2
+        )
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Patches (n, p, p) in images and rendered from their own nodes alone, their mean lit level (n,),
+    and the images (k, rows, cols): radiance, and its slope sensitivities.
+    """
+
+    items: _Items
+    seen: Float32
+    alone: Float32
+    level: Array
+    shown: list[Float32]
+
+    @property
+    def size(self) -> int:
+        """Nodes along a side."""
+        return self.alone.shape[1]
+
+    @property
+    def errors(self) -> PatchErrors:
+        """The patches' sources of error."""
+        return PatchErrors(self.seen, *(self.items.of(slope) for slope in self.shown[1:]))
+
+    def some(self, chosen: Index) -> _Patches:
+        """A selection of the patches."""
+        parts = (self.seen[chosen], self.alone[chosen], self.level[chosen])
+        return _Patches(self.items.some(chosen), *parts, self.shown)
 
 
 def _complete(values: Float32) -> Float32:
@@ -258,20 +300,15 @@ class _Chances(NamedTuple):
 
 
 def _chances(
-    match: Registration,
-    images: SearchImages,
-    patches: Float32,
-    level: Array,
-    items: _Items,
-    search: int,
-    exact: bool = False,
+    match: Registration, images: SearchImages, patches: _Patches, search: int, exact: bool = False
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels."""
+    items = patches.items
     others = other_places(
-        images, patches, items.rows, items.cols, search, items.which,
+        images, patches.alone, items.rows, items.cols, search, items.which,
         least_rival(match, match.own), exact=exact,
     )  # fmt: skip
-    unit = level[:, None]
+    unit = patches.level[:, None]
     detection, located, unique = detection_probability(
         match, others.correlation, others.contrast / unit, match.own
     )
@@ -284,49 +321,6 @@ def _chances(
 def _flagged(which: NDArray[np.bool_], flag: int) -> NDArray[np.uint8]:
     """The flag where ``which`` is true, else 0."""
     return np.where(which, flag, 0).astype(np.uint8)
-
-
-@dataclass(frozen=True)
-class _Items:
-    """Patches of images: the image (n,) of each, the row and column of its middle, and the nodes from
-    there to its edge.
-    """
-
-    which: Index
-    rows: Index
-    cols: Index
-    half: int
-
-    def of(self, images: Float32) -> Float32:
-        """The patches (n, p, p) of images (k, rows, cols)."""
-        return patches_of(images, self.which, self.rows, self.cols, self.half)
-
-    def some(self, chosen: Index) -> _Items:
-        """A selection of the items."""
-        return _Items(self.which[chosen], self.rows[chosen], self.cols[chosen], self.half)
-
-    def halved(self) -> _Items:
-        """The same places in images at half the resolution."""
-        return _Items(self.which, self.rows // 2, self.cols // 2, self.half // 2)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Results of items at one scale, (n,) each."""
-
-    detection: Array
-    located: Array
-    second_peak: Array
-    false_match: Array
-    major_m: Array
-    minor_m: Array
-    angle_deg: Array
-
-    @classmethod
-    def nothing(cls, count: int) -> _Found:
-        """Results of patches that are not found: infinite sigma, no angle."""
-        blank = [0.0, 0.0, np.nan, np.nan, np.inf, np.inf, np.nan]
-        return cls(*(np.full(count, value) for value in blank))
 
 
 def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:

@@ -112,7 +112,7 @@ class NoiseTerms:
         bright = model.albedo_sigma * _gaussian(lag, model.albedo_length_m, pixel_m)[0]
         middle = nodes - 1
         heights = _slope_components(value, first, second)
-        taps = np.stack([value, first, -first, second])
+        taps = np.stack([value, first, second])
         large = np.abs(taps) > _NEGLIGIBLE * np.abs(taps).max(axis=1, initial=1e-300, keepdims=True)
         reach = int(np.abs(np.flatnonzero(large.any(axis=0)) - middle).max(initial=0))
         taps = taps[:, middle - reach : middle + reach + 1]

@@ -49,35 +49,48 @@ def _by_distance(fields, east, south, p, taps, work, products):
     """Add the covariances of slope errors' products.
 
     fields (4, p p); east, south (p p,): sensitivities to slopes along the columns and the rows. taps
-    (4, 2 b + 1): covariance of heights along an axis, its first derivative, that with the other
-    sign, and the negative of its second derivative, at the distances -b..b. work (7, (p + 2 b)
-    (p + b)): its first four arrays are 0 in b rows at both ends and in b columns behind each row.
+    (3, 2 b + 1): covariance of heights along an axis, its first derivative with the other sign, and
+    its second derivative with the other sign, at the distances -b..b. work (9, (p + 2 b) (p + b)): its
+    first eight arrays are 0 in b rows at both ends and in b columns behind each row.
+
+    A covariance is a sum over pairs of nodes. The pairs of two rows are the mirror images of those of
+    the same rows in the other order: the sums run over the distances of rows from 0 on only, with
+    half the term at 0, and both orders of a pair of fields are added.
     """
-    value, first, minus_first, second = taps[0], taps[1], taps[2], taps[3]
+    value, first, second = taps[0], taps[1], taps[2]
     b = value.size // 2
     wide = p + b
-    start, n = b * wide, p * wide
-    wider = slice(start - b, start + n + b)
-    inner = slice(start, start + n)
+    inner = slice(b * wide, (b + p) * wide)
+    wider = slice(b * wide - b, (b + p) * wide + b)
+    halves = taps[:, b:].copy()
+    halves[:, 0] *= np.float32(0.5)
+    values, firsts, seconds = halves[0], -halves[1], halves[2]
     for f in range(_FIELDS):
-        by_east, by_south = work[2 * (f == 1)], work[2 * (f == 1) + 1]
-        _spread(fields[f], east, p, wide, by_east[start:])
-        _spread(fields[f], south, p, wide, by_south[start:])
-        for turn in range(2):
-            own, other = (by_east, by_south) if turn == 0 else (by_south, by_east)
-            along_rows, along_cols = (value, second) if turn == 0 else (second, value)
-            straight, mixed, found = work[4], work[5], work[6]
-            straight[:] = np.float32(0.0)
-            mixed[:] = np.float32(0.0)
-            found[:] = np.float32(0.0)
-            add_shifted(along_rows, wide, own, straight[inner])
-            add_shifted(first, wide, other, mixed[inner])
-            add_shifted(along_cols, 1, straight[wider], found[inner])
-            add_shifted(minus_first, 1, mixed[wider], found[inner])
-            same = dot(own[inner], found[inner])
-            if f == 1:
-                products[2] += dot(work[turn][inner], found[inner])
-            products[f if f < 2 else f + 1] += same
+        own = work[4 * (f == 1) : 4 * (f == 1) + 4]  # those of the first two fields are both kept
+        by_east, by_south, for_east, for_south = own[0], own[1], own[2], own[3]
+        _spread(fields[f], east, p, wide, by_east[b * wide :])
+        _spread(fields[f], south, p, wide, by_south[b * wide :])
+        for_east[inner] = np.float32(0.0)
+        for_south[inner] = np.float32(0.0)
+        for source, along_cols, along_rows, target in (
+            (by_east, second, values, for_east),
+            (by_south, first, firsts, for_east),
+            (by_south, value, seconds, for_south),
+            (by_east, first, firsts, for_south),
+        ):
+            straight = work[8]
+            straight[inner] = np.float32(0.0)
+            add_shifted(along_cols, 1, source[wider], straight[inner])
+            add_shifted(along_rows, wide, straight[b * wide :], target[inner])
+        same = dot(by_east[inner], for_east[inner]) + dot(by_south[inner], for_south[inner])
+        products[f if f < 2 else f + 1] += 2.0 * same
+        if f == 1:
+            products[2] += dot(work[0][inner], for_east[inner]) + dot(
+                work[1][inner], for_south[inner]
+            )
+            products[2] += dot(by_east[inner], work[2][inner]) + dot(
+                by_south[inner], work[3][inner]
+            )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -267,7 +280,7 @@ def registrations(patches, images, east, south, level, noise, taps, heights, alb
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         fields = np.empty((_FIELDS, p * p), np.float32)
         scaled = np.empty((4, p * p), np.float32)
-        work = np.zeros((7, (p + 2 * b) * (p + b)), np.float32)
+        work = np.zeros((9, (p + 2 * b) * (p + b)), np.float32)
         for k in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
             sources = images[k].ravel(), east[k].ravel(), south[k].ravel()
             _register(
