@@ -5,14 +5,15 @@ independence of the terrain around them, at several scales of the image.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Float32, Index
+from ..arrays import Array, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability, least_rival, top_probability
@@ -28,6 +29,10 @@ from .sweep import RenderedImage, Sweep
 _DOUBT = 0.03, 0.07
 """Detection probabilities so far below and above the limit are computed again with a search at full
 resolution. The first search can miss places; it then states too much."""
+
+_BATCH_NODES = 400_000
+"""Nodes of images that are evaluated together: few enough for a processor's cache, and enough for
+long loops."""
 
 SMALLEST_PX = 7
 """Fewest pixels a side of a patch in a coarser image."""
@@ -100,12 +105,15 @@ def evaluate(
     light = PatchLight(sweep, rows, cols, config.points.half)
     for view in range(len(sweep.conditions.off_nadir_deg)):
         hidden = light.occlusion_dependence(view)
-        result.occlusion_dependence[:, view] = hidden[:, None, None]
+        result.occlusion_dependence[:, view, sweep.conditions.reachable] = hidden[:, None]
+    known = sweep.conditions.reachable
+    result.detection[..., known] = 0.0
+    result.sigma_major_m[..., known] = result.sigma_minor_m[..., known] = np.inf
     judge = _Judge(light, config, gsd_m, errors, result)
-    for sun, images in groupby(sweep.images(sensitivity=True), lambda image: image.sun):
-        judge.sun(sun, list(images))
-    never = ~sweep.conditions.reachable
-    result.occlusion_dependence[:, :, never] = np.nan
+    together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
+    images = sweep.images(sensitivity=True)
+    while batch := list(islice(images, together)):
+        judge.images(batch)
     return result
 
 
@@ -123,20 +131,22 @@ class _Judge:
         self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
         self.result, self.scales = result, image_scales(config.points.patch_nodes)
 
-    def sun(self, sun: tuple[int, int], images: list[RenderedImage]) -> None:
-        """Write the results of the images of a Sun (elevation, azimuth), one for each view."""
+    def images(self, images: list[RenderedImage]) -> None:
+        """Write the results of some images."""
         result, points, (rows, cols, half) = self.result, self.points, self.light.where
-        at = (slice(None), slice(None), *sun)
-        share, cast = self.light.shadow_dependence(*sun)
-        result.shadow_dependence[at] = share[:, None]
-        result.condition[at] = EVALUATED
+        suns = list(dict.fromkeys(image.sun for image in images))
+        shares, casts = zip(*(self.light.shadow_dependence(*sun) for sun in suns), strict=True)
+        own_sun = np.array([suns.index(image.sun) for image in images])
+        cast = np.stack(casts)
+        at = (slice(None), *np.array([image.condition for image in images]).T)
+        result.shadow_dependence[at] = np.stack(shares)[own_sun].T
+        flags = np.full((len(rows), len(images)), EVALUATED, np.uint8)
         for part, flag in (
             (result.shadow_dependence[at], UNSHADOWED),
             (result.occlusion_dependence[at], UNOCCLUDED),
         ):
-            result.condition[at] |= _flagged(part <= points.max_dependence, flag)
-        result.detection[:, :, :, *sun] = 0.0
-        result.sigma_major_m[:, :, :, *sun] = result.sigma_minor_m[:, :, :, *sun] = np.inf
+            flags |= _flagged(part <= points.max_dependence, flag)
+        result.condition[at] = flags
 
         raw = np.stack([image.radiance for image in images])
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
@@ -147,7 +157,7 @@ class _Judge:
         whole = _Items.all(len(images), rows, cols, half)
         result.harris[at] = harris_response(whole.of(filled)).reshape(len(images), -1).T
         items = whole.some(np.flatnonzero(lit_share(whole.of(raw)) >= points.min_lit_share))
-        change = self._change(items, filled, images, cast)
+        change = self._change(items, filled, images, cast[own_sun])
         for slot, scale in enumerate(self.scales):
             if scale > 1:
                 sources = [halved(source) for source in sources]
@@ -161,7 +171,9 @@ class _Judge:
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
                 patches = _Patches(items, seen, alone, level, shown)
-                self._judge(slot, sun, patches if len(good) == len(level) else patches.some(good))
+                if len(good) < len(level):
+                    patches = patches.some(good)
+                self._judge(slot, np.array([image.condition for image in images]), patches)
 
     def _change(
         self,
@@ -172,22 +184,24 @@ class _Judge:
     ) -> Float32 | None:
         """The difference (n, p, p) of the patches rendered from their own nodes alone from those in
         the images: nodes that only terrain around the patch shadows are lit. None without any.
+        ``cast`` (images, candidates, p, p): these nodes.
         """
-        some = np.flatnonzero(cast.any(axis=(1, 2)))
-        if not len(some):
+        dark: Mask = np.any(cast, axis=(2, 3))
+        if not dark.any():
             return None
-        change = np.zeros((len(items.which), *cast.shape[1:]), np.float32)
-        for number, image in enumerate(images):
-            here = np.flatnonzero((items.which == number) & np.isin(items.candidate, some))
-            if len(here):
-                shaded = items.some(here)
-                lit = self.light.unshadowed(shaded.candidate, image)
-                own = cast[shaded.candidate] & np.isfinite(lit)
-                change[here] = np.where(own, lit - shaded.of(filled), np.float32(0.0))
+        change = np.zeros((len(items.which), *cast.shape[2:]), np.float32)
+        for number in np.flatnonzero(dark.any(axis=1)).tolist():
+            here = np.flatnonzero((items.which == number) & dark[number, items.candidate])
+            shaded = items.some(here)
+            lit = self.light.unshadowed(shaded.candidate, images[number])
+            own = cast[number, shaded.candidate] & np.isfinite(lit)
+            change[here] = np.where(own, lit - shaded.of(filled), np.float32(0.0))
         return change
 
-    def _judge(self, slot: int, sun: tuple[int, int], patches: _Patches) -> None:
-        """Write detection and covariance of patches in images of a scale."""
+    def _judge(self, slot: int, conditions: Index, patches: _Patches) -> None:
+        """Write detection and covariance of patches in images of a scale; ``conditions`` (k, 3): view,
+        elevation and azimuth of each image.
+        """
         scale, items, points = self.scales[slot], patches.items, self.points
         pixel_m = scale * self.gsd_m
         models = self.errors.rows(items.candidate)
@@ -206,12 +220,13 @@ class _Judge:
         place = self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
         covariance = match.covariance_px2 + bias[:, :, None] * bias[:, None]
         major, minor, angle = _ellipse(covariance * pixel_m**2 + place)
-        result, where = self.result, (items.candidate, slot, items.which, *sun)
+        result, condition = self.result, conditions[items.which].T
+        where = (items.candidate, slot, *condition)
         result.detection[where] = chances.detection
         result.sigma_major_m[where], result.sigma_minor_m[where] = major, minor
         result.sigma_angle_deg[where] = (angle - self.light.turn_deg) % 180.0
         if scale == 1:
-            own = (items.candidate, items.which, *sun)
+            own = (items.candidate, *condition)
             result.second_peak[own] = chances.second_peak
             result.false_match[own] = chances.false_match
             for values, flag in ((chances.located, LOCALIZABLE), (chances.detection, UNIQUE)):

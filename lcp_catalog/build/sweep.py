@@ -107,6 +107,11 @@ class RenderedImage:
         """Indices of the Sun's elevation and azimuth."""
         return self.elevation, self.azimuth
 
+    @property
+    def condition(self) -> tuple[int, int, int]:
+        """Indices of view, elevation and azimuth."""
+        return self.view, self.elevation, self.azimuth
+
 
 def plan_area(
     terrain: Terrain,
