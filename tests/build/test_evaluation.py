@@ -12,7 +12,7 @@ import pytest
 from helpers.random_scenes import make
 
 from lcp_catalog.build.config import BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.build.evaluation import _ellipse, _halved_change, evaluate, image_scales
+from lcp_catalog.build.evaluation import _ellipse, evaluate, image_scales
 from lcp_catalog.build.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.catalog.schema import (
     EVALUATED,
@@ -23,7 +23,6 @@ from lcp_catalog.catalog.schema import (
     USABLE,
 )
 from lcp_catalog.landmarks.error_model import ErrorModel
-from lcp_catalog.landmarks.patches import gather_patches, halved
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ring_decision
 
@@ -70,26 +69,6 @@ def test_image_scales_end_at_seven_pixels(nodes, scales):
     assert image_scales(nodes) == scales
     sides = [2 * (nodes // 2 // scale) + 1 for scale in (*scales, 2 * scales[-1])]
     assert min(sides[:-1]) >= 7 > sides[-1]
-
-
-@pytest.mark.parametrize("half", [6, 7, 8, 16])
-def test_a_changed_patch_at_half_resolution_lies_on_the_images_pixels(half):
-    """Against the halved image into which the patch was put, for even and odd places."""
-    rng = np.random.default_rng(half)
-    image = rng.normal(size=(90, 92)).astype(np.float32)
-    rows, cols = np.array([40, 41, 40, 41]), np.array([44, 44, 45, 45])
-    seen = gather_patches(image, rows, cols, half)
-    alone = (seen + rng.normal(size=seen.shape)).astype(np.float32)
-    coarse = rows // 2, cols // 2, half // 2
-    found = gather_patches(halved(image), *coarse) + _halved_change(
-        alone - seen, (rows, cols, half)
-    )
-    for k in range(4):
-        whole = image.copy()
-        r, c = rows[k], cols[k]
-        whole[r - half : r + half + 1, c - half : c + half + 1] = alone[k]
-        expected = gather_patches(halved(whole), *(a[k : k + 1] for a in coarse[:2]), half // 2)[0]
-        np.testing.assert_allclose(found[k], expected, atol=1e-5)
 
 
 def test_ellipses_by_their_axes():
