@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,10 +229,10 @@ def _evaluated(
     parts = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
-        turned = sweep if turn == 0.0 else replace(sweep, turn_rad=float(turn))
+        part, row0, col0 = sweep.around(rows[group], cols[group], core.halo, float(turn))
+        at = rows[group] - row0, cols[group] - col0
         parts = parts.with_rows(
-            group,
-            evaluate(turned, rows[group], cols[group], job.config, job.gsd_m, errors.rows(group)),
+            group, evaluate(part, *at, job.config, job.gsd_m, errors.rows(group))
         )
     return Candidates(lon, lat, found.elevation_m, found.z_m, found.product, parts, found.albedo)
 

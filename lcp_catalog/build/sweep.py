@@ -157,6 +157,11 @@ def _patch_angle_rad(config: BuildConfig, gsd_m: float) -> float:
     return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
 
 
+PART_STEP = 16
+"""Nodes between possible first rows and columns of a part of a sweep: a multiple of every image scale
+up to 16, so that the pixels of coarser images are those of the whole."""
+
+
 @dataclass(frozen=True)
 class Sweep:
     """All images of a terrain's core under the conditions, one after the other, as the scene plan
@@ -190,6 +195,32 @@ class Sweep:
     def far(self) -> FarTerrain | None:
         """The terrain beyond the heightfield."""
         return self.terrain.far
+
+    def around(
+        self, rows: NDArray[np.int64], cols: NDArray[np.int64], margin: int, turn_rad: float
+    ) -> tuple[Sweep, int, int]:
+        """The sweep of the part of the core within ``margin`` nodes of the given nodes, with a turn;
+        and the part's first row and column in the core, which are multiples of `PART_STEP`.
+        """
+        height, width = self.planes.shape[1:]
+        row0, col0 = (
+            max(0, int(at.min()) - margin) // PART_STEP * PART_STEP for at in (rows, cols)
+        )
+        row1, col1 = (
+            min(size, int(at.max()) + margin + 1) for size, at in ((height, rows), (width, cols))
+        )
+        top, _, left, _ = self.window
+        core = (top + row0, top + row1, left + col0, left + col1)
+        part = np.s_[row0:row1, col0:col1]
+        sweep = replace(
+            self,
+            terrain=replace(self.terrain, core=core),
+            turn_rad=turn_rad,
+            brightness=None if self.brightness is None else self.brightness[part],
+        )
+        if turn_rad == self.turn_rad:  # these shadows are known
+            sweep._masks.update((azimuth, m[:, *part]) for azimuth, m in self._masks.items())
+        return sweep, row0, col0
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
