@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from lcp_catalog import Area, Request, SunChoice, render
-from lcp_catalog.landmarks.detection import detection_probability, top_probability
+from lcp_catalog.landmarks.detection import detection_probability, least_rival, top_probability
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
-from lcp_catalog.landmarks.uniqueness import RING, other_places, places_around
+from lcp_catalog.landmarks.uniqueness import RING, other_places
 from lcp_catalog.photometry.laws import reflectance_model
 
 HADLEY = "images/apollo15-metric-hadley/gld100_256ppd_lat20-30_lon000-010.tif"
@@ -192,11 +192,13 @@ def by_library(
     match = registration(patches, PatchErrors(ground, 0 * ground, 0 * ground), noise, cell_m)
     middle = np.array([reach])
     image = around.image.astype(np.float32)
-    rivals, contrast = other_places(image, patches, middle, middle, around.search)
     whole = replace(match, shift_loss=np.zeros(1))
-    found = detection_probability(whole, rivals, contrast, least_correlation=-1.0)
-    near, around_contrast = places_around(image, patches, middle, middle)
-    on_top = top_probability(whole, RING, near, around_contrast)
+    least = least_rival(whole)
+    others = other_places(image[None], patches, middle, middle, around.search, least=least)
+    found = detection_probability(
+        whole, others.correlation, others.contrast, least_correlation=-1.0
+    )
+    on_top = top_probability(whole, RING, others.near, others.near_contrast)
     assert match.nodes == nodes**2
     return float(found[0][0] * on_top[0]), np.asarray(match.covariance_px2[0])
 

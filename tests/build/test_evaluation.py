@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.random_scenes import make
 
+from lcp_catalog.build import evaluation
 from lcp_catalog.build.config import BuildConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.build.evaluation import _ellipse, evaluate, image_scales
 from lcp_catalog.build.sweep import Conditions, Sweep, law_of_build, plan_area
@@ -121,6 +122,43 @@ def test_flags_follow_from_the_probabilities_and_shares():
     assert flag(UNIQUE).any()
     assert not flag(UNIQUE).all()
     assert (found.sigma_major_m >= found.sigma_minor_m).all()
+
+
+@pytest.mark.parametrize(("nodes", "search"), [(17, 12), (17, 24), (33, 24)])
+def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
+    monkeypatch, nodes, search
+):
+    """Rugged and gentle ground, 16 candidates, 8 Suns. No probability is farther from that of the
+    exhaustive search than the limits of doubt allow.
+    """
+    points = PointConfig(patch_nodes=nodes, search_m=search * CELL_M)
+    view = ViewConfig((0.0,), (0.0,), (math.inf,))
+    config = dataclasses.replace(CONFIG, points=points, view=view)
+    quick, least, unlike, sure = evaluation.other_places, points.min_detection, 0, set()
+    for seed, sigma in ((0, 6.0), (0, 1.5), (1, 6.0), (1, 1.5)):
+        edge = nodes // 2 + search + 4
+        line = np.linspace(edge, 112 - edge, 4).astype(int)
+        at = tuple(a.ravel() for a in np.meshgrid(line, line))
+        z = ground(seed, 121, sigma=sigma)
+        found = judged(z, config=config, at=at)
+        with monkeypatch.context() as patch:
+            patch.setattr(evaluation, "_DOUBT", (-1.0, -1.0))
+            unchecked = judged(z, config=config, at=at)
+            # the code gives `exact` by name, which a partial would not override
+            patch.setattr(
+                evaluation, "other_places", lambda *a, **how: quick(*a, **(how | {"exact": True}))
+            )
+            exact = judged(z, config=config, at=at)
+        np.testing.assert_array_equal(found.condition, exact.condition)
+        one, other = found.detection[:, 0], exact.detection[:, 0]
+        doubtful = (one > least - evaluation._DOUBT[0]) & (one < least + evaluation._DOUBT[1])
+        np.testing.assert_allclose(one[doubtful], other[doubtful], atol=1e-6)
+        assert (other - one).max() < evaluation._DOUBT[0]
+        assert (one - other).max() < evaluation._DOUBT[1]
+        unlike += (unchecked.detection[:, 0] != other).sum()
+        sure |= set(np.unique(found.condition & UNIQUE).tolist())
+    assert unlike > 10  # the searches differ
+    assert sure == {0, UNIQUE}
 
 
 def test_terrain_that_repeats_itself_is_localizable_and_not_unique():
