@@ -15,7 +15,7 @@ import pytest
 from helpers.products import DEGREE_M, geotiff
 
 from lcp_catalog.build import area_job, run
-from lcp_catalog.build.area_job import area_sweep, run_area
+from lcp_catalog.build.area_job import AreaJob, area_sweep, run_area
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -25,7 +25,7 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.build.estimate import estimate
+from lcp_catalog.build.estimate import START_S, WORKER_START_S, _seconds, estimate
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import (
@@ -459,6 +459,23 @@ def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Pa
     with pytest.raises(OutputExistsError, match="--overwrite"):
         run_build(plan, output)
     assert not output.with_name("mine.h5.parts").exists()
+
+
+def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> None:
+    """Areas that take a second and two seconds per million of own node and condition."""
+    order = sorted(plan.jobs, key=lambda job: job.work)
+
+    def seconds(job: AreaJob) -> float:
+        return 1.0 + 2e-6 * job.work
+
+    places = plan.jobs.index(order[3]), plan.jobs.index(order[0])
+    measured = [seconds(plan.jobs[place]) for place in places]
+    total = sum(seconds(job) for job in plan.jobs)
+    alone, shared = (_seconds(plan, places, measured, workers) for workers in (1, 2))
+    assert alone == pytest.approx(START_S + total)
+    assert shared == pytest.approx(START_S + WORKER_START_S + total / 2.0)
+    # a small area that took longer than the large one: no time is negative
+    assert _seconds(plan, places, [2.0, 3.0], 1) == pytest.approx(START_S + 2.0 * len(plan.jobs))
 
 
 def test_the_size_of_the_file_is_estimated(plan: Build, built: Path) -> None:
