@@ -65,13 +65,15 @@ def _percentiles(values: Float32, *percents: float) -> list[float]:
     ]
 
 
-def harris(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
+def harris(
+    image: Float32, block: int = 7, k: float = 0.04, contrast: float | None = None
+) -> Float32:
     """Response of Harris and Stephens (1988) at each node: det M - k trace(M)^2, M summed over
     ``block`` x ``block`` nodes.
 
     The response of cv2 grows with the fourth power of contrast. The image is therefore divided by
-    its robust contrast first, so that a gain does not change the response. It is 0 for an image
-    without contrast, and NaN where the window or its gradients (3 x 3 Sobel) would touch a missing
+    its robust contrast (or ``contrast``) first, so that a gain does not change the response. It is 0
+    for an image without contrast, and NaN where the window or its gradients (3 x 3 Sobel) would touch a missing
     node or the image's border. Edges of shadows have a strong response: see `Persistence`.
     """
     margin = block // 2 + 1
@@ -81,7 +83,7 @@ def harris(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
         borderType=cv2.BORDER_CONSTANT,
         borderValue=0,
     )
-    contrast = robust_contrast(image)
+    contrast = robust_contrast(image) if contrast is None else contrast
     if contrast > 0.0:
         scaled = (fill_missing(image, 2 * margin + 1) / np.float32(contrast)).astype(np.float32)
         response = cv2.cornerHarris(scaled, blockSize=block, ksize=3, k=k)
@@ -98,7 +100,8 @@ def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float3
     every Sun outweighs the passing edges of shadows, which are ten times as strong. 0 in shadow;
     NaN where the response is NaN.
     """
-    response = harris(image, block, k)
+    # any scale gives the same shares: the contrast of a sixteenth of the nodes, unless it is 0
+    response = harris(image, block, k, robust_contrast(image[::4, ::4]) or None)
     share = response * np.float32(0.0)  # NaN where the response is
     which = np.flatnonzero((response > 0.0) & (image > 0.0))  # False for NaN
     if not which.size:
