@@ -109,7 +109,8 @@ def other_places(
 
     Half resolution is searched first, then full resolution from its highest maxima; maxima below
     ``least`` (n,), except the two highest, may be left out (`detection.least_rival`). ``exact``: full
-    resolution everywhere, as for small patches and small search areas.
+    resolution everywhere, as for small patches and small search areas. ValueError for images that are
+    prepared for patches of another size.
     """
     size = patches.shape[1]
     found = OtherPlaces(
@@ -119,6 +120,8 @@ def other_places(
         if min(images.shape[1:]) < size:
             return found
         images = SearchImages.of(images, size)
+    if images.size != size:
+        raise ValueError(f"images prepared for patches of {images.size} nodes, not {size}")
     origins = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2) - size // 2
     rivals(
         images.images, images.norms, images.coarse, images.coarse_norms, images.least_norm,

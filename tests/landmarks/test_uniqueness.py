@@ -260,6 +260,8 @@ def test_an_image_smaller_than_the_patch_has_no_places():
     for images in (image, SearchImages.of(image, 17)):
         for part in other_places(images, patch, at, at, SEARCH):
             assert np.isnan(part).all()
+    with pytest.raises(ValueError, match="patches of 15 nodes, not 17"):
+        other_places(SearchImages.of(image, 15), patch, at, at, SEARCH)
 
 
 @pytest.mark.parametrize(("dr", "dc"), [(0, 17), (13, 14), (-19, 6)])
