@@ -15,7 +15,7 @@ from .correlation import FLAT, window
 from .maxima import maxima
 from .sums import add_shifted, dot
 
-_ASCENTS = 16
+_ASCENTS = 6
 """Greatest number of maxima at half resolution that are followed to full resolution."""
 _LOSS = 0.1
 """A maximum at full resolution is at most so much above the one at half resolution."""
@@ -275,7 +275,7 @@ def rivals(
     the window leaves the image.
 
     With half resolution first, maxima that are certainly below least (n,) are left out, except the
-    two highest; the highest 16 at half resolution are followed to full resolution, the others keep
+    two highest; the highest 6 at half resolution are followed to full resolution, the others keep
     their correlation. If no ascent ends at another place, the search is repeated at full resolution.
     """
     size = templates.shape[1]
