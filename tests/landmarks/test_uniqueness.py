@@ -150,6 +150,16 @@ def test_half_resolution_first_loses_little_and_what_is_followed_never_gains(hal
     assert 1000 < followed <= 1600
 
 
+@pytest.mark.parametrize(("half", "search"), [(8, 14), (8, 40)])
+def test_a_place_that_two_ascents_reach_counts_once(half, search):
+    """No two places of a random image have exactly the same correlation."""
+    image = field(2, (300, 300), smooth=1.5)
+    rows, cols = np.random.default_rng(0).integers(80, 220, size=(2, 100))
+    for found in others(image, rows, cols, half, search, exact=False)[0]:
+        some = found[np.isfinite(found)]
+        assert len(np.unique(some)) == len(some)
+
+
 def test_where_all_maxima_are_followed_none_gains():
     image = field(6, (300, 300), smooth=3.0)
     rows, cols = np.random.default_rng(3).integers(60, 240, size=(2, 80))
