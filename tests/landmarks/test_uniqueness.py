@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.kernels.matching.rivals import window_norms
+from lcp_catalog.kernels.matching.rivals import _ASCENTS, window_norms
 from lcp_catalog.landmarks.patches import patches_of
 from lcp_catalog.landmarks.uniqueness import (
     RING,
@@ -126,8 +126,8 @@ def counterparts(quick, exact, k):
 
 @pytest.mark.parametrize("half", [8, 16])
 def test_half_resolution_first_loses_little_and_what_is_followed_never_gains(half):
-    """The highest 16 maxima at half resolution are followed to maxima at full resolution; the others
-    keep their correlation at half resolution.
+    """The highest maxima at half resolution are followed to maxima at full resolution; the others keep
+    their correlation at half resolution.
     """
     image = field(2, (300, 300), smooth=2.0)
     rng = np.random.default_rng(0)
@@ -138,16 +138,17 @@ def test_half_resolution_first_loses_little_and_what_is_followed_never_gains(hal
     lost = exact[0][:, 0] - quick[0][:, 0]
     assert np.mean(np.abs(lost) > 1e-4) < 0.1
     assert np.sqrt(np.mean(lost**2)) < 0.02
-    followed = 0
+    followed, best = [], []
     for k in range(100):
         real = counterparts(quick, exact, k)
         coarse = half_resolution(image, rows[k], cols[k], half, 60)
         rest = quick[0][k, : len(real)][~real]
         assert (np.abs(rest[:, None] - coarse).min(axis=1, initial=2.0) < 1e-4).all()
-        assert real[:3].all()
-        assert rest.max() < quick[0][k, 2]
-        followed += real.sum()
-    assert 1000 < followed <= 1600
+        followed.append(real.sum())
+        best.append(real[0])
+    assert 0.8 * _ASCENTS < np.mean(followed) <= _ASCENTS
+    assert max(followed) <= _ASCENTS + 1  # one of the others can be a maximum by chance
+    assert np.mean(best) > 0.9
 
 
 @pytest.mark.parametrize(("half", "search"), [(8, 14), (8, 40)])
@@ -164,11 +165,11 @@ def test_where_all_maxima_are_followed_none_gains():
     image = field(6, (300, 300), smooth=3.0)
     rows, cols = np.random.default_rng(3).integers(60, 240, size=(2, 80))
     quick, exact = (others(image, rows, cols, 8, 14, exact=e) for e in (False, True))
-    count = np.isfinite(quick[0]).sum(axis=1)
-    assert count.max() <= 16
-    assert count.sum() > 250
-    assert all(counterparts(quick, exact, k).all() for k in range(80))
-    assert (quick[0][:, 0] <= exact[0][:, 0] + 1e-5).all()
+    few = [k for k in range(80) if len(half_resolution(image, rows[k], cols[k], 8, 14)) <= _ASCENTS]
+    assert len(few) > 30
+    for k in few:
+        assert counterparts(quick, exact, k).all()
+        assert not quick[0][k, 0] > exact[0][k, 0] + 1e-5
 
 
 def test_places_below_the_least_are_left_out_and_those_above_are_not():
