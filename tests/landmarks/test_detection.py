@@ -102,16 +102,16 @@ def test_the_integral_is_exact():
         expected, _ = quad(density, 0.4, own + 9 * sigma, points=[own], epsabs=1e-10)
         rivals = np.array([[rho]]), np.array([[0.1]])
         found = detection_probability(match, *rivals, 1.0, 0.4)[0][0]
-        assert found == pytest.approx(expected, abs=2e-3)
+        assert found == pytest.approx(expected, abs=2e-6)
 
 
-def test_the_least_correlation_is_not_a_step_of_the_integral():
-    """61 steps: the probability follows the normal distribution between them."""
+def test_the_least_correlation_is_the_lower_end_of_the_integral():
+    """The probability follows the normal distribution at every limit."""
     match = case(noise=0.15, gain=8.0)
     mean, sigma = moments(match, 1.0, 0.1)
     for least in np.linspace(mean - 3 * sigma, mean + 3 * sigma, 41):
         found = detection_probability(match, np.full((1, 1), np.nan), np.zeros((1, 1)), 1.0, least)
-        assert found[1][0] == pytest.approx(norm.sf(least, mean, sigma), abs=2e-3)
+        assert found[1][0] == pytest.approx(norm.sf(least, mean, sigma), abs=2e-6)
         assert found[0] == found[1]
         assert found[2][0] == pytest.approx(1.0)
 
