@@ -4,10 +4,12 @@ without cast shadows.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Float32
+from ..arrays import Array, Float32, Mask
 from ..landmarks.patches import gather_patches
 from .sweep import RenderedImage, Sweep
 
@@ -40,20 +42,30 @@ class PatchLight:
 
     def unshadowed(self, some: NDArray[np.int64], image: RenderedImage) -> Float32:
         """Radiance (m, p, p) of some patches without cast shadows; NaN where not visible."""
-        rows, cols, half = self.where
-        rows, cols = rows[some], cols[some]
-        planes = np.stack([gather_patches(plane, rows, cols, half) for plane in self.sweep.planes])
-        size = 2 * half + 1
-        hidden = gather_patches(self.sweep.unseen[image.view], rows, cols, half)
+        size = 2 * self.where[2] + 1
         radiance = self.sweep.shaded(
-            planes.reshape(3, -1, size),
+            self._planes[:, some].reshape(3, -1, size),
             (image.view, image.elevation, image.azimuth),
-            np.zeros((len(rows) * size, size), np.uint8),
-            np.ascontiguousarray(hidden.reshape(-1, size)),
+            np.zeros((len(some) * size, size), np.uint8),
+            self._unseen[image.view, some].reshape(-1, size),
         ).reshape(-1, size, size)
-        if self.sweep.factors is not None:
-            radiance = radiance * gather_patches(self.sweep.factors, rows, cols, half)
-        return radiance
+        return radiance if self._factors is None else radiance * self._factors[some]
+
+    @cached_property
+    def _planes(self) -> Float32:
+        """The normals' components at the patches, (3, n, p, p)."""
+        return np.stack([gather_patches(plane, *self.where) for plane in self.sweep.planes])
+
+    @cached_property
+    def _unseen(self) -> Mask:
+        """True where terrain hides a node of a patch in a view, (view, n, p, p)."""
+        return np.stack([gather_patches(hidden, *self.where) for hidden in self.sweep.unseen])
+
+    @cached_property
+    def _factors(self) -> Float32 | None:
+        """Albedo factors of the patches, (n, p, p)."""
+        factors = self.sweep.factors
+        return None if factors is None else gather_patches(factors, *self.where)
 
     def _dependence(
         self, direction: Array, dark: NDArray[np.uint8]

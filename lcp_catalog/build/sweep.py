@@ -219,7 +219,8 @@ class Sweep:
             brightness=None if self.brightness is None else self.brightness[part],
         )
         if turn_rad == self.turn_rad:  # these shadows are known
-            sweep._masks.update((azimuth, m[:, *part]) for azimuth, m in self._masks.items())
+            masks = ((azimuth, mask[:, *part]) for azimuth, mask in self._masks.items())
+            sweep._masks.update((azimuth, np.ascontiguousarray(mask)) for azimuth, mask in masks)
         return sweep, row0, col0
 
     @cached_property
