@@ -98,7 +98,7 @@ class FarTerrain:
         occluded: Mask,
     ) -> None:
         """Set ``occluded`` (the window's nodes) where far terrain rises above their rays, too."""
-        if direction[0] == direction[1] == 0.0 or occluded.size == 0:
+        if occluded.size == 0 or not self.matters(field, direction, window):
             return
         blocks = _Blocks(field, window, occluded)
         reaching = self._reaching(blocks, direction)
