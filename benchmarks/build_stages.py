@@ -46,7 +46,6 @@ STAGES: dict[str, tuple[str, ...]] = {
         "landmarks.patches:through_optics",
         "landmarks.patches:halved",
         "landmarks.patches:halved_changes",
-        "landmarks.patches:gather_patches",
         "landmarks.patches:patches_of",
         "build.evaluation:_halved_change",
         "build.evaluation:_blurred_patches",

@@ -187,15 +187,19 @@ class _Judge:
         ``cast`` (images, candidates, p, p): these nodes.
         """
         dark: Mask = np.any(cast, axis=(2, 3))
-        if not dark.any():
+        numbers = np.flatnonzero(dark.any(axis=1))
+        if not len(numbers):
             return None
         change = np.zeros((len(items.which), *cast.shape[2:]), np.float32)
-        for number in np.flatnonzero(dark.any(axis=1)).tolist():
-            here = np.flatnonzero((items.which == number) & dark[number, items.candidate])
-            shaded = items.some(here)
-            lit = self.light.unshadowed(shaded.candidate, images[number])
-            own = cast[number, shaded.candidate] & np.isfinite(lit)
-            change[here] = np.where(own, lit - shaded.of(filled), np.float32(0.0))
+        here = np.flatnonzero(dark[items.which, items.candidate])
+        shaded = items.some(here)
+        lit = np.stack([self.light.sweep.unshadowed(images[k].condition) for k in numbers.tolist()])
+        place = np.zeros(len(images), np.int64)
+        place[numbers] = np.arange(len(numbers))
+        difference = dataclasses.replace(shaded, which=place[shaded.which]).of(lit)
+        difference -= shaded.of(filled)
+        own = cast[shaded.which, shaded.candidate] & np.isfinite(difference)
+        change[here] = np.where(own, difference, np.float32(0.0))
         return change
 
     def _judge(self, slot: int, conditions: Index, patches: _Patches) -> None:

@@ -311,6 +311,12 @@ class Sweep:
         sun, camera = self.sun_directions[elevation, azimuth], self.view_directions[view]
         return radiance_of_nodes(planes, sun, camera, dark, unseen, self.model)
 
+    def unshadowed(self, condition: tuple[int, int, int]) -> NDArray[np.float32]:
+        """The image of a condition without cast shadows."""
+        none = np.zeros(self.planes.shape[1:], np.uint8)
+        radiance = self.shaded(self.planes, condition, none, self.unseen[condition[0]])
+        return radiance if self.factors is None else radiance * self.factors
+
     def images(
         self, views: tuple[int, ...] | None = None, sensitivity: bool = False
     ) -> Iterator[RenderedImage]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Float32, Index
 from ..kernels.matching import patches as kernels
@@ -39,29 +37,6 @@ def _spread(variance: float) -> Float32:
         kernel /= kernel.sum()
         low, high = (sigma, high) if kernel @ at**2 < variance else (low, sigma)
     return kernel.astype(np.float32)
-
-
-def gather_patches(
-    array: NDArray[Any], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
-) -> NDArray[Any]:
-    """The (2 half + 1)^2 nodes around each (row, col), shape (n, 2 half + 1, 2 half + 1), of the
-    array's type.
-
-    Nodes outside the array are NaN for floats, False for booleans, 0 for integers.
-    """
-    rows, cols = np.asarray(rows, dtype=np.int64), np.asarray(cols, dtype=np.int64)
-    height, width = array.shape
-    size = 2 * half + 1
-    whole = (rows >= half) & (rows < height - half) & (cols >= half) & (cols < width - half)
-    if height >= size and width >= size and whole.all():
-        windows = np.lib.stride_tricks.sliding_window_view(array, (size, size))
-        return windows[rows - half, cols - half]
-    step = np.arange(-half, half + 1)
-    row, col = rows[:, None, None] + step[:, None], cols[:, None, None] + step
-    inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-    found = array[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)]
-    outside = np.array(np.nan if array.dtype.kind == "f" else 0, dtype=array.dtype)
-    return np.where(inside, found, outside)
 
 
 def patches_of(images: Float32, which: Index, rows: Index, cols: Index, half: int) -> Float32:

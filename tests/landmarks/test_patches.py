@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from lcp_catalog.landmarks.patches import (
     _spread,
-    gather_patches,
     halved,
     halved_changes,
     patches_of,
@@ -19,31 +18,9 @@ from lcp_catalog.landmarks.patches import (
 from lcp_catalog.landmarks.thinning import thinned
 
 
-@given(st.integers(-9, 30), st.integers(-9, 35), st.integers(0, 6))
-def test_a_patch_is_what_a_slice_of_the_padded_array_is(row, col, half):
-    array = np.arange(20 * 25, dtype=np.float32).reshape(20, 25)
-    padded = np.pad(array, 20, constant_values=np.nan)
-    found = gather_patches(array, np.array([row, 10]), np.array([col, 12]), half)
-    for patch, (r, c) in zip(found, ((row, col), (10, 12)), strict=True):
-        np.testing.assert_array_equal(
-            patch, padded[20 + r - half : 21 + r + half, 20 + c - half : 21 + c + half]
-        )
-
-
-def test_patches_keep_their_type_and_do_not_alias():
-    array = np.ones((9, 9), dtype=bool)
-    inside = gather_patches(array, np.array([4]), np.array([4]), 2)
-    outside = gather_patches(array, np.array([0]), np.array([4]), 2)
-    assert inside.dtype == outside.dtype == bool
-    assert not outside[0, :2].any()
-    assert outside[0, 2:].all()
-    inside[...] = False
-    assert array.all()
-    assert gather_patches(array, np.array([], dtype=int), np.array([], dtype=int), 2).shape == (
-        0,
-        5,
-        5,
-    )
+def cut(image, rows, cols, half):
+    """Patches of one image."""
+    return patches_of(image[None], np.zeros(len(rows), np.int64), rows, cols, half)
 
 
 @pytest.mark.parametrize("half", [0, 1, 4, 9, 12])
@@ -61,7 +38,7 @@ def test_patches_of_several_images_are_slices_of_padded_ones(seed, half):
         r, c = 25 + rows[k], 25 + cols[k]
         expected = padded[which[k], r - half : r + half + 1, c - half : c + half + 1]
         np.testing.assert_array_equal(found[k], expected)
-        one = gather_patches(images[which[k]], rows[k : k + 1], cols[k : k + 1], half)
+        one = cut(images[which[k]], rows[k : k + 1], cols[k : k + 1], half)
         np.testing.assert_array_equal(found[k : k + 1], one)
     assert patches_of(images, which[:0], rows[:0], cols[:0], half).shape == (
         0,
@@ -88,17 +65,17 @@ def test_a_changed_patch_at_half_resolution_lies_on_the_images_pixels(half):
     rng = np.random.default_rng(half)
     image = rng.normal(size=(90, 92)).astype(np.float32)
     rows, cols = np.array([40, 41, 40, 41]), np.array([44, 44, 45, 45])
-    seen = gather_patches(image, rows, cols, half)
+    seen = cut(image, rows, cols, half)
     alone = (seen + rng.normal(size=seen.shape)).astype(np.float32)
     coarse = rows // 2, cols // 2, half // 2
     change = halved_changes(alone - seen, rows, cols)
     assert change.shape == (4, 2 * (half // 2) + 1, 2 * (half // 2) + 1)
-    found = gather_patches(halved(image), *coarse) + change
+    found = cut(halved(image), *coarse) + change
     for k in range(4):
         whole = image.copy()
         r, c = rows[k], cols[k]
         whole[r - half : r + half + 1, c - half : c + half + 1] = alone[k]
-        expected = gather_patches(halved(whole), *(a[k : k + 1] for a in coarse[:2]), half // 2)[0]
+        expected = cut(halved(whole), *(a[k : k + 1] for a in coarse[:2]), half // 2)[0]
         np.testing.assert_allclose(found[k], expected, atol=1e-5)
     assert not halved_changes(np.zeros_like(seen), rows, cols).any()
 
