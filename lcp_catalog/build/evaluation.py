@@ -75,6 +75,14 @@ class Evaluation:
         rest = [np.full((count, *shape), np.nan, dtype=np.float32) for _ in range(5)]
         return cls(condition, *scaled, *rest)
 
+    def share_views(self, first: NDArray[np.int64]) -> None:
+        """Give each view the results of view ``first``; parallel rays from equal directions see the
+        same.
+        """
+        for f in dataclasses.fields(self):
+            values = np.moveaxis(getattr(self, f.name), -3, 0)
+            values[:] = values[first]
+
     def with_rows(self, rows: NDArray[np.int64], other: Evaluation) -> Evaluation:
         """A copy in which the given candidates are taken from ``other``."""
         merged = []
@@ -111,14 +119,22 @@ def evaluate(
     result.sigma_major_m[..., known] = result.sigma_minor_m[..., known] = np.inf
     judge = _Judge(light, config, gsd_m, errors, result)
     together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
-    images = sweep.images(sensitivity=True)
+    first = _first_alike(sweep.view_directions)
+    images = sweep.images(tuple(np.unique(first).tolist()), sensitivity=True)
     while batch := list(islice(images, together)):
         judge.images(batch)
+    result.share_views(first)
     return result
 
 
+def _first_alike(directions: Array) -> Index:
+    """The number of the first of equal directions (n, 3), for each."""
+    apart = np.abs(directions[:, None] - directions).max(axis=2)
+    return np.argmax(apart < 1e-9, axis=1)
+
+
 class _Judge:
-    """Evaluation of all candidates in all images of a Sun."""
+    """Evaluation of all candidates in rendered images."""
 
     def __init__(
         self,

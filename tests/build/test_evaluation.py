@@ -266,3 +266,22 @@ def test_sensitivities_scale_with_the_albedo():
     ):
         for a, b in zip((one.radiance, *one.slopes), (other.radiance, *other.slopes), strict=True):
             np.testing.assert_allclose(b, a * factors, rtol=1e-6)
+
+
+def test_equal_views_are_rendered_once_and_have_equal_results(monkeypatch):
+    """Straight down at any azimuth, and one direction from two altitudes."""
+    views = ViewConfig((0.0, 0.0, 30.0, 30.0), (0.0, 90.0, 90.0, 90.0), (math.inf,) * 4)
+    four = dataclasses.replace(CONFIG, view=views)
+    shaded, shade = [], Sweep.images
+
+    def counted(self, *args, **how):
+        for image in shade(self, *args, **how):
+            shaded.append(image.condition)
+            yield image
+
+    monkeypatch.setattr(Sweep, "images", counted)
+    one, other = (judged(ground(9), config=config) for config in (CONFIG, four))
+    assert len(shaded) == 2 * one.condition.size
+    for field in dataclasses.fields(one):
+        a, b = (np.moveaxis(getattr(e, field.name), -3, 0) for e in (one, other))
+        np.testing.assert_array_equal(b, a[[0, 0, 1, 1]])
