@@ -27,7 +27,7 @@ from build_areas import CASES, Case, Package, conditions_of, own_nodes
 from build_differences import Places, differences
 from build_processes import jobs_text, memory_text
 from build_roofline import Machine, roofline_table, work_of
-from build_stages import measured
+from build_stages import Scripts, measured
 from build_tables import FULL, Measured, Subject, in_turn, summary
 
 from lcp_catalog.build.evaluation import image_scales
@@ -107,7 +107,7 @@ def subject(name: str, package: Package, case: Case, asked: argparse.Namespace) 
     """`run_area` of a package on a case."""
     job = package.job(case, asked.output)
     nodes, count = own_nodes(package, job), conditions_of(package, job)
-    return Subject(name, partial(package.run, job), nodes, count, package, job)
+    return Subject(name, partial(package.run, job), nodes, count, package, job, package)
 
 
 def straightforward(area: Subject) -> Subject:
@@ -121,7 +121,7 @@ def straightforward(area: Subject) -> Subject:
         made = Pipeline(area.package, area.job, found)
         return Places(found.lon_deg, found.lat_deg, made.run())
 
-    return Subject("pipeline", run, area.nodes, area.conditions, area.package, area.job, False)
+    return Subject("pipeline", run, area.nodes, area.conditions, area.package, area.job, Scripts())
 
 
 def exhaustive(area: Subject) -> Any:

@@ -95,6 +95,11 @@ class Package:
         """A module by its path inside the package."""
         return importlib.import_module(f"{self.name}.{path}")
 
+    def modules(self) -> list[Any]:
+        """All modules of the package that are imported."""
+        begins = f"{self.name}."
+        return [module for key, module in list(sys.modules.items()) if key.startswith(begins)]
+
     def plan(self, case: Case, folder: Path) -> Any:
         """The planned build to which a case's area belongs."""
         config = self.module("build.config").BuildConfig.from_toml(CONFIG)

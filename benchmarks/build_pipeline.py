@@ -330,7 +330,7 @@ class Pipeline:
         for slot, scale in enumerate((1, 2, 4)):
             if scale > 1:
                 change = np.stack([
-                    _halved_on_grid(part, r // (scale // 2), c // (scale // 2))
+                    halved_change(part, r // (scale // 2), c // (scale // 2))
                     for part, r, c in zip(change, rows, cols, strict=True)
                 ])  # fmt: skip
                 sources = [halved(source) for source in sources]
@@ -375,13 +375,13 @@ class Pipeline:
         match = registered(alone / unit, seen / unit, errors, self.errors, pixel_m)
         reach = max(1, self.points.search_nodes(self.job.gsd_m) // scale)
         places_ = search(shown, alone, rows, cols, reach)
-        own = _correlation(alone, seen)
+        own = correlation(alone, seen)
         found[good] = np.stack(probabilities(match, places_, level, own, self.errors.spread), 1)
-        sigma[good] = _sigma_major(match, pixel_m, self.errors.position_sigma_m)
+        sigma[good] = sigma_major(match, pixel_m, self.errors.position_sigma_m)
         return found, sigma
 
 
-def _halved_on_grid(change: np.ndarray, row: int, col: int) -> np.ndarray:
+def halved_change(change: np.ndarray, row: int, col: int) -> np.ndarray:
     """A patch's change at half the resolution, on the pixels of the halved image; 0 beyond it."""
     fine = len(change) // 2
     size = 2 * (fine // 2) + 1
@@ -392,13 +392,13 @@ def _halved_on_grid(change: np.ndarray, row: int, col: int) -> np.ndarray:
     return part.reshape(size, 2, size, 2).mean(axis=(1, 3))
 
 
-def _correlation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def correlation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     a, b = (x.astype(np.float64) - x.mean(axis=(1, 2), keepdims=True) for x in (a, b))
     product = np.sqrt((a * a).sum((1, 2)) * (b * b).sum((1, 2)))
     return np.where(product > 0.0, (a * b).sum((1, 2)) / np.where(product > 0.0, product, 1.0), 0.0)
 
 
-def _sigma_major(match: Match, pixel_m: float, position_m: float) -> np.ndarray:
+def sigma_major(match: Match, pixel_m: float, position_m: float) -> np.ndarray:
     whole = (match.covariance + match.bias[:, :, None] * match.bias[:, None]) * pixel_m**2
     finite = np.isfinite(whole).all(axis=(1, 2))
     values = np.linalg.eigvalsh(np.where(finite[:, None, None], whole, 0.0))[:, 1]

@@ -4,7 +4,7 @@ every second counts for the innermost wrapped function.
 
 from __future__ import annotations
 
-import sys
+import importlib
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -70,6 +70,30 @@ STAGES: dict[str, tuple[str, ...]] = {
 """Functions of each stage, ``module:name``; names that a package does not have are left out, so that
 the table holds for an older and a newer one."""
 
+PIPELINE_STAGES: dict[str, tuple[str, ...]] = {
+    "terrain": ("build_pipeline:Pipeline.__init__",),
+    "corners": ("build_pipeline:Pipeline.corners",),
+    "heights of patches": (),
+    "shadows": ("build_pipeline:Pipeline.hidden", "build_pipeline:Surface.__init__"),
+    "shading": ("build_pipeline:Shader.radiance",),
+    "dependence": ("build_pipeline:Pipeline.dependence",),
+    "scales of the images, patches": (
+        "build_pipeline:filled",
+        "build_pipeline:blurred",
+        "build_pipeline:halved",
+        "build_pipeline:halved_change",
+        "build_pipeline_match:windows",
+    ),
+    "localization, detection": (
+        "build_pipeline_match:registered",
+        "build_pipeline_match:probabilities",
+        "build_pipeline:correlation",
+        "build_pipeline:sigma_major",
+    ),
+    "uniqueness": ("build_pipeline_match:search",),
+}
+"""The same stages of the straightforward pipeline."""
+
 REST = "rest"
 
 
@@ -107,12 +131,25 @@ class Clock:
         return {stage: self.seconds.get(stage, 0.0) for stage in (*STAGES, REST)}
 
 
+class Scripts:
+    """The modules of the pipeline, in the place of a package."""
+
+    def module(self, path: str) -> Any:
+        """A module of this folder."""
+        return importlib.import_module(path)
+
+    def modules(self) -> list[Any]:
+        """All modules in which a function can be held."""
+        return [self.module(path) for path in ("build_pipeline", "build_pipeline_match")]
+
+
 @contextmanager
-def measured(package: Package) -> Iterator[Clock]:
+def measured(package: Package | Scripts) -> Iterator[Clock]:
     """A clock that counts while the block runs. The kernels must have been compiled before."""
     clock = Clock()
     undo: list[Callable[[], None]] = []
-    for stage, names in STAGES.items():
+    table = PIPELINE_STAGES if isinstance(package, Scripts) else STAGES
+    for stage, names in table.items():
         for name in names:
             undo += wrapped(package, name, clock, stage)
     clock._turn()
@@ -124,7 +161,9 @@ def measured(package: Package) -> Iterator[Clock]:
             back()
 
 
-def wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Callable[[], None]]:
+def wrapped(
+    package: Package | Scripts, name: str, clock: Clock, stage: str
+) -> list[Callable[[], None]]:
     """Wrap a function wherever the package's modules hold it; the calls that undo it."""
     path, _, attribute = name.partition(":")
     try:
@@ -146,15 +185,10 @@ def wrapped(package: Package, name: str, clock: Clock, stage: str) -> list[Calla
     inside = clock.timed(stage, found)
     return [
         _set(module, key, inside)
-        for module in _modules(package)
+        for module in package.modules()
         for key, value in list(vars(module).items())
         if value is found
     ]
-
-
-def _modules(package: Package) -> list[Any]:
-    begins = f"{package.name}."
-    return [module for key, module in list(sys.modules.items()) if key.startswith(begins)]
 
 
 def _set(owner: Any, name: str, value: Any) -> Callable[[], None]:

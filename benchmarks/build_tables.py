@@ -10,7 +10,7 @@ from typing import Any
 
 from build_areas import Package
 from build_differences import ALL, FLAGS, Differences, share
-from build_stages import measured
+from build_stages import Scripts, measured
 
 
 @dataclass
@@ -23,8 +23,8 @@ class Subject:
     conditions: int
     package: Package
     job: Any
-    staged: bool = True
-    """True if its stages are timed, too."""
+    watched: Package | Scripts
+    """What holds the functions of its stages."""
     seconds: list[float] = field(default_factory=list)
     stages: list[dict[str, float]] = field(default_factory=list)
     result: Any = None
@@ -58,11 +58,10 @@ def in_turn(subjects: Sequence[Subject], rounds: int) -> None:
             start = time.process_time()
             one.run()
             one.seconds.append(time.process_time() - start)
-            if one.staged:
-                one.package.forget()
-                with measured(one.package) as clock:
-                    one.run()
-                one.stages.append(clock.stop())
+            one.package.forget()
+            with measured(one.watched) as clock:
+                one.run()
+            one.stages.append(clock.stop())
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -99,14 +98,13 @@ def sizes(subjects: Sequence[Subject], job: Any) -> str:
 
 def stage_table(subjects: Sequence[Subject]) -> str:
     """Milliseconds by stage, medians."""
-    timed = [one for one in subjects if one.stages]
     rows = []
-    for stage in timed[0].stages[0]:
-        times = [_median(one, stage) for one in timed]
+    for stage in subjects[0].stages[0]:
+        times = [_median(one, stage) for one in subjects]
         rows.append([stage, *(f"{1e3 * seconds:.1f}" for seconds in times)])
-    totals = (statistics.median(sum(part.values()) for part in one.stages) for one in timed)
+    totals = (statistics.median(sum(part.values()) for part in one.stages) for one in subjects)
     rows.append(["all", *(f"{1e3 * seconds:.1f}" for seconds in totals)])
-    return table(["stage, ms", *(one.name for one in timed)], rows)
+    return table(["stage, ms", *(one.name for one in subjects)], rows)
 
 
 def ratio(first: Subject, second: Subject) -> float:
@@ -182,19 +180,17 @@ def summary(cases: Sequence[Measured]) -> str:
     head += [f"{one.name}, M node-conditions / s" for one in first]
     head += [f"times {other.name}" for other in first[1:]]
     head += [f"decisions not as {name}, %" for name in _names(cases)]
+    order = list(reversed(range(len(first))))
     stages = []
     for stage in first[0].stages[0]:
-        times = (
-            _median(one, stage) for case in cases for one in reversed(case.subjects) if one.staged
-        )
-        stages.append([stage, *(f"{1e3 * seconds:.0f}" for seconds in times)])
-    titles = (
-        f"{case.name}, {one.name}"
-        for case in cases
-        for one in reversed(case.subjects)
-        if one.staged
-    )
-    return f"## all cases\n\n{table(head, rows)}\n\n{table(['stage, ms', *titles], stages)}\n"
+        cells = []
+        for case in cases:
+            times = [_median(case.subjects[k], stage) for k in order]
+            cells.append(" / ".join(f"{1e3 * seconds:.0f}" for seconds in times))
+        stages.append([stage, *cells])
+    title = f"ms: {' / '.join(first[k].name for k in order)}"
+    both = table(head, rows), table([title, *(case.name for case in cases)], stages)
+    return f"## all cases\n\n{both[0]}\n\n{both[1]}\n"
 
 
 def _names(cases: Sequence[Measured]) -> list[str]:

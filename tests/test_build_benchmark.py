@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from build_areas import Package
 from build_differences import Places, differences
-from build_stages import REST, STAGES, Clock, wrapped
-from build_tables import Subject, ratio, stage_table
+from build_stages import PIPELINE_STAGES, REST, STAGES, Clock, Scripts, wrapped
+from build_tables import Measured, Subject, ratio, stage_table, summary
 
 
 def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> Places:
@@ -48,7 +48,7 @@ def test_a_nested_stage_does_not_count_for_the_outer_one(monkeypatch: pytest.Mon
 def timed(name: str, nodes: int, seconds: list[float], stages: dict[str, float]) -> Subject:
     """An area of 10 conditions that has been timed."""
     package = Package("lcp_catalog")
-    return Subject(name, lambda: None, nodes, 10, package, None, True, seconds, [stages])
+    return Subject(name, lambda: None, nodes, 10, package, None, package, seconds, [stages])
 
 
 def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> None:
@@ -64,14 +64,43 @@ def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> No
     ]
 
 
-def test_every_stage_has_a_function_in_the_package() -> None:
+def unwrapped(package: Package | Scripts, stages: dict[str, tuple[str, ...]]) -> list[str]:
+    """Stages with functions, of which the package has none."""
     missing = []
-    for stage, names in STAGES.items():
-        clock = Clock()
-        undo = [
-            back for name in names for back in wrapped(Package("lcp_catalog"), name, clock, stage)
-        ]
-        missing += [] if undo else [stage]
+    for stage, names in stages.items():
+        undo = [back for name in names for back in wrapped(package, name, Clock(), stage)]
+        missing += [] if undo or not names else [stage]
         for back in reversed(undo):
             back()
-    assert missing == []
+    return missing
+
+
+def test_every_stage_has_a_function_in_the_package() -> None:
+    assert unwrapped(Package("lcp_catalog"), STAGES) == []
+    assert list(PIPELINE_STAGES) == list(STAGES)
+
+
+def test_every_stage_has_a_function_in_the_pipeline() -> None:
+    pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
+    each = {name: (name,) for names in PIPELINE_STAGES.values() for name in names}
+    assert unwrapped(Scripts(), each) == []
+
+
+def test_the_summary_has_a_row_for_each_case_and_the_stages_of_all() -> None:
+    before = result([1.0], [[31, 1]])
+    now = result([1.0], [[31, 31]])
+    cases = []
+    for name, nodes in (("mare", 100), ("pole", 200)):
+        subjects = [timed("now", nodes, [0.5], {"terrain": 0.25, REST: 0.25})]
+        subjects.append(timed("old", nodes, [2.0], {"terrain": 0.5, REST: 1.5}))
+        for one, found in zip(subjects, (now, before), strict=True):
+            one.result = found
+        cases.append(Measured(name, subjects, {"old": differences(before, now, 100.0)}))
+    lines = summary(cases).splitlines()
+    assert lines[4] == "| mare | 100 | 10 | 1 | 0.002 | 0.001 | 4.0 | 50.000 |"
+    assert lines[7:] == [
+        "| ms: old / now | mare | pole |",
+        "| --- | ---: | ---: |",
+        "| terrain | 500 / 250 | 500 / 250 |",
+        "| rest | 1500 / 250 | 1500 / 250 |",
+    ]
