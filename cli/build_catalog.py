@@ -108,23 +108,28 @@ def command(
         return 0
     assert output is not None
 
-    from lcp_catalog.build.run import build_catalog
+    from lcp_catalog.build.executor import prepare_for_areas, starting_workers
 
     from .progress import progress
 
     try:
-        with progress("areas") as update:
-            report = build_catalog(
-                dem,
-                config,
-                output,
-                jobs=workers,
-                scheduler=scheduler,
-                resume=resume,
-                overwrite=overwrite,
-                keep_going=keep_going,
-                progress=update,
-            )
+        # the workers start while this process imports the build and plans it
+        with starting_workers(1 if scheduler else workers, prepare_for_areas) as started:
+            from lcp_catalog.build.run import build_catalog
+
+            with progress("areas") as update:
+                report = build_catalog(
+                    dem,
+                    config,
+                    output,
+                    jobs=workers,
+                    scheduler=scheduler,
+                    resume=resume,
+                    overwrite=overwrite,
+                    keep_going=keep_going,
+                    progress=update,
+                    started=started,
+                )
     except KeyboardInterrupt:
         click.echo("\nfinished areas are kept: run again with --resume", err=True)
         raise

@@ -91,9 +91,7 @@ class AreaResult:
 
 
 def prepare() -> None:
-    """Import what an area needs, and start the kernels: in a new process the first one takes a
-    while.
-    """
+    """Start the kernels."""
     Heightfield(np.zeros((2, 2), np.float32), 1.0).normals()
 
 

@@ -97,6 +97,15 @@ def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | E
     return _outcome(function, task)
 
 
+def prepare_for_areas() -> None:
+    """Import what an area needs, and start the kernels: in a new process the first one takes a
+    while.
+    """
+    from .area_job import prepare
+
+    prepare()
+
+
 def _in_processes(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],

@@ -34,12 +34,12 @@ from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, useful_cell
-from .area_job import AreaJob, AreaResult, prepare, run_area
+from .area_job import AreaJob, AreaResult, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
 from .assembly import assemble
 from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
-from .executor import run_tasks, starting_workers
+from .executor import run_tasks
 from .sweep import Conditions, law_of_build
 
 log = logging.getLogger(__name__)
@@ -185,6 +185,7 @@ def build_catalog(
     overwrite: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
+    started: ProcessPoolExecutor | None = None,
 ) -> BuildReport:
     """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
 
@@ -192,24 +193,24 @@ def build_catalog(
     scheduler: address of a dask scheduler that computes the areas instead. resume: keep the finished
     areas of an interrupted run with the same inputs. overwrite: replace an existing output.
     keep_going: leave out areas that fail (they are named in the report) instead of raising
-    AreaFailedError. progress: called with the number of finished areas and of all areas.
+    AreaFailedError. progress: called with the number of finished areas and of all areas. started:
+    processes that run already (`executor.starting_workers`).
 
     Raises the library's errors (`errors`): AreaError for a region without cells, SunError if the Sun
     reaches none of the configured directions, OutputExistsError, and those of the files that are read.
     """
-    with starting_workers(jobs if scheduler is None else 1, prepare) as started:
-        build = Build.plan(dem_paths, config)
-        return run_build(
-            build,
-            Path(output),
-            jobs=jobs,
-            scheduler=scheduler,
-            resume=resume,
-            overwrite=overwrite,
-            keep_going=keep_going,
-            progress=progress,
-            started=started,
-        )
+    build = Build.plan(dem_paths, config)
+    return run_build(
+        build,
+        Path(output),
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        overwrite=overwrite,
+        keep_going=keep_going,
+        progress=progress,
+        started=started,
+    )
 
 
 def run_build(
@@ -224,8 +225,7 @@ def run_build(
     progress: Progress = lambda done, total: None,
     started: ProcessPoolExecutor | None = None,
 ) -> BuildReport:
-    """Run a planned build and write the catalogue; options as in `build_catalog`, ``started`` as in
-    `executor.run_tasks`.
+    """Run a planned build and write the catalogue; options as in `build_catalog`.
 
     Finished areas are kept beside the output until the catalogue has been written.
     """
