@@ -38,7 +38,6 @@ STAGES: dict[str, tuple[str, ...]] = {
     "dependence": (
         "build.evaluation:_Patches._dependence",
         "build.patch_light:PatchLight.shadow_dependence",
-        "build.patch_light:PatchLight.shadows",
         "build.patch_light:PatchLight.occlusion_dependence",
     ),
     "scales of the images, patches": (
@@ -47,6 +46,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "landmarks.patches:halved",
         "landmarks.patches:halved_changes",
         "landmarks.patches:patches_of",
+        "landmarks.patches:gather_patches",
         "build.evaluation:_halved_change",
         "build.evaluation:_blurred_patches",
     ),
@@ -68,7 +68,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     ),
 }
 """Functions of each stage, ``module:name``; names that a package does not have are left out, so that
-the table holds for an older and a newer one."""
+the table holds for faf736b (`_Patches`, `gather_patches`, `shift_bias`, ...) and for today's package."""
 
 PIPELINE_STAGES: dict[str, tuple[str, ...]] = {
     "terrain": ("build_pipeline:Pipeline.__init__",),
