@@ -28,11 +28,13 @@ STORED_SHARE = 0.8
 STORED_CLAIMS = 0.3
 """Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
 
-START_S = 2.5
-"""Time before the first area: imports, the plan, and kernels from the cache (measured)."""
+START_S = 3.0
+"""Time before the first area: processor time of the imports and the plan on the sample, 1.2 to 1.7 s and
+1.8 s on a busy machine, rounded."""
 
 WORKER_START_S = 1.5
-"""Time in which worker processes start (measured)."""
+"""Time that worker processes add: each took 1.3 to 3.1 s of processor time more than one process for
+all areas, part of it while the build is planned; a rough mean."""
 
 _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
