@@ -5,7 +5,8 @@ pipeline in the same process.
     .venv/bin/python benchmarks/build.py --case highland --rounds 1 --no-pipeline  (a quick check against the older commit)
 
 Areas run on one thread, in turn; the ratios are medians over the rounds. Their seconds are processor time (`time.process_time`), so
-that other processes of the machine count less; those of `jobs` are wall time. The output is Markdown.
+that other processes of the machine count less; those of `jobs` are wall time. The output is Markdown. All
+sections take half an hour; the tables of the page are those of `all cases`.
 """
 
 from __future__ import annotations
