@@ -58,11 +58,15 @@ def memory_text(packages: dict[str, Package], cases: list[Case], output: Path) -
     return f"## memory\n\n{table(['worker, MB', '', 'imports', 'peak'], rows)}\n"
 
 
-def build_seconds(output: Path, size_km: float, jobs: int) -> float:
-    """Wall time of a build of the sample's middle by the command."""
-    start = time.perf_counter()
+def build_seconds(output: Path, size_km: float, jobs: int) -> tuple[float, float]:
+    """Wall time and processor time, workers included, of a build of the sample's middle by the command."""
+    start, before = time.perf_counter(), os.times()
     subprocess.run(_command(size_km, jobs, output), capture_output=True, check=True)
-    return time.perf_counter() - start
+    after = os.times()
+    used = (
+        after.children_user - before.children_user + after.children_system - before.children_system
+    )
+    return time.perf_counter() - start, used
 
 
 def planned_seconds(output: Path, size_km: float) -> tuple[float, int]:
@@ -84,17 +88,23 @@ def jobs_text(output: Path, size_km: float, rounds: int) -> str:
     output.mkdir(parents=True, exist_ok=True)
     build_seconds(output, size_km, 1)  # compiles and reads the files
     planned, areas = planned_seconds(output, size_km)
-    pairs = []
+    took: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
     for number in range(rounds):
-        order = (1, 2) if number % 2 else (2, 1)
-        took = {jobs: build_seconds(output, size_km, jobs) for jobs in order}
-        pairs.append((took[1], took[2]))
-    one, two = (statistics.median(values) for values in zip(*pairs, strict=True))
-    gain = statistics.median(a / b for a, b in pairs)
+        for jobs in (1, 2) if number % 2 else (2, 1):
+            took[jobs].append(build_seconds(output, size_km, jobs))
+    (one, used), (two, both) = (
+        tuple(statistics.median(values) for values in zip(*took[jobs], strict=True))
+        for jobs in (1, 2)
+    )
+    pairs = zip(took[1], took[2], strict=True)
+    gain = statistics.median(a / b for (a, _), (b, _) in pairs)
     rows = [
         ["one job, s", f"{one:.1f}"],
         ["two jobs, s", f"{two:.1f}"],
         ["one job over two", f"{gain:.2f}"],
+        ["processor time of one job, s", f"{used:.1f}"],
+        ["processor time of two jobs, s", f"{both:.1f}"],
+        ["one job over two by processor time, at most", f"{2.0 * used / both:.2f}"],
         ["`--plan` for one job, s", f"{planned:.1f}"],
         ["`--plan` over one job", f"{planned / one:.2f}"],
     ]
