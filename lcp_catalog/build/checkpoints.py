@@ -1,16 +1,19 @@
 """Checkpoints: finished areas of a build, stored beside the output until the catalogue is written, so that
 an interrupted run loses none of them.
 
-A checkpoint is an .npz file in ``OUTPUT.parts/``; ``run.json`` there holds the fingerprint of the run.
-The folder is removed when the catalogue has been written.
+A checkpoint is an .npz file in ``OUTPUT.parts/`` that holds the fingerprint of its run, as does
+``run.json`` there. ``run.lock`` is locked while a run uses the folder. These files, and the folder if
+nothing else is in it, are removed when the catalogue has been written.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
-import shutil
+import os
 import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -22,7 +25,12 @@ from ..errors import OutputExistsError
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 
-_PLAN = "scene_plan"
+try:
+    import fcntl
+except ImportError:  # Windows: two builds of one output are not told from each other
+    fcntl = None  # type: ignore[assignment]  # the module is optional
+
+_PLAN, _RUN, _LOCK, _NOTE = "scene_plan", "fingerprint", "run.lock", "run.json"
 
 
 @dataclass(frozen=True)
@@ -37,21 +45,53 @@ class Checkpoints:
         """The checkpoints of an output file."""
         return cls(output.with_name(output.name + ".parts"), fingerprint)
 
-    def begin(self, resume: bool) -> None:
-        """Make the folder. Without ``resume`` remove older checkpoints; with it raise OutputExistsError for
-        those of a run with other inputs.
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """The folder, made if needed, for this run alone: OutputExistsError while another build uses it.
+        The lock ends with the process, however that ends.
         """
-        note = self.folder / "run.json"
-        if self.folder.exists() and not resume:
-            shutil.rmtree(self.folder)
-        if self.folder.exists() and note.exists():
+        stream = self._own_lock()
+        try:
+            yield
+        finally:
+            os.close(stream)
+
+    def _own_lock(self) -> int:
+        """The open and locked file; OutputExistsError if another process has locked it."""
+        while True:
+            self.folder.mkdir(exist_ok=True)
+            try:
+                stream = os.open(self.folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+            except FileNotFoundError:  # the folder of a build that ends now
+                continue
+            try:
+                if fcntl is not None:
+                    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.stat(self.folder / _LOCK).st_ino == os.fstat(stream).st_ino:
+                    return stream
+            except BlockingIOError:
+                os.close(stream)
+                raise OutputExistsError(
+                    f"{self.folder}: another build of this output is running; wait for it, or give another output"
+                ) from None
+            except FileNotFoundError:
+                pass  # removed by a build that ended now
+            os.close(stream)
+
+    def begin(self, resume: bool) -> None:
+        """Note the run in the folder. Without ``resume`` remove older checkpoints; with it raise
+        OutputExistsError for those of a run with other inputs.
+        """
+        note = self.folder / _NOTE
+        if not resume:
+            self._remove_files()
+        elif note.exists():
             theirs = json.loads(note.read_text(encoding="utf-8")).get("fingerprint")
             if theirs != self.fingerprint:
                 raise OutputExistsError(
                     f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
                     "run without --resume to remove them"
                 )
-        self.folder.mkdir(exist_ok=True)
         with write_aside(note, overwrite=True) as path:
             path.write_text(json.dumps({"fingerprint": self.fingerprint}), encoding="utf-8")
 
@@ -64,20 +104,32 @@ class Checkpoints:
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
             arrays: dict[str, Any] = _flatten("", result.candidates)
             arrays[_PLAN] = np.array(str(result.plan))
+            arrays[_RUN] = np.array(self.fingerprint)
             np.savez(stream, **arrays)
 
     def read(self, name: str) -> AreaResult | None:
-        """A finished area; None if there is none or its file is damaged (it is computed again)."""
+        """A finished area; None if there is none, or its file is damaged or of another run (it is
+        computed again).
+        """
         try:
             with np.load(self.path(name), allow_pickle=False) as arrays:
+                if str(arrays[_RUN]) != self.fingerprint:
+                    return None
                 plan = ScenePlan.from_json(json.loads(str(arrays[_PLAN])))
                 return AreaResult(_unflatten("", Candidates, arrays), plan)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None
 
     def remove(self) -> None:
-        """Remove the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the checkpoints, and the folder unless it holds other files."""
+        self._remove_files()
+        (self.folder / _LOCK).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.folder.rmdir()
+
+    def _remove_files(self) -> None:
+        for file in (self.folder / _NOTE, *self.folder.glob("*.npz")):
+            file.unlink(missing_ok=True)
 
 
 def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:

@@ -231,32 +231,46 @@ def run_build(
     """
     check_output(output, overwrite)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
-    checkpoints.begin(resume)
-    failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress, started)
-    results = {
-        job.task.name: checkpoints.read(job.task.name)
-        for job in build.jobs
-        if job.task.name not in failed
-    }
-    whole = {name: result for name, result in results.items() if result is not None}
+    with checkpoints.locked():
+        checkpoints.begin(resume)
+        failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress, started)
+        whole = _finished(build, checkpoints, failed)
+        catalog = assemble(
+            build.config,
+            build.dems,
+            build.region,
+            build.gsd_m,
+            whole,
+            build.choice.model,
+            build.errors,
+            build.albedo,
+            build.maps,
+        )
+        write_catalog(catalog, output, overwrite=overwrite)
+        checkpoints.remove()
+    return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
+
+
+def _finished(
+    build: Build, checkpoints: Checkpoints, failed: dict[str, str]
+) -> dict[str, AreaResult]:
+    """The results of all areas that did not fail, by name. AreaFailedError without any, and if a
+    checkpoint has vanished.
+    """
+    whole = {}
+    for name in (job.task.name for job in build.jobs if job.task.name not in failed):
+        result = checkpoints.read(name)
+        if result is None:
+            raise AreaFailedError(
+                f"{checkpoints.path(name)}: the finished area is no longer there, or another build has replaced "
+                "it; run again with --resume"
+            )
+        whole[name] = result
     if not whole:
         raise AreaFailedError(
             f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
         )
-    catalog = assemble(
-        build.config,
-        build.dems,
-        build.region,
-        build.gsd_m,
-        whole,
-        build.choice.model,
-        build.errors,
-        build.albedo,
-        build.maps,
-    )
-    write_catalog(catalog, output, overwrite=overwrite)
-    checkpoints.remove()
-    return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
+    return whole
 
 
 def _run_areas(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
 import tomllib
 from pathlib import Path
@@ -16,6 +17,7 @@ from helpers.products import DEGREE_M, geotiff
 
 from lcp_catalog.build import area_job, run
 from lcp_catalog.build.area_job import AreaJob, area_sweep, run_area
+from lcp_catalog.build.checkpoints import Checkpoints
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -451,6 +453,66 @@ def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_pa
         run_build(plan, output, resume=True)
     run_build(plan, output)
     assert output.read_bytes() == built.read_bytes()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no flock")
+def test_a_second_build_of_the_same_output_is_refused(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the first runs; the first is not disturbed, and after it the output is free again."""
+    output, refused = tmp_path / "one.h5", []
+    points = dataclasses.replace(plan.config.points, min_detection=0.5)
+    other = dataclasses.replace(plan, config=dataclasses.replace(plan.config, points=points))
+
+    def interrupted(job: object) -> object:
+        if not refused:
+            with pytest.raises(OutputExistsError, match="another build of this output is running"):
+                run_build(other, output)
+            refused.append(job)
+        return run_area(job)  # type: ignore[arg-type]  # an AreaJob
+
+    monkeypatch.setattr(run, "run_area", interrupted)
+    run_build(plan, output)
+    assert len(refused) == 1
+    assert output.read_bytes() == built.read_bytes()
+    assert sorted(tmp_path.iterdir()) == [output]
+    run_build(plan, output, overwrite=True)
+
+
+@pytest.mark.parametrize("how", ["removed", "of another run"])
+def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    output, names = tmp_path / "lost.h5", [job.task.name for job in plan.jobs]
+    seen: list[str] = []
+
+    def careless(job: object) -> object:
+        seen.append(job.task.name)  # type: ignore[attr-defined]  # an AreaJob
+        if len(seen) == len(names):
+            lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.npz"
+            if how == "removed":
+                lost.unlink()
+            else:
+                Checkpoints(lost.parent, "another").write(seen[0], run_area(plan.jobs[0]))
+        return run_area(job)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(run, "run_area", careless)
+    with pytest.raises(AreaFailedError, match=r"no longer there.*--resume"):
+        run_build(plan, output)
+    assert not output.exists()
+    monkeypatch.setattr(run, "run_area", run_area)
+    run_build(plan, output, resume=True)
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_other_files_in_the_folder_of_checkpoints_stay(
+    plan: Build, built: Path, tmp_path: Path
+) -> None:
+    parts = tmp_path / "mine.h5.parts"
+    parts.mkdir()
+    (parts / "notes.txt").write_text("mine")
+    run_build(plan, tmp_path / "mine.h5")
+    assert [file.name for file in parts.iterdir()] == ["notes.txt"]
 
 
 def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:

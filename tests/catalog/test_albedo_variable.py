@@ -236,9 +236,10 @@ def test_areas_of_another_map_are_not_mixed_in(
     assert prints[0] == prints[1]
     assert len(set(prints)) == 4
     checkpoints = Checkpoints.beside(tmp_path / "x.h5", prints[0])
-    checkpoints.begin(resume=False)
-    with pytest.raises(OutputExistsError, match="another configuration"):
-        Checkpoints.beside(tmp_path / "x.h5", prints[2]).begin(resume=True)
+    with checkpoints.locked():
+        checkpoints.begin(resume=False)
+        with pytest.raises(OutputExistsError, match="another configuration"):
+            Checkpoints.beside(tmp_path / "x.h5", prints[2]).begin(resume=True)
 
 
 def test_where_the_map_ends_inside_a_patch_is_no_point(
