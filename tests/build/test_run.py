@@ -16,7 +16,7 @@ import pytest
 from helpers.products import DEGREE_M, geotiff
 
 from lcp_catalog.build import area_job, run
-from lcp_catalog.build.area_job import AreaJob, area_sweep, run_area
+from lcp_catalog.build.area_job import AreaJob, AreaResult, area_sweep, run_area
 from lcp_catalog.build.checkpoints import Checkpoints
 from lcp_catalog.build.config import (
     AreaConfig,
@@ -348,11 +348,11 @@ def test_a_broken_run_is_resumed(
     victim = largest_first[-1].task.name
     begun: list[str] = []
 
-    def fails_at_the_end(job: object) -> object:
-        begun.append(job.task.name)  # type: ignore[attr-defined]  # an AreaJob
+    def fails_at_the_end(job: AreaJob) -> AreaResult:
+        begun.append(job.task.name)
         if begun[-1] == victim:
             raise RuntimeError("a bit fell over")
-        return run_area(job)  # type: ignore[arg-type]
+        return run_area(job)
 
     monkeypatch.setattr(run, "run_area", fails_at_the_end)
     with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
@@ -364,9 +364,9 @@ def test_a_broken_run_is_resumed(
 
     done: list[str] = []
 
-    def counts(job: object) -> object:
-        done.append(job.task.name)  # type: ignore[attr-defined]
-        return run_area(job)  # type: ignore[arg-type]
+    def counts(job: AreaJob) -> AreaResult:
+        done.append(job.task.name)
+        return run_area(job)
 
     monkeypatch.setattr(run, "run_area", counts)
     run_build(plan, output, resume=True)
@@ -433,10 +433,10 @@ def test_keep_going_writes_what_there_is(
 ) -> None:
     victim = plan.jobs[0].task.name
 
-    def fails_first(job: object) -> object:
-        if job.task.name == victim:  # type: ignore[attr-defined]
+    def fails_first(job: AreaJob) -> AreaResult:
+        if job.task.name == victim:
             raise RuntimeError("no")
-        return run_area(job)  # type: ignore[arg-type]
+        return run_area(job)
 
     monkeypatch.setattr(run, "run_area", fails_first)
     report = run_build(plan, tmp_path / "partly.h5", keep_going=True)
@@ -464,12 +464,12 @@ def test_a_second_build_of_the_same_output_is_refused(
     points = dataclasses.replace(plan.config.points, min_detection=0.5)
     other = dataclasses.replace(plan, config=dataclasses.replace(plan.config, points=points))
 
-    def interrupted(job: object) -> object:
+    def interrupted(job: AreaJob) -> AreaResult:
         if not refused:
             with pytest.raises(OutputExistsError, match="another build of this output is running"):
                 run_build(other, output)
             refused.append(job)
-        return run_area(job)  # type: ignore[arg-type]  # an AreaJob
+        return run_area(job)
 
     monkeypatch.setattr(run, "run_area", interrupted)
     run_build(plan, output)
@@ -486,15 +486,15 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
     output, names = tmp_path / "lost.h5", [job.task.name for job in plan.jobs]
     seen: list[str] = []
 
-    def careless(job: object) -> object:
-        seen.append(job.task.name)  # type: ignore[attr-defined]  # an AreaJob
+    def careless(job: AreaJob) -> AreaResult:
+        seen.append(job.task.name)
         if len(seen) == len(names):
             lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.npz"
             if how == "removed":
                 lost.unlink()
             else:
                 Checkpoints(lost.parent, "another").write(seen[0], run_area(plan.jobs[0]))
-        return run_area(job)  # type: ignore[arg-type]
+        return run_area(job)
 
     monkeypatch.setattr(run, "run_area", careless)
     with pytest.raises(AreaFailedError, match=r"no longer there.*--resume"):
