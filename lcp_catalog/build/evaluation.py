@@ -17,11 +17,12 @@ from ..arrays import Array, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability, least_rival, top_probability
-from ..landmarks.error_model import ErrorModel, PatchErrors
+from ..landmarks.error_model import ErrorModel
 from ..landmarks.localization import Registration, harris_response, lit_share, mean_lit_level
-from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
+from ..landmarks.patches import halved, halved_changes, through_optics
 from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
+from .items import Items, Patches
 from .patch_light import PatchLight
 from .place_errors import PlaceErrors
 from .sweep import RenderedImage, Sweep
@@ -170,7 +171,7 @@ class _Judge:
         sources = [filled]
         for slopes in zip(*(image.slopes for image in images), strict=True):
             sources.append(_complete(np.stack(slopes)))
-        whole = _Items.all(len(images), rows, cols, half)
+        whole = Items.all(len(images), rows, cols, half)
         result.harris[at] = harris_response(whole.of(filled)).reshape(len(images), -1).T
         items = whole.some(np.flatnonzero(lit_share(whole.of(raw)) >= points.min_lit_share))
         change = self._change(items, filled, images, cast[own_sun])
@@ -186,14 +187,14 @@ class _Judge:
             level = mean_lit_level(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
-                patches = _Patches(items, seen, alone, level, shown)
+                patches = Patches(items, seen, alone, level, shown)
                 if len(good) < len(level):
                     patches = patches.some(good)
                 self._judge(slot, np.array([image.condition for image in images]), patches)
 
     def _change(
         self,
-        items: _Items,
+        items: Items,
         filled: Float32,
         images: list[RenderedImage],
         cast: NDArray[np.bool_],
@@ -218,7 +219,7 @@ class _Judge:
         change[here] = np.where(own, difference, np.float32(0.0))
         return change
 
-    def _judge(self, slot: int, conditions: Index, patches: _Patches) -> None:
+    def _judge(self, slot: int, conditions: Index, patches: Patches) -> None:
         """Write detection and covariance of patches in images of a scale; ``conditions`` (k, 3): view,
         elevation and azimuth of each image.
         """
@@ -253,71 +254,6 @@ class _Judge:
                 result.condition[own] |= _flagged(values >= points.min_detection, flag)
 
 
-@dataclass(frozen=True)
-class _Items:
-    """Patches of images: the candidate and the image (n,) of each, the row and column of its middle,
-    and the nodes from there to its edge.
-    """
-
-    candidate: Index
-    which: Index
-    rows: Index
-    cols: Index
-    half: int
-
-    @classmethod
-    def all(cls, images: int, rows: Index, cols: Index, half: int) -> _Items:
-        """All candidates in all images, ordered by image."""
-        count = len(rows)
-        which = np.repeat(np.arange(images), count)
-        candidate = np.tile(np.arange(count), images)
-        return cls(candidate, which, rows[candidate], cols[candidate], half)
-
-    def of(self, images: Float32) -> Float32:
-        """The patches (n, p, p) of images (k, rows, cols)."""
-        return patches_of(images, self.which, self.rows, self.cols, self.half)
-
-    def some(self, chosen: Index) -> _Items:
-        """A selection of the items."""
-        parts = (self.candidate, self.which, self.rows, self.cols)
-        candidate, which, rows, cols = (part[chosen] for part in parts)
-        return _Items(candidate, which, rows, cols, self.half)
-
-    def halved(self) -> _Items:
-        """The same places in images at half the resolution."""
-        return dataclasses.replace(
-            self, rows=self.rows // 2, cols=self.cols // 2, half=self.half // 2
-        )
-
-
-@dataclass(frozen=True)
-class _Patches:
-    """Patches (n, p, p) in images and rendered from their own nodes alone, their mean lit level (n,),
-    and the images (k, rows, cols): radiance, and its slope sensitivities.
-    """
-
-    items: _Items
-    seen: Float32
-    alone: Float32
-    level: Array
-    shown: list[Float32]
-
-    @property
-    def size(self) -> int:
-        """Nodes along a side."""
-        return self.alone.shape[1]
-
-    @property
-    def errors(self) -> PatchErrors:
-        """The patches' sources of error."""
-        return PatchErrors(self.seen, *(self.items.of(slope) for slope in self.shown[1:]))
-
-    def some(self, chosen: Index) -> _Patches:
-        """A selection of the patches."""
-        parts = (self.seen[chosen], self.alone[chosen], self.level[chosen])
-        return _Patches(self.items.some(chosen), *parts, self.shown)
-
-
 def _complete(values: Float32) -> Float32:
     """The values, 0 where one is missing."""
     return values if np.isfinite(values.sum()) else np.nan_to_num(values)
@@ -335,7 +271,7 @@ class _Chances(NamedTuple):
 
 
 def _chances(
-    match: Registration, images: SearchImages, patches: _Patches, search: int, exact: bool = False
+    match: Registration, images: SearchImages, patches: Patches, search: int, exact: bool = False
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels."""
     items = patches.items

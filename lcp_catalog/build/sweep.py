@@ -65,15 +65,15 @@ class Conditions:
         """Number of conditions that can occur."""
         return len(self.off_nadir_deg) * int(self.reachable.sum())
 
-    def sun_direction(self, elevation: int, azimuth: int, turn_rad: float) -> Array:
-        """Unit ENU vector to the Sun, by its indices in the grid."""
-        turned = self.sun_azimuth_deg[azimuth] + np.degrees(turn_rad)
-        return direction_enu(turned, self.sun_elevation_deg[elevation])
+    def sun_directions(self, turn_rad: float = 0.0) -> Array:
+        """Unit ENU vectors to the Suns of the grid, (elevation, azimuth, 3), turned in azimuth."""
+        azimuths = self.sun_azimuth_deg + np.degrees(turn_rad)
+        return direction_enu(azimuths, self.sun_elevation_deg[:, None])
 
-    def view_direction(self, view: int, turn_rad: float) -> Array:
-        """Unit ENU vector to the camera of a view."""
-        turned = self.view_azimuth_deg[view] + np.degrees(turn_rad)
-        return direction_enu(turned, 90.0 - self.off_nadir_deg[view])
+    def view_directions(self, turn_rad: float = 0.0) -> Array:
+        """Unit ENU vectors to the cameras of the views, (view, 3), turned in azimuth."""
+        azimuths = self.view_azimuth_deg + np.degrees(turn_rad)
+        return direction_enu(azimuths, 90.0 - self.off_nadir_deg)
 
 
 def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
@@ -81,10 +81,10 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
     for the most demanding of its Suns and views. ConfigError for an unknown name.
     """
     conditions = Conditions.at(lat_deg, config)
-    suns = [
-        conditions.sun_direction(int(e), int(a), 0.0) for e, a in np.argwhere(conditions.reachable)
-    ] or [np.array([0.0, 0.0, 1.0])]
-    views = [conditions.view_direction(v, 0.0) for v in range(len(conditions.off_nadir_deg))]
+    suns = conditions.sun_directions()[conditions.reachable]
+    if not len(suns):
+        suns = np.array([[0.0, 0.0, 1.0]])
+    views = conditions.view_directions()
     pairs = np.array([(sun, view) for sun in suns for view in views])[:, :, None]
     asked = named(config.model.reflectance)
     return choose(config.model.precision, pairs[:, 0], pairs[:, 1], requested=asked)
@@ -126,7 +126,7 @@ def plan_area(
     """
     lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
     sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
-    view = View(direction=conditions.view_direction(int(conditions.off_nadir_deg.argmax()), 0.0))
+    view = View(direction=conditions.view_directions()[conditions.off_nadir_deg.argmax()])
     plan = plan_scene(
         terrain,
         sun,
@@ -236,14 +236,12 @@ class Sweep:
     @cached_property
     def sun_directions(self) -> Array:
         """Unit ENU vectors to the Suns, (elevation, azimuth, 3)."""
-        azimuths = self.conditions.sun_azimuth_deg + np.degrees(self.turn_rad)
-        return direction_enu(azimuths, self.conditions.sun_elevation_deg[:, None])
+        return self.conditions.sun_directions(self.turn_rad)
 
     @cached_property
     def view_directions(self) -> Array:
         """Unit ENU vectors to the cameras, (view, 3)."""
-        azimuths = self.conditions.view_azimuth_deg + np.degrees(self.turn_rad)
-        return direction_enu(azimuths, 90.0 - self.conditions.off_nadir_deg)
+        return self.conditions.view_directions(self.turn_rad)
 
     @cached_property
     def unseen(self) -> list[Mask]:

@@ -107,8 +107,8 @@ def compare_models(job: AreaJob) -> ModelChanges:
 
 def _correlate(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
     exact = images[REFERENCE_LAW]
-    sun = sweep.conditions.sun_direction(exact.elevation, exact.azimuth, sweep.turn_rad)
-    camera = sweep.conditions.view_direction(exact.view, sweep.turn_rad)
+    sun = sweep.sun_directions[exact.elevation, exact.azimuth]
+    camera = sweep.view_directions[exact.view]
     phase_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(sun @ camera)))))
     phase = int(np.searchsorted(PHASES_DEG, phase_deg, side="right")) - 1
     phase = min(phase, len(PHASES_DEG) - 2)

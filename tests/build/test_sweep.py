@@ -70,8 +70,8 @@ def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> No
         for model in map(reflectance_model, REFLECTANCE_MODELS):
             sweep = dataclasses.replace(given, accuracy=TIERS[tier], model=model)
             for image in sweep.images():
-                sun = sweep.conditions.sun_direction(image.elevation, image.azimuth, 0.0)
-                view = View(direction=sweep.conditions.view_direction(image.view, 0.0))
+                sun = sweep.conditions.sun_directions()[image.elevation, image.azimuth]
+                view = View(direction=sweep.conditions.view_directions()[image.view])
                 how = {"model": model, "accuracy": sweep.accuracy, "disc": False}
                 for plan in (sweep.plan, None):  # the area's, and the render's own
                     render = render_enu(sweep.terrain, sun, view, plan=plan, **how)

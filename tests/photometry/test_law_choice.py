@@ -200,7 +200,7 @@ def test_a_build_looks_at_every_sun_and_view():
         cost(
             LS,
             hapke,
-            *image((conditions.sun_direction(e, a, 0.0), conditions.view_direction(v, 0.0))),
+            *image((conditions.sun_directions()[e, a], conditions.view_directions()[v])),
         ).residual
         for e, a in np.argwhere(conditions.reachable)
         for v in (0, 1)
