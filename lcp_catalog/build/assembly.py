@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..catalog.coverage import usable_nearby
-from ..catalog.hdf5 import Catalog, Coverage, Overview
+from ..catalog.hdf5 import Catalog
 from ..catalog.schema import (
     EVALUATED,
     LOCALIZABLE,
@@ -22,23 +21,19 @@ from ..catalog.schema import (
     USABLE,
     summarise_usable,
 )
-from ..constants import MOON_RADIUS_M
 from ..dem.error_maps import ErrorMaps
 from ..dem.mosaic import DemSet
-from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.error_model import ErrorModel
-from ..landmarks.selection import coverage, select, stable_id
+from ..landmarks.selection import select, stable_id
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..rendering.plan import ScenePlan
-from ..terrain.area import Area, NodeWindow
-from ..terrain.terrain import build_terrain
+from ..terrain.area import Area
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig, ErrorConfig
 from .evaluation import Evaluation, image_scales
-
-OVERVIEW_NODES = 480
-"""Longer side of the overview raster."""
+from .region_maps import region_coverage, region_overview
 
 
 def assemble(
@@ -72,9 +67,15 @@ def assemble(
         albedo_map=albedo.provenance() if albedo else None,
         scene_plan=str(plan),
         errors=errors.to_dict() | {"min_detection": config.points.min_detection},
-        overview=_overview(dems, region, gsd_m),
-        coverage=_coverage(
-            dems, region, everything, points, spacing_m, config.points.min_usable_conditions
+        overview=region_overview(dems, region, gsd_m),
+        coverage=region_coverage(
+            dems,
+            region,
+            (everything.lon_deg, everything.lat_deg),
+            _stages(everything.evaluation, config.points.min_usable_conditions),
+            (points.lon_deg, points.lat_deg),
+            points.evaluation.condition,
+            spacing_m,
         ),
     )
 
@@ -236,61 +237,6 @@ def _stages(evaluation: Evaluation, min_usable: int) -> NDArray[np.int64]:
     unique = localizable & ((condition & UNIQUE) > 0)
     stages = localizable.any(axis=(1, 2, 3)).astype(np.int64) + unique.any(axis=(1, 2, 3))
     return stages + ((condition == USABLE).sum(axis=(1, 2, 3)) >= min_usable)
-
-
-def _coverage(
-    dems: DemSet,
-    region: Area,
-    everything: Candidates,
-    points: Candidates,
-    spacing_m: float,
-    min_usable: int,
-) -> Coverage:
-    """Status of the region's spacing cells, a lattice in its plane, and their coverage by condition."""
-    x0, x1, y0, y1 = region.extent_m
-    x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
-    flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
-    lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(flat))
-    inside = region.contains(lon, lat)
-    lon, lat = lon[inside], lat[inside]
-    heights, _ = dems.heights(lon, lat, spacing_m / 8.0)
-    status = coverage(
-        (lon, lat),
-        np.isfinite(heights),
-        (everything.lon_deg, everything.lat_deg),
-        _stages(everything.evaluation, min_usable),
-        (points.lon_deg, points.lat_deg),
-        spacing_m,
-    )
-    nearby = usable_nearby(
-        (lon, lat), (points.lon_deg, points.lat_deg), points.evaluation.condition, spacing_m
-    )
-    return Coverage(longitude=lon, latitude=lat, status=status, spacing_m=spacing_m, usable=nearby)
-
-
-def _middles(low: float, high: float, step: float) -> Array:
-    """Centres of cells of width ``step``, centred on a span."""
-    count = max(1, round((high - low) / step))
-    return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
-
-
-def _overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
-    """A coarse raster of the region in the frame of its centre: heights above the reference sphere."""
-    x0, x1, y0, y1 = region.extent_m
-    step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
-    window = NodeWindow.covering(region.extent_m, step)
-    field = build_terrain(dems, region.frame, window, step).field
-    x = field.x0_m + np.arange(field.shape[1]) * step
-    y = field.y0_m - np.arange(field.shape[0]) * step
-    xx, yy = np.meshgrid(x, y)
-    _, _, height = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([xx, yy, field.z_m], axis=-1)))
-    return Overview(
-        height=height.astype(np.float32),
-        x=x,
-        y=y,
-        center_lon=region.frame.lon_deg,
-        center_lat=region.frame.lat_deg,
-    )
 
 
 def _resolved(

@@ -13,8 +13,9 @@ from ..memory import peak_mb
 from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, run_area
-from .assembly import OVERVIEW_NODES, choose
+from .assembly import choose
 from .evaluation import image_scales
+from .region_maps import OVERVIEW_NODES
 from .run import Build
 from .sweep import Conditions
 
