@@ -8,6 +8,8 @@ import click
 
 from lcp_catalog.errors import ConfigError, LcpError
 
+from .signals import Stopped
+
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
@@ -19,8 +21,12 @@ def exit_code_of(error: BaseException) -> int:
         error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        click.echo("lcp: interrupted; no incomplete output was left", err=True)
-        return EXIT_INTERRUPTED
+        stopped = (
+            error.__cause__ if isinstance(error, click.Abort) else error
+        )  # click's own wrapper
+        by = f"stopped by {stopped.name}" if isinstance(stopped, Stopped) else "interrupted"
+        click.echo(f"lcp: {by}; no incomplete output was left", err=True)
+        return stopped.exit_code if isinstance(stopped, Stopped) else EXIT_INTERRUPTED
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else EXIT_FAILED
     click.echo(f"lcp: {_one_line(error)}", err=True)

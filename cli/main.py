@@ -12,6 +12,8 @@ import click
 
 from lcp_catalog._version import __version__
 
+from .signals import stopping_signals
+
 COMMANDS = {
     # name: (module, one line for the overview)
     "dem": ("dem", "Describe, check or map DEM products."),
@@ -67,7 +69,7 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit.
 
     Exit codes: 0 success, 1 failure, 2 wrong usage, 3 and 4 as the command's help states,
-    130 interrupted.
+    130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
     arguments = sys.argv[1:] if argv is None else argv
     sys.exit(run(arguments))
@@ -78,7 +80,8 @@ def run(arguments: list[str]) -> int:
     from .failures import exit_code_of  # a light import: error classes only
 
     try:
-        result = cli.main(args=arguments, prog_name="lcp", standalone_mode=False)
+        with stopping_signals():
+            result = cli.main(args=arguments, prog_name="lcp", standalone_mode=False)
     except click.exceptions.Exit as exit_:
         return exit_.exit_code
     except BaseException as error:

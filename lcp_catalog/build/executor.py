@@ -1,18 +1,22 @@
 """Execution of independent tasks in this process, in spawned processes, or on a dask cluster.
 
 Processes are spawned, not forked, because the thread pools of numba and OpenCV do not survive a fork.
-Each worker uses one thread. If a worker dies, only its own task fails; the others are run again.
+Each worker uses one thread. If a worker dies, only its own task fails; the others are run again. If this
+process dies, however that happens, its workers end too.
 """
 
 from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing.connection import wait as wait_for_connections
 from typing import Any, TypeVar
 
 from ..errors import ConfigError
@@ -64,7 +68,7 @@ def starting_workers(
     pool = _new_pool(jobs)
     try:
         for _ in range(min(jobs, _EARLY)):
-            pool.submit(_prepare, prepare)
+            _submit(pool, _prepare, prepare)
         yield pool
     finally:
         _stop(pool)
@@ -142,7 +146,47 @@ def _died(outcome: Result | Exception) -> Result | Exception:
 
 def _new_pool(jobs: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_quiet_worker)
+    with _signals_held():  # multiprocessing starts a process of its own
+        return ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_begin_worker)
+
+
+def _submit(
+    pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any
+) -> Future[Any]:
+    """Give a pool a task, for which it may start a process."""
+    with _signals_held():
+        return pool.submit(function, *arguments)
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Processes that start in the block never get Ctrl-C or the end of the terminal, which their parent
+    handles (a signal that comes meanwhile: after the block).
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin_worker() -> None:
+    """Ignore Ctrl-C, which the parent handles, and end with the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_after(sentinel: int) -> None:
+    """End this process when the process of the sentinel has ended. Kernels leave the interpreter's lock
+    to this thread.
+    """
+    wait_for_connections([sentinel])
+    os._exit(1)
 
 
 def _one_pool(
@@ -162,7 +206,7 @@ def _one_pool(
         while (waiting and not broken) or running:
             while waiting and not broken and len(running) < jobs:
                 index = waiting.pop(0)
-                running[pool.submit(_on_one_thread, function, tasks[index])] = index
+                running[_submit(pool, _on_one_thread, function, tasks[index])] = index
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in sorted(ended, key=running.__getitem__):
                 outcome = _result_of(future)
@@ -189,11 +233,6 @@ def _stop(pool: ProcessPoolExecutor) -> None:
         process.terminate()
     for process in processes:
         process.join()
-
-
-def _quiet_worker() -> None:
-    """Ignore Ctrl-C, which the parent handles."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _on_cluster(

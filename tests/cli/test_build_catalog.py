@@ -170,14 +170,25 @@ def test_mistakes_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path, config: str) -> None:
-    """81 small areas, of which the first is soon done and the others are not."""
+@pytest.mark.parametrize(
+    ("sent", "to_all", "code", "says"),
+    [
+        (signal.SIGINT, True, 130, "interrupted"),  # Ctrl-C: the terminal's whole process group
+        (signal.SIGTERM, False, 143, "stopped by SIGTERM"),
+        (signal.SIGKILL, False, -9, ""),
+    ],
+)
+def test_a_signal_leaves_finished_areas_and_nothing_else(
+    sent: int, to_all: bool, code: int, says: str, tmp_path: Path, config: str
+) -> None:
+    """81 small areas, of which the first is soon done and the others are not. Five seconds after the
+    signal no process is left, however the first one ended.
+    """
     output, many = tmp_path / "x.h5", Path(config)
     text = SMALL.replace("size_km = 40.0", "size_km = 100.0")
     many.write_text(text.replace("tolerance_deg = 1.0", "tolerance_deg = 0.3"))
-    arguments = ["build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "2"]
     process = subprocess.Popen(
-        lcp(*arguments),
+        lcp("build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "2"),
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -189,13 +200,27 @@ def test_ctrl_c_leaves_finished_areas_and_no_output(tmp_path: Path, config: str)
         assert time.monotonic() < deadline
         assert process.poll() is None, process.stderr and process.stderr.read()
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "--resume" in error
+    (os.killpg if to_all else os.kill)(process.pid, sent)
+    process.wait(timeout=60)
+    _wait_for_end_of_group(process.pid, 5.0)
+    _, error = process.communicate()
+    assert process.returncode == code
+    assert says in error
+    assert ("--resume" in error) == (sent != signal.SIGKILL)
     assert "Traceback" not in error
     assert sorted(p.name for p in tmp_path.iterdir()) == ["build.toml", "x.h5.parts"]
     assert len(list(parts.glob("*.npz"))) < 81
+
+
+def _wait_for_end_of_group(group: int, seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while True:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        assert time.monotonic() < deadline, "processes are left"
+        time.sleep(0.05)
 
 
 def test_a_file_that_cannot_grow_is_one_line(tmp_path: Path, config: str) -> None:
