@@ -1,0 +1,3 @@
+from .cache import use_writable_folder
+
+use_writable_folder()

@@ -1,0 +1,92 @@
+"""Compiled kernels where neither the package nor the home can be written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lcp_catalog
+from lcp_catalog.kernels import cache
+
+PACKAGE = Path(lcp_catalog.__file__).parent
+
+
+@pytest.fixture
+def fixed_package(tmp_path: Path) -> Path:
+    """A copy of the kernels whose compiled files have no folder: files of that name stand in the
+    places. Unlike permissions this stops root too.
+    """
+    copy = tmp_path / "site" / "lcp_catalog"
+    shutil.copytree(
+        PACKAGE / "kernels", copy / "kernels", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for name in ("__init__.py", "_version.py", "constants.py"):
+        shutil.copy(PACKAGE / name, copy / name)
+    for folder in {path.parent for path in copy.rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    return copy.parent
+
+
+def run_kernel(package: Path, temporary: Path) -> str:
+    """Use a kernel twice in a new process without a home; return what was logged."""
+    code = "from lcp_catalog.kernels.matching.acquisition import normal; normal(1.0); normal(2)"
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_"))}
+    given = {"PYTHONPATH": str(package), "HOME": os.devnull, "TMPDIR": str(temporary)}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=kept | given,
+        cwd=package,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def test_kernels_are_kept_in_the_temporary_folder_and_compiled_once(
+    fixed_package: Path, tmp_path: Path
+) -> None:
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    assert run_kernel(fixed_package, temporary).count("compiling kernels") == 1
+    (folder,) = temporary.iterdir()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert len(list(folder.rglob("acquisition.normal-*.nbi"))) == 1
+    assert run_kernel(fixed_package, temporary) == ""
+    assert list(temporary.iterdir()) == [folder]
+
+
+@pytest.mark.parametrize("planted", ["link", "open folder", "file"])
+def test_a_folder_that_another_user_could_have_made_is_not_used(
+    planted: str, tmp_path: Path
+) -> None:
+    """Files in it are unpickled and run."""
+    name = cache._folder(tmp_path)
+    name.rmdir()
+    if planted == "link":
+        (tmp_path / "elsewhere").mkdir()
+        name.symlink_to(tmp_path / "elsewhere")
+    elif planted == "file":
+        name.touch()
+    else:
+        name.mkdir()
+        name.chmod(0o777)
+    other = cache._folder(tmp_path)
+    assert other not in (name, tmp_path / "elsewhere")
+    assert stat.S_IMODE(other.stat().st_mode) == 0o700
+
+
+def test_another_source_of_the_kernels_has_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = cache._folder(tmp_path)
+    assert cache._folder(tmp_path) == one
+    monkeypatch.setattr(cache, "_source_digest", lambda: "0" * 64)
+    assert cache._folder(tmp_path) != one
