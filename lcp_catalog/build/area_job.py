@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +62,14 @@ class AreaJob:
     def work(self) -> int:
         """Own nodes times conditions, to which most of the time of an area is proportional."""
         return (
-            math.prod(self.task.window.shape) * Conditions.at(self.task.lat_deg, self.config).count
+            math.prod(self.task.window.shape) * conditions_at(self.task.lat_deg, self.config).count
         )
+
+
+@lru_cache(maxsize=1024)
+def conditions_at(lat_deg: float, config: BuildConfig) -> Conditions:
+    """The conditions of the areas of a row, kept: a build asks for them for each of its areas."""
+    return Conditions.at(lat_deg, config)
 
 
 @dataclass(frozen=True)

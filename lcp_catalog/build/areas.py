@@ -8,7 +8,7 @@ and a point the same id in every build.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +56,11 @@ class AreaGrid:
         width = 360.0 / self.columns(row)
         return column * width, south, (column + 1) * width, north
 
+    def middle(self, row: int, column: int) -> tuple[float, float]:
+        """Longitude and latitude of the centre of an area, degrees."""
+        west, south, east, north = self.box(row, column)
+        return (west + east) / 2.0, (south + north) / 2.0
+
     def owner(self, lon_deg: Array, lat_deg: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Row and column of the area that contains each place; every place belongs to exactly one area."""
         row = np.clip(
@@ -94,43 +99,70 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
     """The areas that intersect the region, from south to north and west to east.
 
     An area's part of the region is found from sample points in its box and on the region's outline (a
-    narrow part can lie between the points of the box).
+    narrow part can lie between the points of the box). All areas of a row that lie wholly in the
+    region have the same window, which is computed once.
     """
-    outline = _outline(grid, region)
-    rows, columns = grid.owner(*outline)
-    areas = sorted(
-        set(_touched(grid, region)) | set(zip(rows.tolist(), columns.tolist(), strict=True))
-    )
+    outline = _outline_by_area(grid, region)
+    nothing = np.zeros(0), np.zeros(0)
+    touched: dict[int, Iterable[int]] = dict(_touched(grid, region))
+    for row, column in outline:
+        if column not in touched.get(row, ()):
+            touched[row] = sorted({*touched.get(row, ()), column})
     tasks = []
-    for row, column in areas:
-        mine = (rows == row) & (columns == column)
-        task = _task(grid, row, column, region, (outline[0][mine], outline[1][mine]), gsd_m)
-        if task is not None:
-            tasks.append(task)
+    for row in sorted(touched):
+        columns = np.array(touched[row])
+        whole = _wholly_inside(grid, row, columns, region)
+        full = _window(grid, row, 0, _samples(grid, row, 0), True, gsd_m)
+        for column, inside in zip(columns.tolist(), whole.tolist(), strict=True):
+            window = full
+            if not inside:
+                lon, lat = _samples(grid, row, column)
+                mine = region.contains(lon, lat)
+                edge = outline.get((row, column), nothing)
+                places = np.concatenate([lon[mine], edge[0]]), np.concatenate([lat[mine], edge[1]])
+                if not places[0].size:
+                    continue
+                window = _window(grid, row, column, places, False, gsd_m)
+            tasks.append(AreaTask(row, column, *grid.middle(row, column), window))
     return tasks
+
+
+def _outline_by_area(grid: AreaGrid, region: Area) -> dict[tuple[int, int], tuple[Array, Array]]:
+    """Longitudes and latitudes along the region's outline, by the row and column of their area."""
+    lon, lat = _outline(grid, region)
+    row, column = grid.owner(lon, lat)
+    order = np.lexsort((column, row))
+    first = np.flatnonzero(np.diff(row[order], prepend=-1) | np.diff(column[order], prepend=-1))
+    return {
+        (int(row[part[0]]), int(column[part[0]])): (lon[part], lat[part])
+        for part in np.split(order, first[1:])
+    }
 
 
 def _outline(grid: AreaGrid, region: Area) -> tuple[Array, Array]:
     """Longitudes and latitudes along the region's outline, as dense as the sample points of a box."""
-    x0, x1, y0, y1 = region.extent_m
-    step_m = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1)
-    along = np.linspace(0.0, 1.0, math.ceil(max(x1 - x0, y1 - y0) / step_m) + 2)
-    low, high = np.zeros_like(along), np.ones_like(along)
-    east, north = (
-        np.concatenate([along, along, low, high]),
-        np.concatenate([low, high, along, along]),
-    )
+    step_deg = grid.height_deg / (_SAMPLES - 1)
     if region.box is not None:
         west, south, box_east, box_north = region.box
+        east, north = _sides(max(box_east - west, box_north - south) / step_deg)
         return west + east * (box_east - west), south + north * (box_north - south)
+    x0, x1, y0, y1 = region.extent_m
+    east, north = _sides(max(x1 - x0, y1 - y0) / (math.radians(step_deg) * MOON_RADIUS_M))
     x, y = x0 + east * (x1 - x0), y0 + north * (y1 - y0)
     z = np.sqrt(MOON_RADIUS_M**2 - x**2 - y**2) - MOON_RADIUS_M
     lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
     return lon, lat
 
 
-def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
-    """Rows and columns whose boxes can intersect the region's bounds, with a margin of one area."""
+def _sides(steps: float) -> tuple[Array, Array]:
+    """The four sides of the unit square, each in at least so many steps: x and y."""
+    along = np.linspace(0.0, 1.0, math.ceil(steps) + 2)
+    low, high = np.zeros_like(along), np.ones_like(along)
+    return np.concatenate([along, along, low, high]), np.concatenate([low, high, along, along])
+
+
+def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, Sequence[int]]]:
+    """Rows and their columns whose boxes can intersect the region's bounds, with a margin of one area."""
     west, south, east, north = region.bounds
     first = max(0, int((south + 90.0) / grid.height_deg) - 1)
     last = min(grid.rows - 1, int((north + 90.0) / grid.height_deg) + 1)
@@ -138,39 +170,45 @@ def _touched(grid: AreaGrid, region: Area) -> Iterator[tuple[int, int]]:
         columns = grid.columns(row)
         width = 360.0 / columns
         start, stop = math.floor(west / width) - 1, math.floor(east / width) + 1
-        wanted = (
-            range(columns)
-            if stop - start + 1 >= columns
-            else sorted({c % columns for c in range(start, stop + 1)})
-        )
-        yield from ((row, column) for column in wanted)
+        everything = stop - start + 1 >= columns
+        wanted = {c % columns for c in range(start, stop + 1)}
+        yield row, range(columns) if everything else sorted(wanted)
 
 
-def _task(
-    grid: AreaGrid, row: int, column: int, region: Area, outline: tuple[Array, Array], gsd_m: float
-) -> AreaTask | None:
+def _wholly_inside(
+    grid: AreaGrid, row: int, columns: NDArray[np.int64], region: Area
+) -> NDArray[np.bool_]:
+    """True for columns whose sample points all lie in the region: those on the border of the box do,
+    and a region has no hole as small as an area.
+    """
+    x, y = _sides(_SAMPLES - 2)
+    width = 360.0 / grid.columns(row)
+    south, north = grid.latitudes(row)
+    lon = (columns[:, None] * width) * (1.0 - x) + ((columns[:, None] + 1) * width) * x
+    lat = np.broadcast_to(south * (1.0 - y) + north * y, lon.shape)
+    return np.asarray(region.contains(lon, lat).all(axis=1))
+
+
+def _samples(grid: AreaGrid, row: int, column: int) -> tuple[Array, Array]:
+    """Longitudes and latitudes of the sample points in an area's box."""
     west, south, east, north = grid.box(row, column)
     lon, lat = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))
-    inside = region.contains(lon, lat)
-    lons, lats = (
-        np.concatenate([lon[inside], outline[0]]),
-        np.concatenate([lat[inside], outline[1]]),
-    )
-    if not lons.size:
-        return None
-    task_lon, task_lat = (west + east) / 2.0, (south + north) / 2.0
-    x, y, _ = np.moveaxis(EnuFrame(task_lon, task_lat).from_mcmf(lonlat_to_mcmf(lons, lats)), -1, 0)
+    return lon.ravel(), lat.ravel()
+
+
+def _window(
+    grid: AreaGrid, row: int, column: int, places: tuple[Array, Array], whole: bool, gsd_m: float
+) -> NodeWindow:
+    """The nodes of an area that enclose places (longitudes, latitudes) in it, with a margin;
+    ``whole``: they are all its sample points.
+    """
+    frame = EnuFrame(*grid.middle(row, column))
+    x, y, _ = np.moveaxis(frame.from_mcmf(lonlat_to_mcmf(*places)), -1, 0)
     step = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1) / gsd_m
-    margin = 1.0 if inside.all() else step + 1.0
-    return AreaTask(
-        row=row,
-        column=column,
-        lon_deg=task_lon,
-        lat_deg=task_lat,
-        window=NodeWindow(
-            row0=math.floor(-y.max() / gsd_m - margin),
-            row1=math.ceil(-y.min() / gsd_m + margin) + 1,
-            col0=math.floor(x.min() / gsd_m - margin),
-            col1=math.ceil(x.max() / gsd_m + margin) + 1,
-        ),
+    margin = 1.0 if whole else step + 1.0
+    return NodeWindow(
+        row0=math.floor(-y.max() / gsd_m - margin),
+        row1=math.ceil(-y.min() / gsd_m + margin) + 1,
+        col0=math.floor(x.min() / gsd_m - margin),
+        col1=math.ceil(x.max() / gsd_m + margin) + 1,
     )

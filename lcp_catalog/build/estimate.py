@@ -12,12 +12,11 @@ import numpy as np
 from ..memory import peak_mb
 from ..rendering.decisions import Decision
 from ..threads import limit_threads
-from .area_job import AreaResult, run_area
+from .area_job import AreaResult, conditions_at, run_area
 from .assembly import choose
 from .evaluation import image_scales
 from .region_maps import OVERVIEW_NODES
 from .run import Build
-from .sweep import Conditions
 
 FILE_BYTES = 180_000
 """Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
@@ -44,20 +43,22 @@ _CLAIM_BYTES = 6
 def estimate(build: Build, workers: int) -> dict[str, Any]:
     """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a computed
     area the memory, time, file size and scene plan; a second one, the smallest, counts for the time.
+    Areas that no configured Sun reaches are not among the two.
     """
     config = build.config
-    conditions = [Conditions.at(job.task.lat_deg, config) for job in build.jobs]
+    conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
     halo = config.points.search_nodes(build.gsd_m) + config.points.half
     nodes = [math.prod(job.task.window.grown(halo).shape) for job in build.jobs]
-    cost = [n * c.count for n, c in zip(nodes, conditions, strict=True)]
-    order = sorted(range(len(build.jobs)), key=lambda k: build.jobs[k].work)
+    cells = sum(n * c.count for n, c in zip(nodes, conditions, strict=True))
+    work = [job.work for job in build.jobs]
+    order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
     sample = order[len(order) // 2]
     seconds, (result, _) = _measured(build, sample, order[0])
-    ground = [int(np.prod(job.task.window.shape)) for job in build.jobs]
+    ground = [math.prod(build.jobs[k].task.window.shape) for k in order]
     points = (
         len(choose(result.candidates, build.config, build.gsd_m))
         * sum(ground)
-        / max(ground[sample], 1)
+        / ground[len(order) // 2]
     )
     layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
@@ -66,9 +67,9 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     )
     return {
         "areas": len(build.jobs),
-        "suns": max(int(c.reachable.sum()) for c in conditions),
+        "suns": max(c.count for c in conditions) // len(config.view),
         "views": len(config.view),
-        "cell_renders": int(sum(cost)),
+        "cell_renders": cells,
         "memory_mb_per_worker": round(peak_mb()),
         "seconds_estimate": round(
             _seconds(build, (sample, order[0]), seconds, min(workers, len(build.jobs))), 1

@@ -4,6 +4,8 @@ region.
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -74,3 +76,30 @@ def test_frames_do_not_depend_on_the_region() -> None:
     large = {task.name: task.frame for task in plan_areas(GRID, Area(3.7, 26.1, 90.0), 118.0)}
     assert small
     assert all(large[name] == frame for name, frame in small.items())
+
+
+@pytest.mark.parametrize(
+    "bounds", [(-180.0, -60.0, 180.0, 60.0), (-180.0, 80.0, 180.0, 90.0), (-180.0, -90.0, 180.0, 90.0)]
+)  # fmt: skip
+def test_large_regions_are_planned_within_seconds(
+    bounds: tuple[float, float, float, float],
+) -> None:
+    start = time.process_time()
+    tasks = plan_areas(GRID, Area.from_bounds(*bounds), 118.0)
+    assert time.process_time() - start < 15.0  # an area at a time took 40 s for the first
+    south, north = bounds[1], bounds[3]
+    rows = [r for r in range(GRID.rows) if GRID.latitudes(r)[1] > south and GRID.latitudes(r)[0] < north]  # fmt: skip
+    assert [(t.row, t.column) for t in tasks] == [(r, c) for r in rows for c in range(GRID.columns(r))]  # fmt: skip
+
+
+def test_areas_wholly_inside_a_large_region_have_the_windows_that_they_have_alone() -> None:
+    west, south, east, north = 0.0, 40.0, 60.0, 45.0
+    inner = 0
+    for task in plan_areas(GRID, Area.from_bounds(west, south, east, north), 118.0)[::7]:
+        w, s, e, n = GRID.box(task.row, task.column)
+        if west < w < e < east and south < s < n < north:
+            inner += 1
+            box = Area.from_bounds(w - 0.01, s - 0.01, e + 0.01, n + 0.01)
+            alone = {t.name: t.window for t in plan_areas(GRID, box, 118.0)}
+            assert alone[task.name] == task.window
+    assert inner > 30
