@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .build_options import (
+    PartParam,
     config_option,
     configuration,
     error_map_options,
@@ -29,6 +32,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from lcp_catalog.build.config import BuildConfig
+    from lcp_catalog.build.run import BuildReport
 
 EXIT_SOME_FAILED = 3
 
@@ -49,12 +53,29 @@ EXIT_SOME_FAILED = 3
     "-j",
     type=click.IntRange(1),
     metavar="N",
-    help="Number of areas computed at the same time; default: number of CPU cores.",
+    help="Number of areas computed at the same time; default: number of CPU cores that the process may use.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
     help="Compute the areas on the cluster of this dask scheduler (tcp://HOST:PORT).",
+)
+@click.option(
+    "--part",
+    type=PartParam(),
+    metavar="K/N",
+    help="Compute only every Nth area from the Kth on, into CATALOG.h5.parts: one task of an array job on a shared disk. "
+    "Finished areas are kept. --merge writes the catalogue.",
+)
+@click.option(
+    "--list-parts",
+    is_flag=True,
+    help="Print which parts are finished and which areas are missing; nothing is computed.",
+)
+@click.option(
+    "--merge",
+    is_flag=True,
+    help="Write the catalogue from the areas that all parts have computed.",
 )
 @click.option(
     "--plan",
@@ -67,10 +88,13 @@ EXIT_SOME_FAILED = 3
     "--json",
     "as_json",
     is_flag=True,
-    help="With --plan: print one JSON object.",
+    help="With --plan or --list-parts: print one JSON object.",
 )
 @click.option(
-    "--resume", is_flag=True, help="Continue an interrupted run: keep its finished areas."
+    "--resume",
+    is_flag=True,
+    help="Continue an interrupted run: keep its finished areas. With --overwrite, those of a run with other inputs are "
+    "removed.",
 )
 @click.option(
     "--keep-going",
@@ -85,12 +109,11 @@ def command(
     plan_only: bool,
     as_json: bool,
     jobs: int | None,
-    scheduler: str | None,
-    resume: bool,
-    keep_going: bool,
-    overwrite: bool,
+    part: tuple[int, int] | None,
+    list_parts: bool,
+    merge: bool,
     depfile: str | None,
-    **flags: Any,
+    **given: Any,
 ) -> int:
     """Build a catalogue of control points from one or more DEM files.
 
@@ -98,47 +121,135 @@ def command(
     kept if they can be localised, are unique within the search radius, and do not depend on the relief around them.
     Without --center or --bounds the region is the whole DEM.
     """
+    modes = {"--plan": plan_only, "--part": part, "--list-parts": list_parts, "--merge": merge}
+    if len(chosen := [name for name, value in modes.items() if value]) > 1:
+        raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
     if output is None and not plan_only:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
-    if resume and overwrite:
-        raise click.UsageError("--resume and --overwrite exclude each other")
-    config, workers = configuration(**flags), jobs or os.cpu_count() or 1
+    run = {name: given.pop(name) for name in ("scheduler", "resume", "keep_going", "overwrite")}
+    config, workers = configuration(**given), jobs or _cores()
     if plan_only:
         _print_plan(dem, config, workers, as_json)
         return 0
     assert output is not None
+    if list_parts:
+        _print_parts(dem, config, output, as_json)
+        return 0
+    if merge:
+        report = _merge(dem, config, output, **run)
+    elif part is not None:
+        return _run_part(dem, config, output, part, jobs=workers, **run)
+    else:
+        report = _build(dem, config, output, jobs=workers, **run)
+    if depfile:
+        _write_depfile(depfile, output, report.files)
+    click.echo(f"{output}: {report.points} control points from {report.areas} areas", err=True)
+    return _failures(report.failed)
 
+
+def _cores() -> int:
+    """Number of processor cores that this process may use, which a batch system can limit."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _failures(failed: dict[str, str]) -> int:
+    """Print the causes of failed areas; the exit code."""
+    for cause in failed.values():
+        click.echo(f"failed: {cause}", err=True)
+    return EXIT_SOME_FAILED if failed else 0
+
+
+@contextmanager
+def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
+    """Options of a computation of areas: its processes, which start while this one imports the build and
+    plans it, and its progress.
+    """
     from lcp_catalog.build.executor import prepare_for_areas, starting_workers
 
     from .progress import progress
 
     try:
-        # the workers start while this process imports the build and plans it
-        with starting_workers(1 if scheduler else workers, prepare_for_areas) as started:
-            from lcp_catalog.build.run import build_catalog
-
-            with progress("areas") as update:
-                report = build_catalog(
-                    dem,
-                    config,
-                    output,
-                    jobs=workers,
-                    scheduler=scheduler,
-                    resume=resume,
-                    overwrite=overwrite,
-                    keep_going=keep_going,
-                    progress=update,
-                    started=started,
-                )
+        with (
+            starting_workers(1 if scheduler else jobs, prepare_for_areas) as started,
+            progress("areas") as update,
+        ):
+            options = {"jobs": jobs, "scheduler": scheduler}
+            yield {**options, "progress": update, "started": started}
     except KeyboardInterrupt:
         click.echo("\nfinished areas are kept: run again with --resume", err=True)
         raise
-    if depfile:
-        _write_depfile(depfile, output, report.files)
-    click.echo(f"{output}: {report.points} control points from {report.areas} areas", err=True)
-    for cause in report.failed.values():
-        click.echo(f"failed: {cause}", err=True)
-    return EXIT_SOME_FAILED if report.failed else 0
+
+
+def _build(
+    dem: tuple[str, ...],
+    config: BuildConfig,
+    output: str,
+    jobs: int,
+    scheduler: str | None,
+    **options: bool,
+) -> BuildReport:
+    with _workers(jobs, scheduler) as engine:
+        from lcp_catalog.build.run import build_catalog
+
+        return build_catalog(dem, config, output, **engine, **options)
+
+
+def _run_part(
+    dem: tuple[str, ...],
+    config: BuildConfig,
+    output: str,
+    number: tuple[int, int],
+    jobs: int,
+    scheduler: str | None,
+    overwrite: bool,
+    keep_going: bool,
+    resume: bool,
+) -> int:
+    """Compute a part; finished areas are kept with and without ``resume``."""
+    with _workers(jobs, scheduler) as engine:
+        from lcp_catalog.build.parts import Part, run_part
+        from lcp_catalog.build.run import Build
+
+        build, part = Build.plan(dem, config), Part(*number)
+        options = {"overwrite": overwrite, "keep_going": keep_going}
+        failed = run_part(build, Path(output), part, **engine, **options)
+    areas = len(part.share(build.jobs)) - len(failed)
+    click.echo(f"{output}.parts: part {part} with {areas} areas is computed", err=True)
+    return _failures(failed)
+
+
+def _merge(
+    dem: tuple[str, ...],
+    config: BuildConfig,
+    output: str,
+    overwrite: bool,
+    keep_going: bool,
+    **unused: Any,
+) -> BuildReport:
+    from lcp_catalog.build.parts import merge_parts
+    from lcp_catalog.build.run import Build
+
+    build = Build.plan(dem, config)
+    return merge_parts(build, Path(output), overwrite=overwrite, keep_going=keep_going)
+
+
+def _print_parts(dem: tuple[str, ...], config: BuildConfig, output: str, as_json: bool) -> None:
+    from lcp_catalog.build.parts import list_parts
+    from lcp_catalog.build.run import Build
+
+    states = list_parts(Build.plan(dem, config), Path(output))
+    rows = [
+        {"part": str(state.part), "areas": state.areas, "missing": list(state.missing)}
+        for state in states
+    ]
+    areas, missing = sum(s.areas for s in states), sum(len(s.missing) for s in states)
+    if as_json:
+        click.echo(json.dumps({"areas": areas, "missing": missing, "parts": rows}, indent=2))
+        return
+    for state in states:
+        names = ": " + " ".join(state.missing) if state.missing else ""
+        click.echo(f"part {state.part}: {len(state.missing)} of {state.areas} missing{names}")
+    click.echo(f"{areas - missing} of {areas} areas are computed")
 
 
 def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,20 @@ class ViewParam(click.ParamType):
         if not 1 <= len(parts) <= 3 or (len(parts) == 1 and parts[0] != 0.0):
             self.fail(f"{value!r} is not OFF_NADIR:AZIMUTH[:ALTITUDE_KM] (or 0)", param, ctx)
         return (*parts, *(0.0, math.inf)[len(parts) - 1 :])
+
+
+class PartParam(click.ParamType):
+    """K/N."""
+
+    name = "part"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
+        if not found or not 1 <= int(found[1]) <= int(found[2]):
+            self.fail(f"{value!r} is not K/N with K from 1 to N, for example 3/16", param, ctx)
+        return int(found[1]), int(found[2])
 
 
 config_option = click.option(

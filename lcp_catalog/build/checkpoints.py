@@ -2,15 +2,18 @@
 an interrupted run loses none of them.
 
 A checkpoint is an .npz file in ``OUTPUT.parts/`` that holds the fingerprint of its run, as does
-``run.json`` there. ``run.lock`` is locked while a run uses the folder. These files, and the folder if
-nothing else is in it, are removed when the catalogue has been written.
+``run.json`` there. ``run.lock`` is locked while a run uses the folder: by one build, or by any number
+of parts of the same build. These files, and the folder if nothing else is in it, are removed when the
+catalogue has been written.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import json
+import logging
 import os
 import zipfile
 from collections.abc import Iterator
@@ -30,6 +33,8 @@ try:
 except ImportError:  # Windows: two builds of one output are not told from each other
     fcntl = None  # type: ignore[assignment]  # the module is optional
 
+log = logging.getLogger(__name__)
+
 _PLAN, _RUN, _LOCK, _NOTE = "scene_plan", "fingerprint", "run.lock", "run.json"
 
 
@@ -46,17 +51,17 @@ class Checkpoints:
         return cls(output.with_name(output.name + ".parts"), fingerprint)
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """The folder, made if needed, for this run alone: OutputExistsError while another build uses it.
-        The lock ends with the process, however that ends.
+    def locked(self, shared: bool = False) -> Iterator[None]:
+        """The folder, made if needed, for this run alone, or ``shared`` with other parts of a build:
+        OutputExistsError while another build uses it. The lock ends with the process, however that ends.
         """
-        stream = self._own_lock()
+        stream = self._own_lock(shared)
         try:
             yield
         finally:
             os.close(stream)
 
-    def _own_lock(self) -> int:
+    def _own_lock(self, shared: bool) -> int:
         """The open and locked file; OutputExistsError if another process has locked it."""
         while True:
             self.folder.mkdir(exist_ok=True)
@@ -65,8 +70,7 @@ class Checkpoints:
             except FileNotFoundError:  # the folder of a build that ends now
                 continue
             try:
-                if fcntl is not None:
-                    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _lock(stream, shared)
                 if os.stat(self.folder / _LOCK).st_ino == os.fstat(stream).st_ino:
                     return stream
             except BlockingIOError:
@@ -78,22 +82,55 @@ class Checkpoints:
                 pass  # removed by a build that ended now
             os.close(stream)
 
-    def begin(self, resume: bool) -> None:
-        """Note the run in the folder. Without ``resume`` remove older checkpoints; with it raise
-        OutputExistsError for those of a run with other inputs.
+    def begin(self, resume: bool, overwrite: bool = False) -> None:
+        """Note the run in the folder. Without ``resume`` remove older checkpoints. Those of a run with
+        other inputs are removed if ``overwrite`` is set too; else they raise OutputExistsError.
         """
-        note = self.folder / _NOTE
-        if not resume:
+        if not resume or (overwrite and not self._is_same_run()):
             self._remove_files()
-        elif note.exists():
-            theirs = json.loads(note.read_text(encoding="utf-8")).get("fingerprint")
-            if theirs != self.fingerprint:
-                raise OutputExistsError(
-                    f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
-                    "run without --resume to remove them"
-                )
-        with write_aside(note, overwrite=True) as path:
-            path.write_text(json.dumps({"fingerprint": self.fingerprint}), encoding="utf-8")
+        self.require_same_run()
+        self._write_note(self.parts)
+
+    def join(self, parts: int) -> None:
+        """Note a run of so many parts in the folder. OutputExistsError if it is of a run with other
+        inputs.
+        """
+        self.require_same_run()
+        if self.parts != parts:
+            with contextlib.suppress(OutputExistsError):  # another part was quicker: the same run?
+                self._write_note(parts, overwrite=self._note() is not None)
+            self.require_same_run()
+
+    def require_same_run(self) -> None:
+        """OutputExistsError if the folder's checkpoints are of a run with other inputs."""
+        if not self._is_same_run():
+            raise OutputExistsError(
+                f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
+                "run with --resume --overwrite, or without --resume, to remove them"
+            )
+
+    def _is_same_run(self) -> bool:
+        note = self._note()
+        return note is None or note.get("fingerprint") == self.fingerprint
+
+    @property
+    def parts(self) -> int | None:
+        """Number of parts of the run that is noted in the folder; None if it has none."""
+        return (self._note() or {}).get("parts")
+
+    def _note(self) -> dict[str, Any] | None:
+        try:
+            note = json.loads((self.folder / _NOTE).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except ValueError:  # damaged: the fingerprint is not known
+            note = None
+        return note if isinstance(note, dict) else {}
+
+    def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
+        note = {"fingerprint": self.fingerprint} | ({} if parts is None else {"parts": parts})
+        with write_aside(self.folder / _NOTE, overwrite) as path:
+            path.write_text(json.dumps(note), encoding="utf-8")
 
     def path(self, name: str) -> Path:
         """The file of an area."""
@@ -128,8 +165,22 @@ class Checkpoints:
             self.folder.rmdir()
 
     def _remove_files(self) -> None:
-        for file in (self.folder / _NOTE, *self.folder.glob("*.npz")):
-            file.unlink(missing_ok=True)
+        """Remove the run's files, also those that a killed process left half-written."""
+        for pattern in (_NOTE, f".{_NOTE}.*.part", "*.npz", ".*.npz.*.part"):
+            for file in self.folder.glob(pattern):
+                file.unlink(missing_ok=True)
+
+
+def _lock(stream: int, shared: bool) -> None:
+    """Lock an open file; BlockingIOError if another process has locked it otherwise."""
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP):
+            raise
+        log.warning("the file system has no locks: do not run two builds of one output")
 
 
 def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:

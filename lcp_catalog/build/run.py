@@ -191,7 +191,8 @@ def build_catalog(
 
     jobs: processes that compute areas at the same time; the result does not depend on it.
     scheduler: address of a dask scheduler that computes the areas instead. resume: keep the finished
-    areas of an interrupted run with the same inputs. overwrite: replace an existing output.
+    areas of an interrupted run with the same inputs. overwrite: replace an existing output; with
+    resume, also finished areas of a run with other inputs.
     keep_going: leave out areas that fail (they are named in the report) instead of raising
     AreaFailedError. progress: called with the number of finished areas and of all areas. started:
     processes that run already (`executor.starting_workers`).
@@ -232,22 +233,37 @@ def run_build(
     check_output(output, overwrite)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
     with checkpoints.locked():
-        checkpoints.begin(resume)
-        failed = _run_areas(build, checkpoints, jobs, scheduler, keep_going, progress, started)
-        whole = _finished(build, checkpoints, failed)
-        catalog = assemble(
-            build.config,
-            build.dems,
-            build.region,
-            build.gsd_m,
-            whole,
-            build.choice.model,
-            build.errors,
-            build.albedo,
-            build.maps,
+        checkpoints.begin(resume, overwrite)
+        failed = compute_areas(
+            build.jobs, checkpoints, jobs, scheduler, keep_going, progress, started
         )
-        write_catalog(catalog, output, overwrite=overwrite)
-        checkpoints.remove()
+        return finish(build, output, checkpoints, failed, overwrite)
+
+
+def finish(
+    build: Build,
+    output: Path,
+    checkpoints: Checkpoints,
+    failed: dict[str, str],
+    overwrite: bool,
+) -> BuildReport:
+    """Write the catalogue from the checkpoints of all areas but those that failed (causes by name), and
+    remove them.
+    """
+    whole = _finished(build, checkpoints, failed)
+    catalog = assemble(
+        build.config,
+        build.dems,
+        build.region,
+        build.gsd_m,
+        whole,
+        build.choice.model,
+        build.errors,
+        build.albedo,
+        build.maps,
+    )
+    write_catalog(catalog, output, overwrite=overwrite)
+    checkpoints.remove()
     return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
 
 
@@ -273,8 +289,8 @@ def _finished(
     return whole
 
 
-def _run_areas(
-    build: Build,
+def compute_areas(
+    areas: Sequence[AreaJob],
     checkpoints: Checkpoints,
     jobs: int,
     scheduler: str | None,
@@ -282,11 +298,13 @@ def _run_areas(
     progress: Progress,
     started: ProcessPoolExecutor | None,
 ) -> dict[str, str]:
-    """Compute the areas without a checkpoint. Return the causes of those that failed, by name."""
-    todo = [job for job in build.jobs if checkpoints.read(job.task.name) is None]
+    """Compute those of the areas that have no checkpoint; options as in `build_catalog`. Return the
+    causes of those that failed, by name.
+    """
+    todo = missing(areas, checkpoints)
     todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
-    done, failed = len(build.jobs) - len(todo), {}
-    progress(done, len(build.jobs))
+    done, failed = len(areas) - len(todo), {}
+    progress(done, len(areas))
     for index, outcome in run_tasks(run_area, todo, jobs, scheduler, started):
         name = todo[index].task.name
         if isinstance(outcome, Exception):
@@ -300,8 +318,13 @@ def _run_areas(
         else:
             checkpoints.write(name, _checked(outcome))
         done += 1
-        progress(done, len(build.jobs))
+        progress(done, len(areas))
     return failed
+
+
+def missing(areas: Sequence[AreaJob], checkpoints: Checkpoints) -> list[AreaJob]:
+    """The areas without a checkpoint."""
+    return [job for job in areas if checkpoints.read(job.task.name) is None]
 
 
 def _checked(outcome: AreaResult) -> AreaResult:

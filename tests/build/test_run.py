@@ -455,6 +455,36 @@ def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_pa
     assert output.read_bytes() == built.read_bytes()
 
 
+def test_resume_and_overwrite_together(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a rule of Make needs: finished areas that fit are kept, others removed, the output replaced."""
+    output, computed = tmp_path / "made.h5", []
+    output.write_bytes(b"an older one")
+
+    def counted(job: AreaJob) -> AreaResult:
+        computed.append(job.task.name)
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", counted)
+    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints.folder.mkdir()
+    checkpoints.begin(resume=False)
+    checkpoints.write(plan.jobs[0].task.name, run_area(plan.jobs[0]))
+    run_build(plan, output, resume=True, overwrite=True)
+    assert plan.jobs[0].task.name not in computed
+    assert len(computed) == len(plan.jobs) - 1
+    assert output.read_bytes() == built.read_bytes()
+    other = Checkpoints.beside(output, "another")
+    other.folder.mkdir()
+    other.begin(resume=False)
+    other.write(plan.jobs[0].task.name, run_area(plan.jobs[0]))
+    computed.clear()
+    run_build(plan, output, resume=True, overwrite=True)
+    assert len(computed) == len(plan.jobs)
+    assert output.read_bytes() == built.read_bytes()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no flock")
 def test_a_second_build_of_the_same_output_is_refused(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

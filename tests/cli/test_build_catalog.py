@@ -154,7 +154,10 @@ def test_noise_is_the_sensors(
         ([DEM, "-o", "x.h5", "--sun-elevations", "5;6"], 2, "A,B,C"),
         ([DEM, "-o", "x.h5", "--view", "30"], 2, "OFF_NADIR:AZIMUTH"),
         ([DEM, "-o", "x.h5", "--jobs", "0"], 2, "--jobs"),
-        ([DEM, "-o", "x.h5", "--resume", "--overwrite"], 2, "exclude"),
+        ([DEM, "-o", "x.h5", "--part", "1/2", "--merge"], 2, "--part and --merge exclude"),
+        ([DEM, "-o", "x.h5", "--part", "3/2"], 2, "from 1 to N"),
+        ([DEM, "-o", "x.h5", "--part", "2"], 2, "K/N"),
+        ([DEM, "-o", "x.h5", "--merge", "--gsd", "474"], 1, "run the parts first"),
     ],
 )
 def test_mistakes_are_one_line(

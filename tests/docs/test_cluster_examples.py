@@ -1,0 +1,80 @@
+"""The programs of the page about clusters, run as they are."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.build.run import build_catalog
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "docs" / "examples"
+DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
+
+CONFIG = """
+[area]
+center_deg = [3.5, 26.0]
+size_km = 60.0
+gsd_m = 474.0
+[sun]
+azimuths_deg = [90.0, 270.0]
+elevations_deg = [10.0, 30.0]
+[view]
+off_nadir_deg = [0.0]
+azimuth_deg = [0.0]
+altitude_km = [inf]
+[points]
+patch_nodes = 17
+search_m = 5000.0
+[model]
+direction_tolerance_deg = 0.7
+ring_max_km = 20.0
+"""
+
+
+@pytest.fixture
+def shared_folder(tmp_path: Path) -> Path:
+    """The folder of a job: DEM, configuration, and ``lcp`` in ``bin``."""
+    folder = tmp_path / "job"
+    (folder / "bin").mkdir(parents=True)
+    program = folder / "bin" / "lcp"
+    program.write_text(
+        f"#!{sys.executable}\nfrom lcp_cli.main import main\nif __name__ == '__main__':\n    main()\n"
+    )
+    program.chmod(0o755)
+    shutil.copy(DEM, folder / "dem.tif")
+    (folder / "tile.toml").write_text(CONFIG)
+    return folder
+
+
+def start(folder: Path, script: str, **variables: str) -> subprocess.Popen[str]:
+    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.Popen(
+        ["bash", str(EXAMPLES / script)],
+        cwd=folder,
+        env={**os.environ, "PATH": path, **variables},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, tmp_path: Path) -> None:
+    """SLURM is a loop here, which starts all tasks at once."""
+    array = {"SLURM_ARRAY_TASK_COUNT": "3", "SLURM_CPUS_PER_TASK": "1"}
+    tasks = [
+        start(shared_folder, "array_job.sh", SLURM_ARRAY_TASK_ID=str(k), **array) for k in (1, 2, 3)
+    ]
+    said = [task.communicate(timeout=120)[1] for task in tasks]
+    assert [task.returncode for task in tasks] == [0, 0, 0], said
+    merge = start(shared_folder, "array_merge.sh")
+    assert (merge.wait(timeout=120), merge.communicate()[1].count("\n")) == (0, 1)
+    config = BuildConfig.from_toml(shared_folder / "tile.toml")
+    build_catalog([shared_folder / "dem.tif"], config, tmp_path / "whole.h5")
+    assert (shared_folder / "tile.h5").read_bytes() == (tmp_path / "whole.h5").read_bytes()
+    assert not (shared_folder / "tile.h5.parts").exists()
