@@ -19,6 +19,7 @@ from .build_options import (
     point_options,
     sweep_options,
 )
+from .files import FileCommand
 from .options import (
     albedo_options,
     area_options,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 EXIT_SOME_FAILED = 3
 
 
-@click.command("build-catalog")
+@click.command("build-catalog", cls=FileCommand)
 @dem_argument
 @product_order_option
 @output_option("CATALOG.h5", required=False)

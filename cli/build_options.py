@@ -10,7 +10,8 @@ from typing import Any
 
 import click
 
-from .options import check_accuracy, check_albedo, check_area, option_group
+from .files import InputFile, config_files
+from .options import RASTER, check_accuracy, check_albedo, check_area, option_group
 
 
 class NumberList(click.ParamType):
@@ -70,7 +71,7 @@ class PartParam(click.ParamType):
 config_option = click.option(
     "--config",
     "config_path",
-    type=click.Path(path_type=Path),
+    type=InputFile(config_files),
     metavar="BUILD.toml",
     help="Configuration of the build; options of the command line replace its values.",
 )
@@ -128,6 +129,7 @@ error_map_options = option_group(
     click.option(
         "--dem-sigma",
         "sigma_map",
+        type=RASTER,
         metavar="MAP",
         help="Map of the 1 sigma of the DEM's heights, metres: a raster in a lunar CRS (an _ERR layer). Without it, and "
         "where it has no value: the figure of the DEM's product.",
@@ -135,6 +137,7 @@ error_map_options = option_group(
     click.option(
         "--dem-resolution",
         "resolution_map",
+        type=RASTER,
         metavar="MAP",
         help="Map of the DEM's effective resolution, metres: a raster in a lunar CRS (an _EFFRES layer). Without it, and "
         "where it has no value: estimated from the heights of each DEM.",
@@ -143,7 +146,7 @@ error_map_options = option_group(
 
 
 def configuration(
-    config_path: Path | None,
+    config_path: str | None,
     center: tuple[float, float] | None,
     size_km: float | None,
     bounds: tuple[float, ...] | None,
@@ -169,7 +172,7 @@ def configuration(
 
     check_area(center, size_km, bounds)
     check_accuracy(accuracy, tolerance)
-    config = BuildConfig.from_toml(config_path) if config_path else BuildConfig()
+    config = BuildConfig.from_toml(Path(config_path)) if config_path else BuildConfig()
     check_albedo(albedo_path or config.model.albedo, albedo_encoding, albedo_reference)
     if albedo_path:  # the file's encoding and reference belong to its own map
         config = dataclasses.replace(config, model=config.model.without_albedo)

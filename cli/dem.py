@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import dem_check
+from .files import FileCommand, OutputFile
 from .options import dem_argument, overwrite_option, product_order_option
 from .value_types import LATITUDE, LONGITUDE
 
@@ -31,7 +32,7 @@ def command() -> None:
 command.add_command(dem_check.command)
 
 
-@command.command()
+@command.command(cls=FileCommand)
 @dem_argument
 @click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
@@ -57,6 +58,7 @@ command.add_command(dem_check.command)
 @click.option(
     "--map",
     "map_path",
+    type=OutputFile(),
     metavar="OUT.png",
     help="Also write a map of the product used at each place.",
 )

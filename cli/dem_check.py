@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .files import FileCommand
 from .options import dem_argument
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 EXIT_NOT_SOUND = 4
 
 
-@click.command("check")
+@click.command("check", cls=FileCommand)
 @dem_argument
 @click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .files import FileCommand, InputFile, OutputFile
 from .options import depfile_option, output_option, overwrite_option
 from .value_types import Finite, Number
 
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  error %  (alone)"
 
 
-@click.command("fit-reflectance")
-@click.argument("goniometer", metavar="GONIOMETER.csv")
+@click.command("fit-reflectance", cls=FileCommand)
+@click.argument("goniometer", metavar="GONIOMETER.csv", type=InputFile())
 @output_option("MODEL.toml")
 @click.option(
     "--c",
@@ -71,6 +72,7 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
 )
 @click.option(
     "--chart",
+    type=OutputFile(),
     metavar="CHART.svg",
     help="Also write polar charts of measurements and model, one for each incidence.",
 )
@@ -98,7 +100,6 @@ def command(
 
     from .progress import progress
 
-    _distinct(goniometer, output, chart, depfile)
     check_output(output, overwrite)
     if chart:
         check_output(chart, overwrite)
@@ -115,12 +116,6 @@ def command(
     )
     click.echo(text)
     click.echo(f"{output}: use it with --reflectance facet:{output}", err=True)
-
-
-def _distinct(*names: str | None) -> None:
-    said = [name for name in names if name]
-    if len({Path(name).resolve() for name in said}) != len(said):
-        raise click.UsageError("GONIOMETER.csv, -o, --chart and --depfile must be different files")
 
 
 def _settings(

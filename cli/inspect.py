@@ -7,11 +7,14 @@ from typing import Any
 
 import click
 
+from .files import FileCommand
+from .options import catalog_argument
+
 EXIT_NOT_INTACT = 4
 
 
-@click.command()
-@click.argument("catalog", metavar="CATALOG.h5", type=click.Path(exists=True, dir_okay=False))
+@click.command(cls=FileCommand)
+@catalog_argument
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 def command(catalog: str, as_json: bool) -> int:
     """Show the contents of a catalogue and check its integrity.

@@ -13,6 +13,7 @@ import click
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.choices import ENCODINGS, REFLECTANCE_MODELS
 
+from .files import Files, InputFile, OutputFile, raster_files
 from .value_types import (
     AZIMUTH,
     LATITUDE,
@@ -49,9 +50,16 @@ product_order_option = click.option(
     "for the latitude first, then finer pixels, then the order of the arguments.",
 )
 
-dem_argument = click.argument("dem", nargs=-1, required=True, metavar="DEM...")
+RASTER = InputFile(raster_files)
+"""A DEM, an image or a map."""
 
-dem_argument_or_none = click.argument("dem", nargs=-1, metavar="[DEM...]")
+dem_argument = click.argument("dem", nargs=-1, required=True, type=RASTER, metavar="DEM...")
+
+dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DEM...]")
+
+catalog_argument = click.argument(
+    "catalog", metavar="CATALOG.h5", type=InputFile(exists=True, dir_okay=False)
+)
 
 area_options = option_group(
     click.option(
@@ -152,6 +160,7 @@ albedo_options = option_group(
     click.option(
         "--albedo",
         "albedo_path",
+        type=RASTER,
         metavar="MAP",
         help="Albedo map: a raster of relative surface brightness in a lunar CRS. Radiance is multiplied by the ratio of "
         "its value to --albedo-reference.",
@@ -175,14 +184,22 @@ albedo_options = option_group(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing output.")
 
 depfile_option = click.option(
-    "--depfile", metavar="FILE", help="Also write the list of input files as a rule for make."
+    "--depfile",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Also write the list of input files as a rule for make.",
 )
 
 
-def output_option(metavar: str, required: bool = True) -> Callable[[Command], Command]:
-    """Option ``-o`` for the output file, or for a folder (``DIR``)."""
+def output_option(
+    metavar: str, required: bool = True, written: Files | None = None
+) -> Callable[[Command], Command]:
+    """Option ``-o`` for the output file, or for a folder (``DIR``). ``written``: the files that are written,
+    if they are others than the named one.
+    """
     what = "Output folder." if metavar == "DIR" else "Output file."
-    return click.option("-o", "--output", required=required, metavar=metavar, help=what)
+    kind = OutputFile(written)
+    return click.option("-o", "--output", required=required, type=kind, metavar=metavar, help=what)
 
 
 def check_area(

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import options, render_options
+from .files import FileCommand, OutputFile
 
 if TYPE_CHECKING:
     from lcp_catalog.light.environment import Environment
     from lcp_catalog.rendering.request import Request
 
 
-@click.command()
+@click.command(cls=FileCommand)
 @options.dem_argument_or_none
 @options.product_order_option
 @options.output_option("OUT.tif", required=False)
@@ -28,7 +28,12 @@ if TYPE_CHECKING:
 @options.model_options
 @options.albedo_options
 @render_options.composite_options
-@click.option("--preview", metavar="OUT.png", help="Also write the radiance as an 8-bit PNG.")
+@click.option(
+    "--preview",
+    type=OutputFile(),
+    metavar="OUT.png",
+    help="Also write the radiance as an 8-bit PNG.",
+)
 @click.option(
     "--explain",
     is_flag=True,
@@ -59,9 +64,6 @@ def command(
         raise click.UsageError("-o OUT.tif is missing (or --explain)")
     if output is None and (preview or depfile):
         raise click.UsageError("--preview and --depfile need -o OUT.tif")
-    named = [name for name in (output, preview, depfile) if name]
-    if len({str(Path(name).resolve()) for name in named}) < len(named):
-        raise click.UsageError("-o, --preview and --depfile must name different files")
     request = _request(dem, **flags)
 
     from lcp_catalog.atomic_files import check_output

@@ -10,7 +10,8 @@ import click
 
 from lcp_catalog.choices import HEIGHTFIELD_SIZE_MAX_KM, SURFACES
 
-from .options import option_group
+from .files import InputFile
+from .options import RASTER, option_group
 from .value_types import AZIMUTH, POSITIVE, Finite, Number
 
 light_options = option_group(
@@ -23,6 +24,7 @@ light_options = option_group(
     click.option(
         "--environment",
         "environment_path",
+        type=RASTER,
         metavar="PANORAMA",
         help="Light the scene with an environment map instead of the Sun: an equirectangular image of all directions "
         "(.hdr, .pfm, .tif or .png), twice as wide as high, with north at its centre.",
@@ -62,6 +64,7 @@ composite_options = option_group(
     click.option(
         "--background",
         "background_path",
+        type=RASTER,
         metavar="IMAGE",
         help="Background image of the camera's plane; default: the environment map, if there is one.",
     ),
@@ -78,6 +81,7 @@ view_options = option_group(
     click.option(
         "--camera",
         "camera_path",
+        type=InputFile(),
         metavar="CAMERA.json",
         help="Camera file: CAMERA.json, a USGS ISD or a .tsai file of a framing camera.",
     ),

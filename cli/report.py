@@ -5,10 +5,11 @@ from __future__ import annotations
 import click
 
 from . import options
+from .files import FileCommand
 
 
-@click.command()
-@click.argument("catalog", metavar="CATALOG.h5", type=click.Path(exists=True, dir_okay=False))
+@click.command(cls=FileCommand)
+@options.catalog_argument
 @options.output_option("REPORT.html")
 @options.overwrite_option
 def command(catalog: str, output: str, overwrite: bool) -> None:

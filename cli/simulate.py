@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import click
 from lcp_catalog.choices import PNG, TIFF
 
 from . import options
+from .files import FileCommand, InputFile, raster_files
 from .value_types import POSITIVE, Number
 
 if TYPE_CHECKING:
@@ -20,12 +22,36 @@ if TYPE_CHECKING:
 BITS = ("8", "10", "12", "14", "16")
 
 
-@click.command()
-@click.argument("source", nargs=-1, required=True, metavar="CATALOG.h5|DEM...")
+def _read_with(source: str) -> Iterator[Path]:
+    from lcp_catalog.simulation.patch_surface import is_catalog
+
+    if not is_catalog(source):
+        yield from raster_files(source)
+
+
+def _written(frame: str) -> Iterator[Path]:
+    from lcp_catalog.simulation.output import camera_path
+
+    yield from (Path(frame), camera_path(frame))
+
+
+@click.command(cls=FileCommand)
+@click.argument(
+    "source",
+    nargs=-1,
+    required=True,
+    type=InputFile(_read_with),
+    metavar="CATALOG.h5|DEM...",
+)
 @options.product_order_option
-@options.output_option("FRAME.png|.tif")
+@options.output_option("FRAME.png|.tif", written=_written)
 @click.option(
-    "--camera", "camera_path", required=True, metavar="CAMERA.json", help="Camera of the frame."
+    "--camera",
+    "camera_path",
+    required=True,
+    type=InputFile(),
+    metavar="CAMERA.json",
+    help="Camera of the frame.",
 )
 @options.sun_options
 @options.model_options
@@ -92,7 +118,7 @@ def command(
     the Sun's position, is written beside the frame as FRAME_camera.json; lcp validate reads both files.
     The default accuracy tier is reference.
     """
-    sun, albedo = _checked(output, depfile, flags)
+    sun, albedo = _checked(output, flags)
 
     from lcp_catalog.atomic_files import check_output
     from lcp_catalog.cameras.camera_file import read_camera
@@ -117,9 +143,7 @@ def command(
     _write(taken, output, beside, depfile, overwrite, [flags["camera_path"]])
 
 
-def _checked(
-    output: str, depfile: str | None, flags: dict[str, Any]
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _checked(output: str, flags: dict[str, Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Values of the Sun and albedo options; usage errors for options that exclude each other."""
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
@@ -128,8 +152,6 @@ def _checked(
     options.check_albedo(*albedo)
     if Path(output).suffix.lower() not in PNG + TIFF:
         raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
-    if depfile and Path(depfile).resolve() == Path(output).resolve():
-        raise click.UsageError("-o and --depfile must name different files")
     return sun, albedo
 
 

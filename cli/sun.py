@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
+from .files import FileCommand
 from .value_types import LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ COLUMNS = {
 }
 
 
-@click.command()
+@click.command(cls=FileCommand)
 @click.option("--lon", type=LONGITUDE, required=True, metavar="DEG", help="Longitude, east.")
 @click.option("--lat", type=LATITUDE, required=True, metavar="DEG", help="Latitude.")
 @click.option(
@@ -47,6 +48,7 @@ COLUMNS = {
 @click.option(
     "--dem",
     multiple=True,
+    type=options.RASTER,
     metavar="DEM",
     help="Add the terrain horizon and the share of the disc above it; may be repeated.",
 )

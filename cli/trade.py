@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
+from .files import FileCommand
 from .options import (
     LAW,
     REFLECTANCE_HELP,
@@ -20,10 +22,16 @@ from .options import (
 )
 
 
-@click.command("trade")
+def _written(folder: str) -> Iterator[Path]:
+    from lcp_catalog.tradeoff.report import FILES
+
+    yield from (Path(folder, name) for name in FILES)
+
+
+@click.command("trade", cls=FileCommand)
 @dem_argument
 @product_order_option
-@output_option("DIR")
+@output_option("DIR", written=_written)
 @config_option
 @area_options
 @sweep_options

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import click
 from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
+from .files import FileCommand, InputFile, OutputFile
 from .value_types import LAW, POSITIVE, Finite, Number
 
 if TYPE_CHECKING:
@@ -19,13 +21,20 @@ if TYPE_CHECKING:
 EXIT_NO = 4
 
 
-@click.command("validate")
-@click.argument("catalog", metavar="CATALOG.h5", type=click.Path(exists=True, dir_okay=False))
-@click.argument("images", metavar="IMAGE...", nargs=-1, required=True)
-@options.output_option("DIR")
+def _written(folder: str) -> Iterator[Path]:
+    from lcp_catalog.validation.output import FILES
+
+    yield from (Path(folder, name) for name in FILES)
+
+
+@click.command("validate", cls=FileCommand)
+@options.catalog_argument
+@click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=options.RASTER)
+@options.output_option("DIR", written=_written)
 @click.option(
     "--camera",
     "cameras",
+    type=InputFile(),
     multiple=True,
     metavar="CAMERA.json",
     help="Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
@@ -35,6 +44,7 @@ EXIT_NO = 4
 @click.option(
     "--dem",
     "dems",
+    type=options.RASTER,
     multiple=True,
     metavar="DEM",
     help="Compare the whole image with renders of this DEM (repeat the option for more files). Default: compare with the "
@@ -132,7 +142,7 @@ EXIT_NO = 4
 @click.option(
     "--fit-errors",
     "errors_file",
-    type=click.Path(dir_okay=False),
+    type=OutputFile(dir_okay=False),
     metavar="ERRORS.toml",
     help="Also fit the error model of image and render to the points searched for in all images, and write it as the "
     "section [errors] of a BUILD.toml.",

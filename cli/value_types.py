@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import click
@@ -73,6 +75,14 @@ class Law(click.ParamType):
             except ConfigError as error:
                 self.fail(f"{error}.", param, ctx)
         return str(value)
+
+    def inputs(self, value: str) -> Iterator[Path]:
+        """The MODEL.toml of a model that has one (`cli.files`)."""
+        from lcp_catalog.photometry.facet_file import law_file
+
+        file = law_file(value)
+        if file is not None:
+            yield file
 
 
 LAW = Law()

@@ -36,6 +36,8 @@ except ImportError:  # Windows: two builds of one output are not told from each 
 log = logging.getLogger(__name__)
 
 _PLAN, _RUN, _LOCK, _NOTE = "scene_plan", "fingerprint", "run.lock", "run.json"
+_AREAS = "r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9].npz"
+"""Names of checkpoints (`areas.AreaTask.name`); other files in the folder are the user's."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class Checkpoints:
 
     def _remove_files(self) -> None:
         """Remove the run's files, also those that a killed process left half-written."""
-        for pattern in (_NOTE, f".{_NOTE}.*.part", "*.npz", ".*.npz.*.part"):
+        for pattern in (_NOTE, f".{_NOTE}.*.part", _AREAS, f".{_AREAS}.*.part"):
             for file in self.folder.glob(pattern):
                 file.unlink(missing_ok=True)
 

@@ -21,6 +21,7 @@ from ..accuracy import Accuracy, accuracy
 from ..choices import ENCODINGS
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
+from ..photometry.facet_file import law_file
 
 _REPLACED = {
     "points.image_noise": "errors.sensor_noise",
@@ -321,6 +322,13 @@ class BuildConfig:
     points: PointConfig = field(default_factory=PointConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     errors: ErrorConfig = field(default_factory=ErrorConfig)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The maps and the file of the reflectance model that the configuration names."""
+        law = law_file(self.model.reflectance)
+        maps = (self.model.albedo, self.dem.sigma_map, self.dem.resolution_map)
+        return (*(Path(name) for name in maps if name is not None), *([law] if law else ()))
 
     @classmethod
     def from_toml(cls, path: Path) -> BuildConfig:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from ..constants import MOON_RADIUS_M
-from ..errors import DemError, LabelError
+from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
 from .georeferenced import Gridded
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
-from .raster import Raster, open_dataset
+from .raster import Raster, dataset_files, open_dataset
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ class Dem(Gridded):
         nodata = dataset.nodatavals[0]
         missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
         raster = Raster(path, dataset.width, dataset.height, scale, offset, missing)
-        return cls(path, product_name(path.stem), grid, raster, (path,))
+        files = dataset_files(path) if dataset.driver == "VRT" else (path,)
+        return cls(path, product_name(path.stem), grid, raster, files)
 
     @property
     def abs_latitude_use(self) -> tuple[float, float] | None:
@@ -142,6 +144,20 @@ class Dem(Gridded):
     def radius_m(self) -> float:
         """Radius of the sphere above which heights are given; files on other spheres are refused."""
         return MOON_RADIUS_M
+
+
+def files_beside(path: Path) -> tuple[Path, ...]:
+    """Files that are read together with a raster or its label: the label, its image, and what GDAL reads
+    with it (sidecar files, the sources of a virtual raster). Empty for a file that cannot be read.
+    """
+    found: list[Path] = []
+    with contextlib.suppress(LcpError, OSError):
+        label = product_label(path)
+        if label is not None:
+            found += [label.path, find_image(label)]
+    with contextlib.suppress(LcpError, OSError):
+        found += dataset_files(path)
+    return tuple(found)
 
 
 def _refuse_other_kind(image: Path, label: Label) -> None:

@@ -18,7 +18,7 @@ from ..atomic_files import file_facts
 from ..errors import DemError, LabelError
 from .georeferenced import Gridded
 from .grid import Grid
-from .raster import Raster, open_dataset
+from .raster import Raster, dataset_files, open_dataset
 
 log = logging.getLogger(__name__)
 
@@ -166,11 +166,7 @@ class ErrorMaps:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that GDAL reads for the maps, including the sources of a virtual raster."""
-        found: list[Path] = []
-        for one in self.maps:
-            others = (Path(name) for name in open_dataset(one.path).files)
-            found += [one.path, *(path for path in others if path.is_file())]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(file for one in self.maps for file in dataset_files(one.path)))
 
     def provenance(self) -> list[dict[str, Any]]:
         """Name, size and SHA-256 of every file, without folders."""

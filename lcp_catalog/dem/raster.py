@@ -133,6 +133,14 @@ def open_dataset(path: Path) -> Any:
         raise DemError(f"{path}: not a DEM that can be read here ({_cause(error)})") from error
 
 
+def dataset_files(path: Path) -> tuple[Path, ...]:
+    """The file and those that GDAL reads with it: sidecar files, the sources of a virtual raster. DemError
+    if it is no raster.
+    """
+    others = (Path(name) for name in open_dataset(path).files)
+    return tuple(dict.fromkeys((path, *(one for one in others if one.is_file()))))
+
+
 def _dataset(path: Path) -> Any:
     """The open dataset of a file in this process and thread; a file that has changed is opened
     again.

@@ -24,7 +24,7 @@ from ..arrays import Array, Float32
 from ..atomic_files import file_facts
 from ..choices import ENCODINGS
 from ..constants import MOON_RADIUS_M
-from ..dem.raster import open_dataset
+from ..dem.raster import dataset_files
 from ..dem.tiles import Layer
 from ..errors import AlbedoError
 from ..geometry.bounds import Bounds
@@ -122,8 +122,7 @@ class AlbedoMap:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that GDAL reads for the map, including the sources of a virtual raster."""
-        found = (Path(name) for name in open_dataset(self.pixels.path).files)
-        return tuple(dict.fromkeys((self.pixels.path, *(path for path in found if path.is_file()))))
+        return dataset_files(self.pixels.path)
 
     def describe(self) -> dict[str, Any]:
         """Values for a result's metadata; without folders."""

@@ -540,9 +540,10 @@ def test_other_files_in_the_folder_of_checkpoints_stay(
 ) -> None:
     parts = tmp_path / "mine.h5.parts"
     parts.mkdir()
-    (parts / "notes.txt").write_text("mine")
+    for name in ("notes.txt", "measurements.npz"):
+        (parts / name).write_text("mine")
     run_build(plan, tmp_path / "mine.h5")
-    assert [file.name for file in parts.iterdir()] == ["notes.txt"]
+    assert sorted(file.name for file in parts.iterdir()) == ["measurements.npz", "notes.txt"]
 
 
 def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:

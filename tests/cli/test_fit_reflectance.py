@@ -143,7 +143,7 @@ def test_replaced_only_when_told(csv, capsys):
         (["paint.csv", "--polarisation", "2", "0"], 2, "--polarisation"),
         (["paint.csv", "--c", "-1"], 2, "--c"),
         (["paint.csv", "--albedo", "0"], 2, "--albedo"),
-        (["paint.csv", "--chart", "m.toml"], 2, "must be different files"),
+        (["paint.csv", "--chart", "m.toml"], 2, "is the same file as"),
         (["absolute.csv", "--albedo", "0.2"], 2, "--albedo: not with a radiance_factor column"),
         (["gap.csv"], 1, "no intensity around the specular direction"),
         (["short.csv"], 1, "short.csv: incidence 20 deg has 5 measurements"),

@@ -206,7 +206,7 @@ def test_other_endings_are_refused(folder, tmp_path, capsys):
 
 def test_a_rule_is_not_written_over_the_frame(folder, tmp_path, capsys):
     assert simulate(folder, tmp_path / "f.png", "--depfile", str(tmp_path / "f.png")) == 2
-    assert "different files" in capsys.readouterr().err
+    assert "is the same file as" in capsys.readouterr().err
     assert os.listdir(tmp_path) == []
 
 

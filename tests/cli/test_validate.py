@@ -200,8 +200,8 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
     """The make rule may be in the report's folder, which need not exist yet."""
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
     own = str(tmp_path / "out" / "report.json")
-    assert run(["validate", *files, "--depfile", own]) == 1
-    assert "is a file of the report" in capsys.readouterr().err
+    assert run(["validate", *files, "--depfile", own]) == 2
+    assert "is the same file as" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     rule = tmp_path / "out" / "rule.d"
     assert run(["validate", *files, "--depfile", str(rule)]) == 4  # no camera: missing geometry
@@ -384,12 +384,12 @@ def test_too_few_points_for_a_fit_leave_no_file(place, tmp_path, capsys) -> None
 def test_the_file_of_fitted_errors_is_no_other_output(place, tmp_path, capsys) -> None:
     out = tmp_path / "out"
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(out)]
-    for name, more, said in (
-        (out / "points.csv", [], "is a file of the report; choose another name for --fit-errors"),
-        (tmp_path / "r.d", ["--depfile", str(tmp_path / "r.d")], "is the file of --depfile"),
-        (tmp_path / "none" / "e.toml", [], "none does not exist"),
+    for name, more, code, said in (
+        (out / "points.csv", [], 2, "is the same file as"),
+        (tmp_path / "r.d", ["--depfile", str(tmp_path / "r.d")], 2, "is the same file as"),
+        (tmp_path / "none" / "e.toml", [], 1, "none does not exist"),
     ):
-        assert run(["validate", *files, "--fit-errors", str(name), *more]) == 1
+        assert run(["validate", *files, "--fit-errors", str(name), *more]) == code
         assert said in capsys.readouterr().err
         assert not out.exists()
 
