@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._version import __version__
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Index
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
-from .checks import claim_problems, first_few, shape_problems, value_problems
-from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, Values, centred, is_claim, key
+from .checks import first_few, shape_problems, text_problems, value_problems
+from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, centred, is_claim, key
 from .packing import Packing, half_turn, packing, sigma_step_m
 from .schema import (
     ADDED_IN_1_1,
@@ -27,6 +28,9 @@ from .schema import (
     UNCLAIMED_VERSION,
     universal,
 )
+
+BLOCK_BYTES = 2**24
+"""Most bytes of a variable in a block of `Catalog.blocks`."""
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -137,10 +141,10 @@ class Catalog:
                 self, name, _from_json(name, value) if isinstance(value, str) else value
             )
         values = self.values()
-        _require(first_few(shape_problems(values)))
-        _require(first_few(value_problems(values)))
-        if self.has_claims:
-            _require(first_few(claim_problems(values, self.errors)))
+        _require(first_few(shape_problems({name: array.shape for name, array in values.items()})))
+        _require(first_few(value_problems(values, self.errors)))
+        texts = self.attributes() | self.optional_attributes()
+        _require(first_few(text_problems(texts, self.group_attributes())))
         for name in values.keys() & {f.name for f in dataclasses.fields(self)}:
             value = self._packing(name).unpacked(values[name]) if name in PACKED else values[name]
             object.__setattr__(self, name, value)
@@ -166,15 +170,77 @@ class Catalog:
     def __len__(self) -> int:
         return len(self.point_id)
 
+    def part(self, name: str, *index: Any) -> AnyArray:
+        """What NumPy's basic indexing selects of a variable, by its path in the file; the first index
+        may be an array of rows.
+
+        One patch is ``part("dem", row)``, one condition of all points
+        ``part("condition", slice(None), view, elevation, azimuth)``. CatalogError for a variable
+        that the catalogue is without.
+        """
+        group, _, short = name.rpartition("/")
+        value = getattr(getattr(self, group) if group else self, short)
+        _require("" if value is not None else f"has no {name}")
+        return np.asarray(value)[index]
+
+    def row_bytes(self, name: str) -> int:
+        """Bytes of a point's values of a variable."""
+        array = np.asarray(getattr(self, name))
+        return array.nbytes // max(1, len(array))
+
+    def blocks(self, name: str) -> Iterator[slice]:
+        """All points in blocks of rows whose values of a variable take `BLOCK_BYTES` at most."""
+        step = max(1, BLOCK_BYTES // max(1, self.row_bytes(name)))
+        for start in range(0, len(self), step):
+            yield slice(start, min(start + step, len(self)))
+
+    def take(self, rows: Index, cells: Index | None = None) -> Catalog:
+        """The catalogue in memory of the points ``rows`` and of these coverage cells (None: all), with
+        the whole overview.
+        """
+        some = cells if cells is not None else np.arange(len(self.coverage.longitude))
+        names = ["longitude", "latitude", "status", *(["usable"] if self.has_claims else [])]
+        parts = {name: self.part(f"coverage/{name}", some) for name in names}
+        coverage = Coverage(**parts, spacing_m=self.coverage.spacing_m)
+        without: tuple[str, ...] = () if self.has_claims else PACKED
+        without += () if self.albedo_map is not None else OPTIONAL
+        given: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            variable = GROUPS[""].get(field.name)
+            own = variable is not None and variable.dims[0] == "point"
+            absent = field.name in without
+            value = (
+                None
+                if absent
+                else self.part(field.name, rows)
+                if own
+                else getattr(self, field.name)
+            )
+            given[field.name] = value
+        return Catalog(**given | {"coverage": coverage})
+
+    def within(self, west: float, south: float, east: float, north: float) -> Catalog:
+        """The catalogue in memory of the points and coverage cells within a box, degrees; longitudes
+        may cross the antimeridian. CatalogError for a box without latitudes.
+        """
+        if not south <= north:
+            raise CatalogError(f"no box: the south {south:g} is above the north {north:g}")
+        box = (west, south, east, north)
+        return self.take(
+            _inside(self.longitude, self.latitude, *box),
+            _inside(self.coverage.longitude, self.coverage.latitude, *box),
+        )
+
     @property
     def has_claims(self) -> bool:
         """True if the catalogue states detection probabilities and sigmas (schema 2)."""
-        return self.detection_probability is not None
+        return self.image_scale is not None
 
     @cached_property
     def universal(self) -> NDArray[np.bool_]:
         """True for points that are usable in at least 95 % of their evaluated conditions, (n,)."""
-        return universal(self.condition)
+        parts = [universal(self.part("condition", rows)) for rows in self.blocks("condition")]
+        return np.concatenate(parts or [np.zeros(0, bool)])
 
     @property
     def min_detection(self) -> float | None:
@@ -264,6 +330,15 @@ class Catalog:
         }
 
 
+def _inside(
+    lon_deg: AnyArray, lat_deg: AnyArray, west: float, south: float, east: float, north: float
+) -> Index:
+    """Rows of the places within a box, degrees."""
+    width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
+    inside = ((lon_deg - west) % 360.0 <= width) & (lat_deg >= south) & (lat_deg <= north)
+    return np.flatnonzero(inside)
+
+
 def _require(problem: str) -> None:
     if problem:
         raise CatalogError(f"not a catalogue: {problem}")
@@ -294,44 +369,3 @@ def _typed(name: str, value: Any, kind: str) -> AnyArray:
         _require("" if fits else f"{name}: does not fit into {kind}")
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(array.astype(target))
-
-
-def catalog_of(
-    values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]
-) -> Catalog:
-    """The catalogue from the results of `Catalog.values`, `attributes` and `group_attributes`."""
-    texts = {
-        name: attributes[name]
-        for name in (
-            "config",
-            "sources",
-            "scene_plan",
-            "title",
-            "product_version",
-            "software_version",
-            "schema_version",
-            "albedo_map",
-            "errors",
-            "sigma_step_m",
-        )
-        if name in attributes
-    }
-    arrays: dict[str, Any] = {
-        f.name: values[f.name] for f in dataclasses.fields(Catalog) if f.name in values
-    }
-    for name in arrays.keys() & set(PACKED):
-        arrays[name] = packing(name, attributes["sigma_step_m"]).unpacked(arrays[name])
-    overview = Overview(
-        height=values["overview/height"],
-        x=values["overview/x"],
-        y=values["overview/y"],
-        **groups["overview"],
-    )
-    coverage = Coverage(
-        longitude=values["coverage/longitude"],
-        latitude=values["coverage/latitude"],
-        status=values["coverage/status"],
-        usable=values.get("coverage/usable"),
-        **groups["coverage"],
-    )
-    return Catalog(**arrays, **texts, overview=overview, coverage=coverage)

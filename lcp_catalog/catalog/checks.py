@@ -1,26 +1,26 @@
 """Checks of a catalogue's content: consistent shapes, values in their ranges and in agreement,
-readable attributes.
+readable attributes. Values are checked whole or block by block.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
-from typing import Any
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
-from .layout import FIXED, GROUPS, Values, centred, is_claim, key
+from .layout import FIXED, GROUPS, Values, centred, key
 from .packing import packing
 from .schema import (
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,
     DETECTION_STEP,
     EVALUATED,
-    OPTIONAL,
     PACKED,
     UNOCCLUDED,
     UNSHADOWED,
@@ -44,81 +44,226 @@ def first_few(lines: Iterable[str], count: int = 3) -> str:
     return "; ".join(lines[:count]) + rest
 
 
-def shape_problems(values: Values) -> list[str]:
+class Finding(NamedTuple):
+    """A fault of a variable or an attribute; of an array, the number of wrong values among all,
+    and the index of the first.
+    """
+
+    name: str
+    text: str
+    wrong: int = 0
+    size: int = 0
+    first: tuple[int, ...] = ()
+
+    def of_block(self, start: int, stop: int, total: int) -> Finding:
+        """The same in the whole variable, where this is of the rows from start to stop."""
+        if not self.first:
+            return self
+        first = (self.first[0] + start, *self.first[1:])
+        return self._replace(first=first, size=self.size // (stop - start) * total)
+
+
+def lines(findings: Iterable[Finding]) -> list[str]:
+    """Findings as lines of text; those of several blocks are counted together."""
+    total: dict[tuple[str, str], Finding] = {}
+    for new in findings:
+        old = total.setdefault((new.name, new.text), new)
+        if old is not new:
+            total[new.name, new.text] = old._replace(wrong=old.wrong + new.wrong)
+    return [_line(found) for found in total.values()]
+
+
+def _line(found: Finding) -> str:
+    if not found.wrong:
+        return f"{found.name}: {found.text}"
+    first = ", ".join(str(index) for index in found.first)
+    return f"{found.name}: {found.text} ({found.wrong} of {found.size}; the first at [{first}])"
+
+
+def shape_problems(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
     """Dimensions with different lengths in different variables, and variables with a wrong number
     of dimensions.
     """
-    lines: list[str] = []
+    found: list[str] = []
     root: dict[str, int] = dict(FIXED)
     for group, variables in GROUPS.items():
         lengths = dict(root) if group else root
         for short, variable in variables.items():
             name = key(group, short)
-            if (name in OPTIONAL or is_claim(name)) and name not in values:
+            if name not in shapes:
                 continue
-            array = values[name]
-            if array.ndim != len(variable.dims):
-                lines.append(
-                    f"{name}: {array.ndim} dimensions instead of ({', '.join(variable.dims)})"
+            shape = shapes[name]
+            if len(shape) != len(variable.dims):
+                found.append(
+                    f"{name}: {len(shape)} dimensions instead of ({', '.join(variable.dims)})"
                 )
                 continue
-            for dim, length in zip(variable.dims, array.shape, strict=True):
+            for dim, length in zip(variable.dims, shape, strict=True):
                 if lengths.setdefault(dim, length) != length:
-                    lines.append(f"{name}: {length} along {dim} where others have {lengths[dim]}")
-    return lines
+                    found.append(f"{name}: {length} along {dim} where others have {lengths[dim]}")
+    return found
 
 
-def value_problems(values: Values) -> list[str]:
-    """Problems of the values, one line each; the shapes must be consistent."""
-    return [line for check in _CHECKS for line in check(values)]
-
-
-def claim_problems(values: Values, errors: Any) -> list[str]:
-    """Problems of the claims of a catalogue that has them, one line each; ``errors``: the error
-    model with ``min_detection``.
+def value_problems(values: Values, errors: Any = None) -> list[str]:
+    """Problems of the values, one line each; the shapes must be consistent. ``errors``: the error
+    model with ``min_detection``, of values with claims.
     """
+    return lines(found for part in PARTS for found in part_findings(part, values, errors))
+
+
+def part_findings(part: str, values: Values, errors: Any) -> Iterator[Finding]:
+    """Faults of a part of the content (one of `PARTS`): the axes with all identifiers; and, whole or a
+    block of rows at a time, points, coverage cells, and the rows of the overview.
+    """
+    for check in _CHECKS[part]:
+        yield from check(values)
+    if "image_scale" not in values:
+        return
     least = errors.get("min_detection") if isinstance(errors, dict) else None
     if not (isinstance(least, int | float) and 0.0 < least <= 1.0):
-        return ["errors: has no min_detection in 0..1"]
-    return [line for check in _CLAIM_CHECKS for line in check(values, float(least))]
+        yield Finding("errors", "has no min_detection in 0..1")
+        return
+    for claim_check in _CLAIM_CHECKS.get(part, ()):
+        yield from claim_check(values, float(least))
 
 
-def text_problems(attributes: dict[str, Any]) -> Iterator[str]:
-    """Global attributes that are not the Moon's, or are not JSON where they should be."""
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def text_problems(
+    attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, float]]
+) -> list[str]:
+    """Attributes, global and of the groups, that are not the Moon's, not numbers, texts or JSON where
+    they should be, or not what the schema says.
+    """
+    found = []
     if (
         attributes["reference_radius_m"] != MOON_RADIUS_M
         or attributes["body"] != "MOON"
         or attributes["frame"] != FRAME
     ):
-        yield f"body, frame or reference_radius_m are not MOON, {FRAME}, {MOON_RADIUS_M:g}"
-    for name in ("sources", "scene_plan", "albedo_map", "errors"):
-        try:
-            json.loads(attributes.get(name, "null"))
-        except json.JSONDecodeError:
-            yield f"{name}: is not JSON"
+        found.append(f"body, frame or reference_radius_m are not MOON, {FRAME}, {MOON_RADIUS_M:g}")
+    texts = {name: text for name, text in attributes.items() if isinstance(text, str)}
+    found += [
+        f"{name}: {problem}"
+        for name, text in texts.items()
+        if (problem := _text_problem(text, name in _OF_LINES))
+    ]
+    found += [
+        f"{name}: {problem}"
+        for name, check in _JSON_CHECKS.items()
+        if name in texts
+        and (problem := json_problem(texts[name]) or check(json.loads(texts[name])))
+    ]
+    numbers = {f"{group}: {name}": n for group in groups for name, n in groups[group].items()}
+    if "sigma_step_m" in attributes:
+        numbers["sigma_step_m"] = attributes["sigma_step_m"]
+    for name, number in numbers.items():
+        low = -360.0 if "center" in name else np.nextafter(0.0, 1.0)
+        if not low <= number < 1e7:
+            found.append(f"{name}: {number:g} is not in its range")
+    return found
 
 
-def _where(name: str, wrong: NDArray[np.bool_], text: str) -> list[str]:
-    """One line about the wrong values of a variable, if there are any."""
+def _text_problem(text: str, of_lines: bool) -> str:
+    """What is wrong with a text; empty if nothing is."""
+    if not (text.replace("\n", "").replace("\t", "") if of_lines else text).isprintable():
+        return "has characters that cannot be printed"
+    try:
+        tomllib.loads(text if of_lines else "")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return "is not TOML"
+    return ""
+
+
+def json_problem(text: str) -> str:
+    """What is wrong with a JSON text; empty if nothing is."""
+    try:
+        found = json.loads(text)
+        level = [found]
+        for _ in range(_JSON_DEPTH):
+            level = [inner for outer in level for inner in _inside(outer)]
+        if level:
+            raise RecursionError
+        json.dumps(found, ensure_ascii=False, allow_nan=False).encode()
+    except RecursionError:
+        return f"is JSON of more than {_JSON_DEPTH} levels"
+    except ValueError:
+        return "is not JSON"
+    return ""
+
+
+def _inside(value: Any) -> Iterable[Any]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
+
+
+def _sources_problem(found: Any) -> str:
+    """Files are a list of objects with name, size and sha256."""
+    for source in found if isinstance(found, list) else (None,):
+        if not (
+            isinstance(source, dict)
+            and all(_is_name(source.get(name)) for name in ("name", "sha256"))
+            and _is_number(source.get("size"))
+        ):
+            return "is not a list of files with name, size and sha256"
+    return ""
+
+
+def _albedo_map_problem(found: Any) -> str:
+    names = ("name", "encoding", "reference_is")
+    if not (
+        isinstance(found, dict)
+        and all(_is_name(found.get(name)) for name in names)
+        and _is_number(found.get("reference"))
+        and not _sources_problem(found.get("files"))
+    ):
+        return "has not name, encoding, reference, reference_is and files"
+    return ""
+
+
+def _errors_problem(found: Any) -> str:
+    return "" if isinstance(found, dict) and all(map(_is_name, found)) else "is not an object"
+
+
+def _is_name(value: Any) -> bool:
+    """True for a text of one line."""
+    return isinstance(value, str) and value.isprintable()
+
+
+_OF_LINES = ("config",)
+_JSON_DEPTH = 40
+_JSON_CHECKS: dict[str, Callable[[Any], str]] = {
+    "sources": _sources_problem,
+    "albedo_map": _albedo_map_problem,
+    "errors": _errors_problem,
+    "scene_plan": lambda found: "",
+}
+
+
+def _where(name: str, wrong: NDArray[np.bool_], text: str) -> list[Finding]:
+    """The fault of a variable with wrong values, if there are any."""
     count = int(np.count_nonzero(wrong))
     if not count:
         return []
-    first = ", ".join(str(int(index[0])) for index in np.nonzero(wrong))
-    return [f"{name}: {text} ({count} of {wrong.size}; the first at [{first}])"]
+    first = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
+    return [Finding(name, text, count, wrong.size, tuple(int(index) for index in first))]
 
 
-def _outside(values: Values, name: str, low: float, high: float) -> list[str]:
+def _outside(values: Values, name: str, low: float, high: float) -> list[Finding]:
     array = values[name]
     return _where(name, ~((array >= low) & (array <= high)), f"not in {low:g}..{high:g}")
 
 
-def _check_axes(values: Values) -> Iterator[str]:
+def _check_axes(values: Values) -> Iterator[Finding]:
     for name in ("point", "view", "coverage/cell", *FIXED):
         if not np.array_equal(values[name], np.arange(len(values[name]))):
-            yield f"{name}: is not 0, 1, 2, ..."
+            yield Finding(name, "is not 0, 1, 2, ...")
     for name in ("patch_row", "patch_col"):
         if not np.array_equal(values[name], centred(len(values[name]))):
-            yield f"{name}: is not counted from the patch's centre"
+            yield Finding(name, "is not counted from the patch's centre")
     for name, sign in (
         ("sun_elevation", 1),
         ("sun_azimuth", 1),
@@ -126,22 +271,25 @@ def _check_axes(values: Values) -> Iterator[str]:
         ("overview/y", -1),
     ):
         if not (np.isfinite(values[name]).all() and (np.diff(values[name]) * sign > 0).all()):
-            yield f"{name}: is not strictly {'rising' if sign > 0 else 'falling'}"
+            yield Finding(name, f"is not strictly {'rising' if sign > 0 else 'falling'}")
     yield from _outside(values, "sun_elevation", 0.0, 90.0)
     yield from _outside(values, "sun_azimuth", 0.0, 360.0)
     yield from _outside(values, "view_off_nadir", 0.0, 90.0)
     yield from _outside(values, "view_azimuth", 0.0, 360.0)
     yield from _where("view_altitude", ~(values["view_altitude"] > 0.0), "not above 0")
+    for name in ("view", "sun_elevation", "sun_azimuth"):
+        if not len(values[name]):
+            yield Finding(name, "has no values")
+    repeated = len(values["point_id"]) - len(np.unique(values["point_id"]))
+    if repeated:
+        yield Finding("point_id", f"{repeated} numbers occur more than once")
 
 
-def _check_places(values: Values) -> Iterator[str]:
+def _check_places(values: Values) -> Iterator[Finding]:
     lon, lat, height = values["longitude"], values["latitude"], values["elevation"]
     yield from _where("longitude", ~((lon >= 0.0) & (lon < 360.0)), "not in 0..360")
     yield from _outside(values, "latitude", -90.0, 90.0)
     yield from _outside(values, "elevation", -_ELEVATION_LIMIT_M, _ELEVATION_LIMIT_M)
-    repeated = len(values["point_id"]) - len(np.unique(values["point_id"]))
-    if repeated:
-        yield f"point_id: {repeated} numbers occur more than once"
     away = np.abs(values["position_mcmf"] - lonlat_to_mcmf(lon, lat, height)).max(
         axis=1, initial=0.0
     )
@@ -151,11 +299,9 @@ def _check_places(values: Values) -> Iterator[str]:
     )
 
 
-def _check_rotations(values: Values) -> Iterator[str]:
+def _check_rotations(values: Values) -> Iterator[Finding]:
     rotation, places = values["rotation_mcmf_to_enu"], (values["longitude"], values["latitude"])
-    expected = np.array([enu_rotation(lon, lat) for lon, lat in zip(*places, strict=True)]).reshape(
-        -1, 3, 3
-    )
+    expected = enu_rotation(*places)
     skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     turned = np.abs(rotation - expected).max(axis=(1, 2), initial=0.0)
     yield from _where("rotation_mcmf_to_enu", ~(skew <= _ROTATION_TOLERANCE), "is not orthonormal")
@@ -163,21 +309,22 @@ def _check_rotations(values: Values) -> Iterator[str]:
     yield from _where("rotation_mcmf_to_enu", wrong, "is not the frame of longitude and latitude")
 
 
-def _check_patches(values: Values) -> Iterator[str]:
+def _check_patches(values: Values) -> Iterator[Finding]:
     dem = values["dem"]
     rows, cols = dem.shape[1:]
     if not (rows == cols and rows % 2 == 1):
-        yield f"dem: patches of {rows} x {cols} nodes have no centre node"
+        yield Finding("dem", f"patches of {rows} x {cols} nodes have no centre node")
         return
     yield from _where("dem", ~np.isfinite(dem), "not a number")
     off = ~(np.abs(dem[:, rows // 2, cols // 2]) <= _CENTRE_TOLERANCE_M)
     yield from _where("dem", off, "the centre node is not at 0")
-    yield from _where(
-        "dem_product", np.array([not text for text in values["dem_product"]], bool), "is empty"
-    )
+    products = values["dem_product"]
+    yield from _where("dem_product", np.array([not text for text in products], bool), "is empty")
+    wrong = np.array([not text.isprintable() for text in products], bool)
+    yield from _where("dem_product", wrong, "has characters that cannot be printed")
 
 
-def _check_albedo(values: Values) -> Iterator[str]:
+def _check_albedo(values: Values) -> Iterator[Finding]:
     """Albedo is known for a whole patch or not at all, and is not negative."""
     if "albedo" not in values:
         return
@@ -189,7 +336,7 @@ def _check_albedo(values: Values) -> Iterator[str]:
     yield from _where("albedo", part, "is known for a part of the patch only")
 
 
-def _check_resolutions(values: Values) -> Iterator[str]:
+def _check_resolutions(values: Values) -> Iterator[Finding]:
     for name in ("gsd", "gsd_min", "gsd_max"):
         yield from _where(
             name, ~((values[name] > 0.0) & np.isfinite(values[name])), "not a positive number"
@@ -203,7 +350,7 @@ def _check_resolutions(values: Values) -> Iterator[str]:
     yield from _where("gsd_max", values["gsd_max"] * slack < values["gsd"], "below gsd")
 
 
-def _check_conditions(values: Values) -> Iterator[str]:
+def _check_conditions(values: Values) -> Iterator[Finding]:
     condition = values["condition"]
     yield from _where("condition", condition > USABLE, "has undefined bits")
     yield from _where(
@@ -215,7 +362,7 @@ def _check_conditions(values: Values) -> Iterator[str]:
         yield from _where(name, ~same, "does not agree with condition")
 
 
-def _check_figures(values: Values) -> Iterator[str]:
+def _check_figures(values: Values) -> Iterator[Finding]:
     """Figures are numbers in their ranges; NaN is allowed for a point without a usable condition."""
     some = usable(values["condition"]).any(axis=(1, 2, 3))
     shares = ("false_match_probability", "shadow_dependence", "occlusion_dependence")
@@ -235,24 +382,33 @@ def _check_figures(values: Values) -> Iterator[str]:
     )
 
 
-def _check_groups(values: Values) -> Iterator[str]:
+def _check_cells(values: Values) -> Iterator[Finding]:
     unknown = ~np.isin(values["coverage/status"], list(COVERAGE_STATUS))
     yield from _where("coverage/status", unknown, "has no meaning")
     yield from _outside(values, "coverage/latitude", -90.0, 90.0)
     yield from _outside(values, "coverage/longitude", -360.0, 720.0)
+
+
+def _check_overview(values: Values) -> Iterator[Finding]:
     yield from _where("overview/height", np.isinf(values["overview/height"]), "infinite")
 
 
-def _check_scales(values: Values, least: float) -> Iterator[str]:
+def _check_scales(values: Values, least: float) -> Iterator[Finding]:
     scale = values["image_scale"]
     if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
-        yield "image_scale: does not rise from 1"
+        yield Finding("image_scale", "does not rise from 1")
+
+
+def _check_levels(values: Values, least: float) -> Iterator[Finding]:
     yield from _where("level", values["level"] < 0, "below 0")
+
+
+def _check_claimed_cells(values: Values, least: float) -> Iterator[Finding]:
     wrong = ~np.isin(values["coverage/usable"], (0, 1, COVERAGE_UNKNOWN))
     yield from _where("coverage/usable", wrong, "has no meaning")
 
 
-def _check_packed(values: Values, least: float) -> Iterator[str]:
+def _check_packed(values: Values, least: float) -> Iterator[Finding]:
     """Packed numbers in their ranges; sigmas known at least wherever a point is usable."""
     for name in PACKED:
         rule, array = packing(name, 1.0), values[name]
@@ -266,7 +422,7 @@ def _check_packed(values: Values, least: float) -> Iterator[str]:
     yield from _where("sigma_major", alone, "is missing in usable conditions")
 
 
-def _check_claimed_flags(values: Values, least: float) -> Iterator[str]:
+def _check_claimed_flags(values: Values, least: float) -> Iterator[Finding]:
     """Flags agree with the detection probability at scale 1, within half a step."""
     condition, stored = values["condition"], values["detection_probability"][:, 0]
     rule = packing("detection_probability", 1.0)
@@ -285,16 +441,26 @@ def _check_claimed_flags(values: Values, least: float) -> Iterator[str]:
     yield from _where("universal", wrong, "does not agree with condition")
 
 
-_CLAIM_CHECKS = (_check_scales, _check_packed, _check_claimed_flags)
+_CLAIM_CHECKS = {
+    "axes": (_check_scales,),
+    "points": (_check_levels, _check_packed, _check_claimed_flags),
+    "cells": (_check_claimed_cells,),
+}
 
-_CHECKS = (
-    _check_axes,
-    _check_places,
-    _check_rotations,
-    _check_patches,
-    _check_albedo,
-    _check_resolutions,
-    _check_conditions,
-    _check_figures,
-    _check_groups,
-)
+_CHECKS = {
+    "axes": (_check_axes,),
+    "points": (
+        _check_places,
+        _check_rotations,
+        _check_patches,
+        _check_albedo,
+        _check_resolutions,
+        _check_conditions,
+        _check_figures,
+    ),
+    "cells": (_check_cells,),
+    "overview": (_check_overview,),
+}
+
+PARTS = tuple(_CHECKS)
+"""Parts of the content whose checks need nothing of each other but the axes."""

@@ -14,7 +14,7 @@ from ..arrays import AnyArray, Index
 from .catalogue import Catalog
 from .charts import Map
 from .packing import packing
-from .schema import evaluated, usable
+from .schema import usable
 from .summary import view_name
 
 BYTES_MAX = 3_000_000
@@ -53,8 +53,11 @@ class Shown:
         return cls(rows, np.arange(scales))
 
 
-def claim_map(catalog: Catalog, chart: Map, bytes_max: int = BYTES_MAX) -> dict[str, Any] | None:
+def claim_map(
+    catalog: Catalog, chart: Map, evaluated: AnyArray, bytes_max: int = BYTES_MAX
+) -> dict[str, Any] | None:
     """Numbers for the script: JSON-ready, None for a catalogue without claims or points.
+    ``evaluated``: True for the Suns to show, (sun_elevation, sun_azimuth).
 
     ``suns``: the evaluated directions as indices [elevation, azimuth]. ``data``: base64 of bytes, for
     the shown points n, scales s, views v and Suns k, in this order: condition (n, v, k), detection
@@ -66,10 +69,10 @@ def claim_map(catalog: Catalog, chart: Map, bytes_max: int = BYTES_MAX) -> dict[
     """
     if not catalog.has_claims or not len(catalog):
         return None
-    suns = np.argwhere(evaluated(catalog.condition).any(axis=(0, 1)))
+    suns = np.argwhere(evaluated)
     shown = Shown.of(catalog, len(suns), bytes_max)
     x, y, turn = _places(catalog, chart, shown.rows)
-    condition = catalog.condition[shown.rows][:, :, suns[:, 0], suns[:, 1]]
+    condition = catalog.part("condition", shown.rows)[:, :, suns[:, 0], suns[:, 1]]
     smallest, planes = _planes(catalog, shown, suns)
     content = b"".join(np.ascontiguousarray(plane).tobytes() for plane in (condition, *planes))
     scales = _scales(catalog)[shown.scales]
@@ -121,7 +124,7 @@ def _planes(catalog: Catalog, shown: Shown, suns: Index) -> tuple[float, list[An
     """The smallest sigma, and the bytes of probability, sigma, axis ratio and direction."""
 
     def cut(name: str) -> AnyArray:
-        whole = np.asarray(getattr(catalog, name))[shown.rows][:, shown.scales]
+        whole = catalog.part(name, shown.rows, slice(0, len(shown.scales)))
         return np.asarray(whole[..., suns[:, 0], suns[:, 1]], dtype=np.float64)
 
     detection, major, minor, angle = (
@@ -146,8 +149,8 @@ def _codes(values: AnyArray, known: AnyArray) -> AnyArray:
 
 def _enlargement(catalog: Catalog, shown: Shown, chart: Map) -> int:
     """Round factor by which ellipses are enlarged on the map."""
-    sigma = np.asarray(catalog.sigma_major)[shown.rows, 0]
-    sigma = sigma[usable(catalog.condition[shown.rows]) & (sigma > 0.0)]
+    sigma = catalog.part("sigma_major", shown.rows, 0)
+    sigma = sigma[usable(catalog.part("condition", shown.rows)) & (sigma > 0.0)]
     if not len(sigma):
         return 1
     ideal = _ELLIPSE_PX / (float(np.median(sigma)) * chart.scale)

@@ -70,6 +70,9 @@ GLOBAL_ATTRIBUTES = (
 FIXED = {"mcmf_axis": 3, "enu_axis": 3, "ellipse_axis": 2}
 """Lengths of the dimensions that all catalogues share."""
 
+_PIECE_BYTES = 2**23
+"""Content that is digested together."""
+
 Values = Mapping[str, AnyArray]
 """Every dataset of the file by its path in it."""
 
@@ -124,11 +127,35 @@ def split(values: Values) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
 
 
 def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:
-    """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own."""
+    """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own.
+
+    ``values``: arrays, or what gives arrays for slices along the first axis; numbers are read piece by
+    piece, text as a whole.
+    """
     total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
     for name in sorted(values):
         array = values[name]
         total.update(f"{name} {array.shape}".encode())
-        text = array.dtype == object
-        total.update(json.dumps(list(array.ravel())).encode() if text else array.tobytes())
+        if array.dtype == object:
+            total.update(json.dumps(list(array.ravel())).encode())
+            continue
+        rows = max(1, _PIECE_BYTES // max(1, array[:1].nbytes))
+        for start in range(0, len(array), rows):
+            total.update(array[start : start + rows].tobytes())
     return total.hexdigest()
+
+
+def digests(
+    values: Values,
+    attributes: dict[str, Any],
+    groups: dict[str, dict[str, float]],
+    optional: dict[str, Any],
+) -> dict[str, Any]:
+    """The attributes that only some catalogues have, and the digests of the common and of the
+    optional content.
+    """
+    plain, extra = split(values)
+    found: dict[str, Any] = {"content_sha256": digest(plain, attributes, groups)}
+    if optional:
+        found |= optional | {"albedo_sha256": digest(extra, optional, {})}
+    return found

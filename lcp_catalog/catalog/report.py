@@ -29,12 +29,13 @@ from .charts import (
 )
 from .claim_map import claim_map
 from .hdf5 import Catalog, open_catalog
-from .schema import COVERAGE_STATUS, evaluated
+from .schema import COVERAGE_STATUS
 from .summary import (
     Statistics,
     coverage_counts,
     latitude_name,
     percent,
+    share_by_sun,
     summary,
     summary_rows,
     view_name,
@@ -65,7 +66,8 @@ def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool =
 
 def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> str:
     """The report as HTML. Equal catalogues give equal text."""
-    statistics, found = Statistics(catalog), summary(catalog)
+    statistics = Statistics.of(catalog)
+    found = summary(catalog, statistics)
     disc = SunDisc(catalog.sun_elevation, catalog.sun_azimuth)
     chosen, sentence = _chosen(statistics, cards_max)
     return page(
@@ -81,7 +83,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         holes=_holes(catalog),
         elevations=found["usable_by_sun_elevation"],
         elevation_chart=_elevation_chart(found),
-        claims=_claims(catalog, disc),
+        claims=_claims(catalog, statistics, disc),
         views=_views(statistics, found, disc),
         distributions=_distributions(catalog),
         chosen=sentence,
@@ -101,15 +103,17 @@ def _chart(catalog: Catalog) -> Map:
     return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
 
 
-def _claims(catalog: Catalog, disc: SunDisc) -> dict[str, Any] | None:
+def _claims(catalog: Catalog, statistics: Statistics, disc: SunDisc) -> dict[str, Any] | None:
     """The section of the claims: its numbers as JSON, its map and its disc; None without claims."""
     chart = _chart(catalog)
-    found = claim_map(catalog, chart)
+    found = claim_map(catalog, chart, statistics.suns)
     if found is None:
         return None
-    known = evaluated(catalog.condition).any(axis=(0, 1))
     sky = disc.draw(
-        np.where(known, 0.0, np.nan), "choice of the Sun's direction", large=True, element="sky"
+        np.where(statistics.suns, 0.0, np.nan),
+        "choice of the Sun's direction",
+        large=True,
+        element="sky",
     )
     errors = ", ".join(
         f"{name} {number(value) if isinstance(value, int | float) else value}"
@@ -279,9 +283,9 @@ def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> di
     return {
         "point_id": catalog.point_id[i],
         "sort_keys": {k: v if np.isfinite(v) else 1e300 for k, v in sort_keys.items()},
-        "relief": data_uri(hillshade(catalog.dem[i], float(catalog.gsd[i]))),
+        "relief": data_uri(hillshade(catalog.part("dem", i), float(catalog.gsd[i]))),
         "size": number((catalog.patch_nodes - 1) * float(catalog.gsd[i]) / 1e3),
-        "disc": disc.draw(statistics.by_point_and_sun[i], label),
+        "disc": disc.draw(share_by_sun(catalog, i), label),
         "facts": [
             ("longitude", f"{catalog.longitude[i]:.4f}° E"),
             ("latitude", latitude_name(catalog.latitude[i])),

@@ -14,72 +14,83 @@ from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
 from ..plots.numbers import number
-from .hdf5 import Catalog, open_catalog, verify
+from .catalogue import Catalog
 from .schema import COVERAGE_STATUS, evaluated, usable
+from .stored import StoredCatalog, StoredFile
+from .verification import all_problems, apart
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Statistics:
-    """Shares of usable conditions of a catalogue, from its flags."""
+    """Usable and evaluated conditions of a catalogue, counted block by block.
 
-    catalog: Catalog
+    ``usable`` and ``evaluated``: numbers of points in each condition, (view, sun_elevation,
+    sun_azimuth). ``by_point``: usable share of a point's evaluated conditions, NaN if none was, (n,).
+    ``points_by_elevation``: number of points at each Sun elevation, (sun_elevation, 3): evaluated,
+    usable in at least one condition, usable in all evaluated ones.
+    """
 
-    @cached_property
-    def _usable(self) -> AnyArray:
-        return usable(self.catalog.condition)
+    usable: AnyArray
+    evaluated: AnyArray
+    by_point: AnyArray
+    points_by_elevation: AnyArray
 
-    @cached_property
-    def _evaluated(self) -> AnyArray:
-        return evaluated(self.catalog.condition)
-
-    def _share(self, axis: tuple[int, ...] | None) -> AnyArray:
-        """Usable as a share of evaluated conditions, summed over axes; NaN if none was evaluated."""
-        good, all_ = self._usable.sum(axis=axis), self._evaluated.sum(axis=axis)
-        return np.where(all_ > 0, good / np.maximum(all_, 1), np.nan)
+    @classmethod
+    def of(cls, catalog: Catalog) -> Statistics:
+        """The figures of a catalogue, from its flags."""
+        axes = (catalog.view_off_nadir, catalog.sun_elevation, catalog.sun_azimuth)
+        shape = tuple(len(axis) for axis in axes)
+        works, known = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+        by_point, by_elevation = [np.zeros(0)], np.zeros((shape[1], 3), np.int64)
+        for rows in catalog.blocks("condition"):
+            flags = catalog.part("condition", rows)
+            good, all_ = usable(flags), evaluated(flags)
+            works += good.sum(axis=0)
+            known += all_.sum(axis=0)
+            by_point.append(_share(good.sum(axis=(1, 2, 3)), all_.sum(axis=(1, 2, 3))))
+            some = all_.any(axis=(1, 3))
+            every = some & (good | ~all_).all(axis=(1, 3))
+            counts = (some, good.any(axis=(1, 3)), every)
+            by_elevation += np.stack([which.sum(axis=0) for which in counts], axis=-1)
+        return cls(works, known, np.concatenate(by_point), by_elevation)
 
     @cached_property
     def share(self) -> float:
         """Usable share of all points' evaluated conditions."""
-        return float(self._share(None))
-
-    @cached_property
-    def by_point(self) -> AnyArray:
-        return self._share((1, 2, 3))
+        return float(_share(self.usable.sum(), self.evaluated.sum()))
 
     @cached_property
     def by_view(self) -> AnyArray:
-        return self._share((0, 2, 3))
+        """Usable share over points and Suns, (view,)."""
+        return _share(self.usable.sum(axis=(1, 2)), self.evaluated.sum(axis=(1, 2)))
 
     @cached_property
     def by_view_and_sun(self) -> AnyArray:
         """Usable share, (view, sun_elevation, sun_azimuth)."""
-        return self._share((0,))
-
-    @cached_property
-    def by_point_and_sun(self) -> AnyArray:
-        """Usable share over the views, (point, sun_elevation, sun_azimuth)."""
-        return self._share((1,))
+        return _share(self.usable, self.evaluated)
 
     @cached_property
     def by_elevation(self) -> AnyArray:
         """Usable share over points, views and azimuths, (sun_elevation,)."""
-        return self._share((0, 1, 3))
+        return _share(self.usable.sum(axis=(0, 2)), self.evaluated.sum(axis=(0, 2)))
 
     @cached_property
-    def points_by_elevation(self) -> AnyArray:
-        """Number of points at each Sun elevation, (sun_elevation, 3): evaluated, usable in at least one
-        condition, usable in all evaluated ones.
+    def suns(self) -> AnyArray:
+        """True for Sun cells that were evaluated for at least one point, (sun_elevation,
+        sun_azimuth).
         """
-        known, works = self._evaluated, self._usable
-        some = known.any(axis=(1, 3))
-        every = some & (works | ~known).all(axis=(1, 3))
-        counts = [some.sum(axis=0), works.any(axis=(1, 3)).sum(axis=0), every.sum(axis=0)]
-        return np.stack(counts, axis=-1)
+        return np.asarray(self.evaluated.any(axis=0))
 
-    @cached_property
-    def suns(self) -> int:
-        """Number of Sun cells that were evaluated for at least one point."""
-        return int(self._evaluated.any(axis=(0, 1)).sum())
+
+def share_by_sun(catalog: Catalog, row: int) -> AnyArray:
+    """Usable share of a point over the views, (sun_elevation, sun_azimuth)."""
+    flags = catalog.part("condition", row)
+    return _share(usable(flags).sum(axis=0), evaluated(flags).sum(axis=0))
+
+
+def _share(good: AnyArray, all_: AnyArray) -> AnyArray:
+    """Usable as a share of evaluated conditions; NaN if none was evaluated."""
+    return np.asarray(np.where(all_ > 0, good / np.maximum(all_, 1), np.nan))
 
 
 def describe(path: Path | str) -> dict[str, Any]:
@@ -91,26 +102,28 @@ def describe(path: Path | str) -> dict[str, Any]:
     usable; ``bounds`` are those of the points, with west above east if they cross the prime
     meridian.
     """
-    problems = verify(path)
-    found: dict[str, Any] = {
-        "points": None,
-        "usable_share": None,
-        "intact": not problems,
-        "problems": problems,
-    }
-    found |= {"schema_version": None, "sources": None, "bounds": None}
+    names = ("points", "usable_share", "intact", "problems", "schema_version", "sources", "bounds")
     try:
-        catalog = open_catalog(path)
+        problems, found = apart(StoredFile.of(path), _described)
     except CatalogError as error:
-        if not problems:  # the file changed in between
-            found |= {"intact": False, "problems": [str(error)]}
-        return found
-    return found | summary(catalog)
+        problems, found = [str(error).removeprefix(f"{path}: ")], {}
+    return dict.fromkeys(names) | {"intact": not problems, "problems": problems} | found
 
 
-def summary(catalog: Catalog) -> dict[str, Any]:
-    """The figures of a catalogue as plain values, ready for JSON."""
-    statistics = Statistics(catalog)
+def _described(path: str) -> tuple[list[str], dict[str, Any]]:
+    """Problems and figures of a file; figures only if nothing but a digest is wrong."""
+    problems = all_problems(path)
+    if any(not line.split(":")[0].endswith("_sha256") for line in problems):
+        return problems, {}
+    try:
+        return problems, summary(StoredCatalog.of(StoredFile.of(path)))
+    except CatalogError as error:  # the file changed in between
+        return [str(error).removeprefix(f"{path}: ")], {}
+
+
+def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str, Any]:
+    """The figures of a catalogue as plain values, ready for JSON; ``statistics``: its own, if known."""
+    statistics = statistics or Statistics.of(catalog)
     return {
         "points": len(catalog),
         "usable_share": _plain(statistics.share),
@@ -126,11 +139,11 @@ def summary(catalog: Catalog) -> dict[str, Any]:
         "spacing_m": catalog.coverage.spacing_m,
         "patch_nodes": catalog.patch_nodes,
         "gsd_m": _range(catalog.gsd),
-        "products": dict(sorted(Counter(catalog.dem_product.tolist()).items())),
+        "products": dict(sorted(_products(catalog).items())),
         "elevation_sigma_m": _known(catalog.elevation_sigma),
         "dem_resolution_m": _known(catalog.dem_resolution),
         "usable_by_sun_elevation": _by_elevation(catalog, statistics),
-        "suns_evaluated": statistics.suns,
+        "suns_evaluated": int(statistics.suns.sum()),
         "sun_elevation_deg": _range(catalog.sun_elevation),
         "views": _views(catalog, statistics),
         "localization_sigma_m": _percentiles(catalog.localization_sigma[:, 0]),
@@ -162,11 +175,22 @@ def _by_elevation(catalog: Catalog, statistics: Statistics) -> list[dict[str, An
 
 def _albedo(catalog: Catalog) -> dict[str, Any] | None:
     """The albedo map with the range of its factors over the patches; None without one."""
-    if catalog.albedo is None:
+    if catalog.albedo_map is None:
         return None
-    known = catalog.albedo[np.isfinite(catalog.albedo)]
-    off = np.isnan(catalog.albedo).any(axis=(1, 2))
-    return catalog.albedo_map | {"range": _range(known), "points_off_the_map": int(off.sum())}
+    ranges, off = [], 0
+    for rows in catalog.blocks("albedo"):
+        albedo = catalog.part("albedo", rows)
+        ranges += _range(albedo[np.isfinite(albedo)]) or []
+        off += int(np.isnan(albedo).any(axis=(1, 2)).sum())
+    return catalog.albedo_map | {"range": _range(np.array(ranges)), "points_off_the_map": off}
+
+
+def _products(catalog: Catalog) -> Counter[str]:
+    """Number of points by DEM product."""
+    found: Counter[str] = Counter()
+    for rows in catalog.blocks("dem_product"):
+        found.update(catalog.part("dem_product", rows).tolist())
+    return found
 
 
 def bounds(lon_deg: AnyArray, lat_deg: AnyArray) -> dict[str, float] | None:

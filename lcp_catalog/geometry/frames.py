@@ -41,20 +41,20 @@ def mcmf_to_lonlat(position_m: ArrayLike) -> tuple[Array, Array, Array]:
     return lon, np.degrees(np.arctan2(z, ring)), np.hypot(ring, z) - MOON_RADIUS_M
 
 
-def enu_rotation(lon_deg: float, lat_deg: float) -> Array:
-    """Rotation MCMF to ENU at a place, shape (3, 3): rows east, north, up.
+def enu_rotation(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
+    """Rotations MCMF to ENU at places, shape (..., 3, 3): rows east, north, up.
 
     At a pole east is its limit along the given meridian.
     """
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
-    return np.array(
-        [
-            [-sin_lon, cos_lon, 0.0],
-            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-        ]
-    )
+    rotation = np.zeros((*np.shape(lon), 3, 3))
+    rotation[..., 0, 0], rotation[..., 0, 1] = -sin_lon, cos_lon
+    rotation[..., 1, 0], rotation[..., 1, 1] = -sin_lat * cos_lon, -sin_lat * sin_lon
+    rotation[..., 1, 2] = cos_lat
+    rotation[..., 2, 0], rotation[..., 2, 1] = cos_lat * cos_lon, cos_lat * sin_lon
+    rotation[..., 2, 2] = sin_lat
+    return rotation
 
 
 def direction_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> Array:

@@ -19,6 +19,11 @@ from lcp_catalog.catalog.summary import Statistics, summary
 from lcp_catalog.geometry.frames import EnuFrame
 
 
+def given(catalog: Catalog) -> tuple[Catalog, Map, np.ndarray]:
+    """What `claim_map` takes: the catalogue, its chart and its evaluated Suns."""
+    return catalog, chart_of(catalog), Statistics.of(catalog).suns
+
+
 def chart_of(catalog: Catalog) -> Map:
     view = catalog.overview
     return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
@@ -43,11 +48,11 @@ def decoded(found: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def test_the_page_holds_what_the_catalogue_claims() -> None:
     catalog = catalogs.claimed(20)
-    found = claim_map.claim_map(catalog, chart_of(catalog))
+    found = claim_map.claim_map(*given(catalog))
     assert found is not None
     planes = decoded(found)
     suns = np.array(found["suns"])
-    assert len(suns) == Statistics(catalog).suns
+    assert len(suns) == Statistics.of(catalog).suns.sum()
     at = (..., suns[:, 0], suns[:, 1])
     np.testing.assert_array_equal(planes["condition"], catalog.condition[at])
     for name, relative, absolute in (
@@ -63,11 +68,11 @@ def test_the_page_holds_what_the_catalogue_claims() -> None:
 
 def test_a_page_for_many_points_shows_an_even_sample() -> None:
     catalog = catalogs.claimed(40)
-    suns = Statistics(catalog).suns
+    suns = Statistics.of(catalog).suns.sum()
     one = suns * 3
-    whole = claim_map.claim_map(catalog, chart_of(catalog), 40 * one * 13)
-    fewer = claim_map.claim_map(catalog, chart_of(catalog), 40 * one * 13 - 1)
-    some = claim_map.claim_map(catalog, chart_of(catalog), 10 * one * 5)
+    whole = claim_map.claim_map(*given(catalog), 40 * one * 13)
+    fewer = claim_map.claim_map(*given(catalog), 40 * one * 13 - 1)
+    some = claim_map.claim_map(*given(catalog), 10 * one * 5)
     assert whole is not None
     assert fewer is not None
     assert some is not None
@@ -87,7 +92,7 @@ def test_a_page_for_many_points_shows_an_even_sample() -> None:
 
 def test_a_point_north_of_another_is_drawn_above_it() -> None:
     catalog = catalogs.claimed(9)
-    found = claim_map.claim_map(catalog, chart_of(catalog))
+    found = claim_map.claim_map(*given(catalog))
     assert found is not None
     by_latitude = sorted(found["points"], key=lambda point: point[2])
     assert by_latitude[0][4] > by_latitude[-1][4]
@@ -103,13 +108,16 @@ def test_the_section_is_there_with_claims_only() -> None:
     assert {"chooser", "numbers", "claims", "sky", "found", "outcome"} <= set(page.ids)
     (text,) = re.findall(r"<script type='application/json' id='numbers'>(.*?)</script>", html)
     assert len(json.loads(text)["points"]) == 20
-    assert len(re.findall(r'data-sun="\d+"', html)) == Statistics(catalogs.claimed(20)).suns
+    assert (
+        len(re.findall(r'data-sun="\d+"', html)) == Statistics.of(catalogs.claimed(20)).suns.sum()
+    )
     assert "<noscript>" in html
     assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
     old = report.render_report(catalogs.catalog(20), "c.h5")
     assert not {"chooser", "numbers"} & set(parsed(old).ids)
     assert "Usable share by Sun elevation" in old
-    assert claim_map.claim_map(catalogs.claimed(0), chart_of(catalogs.claimed(0))) is None
+    empty = catalogs.claimed(0)
+    assert claim_map.claim_map(*given(empty)) is None
 
 
 def test_figures_by_sun_elevation_are_counts() -> None:

@@ -60,9 +60,9 @@ def test_texts_of_the_catalogue_cannot_become_markup() -> None:
         catalogs.catalog(
             3,
             title=bad,
-            config=bad,
+            config=f'title = "{bad}"',
             scene_plan={"a": bad},
-            sources=[{"name": bad}],
+            sources=[{"name": bad, "size": 1, "sha256": bad}],
             dem_product=[bad] * 3,
         ),
         bad,

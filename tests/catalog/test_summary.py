@@ -16,7 +16,7 @@ def test_usable_share_counts_evaluated_conditions(tmp_path: Path) -> None:
     found = catalogs.catalog(20)
     flags = found.condition.ravel().tolist()
     share = sum(f == 31 for f in flags) / sum(f & 1 for f in flags)
-    statistics = summary.Statistics(found)
+    statistics = summary.Statistics.of(found)
     assert statistics.share == pytest.approx(share)
     one = found.condition[7].ravel().tolist()
     assert statistics.by_point[7] == pytest.approx(

@@ -1,0 +1,265 @@
+"""The structure of a catalogue's file, judged by known names and by sizes before any value is read:
+what it links to, how it is stored, and how much it claims to hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import prod
+from typing import Any
+
+import h5py
+import numpy as np
+
+from .checks import shape_problems
+from .layout import (
+    CLAIM_ATTRIBUTES,
+    GLOBAL_ATTRIBUTES,
+    GROUP_ATTRIBUTES,
+    GROUPS,
+    NUMBERS,
+    OPTIONAL_ATTRIBUTES,
+    TEXT,
+    is_claim,
+    key,
+    variable_attributes,
+)
+from .schema import ADDED_IN_1_1, FORMER_NAMES, OPTIONAL, SCHEMA_VERSION, Variable
+
+HDF5_ERRORS = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    MemoryError,
+)
+"""Errors that h5py raises for damaged files."""
+
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+
+_DEFLATE_MOST = 1100
+"""Bytes that a byte of deflated data can hold, 1032, and some."""
+
+_CHUNK_BYTES_MAX = 2**26
+
+_ATTRIBUTE_BYTES_MAX = 2**16
+"""Most bytes of an attribute in its object; HDF5 keeps long texts elsewhere."""
+
+
+def line_of(error: BaseException) -> str:
+    """An error as one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
+    """All problems of the structure, one line each. Of a file that is no catalogue of a supported
+    version the only one.
+    """
+    foreign = list(_identity_problems(file))
+    if foreign:
+        return foreign
+    problems = list(_attribute_problems(file, "", _wanted(file)))
+    shapes: dict[str, tuple[int, ...]] = {}
+    step = _sigma_step(file)
+    for group, variables in GROUPS.items():
+        place = _member(file, group) if group else file
+        if not isinstance(place, h5py.Group):
+            problems.append(f"{group}: the group is {_kind(place)}")
+            continue
+        problems += _attribute_problems(place, group, GROUP_ATTRIBUTES.get(group, ()))
+        for short, variable in variables.items():
+            if is_absent(file, key(group, short)):
+                continue
+            try:
+                dataset = _member(place, short)
+                if not isinstance(dataset, h5py.Dataset):
+                    problems.append(f"{key(group, short)}: the variable is {_kind(dataset)}")
+                    continue
+                shapes[key(group, short)] = dataset.shape
+                expected = variable_attributes(short, variable, step)
+                faults = _variable_faults(dataset, short, variable, expected, file_bytes)
+                problems += [f"{key(group, short)}: {fault}" for fault in faults]
+            except HDF5_ERRORS as error:
+                problems.append(f"{key(group, short)}: is damaged: {line_of(error)}")
+    return problems + shape_problems(shapes)
+
+
+def is_absent(file: h5py.File, name: str) -> bool:
+    """True for a variable that the file lacks because of its schema version, or because the
+    catalogue was built without it.
+    """
+    if name in OPTIONAL:
+        return not (_has_variable(file, name) or "albedo_map" in file.attrs)
+    if is_claim(name):
+        return not states_claims(file)
+    return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
+
+
+def states_claims(file: h5py.File) -> bool:
+    """True for a file of schema 2."""
+    return not str(file.attrs.get("schema_version")).startswith("1.")
+
+
+def _identity_problems(file: h5py.File) -> Iterator[str]:
+    """A problem if the file is no catalogue of a supported version; then nothing else is checked."""
+    try:
+        sound = all(_attribute_fault(file, name) == "" for name in ("schema_version", "body"))
+        version = file.attrs["schema_version"] if sound else None
+    except HDF5_ERRORS as error:
+        yield f"its attributes (schema_version, body) cannot be read: {line_of(error)}"
+        return
+    if not isinstance(version, str):
+        yield "not a catalogue of control points: it has no schema_version and body"
+    elif version.split(".")[0] not in ("1", SCHEMA_VERSION.split(".")[0]):
+        text = _shown(version)
+        yield f"schema version {text} is not understood here ({SCHEMA_VERSION}); use a newer lcp"
+
+
+def _wanted(file: h5py.File) -> tuple[str, ...]:
+    """Names of the global attributes that the file must have."""
+    return (
+        *GLOBAL_ATTRIBUTES,
+        *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()),
+        *(CLAIM_ATTRIBUTES if states_claims(file) else ()),
+    )
+
+
+def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -> Iterator[str]:
+    """Faults of the attributes of the file or of a group, which are texts and numbers."""
+    before = f"{group}: " if group else ""
+    for name in names:
+        try:
+            fault = _attribute_fault(place, name)
+            value = None if fault else place.attrs[name]
+        except HDF5_ERRORS as error:
+            fault, value = f"cannot be read: {line_of(error)}", None
+        number = bool(group) or name in NUMBERS
+        if not fault and not isinstance(value, np.number if number else str):
+            fault = "is not a number" if number else "is not a text"
+        if fault:
+            yield f"{before}the attribute {name} {fault}"
+
+
+def _attribute_fault(place: h5py.Group, name: str) -> str:
+    """What speaks against reading an attribute; empty if nothing does."""
+    if not h5py.h5a.exists(place.id, name.encode()):
+        return "is missing"
+    found = h5py.h5a.open(place.id, name.encode())
+    if found.get_storage_size() > _ATTRIBUTE_BYTES_MAX:
+        return f"claims {found.get_storage_size()} bytes"
+    return ""
+
+
+def _has_variable(file: h5py.File, name: str) -> bool:
+    """True if the variable exists, damaged or not."""
+    try:
+        return file.id.links.exists(name.encode())
+    except HDF5_ERRORS:
+        return True
+
+
+def _member(place: h5py.Group, name: str) -> Any:
+    """A member of a group, a text for one that is not to be followed, None for one that is missing."""
+    links = place.id.links
+    if not links.exists(name.encode()):
+        return None
+    if links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        return "a link to another place, which is not followed"
+    return place[name]
+
+
+def _kind(member: Any) -> str:
+    """What stands in the place of a group or variable."""
+    return member if isinstance(member, str) else "missing"
+
+
+def _sigma_step(file: h5py.File) -> float:
+    """Step of stored sigmas, 1 for a file without claims or with a damaged attribute."""
+    try:
+        return float(file.attrs["sigma_step_m"])
+    except HDF5_ERRORS:
+        return 1.0
+
+
+def _variable_faults(
+    dataset: h5py.Dataset,
+    short: str,
+    variable: Variable,
+    attributes: Mapping[str, Any],
+    file_bytes: int,
+) -> Iterator[str]:
+    text = h5py.check_string_dtype(dataset.dtype)
+    kind = TEXT if text is not None and text.length else dataset.dtype.str.lstrip("<|")
+    if kind != variable.dtype:
+        yield f"holds {_shown(kind)} instead of {variable.dtype}"
+    storage = _storage_fault(dataset, file_bytes)
+    if storage:
+        yield storage
+    dims = _dims(dataset, short)
+    if dims != variable.dims:
+        wanted = ", ".join(variable.dims)
+        yield f"has the dimensions ({_shown(', '.join(dims))}) instead of ({wanted})"
+    for attribute, expected in attributes.items():
+        fault = _attribute_fault(dataset, attribute)
+        found: Any = None if fault else dataset.attrs[attribute]
+        former = FORMER_NAMES.get(short, ()) if attribute == "long_name" else ()
+        if isinstance(found, str) and found in former:
+            continue
+        if not np.array_equal(found, expected):
+            yield f"{attribute} is {_shown(found)} instead of {expected!s}"
+
+
+def _shown(value: Any) -> str:
+    """Text from a file in a message: short, and without characters that cannot be printed."""
+    return "".join(c if c.isprintable() else "?" for c in str(value)[:80])
+
+
+def _storage_fault(dataset: h5py.Dataset, file_bytes: int) -> str:
+    """What is wrong with the way a variable is stored; empty if nothing is."""
+    stored = dataset.id.get_create_plist()
+    if stored.get_layout() == h5py.h5d.VIRTUAL or stored.get_external_count():
+        return "is stored in another file, which is not followed"
+    filters = {stored.get_filter(k)[0] for k in range(stored.get_nfilters())}
+    if stored.get_layout() != h5py.h5d.CHUNKED or h5py.h5z.FILTER_FLETCHER32 not in filters:
+        return "has no checksums"
+    if not filters <= _FILTERS:
+        return "is packed by an unknown filter"
+    return _chunk_fault(dataset, stored.get_chunk(), file_bytes)
+
+
+def _chunk_fault(dataset: h5py.Dataset, chunk: tuple[int, ...], file_bytes: int) -> str:
+    """What is wrong with the places and sizes of the chunks; empty if nothing is."""
+    chunk_bytes = prod(chunk) * dataset.dtype.itemsize
+    wanted = prod(-(-length // step) for length, step in zip(dataset.shape, chunk, strict=True))
+    if chunk_bytes > _CHUNK_BYTES_MAX or wanted > file_bytes:
+        return f"claims {dataset.size * dataset.dtype.itemsize} bytes of a file of {file_bytes}"
+    places: list[tuple[int, int]] = []
+    masked = False
+
+    def look(info: Any) -> None:
+        nonlocal masked
+        places.append((info.byte_offset, info.size))
+        masked = masked or bool(info.filter_mask)
+
+    if wanted:
+        dataset.id.chunk_iter(look)
+    if len(places) != wanted:
+        return f"has {len(places)} chunks of {wanted}"
+    offset, size = np.array(places, dtype=np.uint64).reshape(-1, 2).T
+    order = np.argsort(offset)
+    ends = offset + size
+    if masked or (ends > file_bytes).any() or (ends[order][:-1] > offset[order][1:]).any():
+        return "has chunks that are outside the file, overlap, or are not checksummed"
+    if (size * np.uint64(_DEFLATE_MOST) < chunk_bytes).any():
+        return "has chunks that claim more than they can hold"
+    return ""
+
+
+def _dims(dataset: h5py.Dataset, short: str) -> tuple[str, ...]:
+    """Names of the dimension scales; a scale is its own, ``?`` if none is attached."""
+    if dataset.is_scale:
+        return (short,)
+    return tuple(dim[0].name.rsplit("/", 1)[-1] if len(dim) else "?" for dim in dataset.dims)

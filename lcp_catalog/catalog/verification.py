@@ -1,0 +1,167 @@
+"""Whether a catalogue's file is sound: judged in a process of its own, block by block, before this
+process reads it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from ..arrays import AnyArray
+from ..child_process import ChildFailedError, call_apart
+from ..errors import CatalogError
+from .catalogue import BLOCK_BYTES, Catalog
+from .checks import Finding, first_few, lines, part_findings, text_problems
+from .file_structure import HDF5_ERRORS, line_of, structure_problems
+from .layout import OPTIONAL_ATTRIBUTES, TEXT, digests
+from .schema import Variable
+from .stored import StoredCatalog, StoredFile, attributes, group_attributes, read_part, variables
+
+_SECONDS = 30.0
+_SECONDS_PER_MB = 1.0
+"""Processor time that the check of a file may take, 10 times and more of what it takes."""
+
+_DIMS = {"points": "point", "cells": "cell", "overview": "y"}
+"""Dimension along which a part of the content is cut into blocks."""
+
+
+def open_catalog(path: Path | str, check: bool = True) -> Catalog:
+    """Open a catalogue. CatalogError, one line, for a file that is no catalogue or is damaged;
+    `verify` lists all its problems.
+
+    Variables are read when they are used: `Catalog.part` and `Catalog.within` leave the rest in the
+    file. Before, another process with limits of time and memory checks the structure of the file
+    and all its values. ``check`` False: the structure alone, for a window of a large catalogue;
+    what `Catalog.within` reads is checked in any case.
+    """
+    stored = StoredFile.of(path)
+    problems = apart(stored, _check if check else _check_structure)
+    if problems:
+        raise CatalogError(f"{path}: {first_few(problems)}")
+    return StoredCatalog.of(stored)
+
+
+def verify(path: Path | str) -> list[str]:
+    """All problems of a catalogue, one line each; empty if it is intact.
+
+    Reads every variable of the schema, which checks its checksums, then checks the digest of the
+    content, and the values, in another process. Never raises for a bad file.
+    """
+    try:
+        return list(apart(StoredFile.of(path), all_problems))
+    except CatalogError as error:
+        return [str(error).removeprefix(f"{path}: ")]
+
+
+def apart(stored: StoredFile, check: Any) -> Any:
+    """The result of a check in another process; CatalogError if the check does not survive the file."""
+    seconds = _SECONDS + _SECONDS_PER_MB * stored.size / 1e6
+    try:
+        return call_apart(check, stored.path, seconds)
+    except ChildFailedError as error:
+        raise CatalogError(f"{stored.path}: damaged: reading it {error}") from error
+
+
+# -- in the other process
+
+
+def _check_structure(path: str) -> list[str]:
+    return _problems(path, values=False, digest=False)
+
+
+def _check(path: str) -> list[str]:
+    return _problems(path, values=True, digest=False)
+
+
+def all_problems(path: str) -> list[str]:
+    """All problems of a file, found in this process."""
+    return _problems(path, values=True, digest=True)
+
+
+def _problems(path: str, values: bool, digest: bool) -> list[str]:
+    found: list[str] = []
+    try:
+        stored = StoredFile.of(path)
+        with stored.opened() as file:
+            found = structure_problems(file, stored.size)
+            if found:
+                return found
+            texts, groups = attributes(file), group_attributes(file)
+            found = text_problems(texts, groups)
+            if values:
+                errors = json.loads(texts["errors"]) if "errors" in texts and not found else None
+                found += lines(_findings(file, errors))
+            if digest and not any("cannot be read" in line for line in found):
+                found += _digest_problems(file, texts, groups)
+    except CatalogError as error:
+        found.append(str(error).removeprefix(f"{path}: "))
+    return found
+
+
+def _findings(file: h5py.File, errors: Any) -> Iterator[Finding]:
+    """Faults of the values, part by part and block by block; a block that cannot be read is one."""
+    found = variables(file)
+    axes = [name for name in found if _is_axis(name, found[name])]
+    common, unreadable = _read(file, axes, slice(None))
+    yield from unreadable
+    if unreadable:
+        return
+    yield from part_findings("axes", common, errors)
+    for part, dim in _DIMS.items():
+        own = [name for name in found if found[name].dims[0] == dim and name not in axes]
+        total = file[own[0]].shape[0]
+        for rows in _blocks(file, own):
+            values, unreadable = _read(file, own, rows)
+            yield from unreadable
+            for finding in () if unreadable else part_findings(part, common | values, errors):
+                yield finding.of_block(rows.start, rows.stop, total)
+
+
+def _is_axis(name: str, variable: Variable) -> bool:
+    """True for variables that are checked whole: coordinates, those of no part, and identifiers."""
+    coordinate = variable.dims == (name.rpartition("/")[2],)
+    return coordinate or variable.dims[0] not in _DIMS.values() or name == "point_id"
+
+
+def _read(
+    file: h5py.File, names: list[str], rows: slice
+) -> tuple[dict[str, AnyArray], list[Finding]]:
+    """Rows of variables, and those that cannot be read."""
+    values, unreadable, known = {}, [], variables(file)
+    for name in names:
+        try:
+            values[name] = read_part(file, name, known[name], rows)
+        except HDF5_ERRORS as error:
+            unreadable.append(Finding(name, f"cannot be read: {line_of(error)}"))
+    return values, unreadable
+
+
+def _blocks(file: h5py.File, names: list[str]) -> Iterator[slice]:
+    """All rows of variables of one length, in blocks of `BLOCK_BYTES`; at least one block."""
+    total = file[names[0]].shape[0]
+    row_bytes = sum(file[name].nbytes for name in names) // max(1, total)
+    step = max(1, BLOCK_BYTES // max(1, row_bytes))
+    for start in range(0, max(1, total), step):
+        yield slice(start, min(start + step, total))
+
+
+def _digest_problems(
+    file: h5py.File, texts: dict[str, Any], groups: dict[str, dict[str, float]]
+) -> list[str]:
+    """Digests that differ from those of the content."""
+    optional = {name: texts[name] for name in ("albedo_map",) if name in texts}
+    own = ("content_sha256", *OPTIONAL_ATTRIBUTES)
+    plain = {name: value for name, value in texts.items() if name not in own}
+    content = {
+        name: read_part(file, name, variable) if variable.dtype == TEXT else file[name]
+        for name, variable in variables(file).items()
+    }
+    return [
+        f"{name}: the content is not what was written (damaged or edited)"
+        for name, found in digests(content, plain, groups, optional).items()
+        if name.endswith("_sha256") and found != texts.get(name)
+    ]

@@ -1,0 +1,151 @@
+"""A function in a process of its own, with limits of time and memory: whatever a damaged file does to
+the library that reads it (a crash, an endless loop, an allocation of what the file claims), the
+caller goes on with one line of text.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+MEMORY_MB = 1000
+"""Memory that the function may allocate, 10^6 bytes."""
+
+_WALL_FACTOR = 10.0
+"""Elapsed time that is allowed, as a multiple of the processor time: the machine may be busy."""
+
+_FRESH = """\
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from lcp_catalog.child_process import run_by_name
+run_by_name(*json.loads(sys.argv[2]))
+"""
+
+
+class ChildFailedError(Exception):
+    """The function did not come to an end in its process; the text says how it ended."""
+
+
+def call_apart(
+    function: Callable[[str], Any], argument: str, seconds: float, memory_mb: float = MEMORY_MB
+) -> Any:
+    """``function(argument)`` in another process, a result that JSON can hold.
+
+    ``function``: a public function of a module of this package. ``seconds``: processor time that it
+    may use. The process is a fork of this one if this one has a single thread, and otherwise a
+    fresh interpreter, which takes 0.1 s more than the imports of the function's module.
+    ChildFailedError if it ends without a result.
+    """
+    reader, writer = os.pipe()
+    try:
+        given = (function.__module__, function.__name__, argument, seconds, memory_mb)
+        process = _forked(given, reader, writer) if _single_thread() else _fresh(given, writer)
+    finally:
+        os.close(writer)
+    try:
+        content, late = _received(reader, time.monotonic() + _WALL_FACTOR * seconds)
+    except BaseException:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        raise
+    finally:
+        os.close(reader)
+    if late:
+        os.kill(process, signal.SIGKILL)
+    return _result(content, os.waitpid(process, 0)[1], seconds, memory_mb)
+
+
+def run_by_name(
+    module: str, name: str, argument: str, seconds: float, memory_mb: float
+) -> NoReturn:
+    """Call a function under limits, write its result to stdout as JSON, and end this process."""
+    code = 1
+    with suppress(BaseException):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it too, and ends this one
+        function = getattr(import_module(module), name)
+        _limit(seconds, memory_mb)
+        code = 3  # from here on, out of memory
+        content = json.dumps(function(argument)).encode()
+        code = 1
+        while content:
+            content = content[os.write(1, content) :]
+        code = 0
+    os._exit(code)
+
+
+def _single_thread() -> bool:
+    """True if this process certainly has one thread, so that a fork of it holds no locks."""
+    try:
+        return len(os.listdir("/proc/self/task")) == 1
+    except OSError:
+        return False
+
+
+def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:
+    process = os.fork()
+    if process:
+        return process
+    os.close(reader)
+    os.dup2(writer, 1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    run_by_name(*given)
+
+
+def _fresh(given: tuple[Any, ...], writer: int) -> int:
+    arguments = [sys.executable, "-c", _FRESH, json.dumps(sys.path), json.dumps(given)]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    streams = [
+        (os.POSIX_SPAWN_DUP2, writer, 1),
+        (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),
+    ]
+    return os.posix_spawn(sys.executable, arguments, environment, file_actions=streams)
+
+
+def _limit(seconds: float, memory_mb: float) -> None:
+    """Limit the processor time, the memory beyond what is in use, and dumps of crashes."""
+    used = 0
+    with suppress(OSError, ValueError):
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    for kind, most in (
+        (resource.RLIMIT_CPU, int(seconds) + 1),
+        (resource.RLIMIT_AS, used + int(memory_mb * 1e6)),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(kind)[1]
+        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        with suppress(OSError, ValueError):  # a system that lacks this limit
+            resource.setrlimit(kind, (least, hard))
+
+
+def _received(reader: int, deadline: float) -> tuple[bytes, bool]:
+    """What the process wrote, and whether it was late."""
+    parts: list[bytes] = []
+    while select.select([reader], [], [], max(0.0, deadline - time.monotonic()))[0]:
+        part = os.read(reader, 2**20)
+        if not part:
+            return b"".join(parts), False
+        parts.append(part)
+    return b"", True
+
+
+def _result(content: bytes, status: int, seconds: float, memory_mb: float) -> Any:
+    code = os.waitstatus_to_exitcode(status)
+    if code == 0:
+        return json.loads(content)
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise ChildFailedError(f"takes more than {seconds:.0f} s or was killed")
+    if code == 3:
+        raise ChildFailedError(f"needs more than {memory_mb:.0f} MB of memory")
+    raise ChildFailedError(
+        f"crashed with signal {-code}" if code < 0 else f"ended with code {code}"
+    )
