@@ -58,8 +58,8 @@ EXIT_SOME_FAILED = 3
 )
 @click.option(
     "--scheduler",
-    metavar="ADDRESS",
-    help="Compute the areas on the cluster of this dask scheduler (tcp://HOST:PORT).",
+    metavar="ADDRESS|FILE",
+    help="Compute the areas on the cluster of this dask scheduler: tcp://HOST:PORT, or its scheduler file.",
 )
 @click.option(
     "--part",

@@ -63,3 +63,7 @@ class CatalogError(LcpError, ValueError):
 
 class AreaFailedError(LcpError, RuntimeError):
     """An area of a build failed; the message names the area and the cause."""
+
+
+class ClusterError(LcpError, ConnectionError):
+    """A scheduler cannot be reached, or a worker has another package or other files."""

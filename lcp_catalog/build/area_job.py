@@ -10,6 +10,7 @@ import logging
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,15 @@ class AreaJob:
     errors: ErrorModel
     albedo: AlbedoMap | None = None
     maps: ErrorMaps | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that the job reads."""
+        return (
+            *self.dems.files,
+            *(self.albedo.files if self.albedo else ()),
+            *(self.maps.files if self.maps else ()),
+        )
 
     @property
     def work(self) -> int:

@@ -17,10 +17,12 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for_connections
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import ConfigError
 from ..threads import limit_threads
+from .cluster import run_on_cluster
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -37,18 +39,19 @@ def run_tasks(
     jobs: int = 1,
     scheduler: str | None = None,
     started: ProcessPoolExecutor | None = None,
+    inputs: Sequence[Path] = (),
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Yield (index of the task, its result or its exception) in the order in which tasks end.
 
-    ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address of a dask
-    scheduler whose workers have this package installed. Results do not depend on either. ``started``:
-    processes that run already (`starting_workers`). ConfigError for invalid ``jobs``, or without
-    dask.distributed.
+    ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address or file
+    of a dask scheduler (`cluster.run_on_cluster`), whose workers must have the same ``inputs``: files
+    that the tasks read. Results do not depend on either. ``started``: processes that run already
+    (`starting_workers`). ConfigError for invalid ``jobs``; errors of `cluster.run_on_cluster`.
     """
     if jobs < 1:
         raise ConfigError(f"--jobs must be at least 1, not {jobs}")
     if scheduler is not None:
-        yield from _on_cluster(function, tasks, scheduler)
+        yield from run_on_cluster(function, tasks, scheduler, inputs)
     elif jobs == 1 or len(tasks) == 1:
         yield from _here(function, tasks)
     else:
@@ -233,21 +236,3 @@ def _stop(pool: ProcessPoolExecutor) -> None:
         process.terminate()
     for process in processes:
         process.join()
-
-
-def _on_cluster(
-    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str
-) -> Iterator[tuple[int, Result | Exception]]:
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        raise ConfigError(
-            "--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'"
-        ) from error
-    with Client(scheduler, timeout="10s") as client:
-        futures = {
-            client.submit(_on_one_thread, function, task, pure=False): index
-            for index, task in enumerate(tasks)
-        }
-        for future in as_completed(list(futures)):
-            yield futures[future], _result_of(future)

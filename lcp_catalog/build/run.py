@@ -96,12 +96,7 @@ class Build:
     def files(self) -> list[Path]:
         """Every file that the build reads, except its configuration."""
         law = law_file(self.config.model.reflectance)
-        return [
-            *self.dems.files,
-            *(self.albedo.files if self.albedo else ()),
-            *(self.maps.files if self.maps else ()),
-            *([law] if law else ()),
-        ]
+        return [*self.jobs[0].files, *([law] if law else ())]
 
     def fingerprint(self) -> str:
         """Digest of all that determines the areas' content: version, configuration, bytes of all files."""
@@ -190,7 +185,7 @@ def build_catalog(
     """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
 
     jobs: processes that compute areas at the same time; the result does not depend on it.
-    scheduler: address of a dask scheduler that computes the areas instead. resume: keep the finished
+    scheduler: address, or scheduler file, of a dask scheduler that computes the areas instead. resume: keep the finished
     areas of an interrupted run with the same inputs. overwrite: replace an existing output; with
     resume, also finished areas of a run with other inputs.
     keep_going: leave out areas that fail (they are named in the report) instead of raising
@@ -305,7 +300,8 @@ def compute_areas(
     todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
     done, failed = len(areas) - len(todo), {}
     progress(done, len(areas))
-    for index, outcome in run_tasks(run_area, todo, jobs, scheduler, started):
+    inputs = areas[0].files if areas else ()
+    for index, outcome in run_tasks(run_area, todo, jobs, scheduler, started, inputs):
         name = todo[index].task.name
         if isinstance(outcome, Exception):
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"

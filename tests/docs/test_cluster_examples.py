@@ -38,10 +38,8 @@ ring_max_km = 20.0
 """
 
 
-@pytest.fixture
-def shared_folder(tmp_path: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """The folder of a job: DEM, configuration, and ``lcp`` in ``bin``."""
-    folder = tmp_path / "job"
     (folder / "bin").mkdir(parents=True)
     program = folder / "bin" / "lcp"
     program.write_text(
@@ -51,6 +49,20 @@ def shared_folder(tmp_path: Path) -> Path:
     shutil.copy(DEM, folder / "dem.tif")
     (folder / "tile.toml").write_text(CONFIG)
     return folder
+
+
+@pytest.fixture
+def shared_folder(tmp_path: Path) -> Path:
+    return make_folder(tmp_path / "job")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The catalogue of the job, built by one process."""
+    folder = make_folder(tmp_path_factory.mktemp("whole") / "job")
+    config = BuildConfig.from_toml(folder / "tile.toml")
+    build_catalog([folder / "dem.tif"], config, folder / "whole.h5")
+    return (folder / "whole.h5").read_bytes()
 
 
 def start(folder: Path, script: str, **variables: str) -> subprocess.Popen[str]:
@@ -64,7 +76,7 @@ def start(folder: Path, script: str, **variables: str) -> subprocess.Popen[str]:
     )
 
 
-def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, tmp_path: Path) -> None:
+def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, whole: bytes) -> None:
     """SLURM is a loop here, which starts all tasks at once."""
     array = {"SLURM_ARRAY_TASK_COUNT": "3", "SLURM_CPUS_PER_TASK": "1"}
     tasks = [
@@ -74,7 +86,19 @@ def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, tmp_path
     assert [task.returncode for task in tasks] == [0, 0, 0], said
     merge = start(shared_folder, "array_merge.sh")
     assert (merge.wait(timeout=120), merge.communicate()[1].count("\n")) == (0, 1)
-    config = BuildConfig.from_toml(shared_folder / "tile.toml")
-    build_catalog([shared_folder / "dem.tif"], config, tmp_path / "whole.h5")
-    assert (shared_folder / "tile.h5").read_bytes() == (tmp_path / "whole.h5").read_bytes()
+    assert (shared_folder / "tile.h5").read_bytes() == whole
     assert not (shared_folder / "tile.h5.parts").exists()
+
+
+def test_a_dask_cluster_gives_the_bytes_of_one_build(shared_folder: Path, whole: bytes) -> None:
+    pytest.importorskip("distributed", reason="an extra: pip install 'lcp-catalog[cluster]'")
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / "local_cluster.py")],
+        cwd=shared_folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "points from" in done.stdout
+    assert (shared_folder / "tile.h5").read_bytes() == whole

@@ -1,0 +1,15 @@
+"""Build a catalogue on a dask cluster that this program starts: two workers of one thread."""
+
+from pathlib import Path
+
+from distributed import LocalCluster
+
+import lcp_catalog as lcp
+
+if __name__ == "__main__":
+    config = lcp.BuildConfig.from_toml(Path("tile.toml"))
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        report = lcp.build_catalog(
+            ["dem.tif"], config, "tile.h5", scheduler=cluster.scheduler_address
+        )
+    print(f"{report.points} points from {report.areas} areas")
