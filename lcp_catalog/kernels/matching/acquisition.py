@@ -7,6 +7,16 @@ from numba import njit, prange
 
 _SIGMAS = 5.5
 _AT, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_STEP = 0.5
+_WHOLE = np.arange(-_SIGMAS, _SIGMAS + 1.5 * _STEP, _STEP, dtype=np.float32)
+_WHOLE_WEIGHTS = np.exp(-0.5 * _WHOLE**2) * np.float32(_STEP / math.sqrt(2.0 * math.pi))
+"""Trapezoidal rule over a whole normal distribution: its error falls exponentially with the number of
+points, because the integrand and all its derivatives vanish at both ends.
+"""
+_APART = 5.6
+"""Joint sigmas between two means beyond which the lower variable is the higher one with a probability
+below 1.1e-8; 64 such rivals change a result by less than 1e-6.
+"""
 _CLEAR = 6.0
 """Sigmas beyond which a value counts as certainly above or below another."""
 _BINS = 256
@@ -19,6 +29,7 @@ _NORMAL = np.array(
         for k in range(int(2 * _CLEAR) * _BINS + 2)
     ]
 )
+_NORMAL32, _NORMAL_STEPS = _NORMAL.astype(np.float32), np.diff(_NORMAL).astype(np.float32)
 _LEAST_VARIANCE = 1e-12
 
 
@@ -46,22 +57,41 @@ def moments(contrast, rho, noise, along, nodes):
     return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan"})
+def _times_all_below(at, mean, sigma, others, inverse, out):
+    """Multiply out (n,) by the probabilities that all rivals are below mean + sigma at; at (n,), means
+    (k,), reciprocals of sigmas (k,).
+    """
+    end = np.float32(_NORMAL32.size - 2)
+    for j in range(others.size):
+        first = np.float32(((mean - others[j]) * inverse[j] + _CLEAR) * _BINS)
+        step = np.float32(sigma * inverse[j] * _BINS)
+        for k in range(at.size):
+            x = min(max(first + step * at[k], np.float32(0.0)), end)
+            i = np.uint32(x)  # unsigned: no test for a negative index
+            out[k] *= _NORMAL32[i] + (x - np.float32(i)) * _NORMAL_STEPS[i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _above_all(mean, sigma, others, inverse, low):
-    """Probability that a normal variable is above mean + low sigma and above all its rivals: means
-    (k,), reciprocals of sigmas (k,). Gauss-Legendre quadrature up to 5.5 sigma.
+def _above_all(mean, sigma, others, inverse):
+    """Probability that a normal variable is above all its rivals (`_times_all_below`)."""
+    parts = _WHOLE_WEIGHTS.copy()
+    _times_all_below(_WHOLE, mean, sigma, others, inverse, parts)
+    return min(np.float64(parts.sum()), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _above_all_from(mean, sigma, others, inverse, low):
+    """Probability that a normal variable is above mean + low sigma and above all its rivals.
+    Gauss-Legendre quadrature up to 5.5 sigma.
     """
     half = 0.5 * (_SIGMAS - low)
-    total = 0.0
+    at, parts = np.empty(_AT.size, np.float32), np.empty(_AT.size, np.float32)
     for k in range(_AT.size):
         z = low + half * (1.0 + _AT[k])
-        x, top = mean + z * sigma, 1.0
-        for j in range(others.size):
-            top *= normal((x - others[j]) * inverse[j])
-            if top < 1e-9:
-                break
-        total += _WEIGHTS[k] * math.exp(-0.5 * z * z) * top
-    return total * half / math.sqrt(2.0 * math.pi)
+        at[k], parts[k] = z, _WEIGHTS[k] * math.exp(-0.5 * z * z)
+    _times_all_below(at, mean, sigma, others, inverse, parts)
+    return np.float64(parts.sum()) * half / math.sqrt(2.0 * math.pi)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -74,7 +104,7 @@ def highest(mean, sigma, others, spreads, count, least, out):
     """
     near = 0
     for j in range(count):  # the others are certainly below
-        if mean - _SIGMAS * sigma - others[j] < _CLEAR * spreads[j]:
+        if mean - others[j] < _APART * math.sqrt(sigma * sigma + spreads[j] * spreads[j]):
             others[near], spreads[near] = others[j], 1.0 / spreads[j]
             near += 1
     low = (least - mean) / sigma
@@ -82,12 +112,12 @@ def highest(mean, sigma, others, spreads, count, least, out):
     if near == 0:
         out[0], out[2] = out[1], 1.0
         return
-    out[2] = min(_above_all(mean, sigma, others[:near], spreads[:near], -_SIGMAS), 1.0)
+    out[2] = _above_all(mean, sigma, others[:near], spreads[:near])
     out[0] = out[2]
     if low >= _SIGMAS:
         out[0] = 0.0
     elif low > -_SIGMAS:
-        out[0] = min(_above_all(mean, sigma, others[:near], spreads[:near], low), out[1])
+        out[0] = min(_above_all_from(mean, sigma, others[:near], spreads[:near], low), out[1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
