@@ -28,6 +28,40 @@ _MARGIN = 3.0
 _LOWEST = -1.5
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _power(image):
+    """Variance of an image (rows, cols) with a mean of about 0."""
+    total = power = 0.0
+    for r in range(image.shape[0]):
+        line = image[r]
+        one = two = np.float32(0.0)
+        for c in range(line.size):
+            one += line[c]
+            two += line[c] * line[c]
+        total += one
+        power += two
+    return power / image.size - (total / image.size) ** 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _window_sums(image, row, size, first, second):
+    """Move sums over ``size`` rows of the pixels and their squares, (cols,) each, to those that end
+    with ``row``.
+    """
+    new = image[row]
+    if row < size:
+        for c in range(new.size):
+            x = np.float64(new[c])
+            first[c] += x
+            second[c] += x * x
+    else:
+        old = image[row - size]
+        for c in range(new.size):
+            x, y = np.float64(new[c]), np.float64(old[c])
+            first[c] += x - y
+            second[c] += x * x - y * y
+
+
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def window_norms(stack, size, out):
     """Write the reciprocal of the norm of every centred window of size x size pixels into out (k,
@@ -38,34 +72,27 @@ def window_norms(stack, size, out):
     for k in prange(stack.shape[0]):
         image, norms = stack[k], out[k]
         rows, cols = image.shape
-        first, second = np.zeros(cols), np.zeros(cols)
-        total = power = 0.0
+        first, second, spread = np.zeros(cols), np.zeros(cols), np.empty(cols, np.float32)
+        flat = FLAT * _power(image) * count
         for r in range(rows):
-            for c in range(cols):
-                x = np.float64(image[r, c])
-                total += x
-                power += x * x
-        mean = total / (rows * cols)
-        flat = FLAT * (power / (rows * cols) - mean * mean) * count
-        for r in range(rows):
-            for c in range(cols):
-                x = np.float64(image[r, c]) - mean
-                old = np.float64(image[r - size, c]) - mean if r >= size else 0.0
-                first[c] += x - old
-                second[c] += x * x - old * old
+            _window_sums(image, r, size, first, second)
             if r < size - 1:
                 continue
             one = two = 0.0
-            for c in range(cols):
+            for c in range(size - 1):
                 one += first[c]
                 two += second[c]
-                if c >= size:
-                    one -= first[c - size]
-                    two -= second[c - size]
-                if c >= size - 1:
-                    spread = two - one * one / count
-                    good = spread > max(flat, 1e-12 * two)
-                    norms[r - size + 1, c - size + 1] = 1.0 / math.sqrt(spread) if good else 0.0
+            for c in range(size - 1, cols):
+                one += first[c]
+                two += second[c]
+                own = two - one * one / count
+                spread[c] = own if own > 1e-12 * two else 0.0
+                one -= first[c - size + 1]
+                two -= second[c - size + 1]
+            line = norms[r - size + 1]
+            for c in range(line.size):
+                own = spread[size - 1 + c]
+                line[c] = np.float32(1.0) / np.sqrt(own) if own > flat else np.float32(0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
