@@ -101,23 +101,24 @@ def registration(
         whole, image, east, south, unit, terms.variances, terms.taps, terms.heights, terms.albedo,
         found,
     )  # fmt: skip
+    contrast, noise_variance, along, shift_loss = np.ascontiguousarray(found[:, :4].T)
     return Registration(
-        contrast=found[:, 0],
-        noise_variance=found[:, 1],
-        along=found[:, 2],
-        shift_loss=found[:, 3],
+        contrast=contrast,
+        noise_variance=noise_variance,
+        along=along,
+        shift_loss=shift_loss,
         covariance_px2=_symmetric(found[:, 4:7]) * math.exp(2.0 * model.spread**2),
         nodes=p * p,
         spread=model.spread,
         slope_noise=_symmetric(found[:, 7:10]),
         bias=found[:, 10:12],
-        own=found[:, 12],
+        own=found[:, 12].copy(),
     )
 
 
 def _symmetric(parts: Array) -> Array:
     """Matrices (n, 2, 2) of xx, yy, xy (n, 3)."""
-    return np.asarray(parts[:, [0, 2, 2, 1]].reshape(-1, 2, 2))
+    return np.ascontiguousarray(parts[:, [0, 2, 2, 1]]).reshape(-1, 2, 2)
 
 
 def harris_response(patches: Float32) -> Float32:
