@@ -20,6 +20,7 @@ from .build_options import (
     sweep_options,
 )
 from .files import FileCommand
+from .messages import log_format_option, say
 from .options import (
     albedo_options,
     area_options,
@@ -82,8 +83,8 @@ EXIT_SOME_FAILED = 3
     "--plan",
     "plan_only",
     is_flag=True,
-    help="Print the number of areas and conditions, estimates of time, memory and file size, and the scene plan. Two "
-    "areas are computed for the estimates; nothing is written.",
+    help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
+    "decisions of the scene plan. Two areas are computed for the estimates; nothing is written.",
 )
 @click.option(
     "--json",
@@ -104,6 +105,7 @@ EXIT_SOME_FAILED = 3
 )
 @overwrite_option
 @depfile_option
+@log_format_option
 def command(
     dem: tuple[str, ...],
     output: str | None,
@@ -144,7 +146,12 @@ def command(
         report = _build(dem, config, output, jobs=workers, **run)
     if depfile:
         _write_depfile(depfile, output, report.files)
-    click.echo(f"{output}: {report.points} control points from {report.areas} areas", err=True)
+    say(
+        f"{output}: {report.points} control points from {report.areas} areas",
+        "done",
+        points=report.points,
+        areas=report.areas,
+    )
     return _failures(report.failed)
 
 
@@ -156,7 +163,7 @@ def _cores() -> int:
 def _failures(failed: dict[str, str]) -> int:
     """Print the causes of failed areas; the exit code."""
     for cause in failed.values():
-        click.echo(f"failed: {cause}", err=True)
+        say(f"failed: {cause}", "failed")
     return EXIT_SOME_FAILED if failed else 0
 
 
@@ -177,7 +184,7 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
             options = {"jobs": jobs, "scheduler": scheduler}
             yield {**options, "progress": update, "started": started}
     except KeyboardInterrupt:
-        click.echo("\nfinished areas are kept: run again with --resume", err=True)
+        say("finished areas are kept: run again with --resume")
         raise
 
 
@@ -215,7 +222,7 @@ def _run_part(
         options = {"overwrite": overwrite, "keep_going": keep_going}
         failed = run_part(build, Path(output), part, **engine, **options)
     areas = len(part.share(build.jobs)) - len(failed)
-    click.echo(f"{output}.parts: part {part} with {areas} areas is computed", err=True)
+    say(f"{output}.parts: part {part} with {areas} areas is computed", "done", areas=areas)
     return _failures(failed)
 
 
@@ -261,12 +268,24 @@ def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return
-    decisions = document.pop("decisions")
-    for name, value in document.items():
-        click.echo(f"{name:24} {value:{',' if isinstance(value, int) else ',.1f'}}")
-    for decision in decisions:
-        modelled = "modelled" if decision["modelled"] else "not modelled"
-        click.echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
+    click.echo(_plan_text(document, workers))
+    if click.get_current_context().find_root().params.get("verbose"):
+        for decision in document["decisions"]:
+            modelled = "modelled" if decision["modelled"] else "not modelled"
+            click.echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
+
+
+def _plan_text(plan: dict[str, Any], workers: int) -> str:
+    """Three lines: what is computed, how long it takes, how large file and processes are."""
+    from .progress import duration_text
+
+    jobs = min(workers, plan["areas"])
+    counts = f"{plan['areas']:,} areas x {plan['suns']:,} Suns x {plan['views']:,} views"
+    return (
+        f"{counts}, {plan['cell_renders']:,} cells rendered\n"
+        f"{duration_text(plan['seconds_estimate'])} with --jobs {jobs}\n"
+        f"{plan['bytes_estimate'] / 1e6:,.1f} MB of catalogue, {plan['memory_mb_per_worker']:,} MB of memory a job"
+    )
 
 
 def _write_depfile(depfile: str, output: str, files: tuple[Path, ...]) -> None:

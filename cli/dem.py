@@ -10,6 +10,7 @@ import click
 
 from . import dem_check
 from .files import FileCommand, OutputFile
+from .messages import say
 from .options import dem_argument, overwrite_option, product_order_option
 from .value_types import LATITUDE, LONGITUDE
 
@@ -109,7 +110,7 @@ def info(
         _write_map(dems, surveys, map_path, overwrite)
     if as_json and not only_set:  # the list has no field for it
         for one in differing or []:
-            click.echo(f"lcp: warning: {one}", err=True)
+            say(f"lcp: warning: {one}")
     if as_json:
         click.echo(json.dumps(whole if only_set else files, indent=2))
     else:

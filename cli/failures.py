@@ -8,6 +8,7 @@ import click
 
 from lcp_catalog.errors import ConfigError, LcpError
 
+from .messages import is_json, say
 from .signals import Stopped
 
 EXIT_FAILED = 1
@@ -18,19 +19,24 @@ EXIT_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int:
     """Print one line about ``error`` on stderr and return its exit code."""
     if isinstance(error, click.ClickException):
-        error.show()
+        if is_json():
+            say(error.format_message(), "error", exit_code=error.exit_code)
+        else:
+            error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
         stopped = (
             error.__cause__ if isinstance(error, click.Abort) else error
         )  # click's own wrapper
         by = f"stopped by {stopped.name}" if isinstance(stopped, Stopped) else "interrupted"
-        click.echo(f"lcp: {by}; no incomplete output was left", err=True)
-        return stopped.exit_code if isinstance(stopped, Stopped) else EXIT_INTERRUPTED
+        code = stopped.exit_code if isinstance(stopped, Stopped) else EXIT_INTERRUPTED
+        say(f"lcp: {by}; no incomplete output was left", "error", exit_code=code)
+        return code
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else EXIT_FAILED
-    click.echo(f"lcp: {_one_line(error)}", err=True)
-    return EXIT_USAGE if isinstance(error, ConfigError) else EXIT_FAILED
+    code = EXIT_USAGE if isinstance(error, ConfigError) else EXIT_FAILED
+    say(f"lcp: {_one_line(error)}", "error", exit_code=code)
+    return code
 
 
 def _one_line(error: BaseException) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .files import FileCommand, InputFile, OutputFile
+from .messages import say
 from .options import depfile_option, output_option, overwrite_option
 from .value_types import Finite, Number
 
@@ -115,7 +116,7 @@ def command(
         json.dumps(_document(fit, measurements), indent=2) if as_json else _text(fit, measurements)
     )
     click.echo(text)
-    click.echo(f"{output}: use it with --reflectance facet:{output}", err=True)
+    say(f"{output}: use it with --reflectance facet:{output}")
 
 
 def _settings(

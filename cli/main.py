@@ -6,12 +6,14 @@ A subcommand's module is imported only when it runs, so that ``lcp --help`` is q
 from __future__ import annotations
 
 import importlib
+import logging
 import sys
 
 import click
 
 from lcp_catalog._version import __version__
 
+from .messages import log_format_option, reset, show_log
 from .signals import stopping_signals
 
 COMMANDS = {
@@ -54,15 +56,11 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, prog_name="lcp")
 @click.option("--debug", is_flag=True, help="Show the traceback if an error occurs.")
 @click.option("-v", "--verbose", count=True, help="Log to stderr; -vv for debug messages.")
+@log_format_option
 def cli(debug: bool, verbose: int) -> None:
     """Build and use catalogues of lunar control points, made from DEMs and tested on renders."""
     if verbose:
-        import logging
-
-        level = logging.DEBUG if verbose > 1 else logging.INFO
-        logging.basicConfig(
-            level=level, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr
-        )
+        show_log(logging.DEBUG if verbose > 1 else logging.INFO)
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -79,6 +77,7 @@ def run(arguments: list[str]) -> int:
     """Run the command line and return the exit code. An error prints one line on stderr."""
     from .failures import exit_code_of  # a light import: error classes only
 
+    reset()
     try:
         with stopping_signals():
             result = cli.main(args=arguments, prog_name="lcp", standalone_mode=False)

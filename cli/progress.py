@@ -1,25 +1,89 @@
-"""A progress bar on stderr, and only on a terminal."""
+"""Progress on stderr: a bar on a terminal, a line now and then elsewhere; with rate and time left."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import click
 
+from .messages import is_json, say
+
+_EVERY_S = {False: 10.0, True: 1.0}
+"""Least time between two lines, of text and of JSON."""
+
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield a callback ``(done, total)`` that draws a progress bar; without a terminal it draws nothing."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
+    """Yield a callback ``(done, total)``. The rate counts from its first call, because a resumed run
+    begins with what is done.
+    """
+    if is_json() or not sys.stderr.isatty():
+        yield _Lines(label).update
         return
     bar = click.progressbar(length=1, label=label, file=sys.stderr, show_pos=True)
     with bar:
+        pace = _Pace()
 
         def update(done: int, total: int) -> None:
             bar.length = max(total, 1)
-            bar.update(done - bar.pos)
+            pace.update(done, total)
+            bar.update(done - bar.pos, f"{60.0 * pace.per_second:.3g} a minute")
 
+        bar.item_show_func = lambda rate: rate
         yield update
+
+
+class _Pace:
+    """Rate of a task, per second, and its time left; both 0 until a step is done."""
+
+    per_second = left_s = 0.0
+
+    def __init__(self) -> None:
+        self._first: tuple[int, float] | None = None
+
+    def update(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if self._first is None:
+            self._first = done, now
+        steps, seconds = done - self._first[0], now - self._first[1]
+        if steps > 0 and seconds > 0.0:
+            self.per_second = steps / seconds
+            self.left_s = (total - done) / self.per_second
+
+
+class _Lines:
+    """Lines about a task's progress, none for one that is soon done."""
+
+    def __init__(self, label: str) -> None:
+        self._label, self._pace = label, _Pace()
+        self._said_at: float | None = None
+
+    def update(self, done: int, total: int) -> None:
+        pace, now = self._pace, time.monotonic()
+        pace.update(done, total)
+        if self._said_at is None:
+            self._said_at = now if not is_json() else -1e9
+        if now - self._said_at < _EVERY_S[is_json()]:
+            return
+        self._said_at = now
+        rate, left = 60.0 * pace.per_second, duration_text(pace.left_s)
+        say(
+            f"{self._label}: {done} of {total}, {rate:.3g} a minute, {left} left",
+            "progress",
+            label=self._label,
+            done=done,
+            total=total,
+            per_second=pace.per_second,
+            seconds_left=pace.left_s,
+        )
+
+
+def duration_text(seconds: float) -> str:
+    """Hours and minutes, minutes and seconds, or seconds."""
+    whole = round(seconds)
+    if whole >= 3600:
+        return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole >= 60 else f"{whole} s"

@@ -6,6 +6,7 @@ import click
 
 from . import options
 from .files import FileCommand
+from .messages import say
 
 
 @click.command(cls=FileCommand)
@@ -20,4 +21,4 @@ def command(catalog: str, output: str, overwrite: bool) -> None:
     from lcp_catalog.catalog.report import write_report
 
     write_report(catalog, output, overwrite=overwrite)
-    click.echo(f"{output}: written", err=True)
+    say(f"{output}: written")

@@ -10,6 +10,7 @@ import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
 from .files import FileCommand
+from .messages import say
 from .options import (
     LAW,
     REFLECTANCE_HELP,
@@ -87,7 +88,4 @@ def command(
     write_trade(trade, folder, overwrite)
     click.echo(markdown(trade), nl=False)
     compared = trade.compared
-    click.echo(
-        f"{output}: {len(trade.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas",
-        err=True,
-    )
+    say(f"{output}: {len(trade.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas")

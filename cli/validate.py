@@ -13,6 +13,7 @@ from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .files import FileCommand, InputFile, OutputFile
+from .messages import say
 from .value_types import LAW, POSITIVE, Finite, Number
 
 if TYPE_CHECKING:
@@ -199,10 +200,10 @@ def command(
         click.echo(line, err=as_json)
     failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
-        click.echo(f"lcp: --require: {line}", err=True)
+        say(f"lcp: --require: {line}")
     if result.fitted:
-        click.echo(f"{errors_file}: errors fitted to {result.fitted.points} points", err=True)
-    click.echo(f"{output}/report.html: written", err=True)
+        say(f"{errors_file}: errors fitted to {result.fitted.points} points")
+    say(f"{output}/report.html: written")
     return EXIT_NO if failures or not result.located else 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -83,6 +84,41 @@ def test_plan_writes_nothing_and_speaks_json(
     assert document["views"] == 1
     assert set(document["decisions"][0]) == {"effect", "modelled", "reason", "error_bound", "unit"}
     assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
+
+
+def test_plan_is_three_lines(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The decisions are shown with -v."""
+    small = ["build-catalog", DEM, "--config", config, "--size", "12", "--plan"]
+    small += ["--center", "3.5", "26"]
+    assert run(small) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert re.match(r"1 areas x 4 Suns x 1 views, [\d,]+ cells rendered$", lines[0])
+    assert re.match(r"\d+ s with --jobs 1$", lines[1])
+    assert re.match(r"0\.\d MB of catalogue, [\d,]+ MB of memory a job$", lines[2])
+    assert run(["-v", *small]) == 0
+    assert "cast shadows" in capsys.readouterr().out
+
+
+def test_messages_are_json_lines(tmp_path: Path, config: str) -> None:
+    """Of a whole build: progress and the result."""
+    small = [DEM, "-o", str(tmp_path / "x.h5"), "--config", config, "--center", "3.5", "26"]
+    done = subprocess.run(
+        lcp("build-catalog", *small, "--size", "12", "--jobs", "1", "--log-format", "json"),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    events = [json.loads(line) for line in done.stderr.splitlines()]
+    assert [event["event"] for event in events if event["event"] != "log"] == [
+        "progress",
+        "progress",
+        "done",
+    ]
+    assert events[-1]["areas"] == 1
+    assert done.stdout == ""
 
 
 def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,77 @@
+"""Messages on stderr: lines of text or, with ``--log-format json``, one JSON object a line."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class _State:
+    """How the messages of this run are written."""
+
+    as_json = False
+
+
+def say(text: str, event: str = "message", **facts: Any) -> None:
+    """Write a line on stderr; as JSON with the time, the kind of ``event`` and its facts."""
+    if _State.as_json:
+        time = datetime.now(UTC).isoformat(timespec="milliseconds")
+        text = json.dumps({"time_utc": time, "event": event, "text": text, **facts})
+    click.echo(text, err=True)
+
+
+def is_json() -> bool:
+    """True if messages are JSON."""
+    return _State.as_json
+
+
+class _LogHandler(logging.Handler):
+    """Records of the library's log as messages."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        level, text = record.levelname, self.format(record)
+        if not _State.as_json:
+            text = f"{level} {record.name}: {text}"
+        say(text, "log", level=level.lower(), logger=record.name)
+
+
+_HANDLER = _LogHandler()
+
+
+def show_log(level: int) -> None:
+    """Write records of the log from a level on. Without this only warnings are written, as plain text."""
+    logging.getLogger().addHandler(_HANDLER)
+    logging.getLogger().setLevel(level)
+
+
+def reset() -> None:
+    """Begin a run: messages are text, and of the log only warnings."""
+    _State.as_json = False
+    logging.captureWarnings(False)
+    logging.getLogger().removeHandler(_HANDLER)
+    logging.getLogger().setLevel(logging.WARNING)
+
+
+def _set_format(context: click.Context, option: click.Parameter, value: str | None) -> None:
+    if value == "json":
+        _State.as_json = True
+        logging.captureWarnings(True)
+        show_log(logging.getLogger().level)
+
+
+log_format_option = click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    expose_value=False,
+    is_eager=True,
+    callback=_set_format,
+    help="Form of the messages on stderr: text, or one JSON object a line.",
+)
+"""For `lcp` itself, and for a command that runs long."""

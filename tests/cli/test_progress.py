@@ -1,0 +1,92 @@
+"""Progress and messages where stderr is no terminal: lines now and then, or one JSON object a line."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+
+import pytest
+from lcp_cli import main, messages
+from lcp_cli import progress as module
+from lcp_cli.progress import duration_text, progress
+
+from lcp_catalog.errors import DemError
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
+    """The time in seconds, to be set."""
+    now = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    yield now
+    messages.reset()
+
+
+def run_areas(clock: list[float], seconds: float, done: int, total: int) -> None:
+    with progress("areas") as update:
+        for k in range(done, total + 1):
+            update(k, total)
+            clock[0] += seconds
+
+
+def test_a_pipe_gets_a_line_now_and_then(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """60 areas of which 20 were there before, 3 s each: a line every 12 s, from 10 s on."""
+    run_areas(clock, 3.0, 20, 60)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "areas: 24 of 60, 20 a minute, 1 min 48 s left"
+    assert lines[-1] == "areas: 60 of 60, 20 a minute, 0 s left"
+    assert len(lines) == 10
+    run_areas(clock, 0.1, 0, 60)
+    assert capsys.readouterr().err == ""
+
+
+def test_json_has_rate_and_time_left(
+    clock: list[float], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(main.cli, "invoke", lambda context: run_areas(clock, 2.0, 0, 3))
+    assert main.run(["--log-format", "json", "dem"]) == 0
+    events = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [event["event"] for event in events] == ["progress"] * 4
+    assert [event["done"] for event in events] == [0, 1, 2, 3]
+    assert (events[2]["per_second"], events[2]["seconds_left"]) == (0.5, 2.0)
+    assert events[2]["total"] == 3
+
+
+def test_json_lines_are_all_that_is_said(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Messages, the log, warnings and errors, also a usage error; the next run is text again."""
+
+    def fails(context: object) -> None:
+        logging.getLogger("lcp_catalog.some").warning("a %s", "warning")
+        logging.getLogger("lcp_catalog.some").info("not shown")
+        messages.say("two\nlines")
+        raise DemError("no such file")
+
+    monkeypatch.setattr(main.cli, "invoke", fails)
+    assert main.run(["--log-format", "json", "dem"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    events = [json.loads(line) for line in lines]
+    assert [event["event"] for event in events] == ["log", "message", "error"]
+    assert events[0] | {"time_utc": ""} == {
+        "time_utc": "",
+        "event": "log",
+        "text": "a warning",
+        "level": "warning",
+        "logger": "lcp_catalog.some",
+    }
+    assert events[2]["exit_code"] == 1
+    monkeypatch.undo()
+    assert main.run(["--log-format", "json", "build-catalog", "x.tif", "--nonsense"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert json.loads(line)["exit_code"] == 2
+    assert main.run(["build-catalog", "x.tif", "--nonsense"]) == 2
+    assert capsys.readouterr().err.startswith("Usage:")
+
+
+def test_durations() -> None:
+    said = [duration_text(seconds) for seconds in (0.4, 59.6, 61.0, 3600.0, 100_000.0)]
+    assert said == ["0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "27 h 46 min"]
