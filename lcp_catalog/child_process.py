@@ -5,6 +5,7 @@ caller goes on with one line of text.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import resource
@@ -23,6 +24,8 @@ MEMORY_MB = 1000
 
 _WALL_FACTOR = 10.0
 """Elapsed time that is allowed, as a multiple of the processor time: the machine may be busy."""
+
+_OUT_OF_MEMORY = 3
 
 _FRESH = """\
 import json, sys
@@ -70,17 +73,18 @@ def run_by_name(
 ) -> NoReturn:
     """Call a function under limits, write its result to stdout as JSON, and end this process."""
     code = 1
-    with suppress(BaseException):
+    try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it too, and ends this one
         function = getattr(import_module(module), name)
         _limit(seconds, memory_mb)
-        code = 3  # from here on, out of memory
         content = json.dumps(function(argument)).encode()
-        code = 1
         while content:
             content = content[os.write(1, content) :]
         code = 0
-    os._exit(code)
+    except MemoryError:
+        code = _OUT_OF_MEMORY
+    finally:
+        os._exit(code)
 
 
 def _single_thread() -> bool:
@@ -98,6 +102,7 @@ def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:
     os.close(reader)
     os.dup2(writer, 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    faulthandler.disable()
     run_by_name(*given)
 
 
@@ -143,8 +148,8 @@ def _result(content: bytes, status: int, seconds: float, memory_mb: float) -> An
     if code == 0:
         return json.loads(content)
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        raise ChildFailedError(f"takes more than {seconds:.0f} s or was killed")
-    if code == 3:
+        raise ChildFailedError(f"takes more than {seconds:.0f} s, or was killed")
+    if code == _OUT_OF_MEMORY:
         raise ChildFailedError(f"needs more than {memory_mb:.0f} MB of memory")
     raise ChildFailedError(
         f"crashed with signal {-code}" if code < 0 else f"ended with code {code}"

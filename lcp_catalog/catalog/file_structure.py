@@ -20,11 +20,10 @@ from .layout import (
     NUMBERS,
     OPTIONAL_ATTRIBUTES,
     TEXT,
-    is_claim,
     key,
     variable_attributes,
 )
-from .schema import ADDED_IN_1_1, FORMER_NAMES, OPTIONAL, SCHEMA_VERSION, Variable
+from .schema import ADDED_IN_1_1, CLAIMS, FORMER_NAMES, OPTIONAL, SCHEMA_VERSION, Variable
 
 HDF5_ERRORS = (
     OSError,
@@ -63,39 +62,55 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
         return foreign
     problems = list(_attribute_problems(file, "", _wanted(file)))
     shapes: dict[str, tuple[int, ...]] = {}
-    step = _sigma_step(file)
-    for group, variables in GROUPS.items():
+    step, wanted = _sigma_step(file), variables(file)
+    scales: dict[Any, str] = {}
+    for group, members in GROUPS.items():
         place = _member(file, group) if group else file
         if not isinstance(place, h5py.Group):
             problems.append(f"{group}: the group is {_kind(place)}")
             continue
         problems += _attribute_problems(place, group, GROUP_ATTRIBUTES.get(group, ()))
-        for short, variable in variables.items():
-            if is_absent(file, key(group, short)):
-                continue
+        problems += _list_problems(place, group)
+        names = [name for name in members if key(group, name) in wanted]
+        for short in sorted(names, key=lambda name: members[name].dims != (name,)):
             try:
                 dataset = _member(place, short)
                 if not isinstance(dataset, h5py.Dataset):
                     problems.append(f"{key(group, short)}: the variable is {_kind(dataset)}")
                     continue
+                h5py.h5o.get_info(dataset.id)
                 shapes[key(group, short)] = dataset.shape
-                expected = variable_attributes(short, variable, step)
-                faults = _variable_faults(dataset, short, variable, expected, file_bytes)
+                if dataset.is_scale:
+                    scales[dataset.id] = short
+                expected = variable_attributes(short, members[short], step)
+                faults = [
+                    *_type_faults(dataset, members[short], scales),
+                    *_attribute_faults(dataset, short, expected),
+                ]
+                faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]
             except HDF5_ERRORS as error:
                 problems.append(f"{key(group, short)}: is damaged: {line_of(error)}")
     return problems + shape_problems(shapes)
 
 
-def is_absent(file: h5py.File, name: str) -> bool:
-    """True for a variable that the file lacks because of its schema version, or because the
-    catalogue was built without it.
+def variables(file: h5py.File) -> dict[str, Variable]:
+    """The variables that the file must have, by their path in it: all but those of other schema
+    versions, and those that the catalogue was built without.
     """
-    if name in OPTIONAL:
-        return not (_has_variable(file, name) or "albedo_map" in file.attrs)
-    if is_claim(name):
-        return not states_claims(file)
-    return name in ADDED_IN_1_1 and file.attrs.get("schema_version") == "1.0"
+    claims, oldest = states_claims(file), file.attrs.get("schema_version") == "1.0"
+    albedo = _has_variable(file, "albedo") or "albedo_map" in file.attrs
+    absent = {
+        *(() if albedo else OPTIONAL),
+        *(() if claims else CLAIMS),
+        *(ADDED_IN_1_1 if oldest else ()),
+    }
+    return {
+        key(group, name): variable
+        for group, members in GROUPS.items()
+        for name, variable in members.items()
+        if key(group, name) not in absent
+    }
 
 
 def states_claims(file: h5py.File) -> bool:
@@ -171,6 +186,16 @@ def _member(place: h5py.Group, name: str) -> Any:
     return place[name]
 
 
+def _list_problems(place: h5py.Group, group: str) -> Iterator[str]:
+    """A fault of the list of members, which other programs need; unknown members are not opened."""
+    try:
+        h5py.h5o.get_info(place.id)
+        place.id.links.iterate(lambda _: None)
+        next(iter(place))
+    except HDF5_ERRORS as error:
+        yield f"{group or 'root'}: its members cannot be listed: {line_of(error)}"
+
+
 def _kind(member: Any) -> str:
     """What stands in the place of a group or variable."""
     return member if isinstance(member, str) else "missing"
@@ -184,32 +209,36 @@ def _sigma_step(file: h5py.File) -> float:
         return 1.0
 
 
-def _variable_faults(
-    dataset: h5py.Dataset,
-    short: str,
-    variable: Variable,
-    attributes: Mapping[str, Any],
-    file_bytes: int,
+def _type_faults(
+    dataset: h5py.Dataset, variable: Variable, scales: Mapping[Any, str]
 ) -> Iterator[str]:
+    """Faults of the type and the dimensions; ``scales``: names of the dimension scales, which are read
+    first.
+    """
     text = h5py.check_string_dtype(dataset.dtype)
     kind = TEXT if text is not None and text.length else dataset.dtype.str.lstrip("<|")
     if kind != variable.dtype:
         yield f"holds {_shown(kind)} instead of {variable.dtype}"
-    storage = _storage_fault(dataset, file_bytes)
-    if storage:
-        yield storage
-    dims = _dims(dataset, short)
+    if dataset.id in scales:
+        dims: tuple[str, ...] = (scales[dataset.id],)
+    else:
+        dims = tuple(scales.get(dim[0].id, "?") if len(dim) else "?" for dim in dataset.dims)
     if dims != variable.dims:
         wanted = ", ".join(variable.dims)
-        yield f"has the dimensions ({_shown(', '.join(dims))}) instead of ({wanted})"
-    for attribute, expected in attributes.items():
-        fault = _attribute_fault(dataset, attribute)
-        found: Any = None if fault else dataset.attrs[attribute]
-        former = FORMER_NAMES.get(short, ()) if attribute == "long_name" else ()
+        yield f"has the dimensions ({', '.join(dims)}) instead of ({wanted})"
+
+
+def _attribute_faults(
+    dataset: h5py.Dataset, short: str, attributes: Mapping[str, Any]
+) -> Iterator[str]:
+    """Attributes of a variable that are not those of the schema."""
+    for name, expected in attributes.items():
+        found: Any = None if _attribute_fault(dataset, name) else dataset.attrs[name]
+        former = FORMER_NAMES.get(short, ()) if name == "long_name" else ()
         if isinstance(found, str) and found in former:
             continue
         if not np.array_equal(found, expected):
-            yield f"{attribute} is {_shown(found)} instead of {expected!s}"
+            yield f"{name} is {_shown(found)} instead of {expected!s}"
 
 
 def _shown(value: Any) -> str:
@@ -256,10 +285,3 @@ def _chunk_fault(dataset: h5py.Dataset, chunk: tuple[int, ...], file_bytes: int)
     if (size * np.uint64(_DEFLATE_MOST) < chunk_bytes).any():
         return "has chunks that claim more than they can hold"
     return ""
-
-
-def _dims(dataset: h5py.Dataset, short: str) -> tuple[str, ...]:
-    """Names of the dimension scales; a scale is its own, ``?`` if none is attached."""
-    if dataset.is_scale:
-        return (short,)
-    return tuple(dim[0].name.rsplit("/", 1)[-1] if len(dim) else "?" for dim in dataset.dims)

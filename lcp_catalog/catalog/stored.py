@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
 from .catalogue import Catalog, Coverage, Overview
-from .file_structure import HDF5_ERRORS, is_absent, line_of
+from .file_structure import HDF5_ERRORS, line_of, variables
 from .layout import (
     CLAIM_ATTRIBUTES,
     GLOBAL_ATTRIBUTES,
@@ -90,16 +90,6 @@ def _stamp(facts: os.stat_result) -> tuple[int, ...]:
 
 
 # -- parts of an open file
-
-
-def variables(file: h5py.File) -> dict[str, Variable]:
-    """The variables of the file by their path in it."""
-    return {
-        key(group, name): variable
-        for group, members in GROUPS.items()
-        for name, variable in members.items()
-        if not is_absent(file, key(group, name))
-    }
 
 
 def read_part(file: h5py.File, name: str, variable: Variable, *index: Any) -> AnyArray:

@@ -16,12 +16,12 @@ from ..child_process import ChildFailedError, call_apart
 from ..errors import CatalogError
 from .catalogue import BLOCK_BYTES, Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
-from .file_structure import HDF5_ERRORS, line_of, structure_problems
+from .file_structure import HDF5_ERRORS, line_of, structure_problems, variables
 from .layout import OPTIONAL_ATTRIBUTES, TEXT, digests
 from .schema import Variable
-from .stored import StoredCatalog, StoredFile, attributes, group_attributes, read_part, variables
+from .stored import StoredCatalog, StoredFile, attributes, group_attributes, read_part
 
-_SECONDS = 30.0
+_SECONDS = 10.0
 _SECONDS_PER_MB = 1.0
 """Processor time that the check of a file may take, 10 times and more of what it takes."""
 
@@ -93,8 +93,8 @@ def _problems(path: str, values: bool, digest: bool) -> list[str]:
             texts, groups = attributes(file), group_attributes(file)
             found = text_problems(texts, groups)
             if values:
-                errors = json.loads(texts["errors"]) if "errors" in texts and not found else None
-                found += lines(_findings(file, errors))
+                known = "errors" in texts and not any(line.startswith("errors") for line in found)
+                found += lines(_findings(file, json.loads(texts["errors"]) if known else None))
             if digest and not any("cannot be read" in line for line in found):
                 found += _digest_problems(file, texts, groups)
     except CatalogError as error:
@@ -106,15 +106,15 @@ def _findings(file: h5py.File, errors: Any) -> Iterator[Finding]:
     """Faults of the values, part by part and block by block; a block that cannot be read is one."""
     found = variables(file)
     axes = [name for name in found if _is_axis(name, found[name])]
-    common, unreadable = _read(file, axes, slice(None))
+    common, unreadable = _read(file, {name: found[name] for name in axes}, slice(None))
     yield from unreadable
     if unreadable:
         return
     yield from part_findings("axes", common, errors)
     for part, dim in _DIMS.items():
-        own = [name for name in found if found[name].dims[0] == dim and name not in axes]
-        total = file[own[0]].shape[0]
-        for rows in _blocks(file, own):
+        own = {n: v for n, v in found.items() if v.dims[0] == dim and n not in axes}
+        total = file[next(iter(own))].shape[0]
+        for rows in _blocks(file, list(own), total):
             values, unreadable = _read(file, own, rows)
             yield from unreadable
             for finding in () if unreadable else part_findings(part, common | values, errors):
@@ -128,21 +128,20 @@ def _is_axis(name: str, variable: Variable) -> bool:
 
 
 def _read(
-    file: h5py.File, names: list[str], rows: slice
+    file: h5py.File, wanted: dict[str, Variable], rows: slice
 ) -> tuple[dict[str, AnyArray], list[Finding]]:
     """Rows of variables, and those that cannot be read."""
-    values, unreadable, known = {}, [], variables(file)
-    for name in names:
+    values, unreadable = {}, []
+    for name, variable in wanted.items():
         try:
-            values[name] = read_part(file, name, known[name], rows)
+            values[name] = read_part(file, name, variable, rows)
         except HDF5_ERRORS as error:
             unreadable.append(Finding(name, f"cannot be read: {line_of(error)}"))
     return values, unreadable
 
 
-def _blocks(file: h5py.File, names: list[str]) -> Iterator[slice]:
+def _blocks(file: h5py.File, names: list[str], total: int) -> Iterator[slice]:
     """All rows of variables of one length, in blocks of `BLOCK_BYTES`; at least one block."""
-    total = file[names[0]].shape[0]
     row_bytes = sum(file[name].nbytes for name in names) // max(1, total)
     step = max(1, BLOCK_BYTES // max(1, row_bytes))
     for start in range(0, max(1, total), step):

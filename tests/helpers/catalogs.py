@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import rasterio
 
-from lcp_catalog.catalog import layout, stored
+from lcp_catalog.catalog import file_structure, layout, stored
 from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, summarise_usable
@@ -245,6 +245,6 @@ def sign(file: h5py.File) -> None:
     plain = {name: value for name, value in found.items() if name != "content_sha256"}
     content = {
         name: stored.read_part(file, name, variable)
-        for name, variable in stored.variables(file).items()
+        for name, variable in file_structure.variables(file).items()
     }
     file.attrs.update(layout.digests(content, plain, stored.group_attributes(file), {}))

@@ -1,0 +1,47 @@
+"""Functions in processes of their own: results, crashes, and limits, by fork and by a fresh interpreter."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import pytest
+from helpers import misbehaviour
+
+from lcp_catalog import child_process
+from lcp_catalog.child_process import ChildFailedError, call_apart
+
+
+@pytest.fixture(params=["fork", "fresh"], autouse=True)
+def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(child_process, "_single_thread", lambda: request.param == "fork")
+
+
+def test_a_result_of_many_bytes_comes_back() -> None:
+    found = call_apart(misbehaviour.repeat, "ä", 20.0)
+    assert found == {"text": "ä" * 300_000, "process": found["process"]}
+    assert found["process"] != os.getpid()
+
+
+@pytest.mark.parametrize(
+    ("function", "says"),
+    [
+        (misbehaviour.crash, "crashed with signal 11"),
+        (misbehaviour.loop, "takes more than 1 s"),
+        (misbehaviour.hoard, "needs more than 200 MB of memory"),
+        (misbehaviour.fail, "ended with code 1"),
+        (misbehaviour.leave, "ended with code 7"),
+    ],
+)
+def test_what_goes_wrong_is_said(
+    function: Any, says: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ChildFailedError, match=says):
+        call_apart(function, "x", 1.0, memory_mb=200.0)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_function_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(child_process, "_WALL_FACTOR", 1.0)
+    with pytest.raises(ChildFailedError, match="takes more than 1 s"):
+        call_apart(misbehaviour.wait, "x", 1.0)
