@@ -1,6 +1,12 @@
-"""Maps of a build's region: the status of its spacing cells, and an overview of its heights."""
+"""Maps of a build's region: the status of its spacing cells, and an overview of its heights.
+
+A region that a tangent plane shows has both in the plane of its centre. A larger one has cells on
+latitude rings that are fixed on the Moon, and an overview in an equirectangular or polar map.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +17,19 @@ from ..catalog.hdf5 import Coverage, Overview
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import mcmf_to_lonlat
-from ..landmarks.selection import Places, coverage
+from ..geometry.map_plane import MapPlane
+from ..landmarks.selection import Places, Status, coverage
 from ..terrain.area import Area, NodeWindow
 from ..terrain.terrain import build_terrain
 
 OVERVIEW_NODES = 480
 """Longer side of the overview raster."""
+
+COVERAGE_BYTES = 64_000_000
+"""Largest size of the coverage by condition: of a region with more spacing cells, so many are kept."""
+
+_READ_AT_ONCE = 20_000
+"""Places whose heights are read together."""
 
 
 def region_coverage(
@@ -28,22 +41,54 @@ def region_coverage(
     condition: NDArray[np.uint8],
     spacing_m: float,
 ) -> Coverage:
-    """Status of the region's spacing cells, a lattice in its plane, and their coverage by condition.
+    """Status of the region's spacing cells and their coverage by condition.
 
     ``candidates``, ``points``: (longitudes, latitudes) in degrees; ``stages``: result for each candidate
     (`landmarks.selection.coverage`); ``condition``: flags of the points, uint8 (point, view,
-    sun_elevation, sun_azimuth).
+    sun_elevation, sun_azimuth), an array or a dataset, which is read in blocks.
     """
+    most = COVERAGE_BYTES // max(1, math.prod(condition.shape[1:]))
+    lon, lat, step_m = coverage_cells(region, spacing_m, most)
+    cell_m = spacing_m / 8.0 if step_m is None else 0.0
+    found = coverage((lon, lat), np.ones(len(lon), bool), candidates, stages, points, spacing_m)
+    doubtful = np.flatnonzero(found == Status.FEATURELESS)  # nothing near, or nothing of use
+    held = np.ones(len(lon), bool)
+    held[doubtful] = np.isfinite(_read(dems, lon[doubtful], lat[doubtful], cell_m))
+    status = coverage((lon, lat), held, candidates, stages, points, spacing_m)
+    nearby = usable_nearby((lon, lat), points, condition, spacing_m)
+    return Coverage(lon, lat, status, spacing_m, nearby, step_m)
+
+
+def coverage_cells(region: Area, spacing_m: float, most: int) -> tuple[Array, Array, float | None]:
+    """Longitudes and latitudes of the centres of a region's spacing cells, and their distance on
+    latitude rings, metres.
+
+    In a region that a tangent plane shows, cells of ``spacing_m`` in that plane (distance None); else,
+    and if there are more than ``most``, rings at the spacing or, so that there are no more, further
+    apart: then the cells are an even sample.
+    """
+    if region.is_local:
+        x0, x1, y0, y1 = region.extent_m
+        if (x1 - x0) * (y1 - y0) <= most * spacing_m**2:
+            return *_plane_cells(region, spacing_m), None
+    west, south, east, north = region.bounds
+    zone = math.sin(math.radians(north)) - math.sin(math.radians(south))
+    area_m2 = MOON_RADIUS_M**2 * math.radians(east - west) * zone
+    step_m = max(spacing_m, math.sqrt(area_m2 / most))
+    lon, lat = _rings(region.bounds, step_m)
+    inside = region.contains(lon, lat)
+    if not inside.any():  # narrower than a cell
+        return *_plane_cells(region, spacing_m), None
+    return lon[inside], lat[inside], step_m
+
+
+def _plane_cells(region: Area, spacing_m: float) -> tuple[Array, Array]:
     x0, x1, y0, y1 = region.extent_m
     x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
     flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
     lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(flat))
     inside = region.contains(lon, lat)
-    cells = lon[inside], lat[inside]
-    heights, _ = dems.heights(*cells, spacing_m / 8.0)
-    status = coverage(cells, np.isfinite(heights), candidates, stages, points, spacing_m)
-    nearby = usable_nearby(cells, points, condition, spacing_m)
-    return Coverage(*cells, status=status, spacing_m=spacing_m, usable=nearby)
+    return lon[inside], lat[inside]
 
 
 def _middles(low: float, high: float, step: float) -> Array:
@@ -52,8 +97,55 @@ def _middles(low: float, high: float, step: float) -> Array:
     return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
 
 
+def _rings(box: tuple[float, float, float, float], step_m: float) -> tuple[Array, Array]:
+    """Centres of cells of nearly equal area on latitude rings, in a box of longitudes and latitudes:
+    the rings are fixed on the Moon, and the cells of a ring begin at longitude 0.
+    """
+    west, south, east, north = box
+    rings = max(1, math.ceil(math.pi * MOON_RADIUS_M / step_m))
+    height = 180.0 / rings
+    lons: list[Array] = [np.zeros(0)]
+    lats: list[Array] = [np.zeros(0)]
+    for ring in range(math.floor((south + 90.0) / height), math.ceil((north + 90.0) / height)):
+        lat = -90.0 + (ring + 0.5) * height
+        count = max(1, round(360.0 * math.cos(math.radians(lat)) / height))
+        width = 360.0 / count
+        first, last = math.floor(west / width), math.ceil(east / width)
+        lon = (np.arange(first, min(last, first + count)) + 0.5) * width
+        lons.append(np.asarray(lon % 360.0))
+        lats.append(np.full(len(lon), lat))
+    return np.concatenate(lons), np.concatenate(lats)
+
+
+def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Array:
+    """Heights at places (n,), metres, some at a time."""
+    height = np.full(len(lon_deg), np.nan)
+    for start in range(0, len(height), _READ_AT_ONCE):
+        part = slice(start, start + _READ_AT_ONCE)
+        height[part], _ = dems.heights(lon_deg[part], lat_deg[part], gsd_m)
+    return height
+
+
 def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
-    """A coarse raster of the region in the frame of its centre: heights above the reference sphere."""
+    """A coarse raster of the region: heights above the reference sphere. Those of a region that no
+    tangent plane shows are of single places: means would need every pixel of the DEM.
+    """
+    if region.is_local:
+        return _local_overview(dems, region, gsd_m)
+    plane = MapPlane.showing(region.bounds)
+    x0, x1, y0, y1 = plane.extent_m(region.bounds)
+    step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+    x, y = _middles(x0, x1, step), _middles(y0, y1, step)[::-1]
+    height = np.full((len(y), len(x)), np.nan, np.float32)
+    for row, north in enumerate(y):
+        lon, lat = plane.lonlat(x, np.full(len(x), north))
+        inside = np.isfinite(lon)
+        inside[inside] = region.contains(lon[inside], lat[inside])
+        height[row, inside] = _read(dems, lon[inside], lat[inside], 0.0)
+    return Overview(height, x, y, plane.center_lon, plane.center_lat, plane.projection)
+
+
+def _local_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     x0, x1, y0, y1 = region.extent_m
     step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
     window = NodeWindow.covering(region.extent_m, step)

@@ -16,12 +16,14 @@ from .._version import __version__
 from ..arrays import AnyArray, Index
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
+from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, centred, is_claim, key
 from .packing import Packing, half_turn, packing, sigma_step_m
 from .schema import (
     ADDED_IN_1_1,
     COVERAGE_UNKNOWN,
+    LARGE_VERSION,
     OPTIONAL,
     PACKED,
     SCHEMA_VERSION,
@@ -38,18 +40,26 @@ SOFTWARE = "lcp-catalog"
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """A coarse raster of the region in the east-north-up frame of its centre, for maps."""
+    """A coarse raster of the region, for maps: in the east-north-up frame of its centre, or in another
+    projection of `geometry.map_plane`.
+    """
 
     height: AnyArray  # (y, x) float32 metres above the reference sphere; NaN: none
-    x: AnyArray  # (x,) metres east, rising
-    y: AnyArray  # (y,) metres north, falling
+    x: AnyArray  # (x,) metres to the right of the centre, rising
+    y: AnyArray  # (y,) metres up from the centre, falling
     center_lon: float
     center_lat: float
+    projection: str = ORTHOGRAPHIC
+
+    @property
+    def plane(self) -> MapPlane:
+        """The plane of ``x`` and ``y``."""
+        return MapPlane(self.projection, self.center_lon, self.center_lat)
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Every spacing cell of the region: point nearby, or the reason for none
+    """Every spacing cell of the region, or an even sample of them: point nearby, or the reason for none
     (`schema.COVERAGE_STATUS`).
     """
 
@@ -60,6 +70,7 @@ class Coverage:
     usable: AnyArray | None = (
         None  # (cell, v, e, a) uint8 of `coverage.usable_nearby`; None: unknown
     )
+    step_m: float | None = None  # distance of the cells on latitude rings; None: a plane's cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +212,8 @@ class Catalog:
         some = cells if cells is not None else np.arange(len(self.coverage.longitude))
         names = ["longitude", "latitude", "status", *(["usable"] if self.has_claims else [])]
         parts = {name: self.part(f"coverage/{name}", some) for name in names}
-        coverage = Coverage(**parts, spacing_m=self.coverage.spacing_m)
+        spacing_m, step_m = self.coverage.spacing_m, self.coverage.step_m
+        coverage = Coverage(**parts, spacing_m=spacing_m, step_m=step_m)
         without: tuple[str, ...] = () if self.has_claims else PACKED
         without += () if self.albedo_map is not None else OPTIONAL
         given: dict[str, Any] = {}
@@ -296,7 +308,7 @@ class Catalog:
             "Conventions": CONVENTIONS,
             "title": self.title,
             "product_version": self.product_version,
-            "schema_version": SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION,
+            "schema_version": self._version,
             "software": SOFTWARE,
             "software_version": self.software_version,
             "body": "MOON",
@@ -307,6 +319,13 @@ class Catalog:
             "scene_plan": json.dumps(self.scene_plan, sort_keys=True),
             **self._claim_attributes(),
         }
+
+    @property
+    def _version(self) -> str:
+        if not self.has_claims:
+            return UNCLAIMED_VERSION
+        large = self.overview.projection != ORTHOGRAPHIC or self.coverage.step_m is not None
+        return LARGE_VERSION if large else SCHEMA_VERSION
 
     def _claim_attributes(self) -> dict[str, Any]:
         if not self.has_claims:
@@ -322,12 +341,17 @@ class Catalog:
             return {}
         return {"albedo_map": json.dumps(self.albedo_map, sort_keys=True)}
 
-    def group_attributes(self) -> dict[str, dict[str, float]]:
+    def group_attributes(self) -> dict[str, dict[str, float | str]]:
         """Attributes of the groups by group and name."""
-        return {
+        found: dict[str, dict[str, float | str]] = {
             group: {name: float(getattr(getattr(self, group), name)) for name in names}
             for group, names in GROUP_ATTRIBUTES.items()
         }
+        if self.overview.projection != ORTHOGRAPHIC:
+            found["overview"]["projection"] = self.overview.projection
+        if self.coverage.step_m is not None:
+            found["coverage"]["step_m"] = float(self.coverage.step_m)
+        return found
 
 
 def _inside(

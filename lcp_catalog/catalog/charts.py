@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
-from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.map_plane import MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.greyscale import grey
 from ..plots.numbers import nice_step, number
@@ -281,14 +281,14 @@ def _mark_path(name: str, css: str, place: str = "") -> str:
 
 @dataclass(frozen=True)
 class Map:
-    """Shaded map in the east-north-up frame of its centre: ``height`` (rows, cols), metres, with
-    the coordinates ``x_m`` (cols,) and ``y_m`` (rows,), metres. North is up at the centre.
+    """Shaded map in a plane: ``height`` (rows, cols), metres, with the coordinates ``x_m`` (cols,) and
+    ``y_m`` (rows,), metres.
     """
 
     height: AnyArray
     x_m: AnyArray
     y_m: AnyArray
-    frame: EnuFrame
+    plane: MapPlane
 
     @property
     def scale(self) -> float:
@@ -368,19 +368,17 @@ class Map:
         xx, yy = np.meshgrid(
             np.linspace(self.x_m[0], self.x_m[-1], 41), np.linspace(self.y_m[0], self.y_m[-1], 41)
         )
-        lon, lat, _ = mcmf_to_lonlat(
-            self.frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1))
-        )
-        away = (lon - self.frame.lon_deg + 180.0) % 360.0 - 180.0
+        lon, lat = self.plane.lonlat(xx, yy)
+        middle = self.plane.center_lon
+        away = (lon - middle + 180.0) % 360.0 - 180.0
         return (
-            (self.frame.lon_deg + float(away.min()), self.frame.lon_deg + float(away.max())),
-            (float(lat.min()), float(lat.max())),
+            (middle + float(np.nanmin(away)), middle + float(np.nanmax(away))),
+            (float(np.nanmin(lat)), float(np.nanmax(lat))),
         )
 
     def _clipped(self, lon: AnyArray, lat: AnyArray) -> AnyArray:
         """Part of a line inside the map, SVG coordinates (n, 2)."""
-        x, y, _ = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
-        px, py = self.pixel(x, y)
+        px, py = self.pixel(*self.plane.at(lon, lat))
         left, _, _, top = _MARGIN_PX
         slack = 3.0  # SVG units: a line that ends just short of the edge is extended to it
         inside = (px >= left - slack) & (px <= left + self._width_m * self.scale + slack)

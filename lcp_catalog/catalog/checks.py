@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
+from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from .layout import FIXED, GROUPS, Values, centred, key
 from .packing import packing
 from .schema import (
@@ -132,7 +133,7 @@ def _is_number(value: Any) -> bool:
 
 
 def text_problems(
-    attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, float]]
+    attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, float | str]]
 ) -> list[str]:
     """Attributes, global and of the groups, that are not the Moon's, not numbers, texts or JSON where
     they should be, or not what the schema says.
@@ -156,7 +157,13 @@ def text_problems(
         if name in texts
         and (problem := json_problem(texts[name]) or check(json.loads(texts[name])))
     ]
-    numbers = {f"{group}: {name}": n for group in groups for name, n in groups[group].items()}
+    found += _plane_problems(**groups["overview"])
+    numbers: dict[str, float] = {
+        f"{group}: {name}": n
+        for group in groups
+        for name, n in groups[group].items()
+        if not isinstance(n, str)
+    }
     if "sigma_step_m" in attributes:
         numbers["sigma_step_m"] = attributes["sigma_step_m"]
     for name, number in numbers.items():
@@ -164,6 +171,15 @@ def text_problems(
         if not low <= number < 1e7:
             found.append(f"{name}: {number:g} is not in its range")
     return found
+
+
+def _plane_problems(**attributes: Any) -> list[str]:
+    """An overview in a plane that does not exist."""
+    try:
+        MapPlane(**{"projection": ORTHOGRAPHIC} | attributes)
+    except ValueError as error:
+        return [f"overview: {error}"]
+    return []
 
 
 def _text_problem(text: str, of_lines: bool) -> str:

@@ -114,10 +114,8 @@ def _view_names(catalog: Catalog) -> list[str]:
 
 def _places(catalog: Catalog, chart: Map, rows: Index) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Map coordinates of points and the direction of their north on the map, degrees clockwise."""
-    places = chart.frame.from_mcmf(catalog.position_mcmf[rows]).reshape(-1, 3)
-    north = chart.frame.direction_from_mcmf(catalog.rotation_mcmf_to_enu[rows, 1]).reshape(-1, 3)
-    x, y = chart.pixel(places[:, 0], places[:, 1])
-    return x, y, np.degrees(np.arctan2(north[:, 0], north[:, 1]))
+    x, y = chart.pixel(*chart.plane.places(catalog.position_mcmf[rows]))
+    return x, y, chart.plane.north(catalog.longitude[rows], catalog.latitude[rows])
 
 
 def _planes(catalog: Catalog, shown: Shown, suns: Index) -> tuple[float, list[AnyArray]]:

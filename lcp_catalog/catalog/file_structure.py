@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ..geometry.map_plane import ORTHOGRAPHIC
 from .checks import shape_problems
 from .layout import (
     CLAIM_ATTRIBUTES,
@@ -19,6 +20,7 @@ from .layout import (
     GROUPS,
     NUMBERS,
     OPTIONAL_ATTRIBUTES,
+    OPTIONAL_GROUP_ATTRIBUTES,
     TEXT,
     key,
     variable_attributes,
@@ -69,7 +71,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
         if not isinstance(place, h5py.Group):
             problems.append(f"{group}: the group is {_kind(place)}")
             continue
-        problems += _attribute_problems(place, group, GROUP_ATTRIBUTES.get(group, ()))
+        problems += _attribute_problems(place, group, group_names(place, group))
         problems += _list_problems(place, group)
         names = [name for name in members if key(group, name) in wanted]
         for short in sorted(names, key=lambda name: members[name].dims != (name,)):
@@ -82,7 +84,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 shapes[key(group, short)] = dataset.shape
                 if dataset.is_scale:
                     scales[dataset.id] = short
-                expected = variable_attributes(short, members[short], step)
+                expected = variable_attributes(short, members[short], step, _projection(place))
                 faults = [
                     *_type_faults(dataset, members[short], scales),
                     *_attribute_faults(dataset, short, expected),
@@ -111,6 +113,20 @@ def variables(file: h5py.File) -> dict[str, Variable]:
         for name, variable in members.items()
         if key(group, name) not in absent
     }
+
+
+def group_names(place: h5py.Group, group: str) -> tuple[str, ...]:
+    """Names of the attributes of a group: those of every file, and the optional one if it is there."""
+    optional = OPTIONAL_GROUP_ATTRIBUTES.get(group)
+    here = optional is not None and optional in place.attrs
+    return (*GROUP_ATTRIBUTES.get(group, ()), *([optional] if optional and here else []))
+
+
+def _projection(place: h5py.Group) -> str:
+    """Projection of the overview; orthographic for a group that does not say it or says no text."""
+    name = OPTIONAL_GROUP_ATTRIBUTES["overview"]
+    found = None if _attribute_fault(place, name) else place.attrs[name]
+    return found if isinstance(found, str) else ORTHOGRAPHIC
 
 
 def states_claims(file: h5py.File) -> bool:
@@ -151,7 +167,7 @@ def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -
             value = None if fault else place.attrs[name]
         except HDF5_ERRORS as error:
             fault, value = f"cannot be read: {line_of(error)}", None
-        number = bool(group) or name in NUMBERS
+        number = (bool(group) and name != "projection") or name in NUMBERS
         if not fault and not isinstance(value, np.number if number else str):
             fault = "is not a number" if number else "is not a text"
         if fault:

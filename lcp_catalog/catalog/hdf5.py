@@ -13,8 +13,9 @@ import numpy as np
 
 from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
+from ..geometry.map_plane import ORTHOGRAPHIC
 from .catalogue import Catalog, Coverage, Overview
-from .layout import GROUPS, TEXT, Values, digests, key, variable_attributes
+from .layout import GROUPS, TEXT, Groups, Values, digests, key, variable_attributes
 from .schema import SCHEMA_VERSION, Variable
 from .verification import open_catalog, verify
 
@@ -56,7 +57,7 @@ def _write_group(
     group: str,
     variables: Mapping[str, Variable],
     values: Values,
-    attributes: Mapping[str, Mapping[str, float]],
+    attributes: Groups,
     sigma_step_m: float,
 ) -> None:
     place = file.create_group(group, track_order=True) if group else file
@@ -64,7 +65,8 @@ def _write_group(
     present = [name for name in variables if key(group, name) in values]
     scales_first = sorted(present, key=lambda name: variables[name].dims != (name,))
     for name in scales_first:
-        found = variable_attributes(name, variables[name], sigma_step_m)
+        projection = str(attributes.get(group, {}).get("projection", ORTHOGRAPHIC))
+        found = variable_attributes(name, variables[name], sigma_step_m, projection)
         _write_variable(place, name, variables[name], values[key(group, name)], found)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray
+from ..geometry.map_plane import ORTHOGRAPHIC
 from .packing import packing
 from .schema import (
     CLAIMS,
@@ -37,6 +38,9 @@ GROUPS: dict[str, dict[str, Variable]] = {
 """Every dataset of the file by group and name; the root group has no name."""
 
 GROUP_ATTRIBUTES = {"overview": ("center_lon", "center_lat"), "coverage": ("spacing_m",)}
+
+OPTIONAL_GROUP_ATTRIBUTES = {"overview": "projection", "coverage": "step_m"}
+"""Attributes of the groups of a region that no tangent plane shows (since schema 2.1)."""
 
 OPTIONAL_ATTRIBUTES = ("albedo_map", "albedo_sha256")
 """Attributes of a catalogue with albedo: its map, and a digest of both. `content_sha256` leaves
@@ -76,6 +80,9 @@ _PIECE_BYTES = 2**23
 Values = Mapping[str, AnyArray]
 """Every dataset of the file by its path in it."""
 
+Groups = Mapping[str, Mapping[str, float | str]]
+"""Attributes of the groups by group and name."""
+
 
 def key(group: str, name: str) -> str:
     """Path of a variable inside the file."""
@@ -87,11 +94,14 @@ def is_claim(path: str) -> bool:
     return path in CLAIMS
 
 
-def variable_attributes(name: str, variable: Variable, sigma_step_m: float = 1.0) -> dict[str, Any]:
+def variable_attributes(
+    name: str, variable: Variable, sigma_step_m: float = 1.0, projection: str = ORTHOGRAPHIC
+) -> dict[str, Any]:
     """Attributes of a variable: unit, meaning, and those that CF readers need for flags, text,
-    packed numbers and the views' angles.
+    packed numbers and the views' angles. ``projection``: that of the overview.
     """
-    found: dict[str, Any] = {"long_name": variable.long_name, "units": variable.units}
+    meaning = variable.long_name.replace(ORTHOGRAPHIC, projection)
+    found: dict[str, Any] = {"long_name": meaning, "units": variable.units}
     if variable.dtype == TEXT:
         found["_Encoding"] = "utf-8"
     if name in ("longitude", "latitude"):
@@ -126,7 +136,7 @@ def split(values: Values) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
     return {name: values[name] for name in values if name not in optional}, optional
 
 
-def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[str, float]]) -> str:
+def digest(values: Values, attributes: dict[str, Any], groups: Groups) -> str:
     """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own.
 
     ``values``: arrays, or what gives arrays for slices along the first axis; numbers are read piece by
@@ -148,7 +158,7 @@ def digest(values: Values, attributes: dict[str, Any], groups: dict[str, dict[st
 def digests(
     values: Values,
     attributes: dict[str, Any],
-    groups: dict[str, dict[str, float]],
+    groups: Groups,
     optional: dict[str, Any],
 ) -> dict[str, Any]:
     """The attributes that only some catalogues have, and the digests of the common and of the

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
-from ..geometry.frames import EnuFrame, lonlat_to_mcmf
+from ..geometry.map_plane import EQUIRECTANGULAR, ORTHOGRAPHIC, POLAR_STEREOGRAPHIC, MapPlane
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.png import data_uri
@@ -46,6 +46,9 @@ CARDS_MAX = 60
 sample of the others.
 """
 
+HOLES_MAX = 3000
+"""Most cells without a point that the map shows."""
+
 HOLES = {
     "featureless": ("ring", "too little texture to localise a point"),
     "ambiguous": ("cross", "localisable, but similar to other terrain within the search radius"),
@@ -70,6 +73,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
     found = summary(catalog, statistics)
     disc = SunDisc(catalog.sun_elevation, catalog.sun_azimuth)
     chosen, sentence = _chosen(statistics, cards_max)
+    holes = _holes(catalog)
     return page(
         "catalogue.html.j2",
         title=f"{catalog.title}: {name}",
@@ -80,7 +84,9 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         figures=_figures(found),
         summary=_summary(found),
         map=_map(catalog, statistics),
-        holes=_holes(catalog),
+        holes=holes,
+        hole_note=_hole_note(catalog, holes),
+        projection=_projection(catalog.overview.plane),
         elevations=found["usable_by_sun_elevation"],
         elevation_chart=_elevation_chart(found),
         claims=_claims(catalog, statistics, disc),
@@ -100,7 +106,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
 
 def _chart(catalog: Catalog) -> Map:
     view = catalog.overview
-    return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+    return Map(view.height, view.x, view.y, view.plane)
 
 
 def _claims(catalog: Catalog, statistics: Statistics, disc: SunDisc) -> dict[str, Any] | None:
@@ -187,7 +193,7 @@ def _map(catalog: Catalog, statistics: Statistics) -> Markup:
 
 
 def _point_marks(catalog: Catalog, statistics: Statistics, chart: Map) -> list[Mark]:
-    places = chart.frame.from_mcmf(catalog.position_mcmf)
+    places = np.stack(chart.plane.places(catalog.position_mcmf), axis=-1)
     order = np.argsort(statistics.by_point, kind="stable")
     return [
         Mark(
@@ -202,14 +208,44 @@ def _point_marks(catalog: Catalog, statistics: Statistics, chart: Map) -> list[M
 
 
 def _hole_marks(catalog: Catalog, chart: Map) -> list[Mark]:
-    cells = catalog.coverage
-    places = chart.frame.from_mcmf(lonlat_to_mcmf(cells.longitude, cells.latitude))
-    names = (COVERAGE_STATUS[int(code)] for code in cells.status)
+    """Marks of the cells without a point, of at most `HOLES_MAX` of them, evenly chosen."""
+    cells, names = (
+        catalog.coverage,
+        [COVERAGE_STATUS[int(code)] for code in catalog.coverage.status],
+    )
+    rows = np.array([row for row, name in enumerate(names) if name in HOLES], dtype=np.int64)
+    rows = rows[:: _holes_step(len(rows))]
+    x, y = chart.plane.at(cells.longitude[rows], cells.latitude[rows])
     return [
-        Mark(float(x), float(y), HOLES[name][0], "hole", name)
-        for (x, y, _), name in zip(places, names, strict=True)
-        if name in HOLES
+        Mark(float(x[k]), float(y[k]), HOLES[names[row]][0], "hole", names[row])
+        for k, row in enumerate(rows)
     ]
+
+
+def _holes_step(count: int) -> int:
+    """Every how many-th of the cells without a point is drawn."""
+    return max(1, -(-count // HOLES_MAX))
+
+
+def _hole_note(catalog: Catalog, holes: list[dict[str, Any]]) -> str:
+    """Words about the cells: their distance if they are a sample, and how many of them are drawn."""
+    cells = catalog.coverage
+    step = _holes_step(sum(hole["count"] for hole in holes))
+    notes = []
+    if cells.step_m is not None and cells.step_m > cells.spacing_m:
+        notes.append(f"of cells {cells.step_m / 1e3:.3g} km apart, a sample")
+    if step > 1:
+        notes.append(f"one of {step} is drawn")
+    return f" ({'; '.join(notes)})" if notes else ""
+
+
+def _projection(plane: MapPlane) -> str:
+    """Words for the map's projection."""
+    return {
+        ORTHOGRAPHIC: "orthographic projection, north up at the centre",
+        EQUIRECTANGULAR: f"equirectangular projection, true to scale at latitude {plane.center_lat:g}°",
+        POLAR_STEREOGRAPHIC: "polar stereographic projection",
+    }[plane.projection]
 
 
 def _holes(catalog: Catalog) -> list[dict[str, Any]]:

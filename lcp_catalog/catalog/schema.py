@@ -14,6 +14,9 @@ from ..arrays import AnyArray
 SCHEMA_VERSION = "2.0"
 """Version of files that state claims; later minor versions are read as well."""
 
+LARGE_VERSION = "2.1"
+"""Version of files of a region that no tangent plane shows; all others keep `SCHEMA_VERSION`."""
+
 UNCLAIMED_VERSION = "1.2"
 """Version of files without claims: readers of schema 1 open them."""
 

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
 from .catalogue import Catalog, Coverage, Overview
-from .file_structure import HDF5_ERRORS, line_of, variables
+from .file_structure import HDF5_ERRORS, group_names, line_of, variables
 from .layout import (
     CLAIM_ATTRIBUTES,
     GLOBAL_ATTRIBUTES,
@@ -127,12 +127,13 @@ def attributes(file: h5py.File) -> dict[str, Any]:
     return {name: float(value) if name in NUMBERS else str(value) for name, value in found.items()}
 
 
-def group_attributes(file: h5py.File) -> dict[str, dict[str, float]]:
+def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     """Attributes of the groups by group and name."""
-    return {
-        group: {name: float(file[group].attrs[name]) for name in names}
-        for group, names in GROUP_ATTRIBUTES.items()
-    }
+    found: dict[str, dict[str, float | str]] = {}
+    for group in GROUP_ATTRIBUTES:
+        stored = {name: file[group].attrs[name] for name in group_names(file[group], group)}
+        found[group] = {n: v if isinstance(v, str) else float(v) for n, v in stored.items()}
+    return found
 
 
 # -- the catalogue
@@ -239,7 +240,7 @@ class _StoredCoverage(Coverage):
     _source: _Source
 
 
-def _stored(cls: type[Any], source: _Source, numbers: dict[str, float]) -> Any:
+def _stored(cls: type[Any], source: _Source, numbers: dict[str, float | str]) -> Any:
     found = object.__new__(cls)
     found.__dict__.update(numbers, _source=source)
     return found

@@ -288,7 +288,7 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("points", str(found["points"])),
         (
             "region",
-            f"{region['width_km']:.4g} x {region['height_km']:.4g} km around {region['center_lon']:.4f}° E, "
+            f"{number(region['width_km'], 4)} x {number(region['height_km'], 4)} km around {region['center_lon']:.4f}° E, "
             f"{latitude_name(region['center_lat'])}",
         ),
     ]

@@ -17,7 +17,7 @@ from ..errors import CatalogError
 from .catalogue import BLOCK_BYTES, Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import HDF5_ERRORS, line_of, structure_problems, variables
-from .layout import OPTIONAL_ATTRIBUTES, TEXT, digests
+from .layout import OPTIONAL_ATTRIBUTES, TEXT, Groups, digests
 from .schema import Variable
 from .stored import StoredCatalog, StoredFile, attributes, group_attributes, read_part
 
@@ -148,9 +148,7 @@ def _blocks(file: h5py.File, names: list[str], total: int) -> Iterator[slice]:
         yield slice(start, min(start + step, total))
 
 
-def _digest_problems(
-    file: h5py.File, texts: dict[str, Any], groups: dict[str, dict[str, float]]
-) -> list[str]:
+def _digest_problems(file: h5py.File, texts: dict[str, Any], groups: Groups) -> list[str]:
     """Digests that differ from those of the content."""
     optional = {name: texts[name] for name in ("albedo_map",) if name in texts}
     own = ("content_sha256", *OPTIONAL_ATTRIBUTES)

@@ -28,7 +28,7 @@ from ..dem.raster import dataset_files
 from ..dem.tiles import Layer
 from ..errors import AlbedoError
 from ..geometry.bounds import Bounds
-from ..geometry.frames import EnuFrame, mcmf_to_lonlat
+from ..geometry.frames import EnuFrame
 from ..kernels.resampling import heights
 from ..terrain.area import Area
 from ..terrain.relief_bounds import nodes_enu
@@ -213,14 +213,8 @@ class AlbedoMap:
 
     def cover_of(self, area: Area, gsd_m: float) -> Cover:
         """Coverage of an area without a terrain, by a lattice of places on the sphere."""
-        x0, x1, y0, y1 = area.extent_m
-        side = 129
-        x, y = np.meshgrid(np.linspace(x0, x1, side), np.linspace(y0, y1, side))
-        away2 = np.minimum(x * x + y * y, MOON_RADIUS_M**2)
-        z = np.sqrt(MOON_RADIUS_M**2 - away2) - MOON_RADIUS_M
-        lon, lat, _ = mcmf_to_lonlat(area.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
-        inside = area.contains(lon, lat)
-        return Cover.of(self.at(lon, lat, gsd_m), inside)
+        lon, lat = area.lattice(129)
+        return Cover.of(self.at(lon, lat, gsd_m), np.ones(len(lon), dtype=bool))
 
     def check_cover(self, cover: Cover, where: object) -> Cover:
         """Return the coverage; AlbedoError if it is empty or black, a warning if it is partial."""

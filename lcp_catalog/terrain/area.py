@@ -14,7 +14,10 @@ from ..choices import HEIGHTFIELD_SIZE_MAX_KM
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError
 from ..geometry.bounds import Bounds
-from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
+
+LOCAL_MAX_DEG = 20.0
+"""Distance from the centre up to which a tangent plane shows an area: it shortens lengths by 6 % there."""
 
 _EDGE = 129
 
@@ -85,10 +88,26 @@ class Area:
         width, height = self._half_m
         return np.asarray((np.abs(x) <= width) & (np.abs(y) <= height) & (z > -MOON_RADIUS_M))
 
+    @cached_property
+    def is_local(self) -> bool:
+        """True if every place of the area lies within `LOCAL_MAX_DEG` of its centre, so that the
+        tangent plane there shows it without much distortion.
+        """
+        if self.box is None:
+            half = math.hypot(*self._half_m) / MOON_RADIUS_M
+            return half <= math.sin(math.radians(LOCAL_MAX_DEG))
+        west, south, east, north = self.box
+        lon, lat = np.array([west, west, self.lon_deg]), np.array([south, north, self.lat_deg])
+        away = central_angle_deg(self.lon_deg, self.lat_deg, lon, lat)
+        return east - west < 180.0 and float(away.max()) <= LOCAL_MAX_DEG
+
     def lattice(self, side: int) -> tuple[Array, Array]:
         """Longitudes and latitudes (n,), degrees, of the places inside the area of a regular lattice
-        of ``side`` x ``side`` over its extent, on the sphere.
+        of ``side`` x ``side`` over its extent, on the sphere; over a box that is not local, even in
+        longitude and in the sine of latitude.
         """
+        if self.box is not None and not self.is_local:
+            return self._zone_lattice(side)
         x0, x1, y0, y1 = self.extent_m
         x, y = np.meshgrid(np.linspace(x0, x1, side), np.linspace(y0, y1, side))
         away2 = np.minimum(x * x + y * y, MOON_RADIUS_M**2)
@@ -96,6 +115,15 @@ class Area:
         lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
         inside = self.contains(lon, lat)
         return lon[inside], lat[inside]
+
+    def _zone_lattice(self, side: int) -> tuple[Array, Array]:
+        west, south, east, north = self.bounds
+        share = (np.arange(side) + 0.5) / side
+        low, high = math.sin(math.radians(south)), math.sin(math.radians(north))
+        lon, lat = np.meshgrid(
+            west + share * (east - west), np.degrees(np.arcsin(low + share * (high - low)))
+        )
+        return lon.ravel(), lat.ravel()
 
     @property
     def _half_m(self) -> tuple[float, float]:

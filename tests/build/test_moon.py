@@ -5,12 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
+import xarray
+from helpers.pages import parsed
 from helpers.virtual_moon import virtual_moon
 
 from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig, SunConfig, ViewConfig
 from lcp_catalog.build.estimate import estimate
-from lcp_catalog.build.run import Build
+from lcp_catalog.build.run import Build, build_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.catalog.report import render_report
+from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.landmarks.selection import Status, nearest
 
 NADIR = ViewConfig((0.0,), (0.0,), (float("inf"),))
 COARSE = BuildConfig(
@@ -36,3 +44,53 @@ def test_the_estimate_is_taken_from_areas_that_the_sun_reaches(moon: list[Path])
     whole, part = estimate(build, 1), estimate(alone, 1)
     assert whole["bytes_estimate"] > 0.3 * part["bytes_estimate"]
     assert whole["seconds_estimate"] < 30.0 * part["seconds_estimate"]
+
+
+@pytest.fixture(scope="module")
+def polar(moon: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A catalogue of everything north of 66 degrees."""
+    output = tmp_path_factory.mktemp("polar") / "cap.h5"
+    cap = AreaConfig(bounds_deg=(-180.0, 66.0, 180.0, 90.0))
+    low = SunConfig((90.0, 270.0), (10.0, 30.0))
+    build_catalog(moon, replace(COARSE, area=cap, sun=low), output)
+    return output
+
+
+def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
+    polar: Path, moon: list[Path]
+) -> None:
+    assert verify(polar) == []
+    found = open_catalog(polar)
+    assert found.schema_version == "2.1"
+    assert found.overview.projection == "polar stereographic"
+    lon, lat = found.overview.plane.lonlat(*np.meshgrid(found.overview.x, found.overview.y))
+    assert (np.isfinite(found.overview.height) == (lat >= 66.0)).mean() > 0.999
+    shown = np.isfinite(found.overview.height)
+    at, _ = DemSet.open(moon).heights(lon, lat, 8e3)
+    assert np.corrcoef(at[shown], found.overview.height[shown])[0, 1] > 0.99
+    cells = found.coverage
+    assert cells.step_m == cells.spacing_m
+    assert np.histogram(cells.longitude, 4, (0.0, 360.0))[0].min() > 0.2 * len(cells.longitude)
+    near = nearest(cells.longitude, cells.latitude, found.longitude, found.latitude)[1]
+    assert (cells.status[near <= cells.spacing_m] == Status.POINT).all()
+    with xarray.open_dataset(polar, engine="h5netcdf", group="overview") as raster:
+        assert raster.attrs["projection"] == "polar stereographic"
+        assert raster.x.attrs["long_name"] == "east of the centre, polar stereographic"
+
+
+def test_the_report_of_a_polar_cap_shows_its_map(polar: Path) -> None:
+    text = render_report(open_catalog(polar), polar.name)
+    parsed(text)
+    assert "polar stereographic projection" in text
+    assert "nan" not in text.split("</figure>")[0]
+
+
+def test_a_plane_that_does_not_exist_is_a_problem_of_the_file(polar: Path, tmp_path: Path) -> None:
+    forged = tmp_path / "forged.h5"
+    forged.write_bytes(polar.read_bytes())
+    with h5py.File(forged, "r+") as file:
+        file["overview"].attrs["center_lat"] = 80.0
+    assert any("overview: a polar map has its centre at a pole" in line for line in verify(forged))
+    with h5py.File(forged, "r+") as file:
+        file["overview"].attrs["projection"] = 3.0
+    assert any("the attribute projection is not a text" in line for line in verify(forged))

@@ -16,7 +16,6 @@ from lcp_catalog.catalog import claim_map, report
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.charts import Map
 from lcp_catalog.catalog.summary import Statistics, summary
-from lcp_catalog.geometry.frames import EnuFrame
 
 
 def given(catalog: Catalog) -> tuple[Catalog, Map, np.ndarray]:
@@ -26,7 +25,7 @@ def given(catalog: Catalog) -> tuple[Catalog, Map, np.ndarray]:
 
 def chart_of(catalog: Catalog) -> Map:
     view = catalog.overview
-    return Map(view.height, view.x, view.y, EnuFrame(view.center_lon, view.center_lat))
+    return Map(view.height, view.x, view.y, view.plane)
 
 
 def decoded(found: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -1,0 +1,141 @@
+"""Planes of overview maps: orthographic for regions that a tangent plane shows, else equirectangular or
+polar stereographic.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array
+from ..constants import MOON_RADIUS_M
+from .bounds import Bounds
+from .frames import EnuFrame, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+
+ORTHOGRAPHIC = "orthographic"
+EQUIRECTANGULAR = "equirectangular"
+POLAR_STEREOGRAPHIC = "polar stereographic"
+PROJECTIONS = (ORTHOGRAPHIC, EQUIRECTANGULAR, POLAR_STEREOGRAPHIC)
+
+_POLAR_REACH_DEG = 75.0
+"""Greatest distance from the pole of a polar map."""
+_EDGE = 129
+
+
+@dataclass(frozen=True)
+class MapPlane:
+    """A plane with x to the right and y up, metres on the sphere of 1737400 m, its origin at a centre.
+
+    Orthographic: east and north of the centre's tangent frame, the near side. Equirectangular: true
+    to scale at the centre's parallel, all longitudes within 180 degrees of the centre. Polar
+    stereographic: true to scale at the centre, which is a pole; the centre's meridian runs down
+    from the north pole, up from the south pole. ValueError for another projection, or for a polar map
+    whose centre is not a pole.
+    """
+
+    projection: str
+    center_lon: float
+    center_lat: float
+
+    def __post_init__(self) -> None:
+        if self.projection not in PROJECTIONS:
+            raise ValueError(f"unknown projection {self.projection!r}")
+        if self.projection == POLAR_STEREOGRAPHIC and abs(self.center_lat) != 90.0:
+            raise ValueError(f"a polar map has its centre at a pole, not at {self.center_lat:g}")
+
+    @classmethod
+    def showing(cls, box: Bounds) -> MapPlane:
+        """The plane for a box that is too large for a tangent plane."""
+        for pole, away in ((90.0, 90.0 - box.south), (-90.0, 90.0 + box.north)):
+            if away <= _POLAR_REACH_DEG:
+                return cls(POLAR_STEREOGRAPHIC, 0.0, pole)
+        lon, lat = (box.west + box.east) / 2.0 % 360.0, (box.south + box.north) / 2.0
+        return cls(EQUIRECTANGULAR, lon, lat)
+
+    @cached_property
+    def _frame(self) -> EnuFrame:
+        return EnuFrame(self.center_lon, self.center_lat)
+
+    @property
+    def _north(self) -> bool:
+        return self.center_lat > 0.0
+
+    def places(self, position_mcmf_m: ArrayLike) -> tuple[Array, Array]:
+        """x and y of positions (..., 3) in the Moon-fixed frame, metres; NaN where the plane does not
+        show them.
+        """
+        position = np.asarray(position_mcmf_m, dtype=np.float64)
+        if self.projection == ORTHOGRAPHIC:
+            x, y, z = np.moveaxis(self._frame.from_mcmf(position), -1, 0)
+            hidden = z < -MOON_RADIUS_M
+            return np.where(hidden, np.nan, x), np.where(hidden, np.nan, y)
+        lon, lat, _ = mcmf_to_lonlat(position)
+        return self.at(lon, lat)
+
+    def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Array, Array]:
+        """x and y of places on the sphere, metres; NaN where the plane does not show them."""
+        lon, lat = np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64)
+        if self.projection == ORTHOGRAPHIC:
+            return self.places(lonlat_to_mcmf(lon, lat))
+        if self.projection == EQUIRECTANGULAR:
+            away = (lon - self.center_lon + 180.0) % 360.0 - 180.0
+            x = MOON_RADIUS_M * math.cos(math.radians(self.center_lat)) * np.radians(away)
+            return x, MOON_RADIUS_M * np.radians(lat - self.center_lat)
+        colatitude = np.radians(90.0 - lat if self._north else 90.0 + lat)
+        radius = 2.0 * MOON_RADIUS_M * np.tan(np.minimum(colatitude, np.radians(170.0)) / 2.0)
+        turn = np.radians(lon - self.center_lon)
+        down = radius * np.cos(turn)
+        return radius * np.sin(turn), -down if self._north else down
+
+    def lonlat(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Array, Array]:
+        """Longitude (0..360) and latitude, degrees, of the places on the sphere at x and y; NaN off the
+        Moon.
+        """
+        x, y = np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)
+        if self.projection == ORTHOGRAPHIC:
+            up = MOON_RADIUS_M**2 - x**2 - y**2
+            z = np.sqrt(np.where(up >= 0.0, up, np.nan)) - MOON_RADIUS_M
+            lon, lat, _ = mcmf_to_lonlat(self._frame.to_mcmf(np.stack([x, y, z], axis=-1)))
+            return lon, lat
+        if self.projection == EQUIRECTANGULAR:
+            away = np.degrees(x / MOON_RADIUS_M / math.cos(math.radians(self.center_lat)))
+            lat = self.center_lat + np.degrees(y / MOON_RADIUS_M)
+            off = (np.abs(away) > 180.0 + 1e-9) | (np.abs(lat) > 90.0 + 1e-9)
+            lon = np.where(off, np.nan, (self.center_lon + away) % 360.0)
+            return lon, np.where(off, np.nan, np.clip(lat, -90.0, 90.0))
+        colatitude = np.degrees(2.0 * np.arctan(np.hypot(x, y) / (2.0 * MOON_RADIUS_M)))
+        turn = np.degrees(np.arctan2(x, -y if self._north else y))
+        lat = 90.0 - colatitude if self._north else colatitude - 90.0
+        return (self.center_lon + turn) % 360.0, lat
+
+    def north(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
+        """Direction of north on the map at places (n,), degrees clockwise from up."""
+        lon, lat = np.radians(np.atleast_1d(lon_deg)), np.radians(np.atleast_1d(lat_deg))
+        if self.projection == EQUIRECTANGULAR:
+            return np.zeros(lon.shape)
+        if self.projection == POLAR_STEREOGRAPHIC:
+            turn = lon - math.radians(self.center_lon)
+            east, up = -np.sin(turn), np.cos(turn)
+            return np.degrees(np.arctan2(east, up) if self._north else np.arctan2(-east, up))
+        direction = np.stack(
+            [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], -1
+        )
+        along = direction @ enu_rotation(self.center_lon, self.center_lat).T
+        return np.degrees(np.arctan2(along[:, 0], along[:, 1]))
+
+    def extent_m(self, box: Bounds) -> tuple[float, float, float, float]:
+        """Least x, greatest x, least y, greatest y of a box that the plane shows."""
+        if self.projection == EQUIRECTANGULAR:
+            half = math.radians((box.east - box.west) / 2.0) * MOON_RADIUS_M
+            half *= math.cos(math.radians(self.center_lat))
+            _, (low, high) = self.at([0.0, 0.0], [box.south, box.north])
+            return -half, half, float(low), float(high)
+        lon, lat = np.meshgrid(
+            np.linspace(box.west, box.east, _EDGE), np.linspace(box.south, box.north, _EDGE)
+        )
+        x, y = self.at(lon, lat)
+        return float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y))
