@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 EXIT_SOME_FAILED = 3
 
+_NAMES = 8
+"""Greatest number of missing areas that are named for a part."""
+
 
 @click.command("build-catalog", cls=FileCommand)
 @dem_argument
@@ -255,7 +258,9 @@ def _print_parts(dem: tuple[str, ...], config: BuildConfig, output: str, as_json
         click.echo(json.dumps({"areas": areas, "missing": missing, "parts": rows}, indent=2))
         return
     for state in states:
-        names = ": " + " ".join(state.missing) if state.missing else ""
+        first, more = state.missing[:_NAMES], len(state.missing) - _NAMES
+        names = ": " + " ".join(first) if first else ""
+        names += f" and {more} more (all with --json)" if more > 0 else ""
         click.echo(f"part {state.part}: {len(state.missing)} of {state.areas} missing{names}")
     click.echo(f"{areas - missing} of {areas} areas are computed")
 

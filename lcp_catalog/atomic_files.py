@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
@@ -77,6 +78,15 @@ def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool =
     """Write a whole file as `write_aside` does."""
     with write_aside(path, overwrite) as aside:
         aside.write_bytes(content)
+
+
+def remove_leftovers(path: Path | str) -> None:
+    """Remove what killed processes have left of an output, while no process writes it."""
+    target = Path(os.path.realpath(path))
+    name = re.compile(rf"\.{re.escape(target.name[:100])}\.[0-9a-f]{{12}}\.part")
+    for file in target.parent.iterdir():
+        if name.fullmatch(file.name):
+            file.unlink(missing_ok=True)
 
 
 def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:

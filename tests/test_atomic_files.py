@@ -137,3 +137,18 @@ def test_a_write_that_really_fails(tmp_path):
 def test_depfile_is_what_make_reads(tmp_path):
     text = depfile_text("out dir/a.tif", ["d em.tif", "b#1.tif", "c$.tif"])
     assert text == "out\\ dir/a.tif: d\\ em.tif b\\#1.tif c$$.tif\n"
+
+
+def test_leftovers_of_killed_processes_are_removed_and_nothing_else(tmp_path):
+    """A killed process cannot remove the file that it was writing."""
+    code = (
+        "import os, sys; from lcp_catalog.atomic_files import write_aside\n"
+        "with write_aside(sys.argv[1]): os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], check=False)
+    (left,) = names(tmp_path)
+    for other in ("a.h5", "a.h5.part", ".a.h5.part", left.replace("a.h5", "a.h5.d"), ".mine.part"):
+        (tmp_path / other).touch()
+    atomic_files.remove_leftovers(tmp_path / "a.h5")
+    assert left not in names(tmp_path)
+    assert len(names(tmp_path)) == 5

@@ -23,7 +23,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
-from ..atomic_files import write_aside
+from ..atomic_files import remove_leftovers, write_aside
 from ..errors import OutputExistsError
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
@@ -35,6 +35,7 @@ except ImportError:  # Windows: two builds of one output are not told from each 
 
 log = logging.getLogger(__name__)
 
+_ENDING = ".parts"
 _PLAN, _RUN, _LOCK, _NOTE = "scene_plan", "fingerprint", "run.lock", "run.json"
 _AREAS = "r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9].npz"
 """Names of checkpoints (`areas.AreaTask.name`); other files in the folder are the user's."""
@@ -50,7 +51,7 @@ class Checkpoints:
     @classmethod
     def beside(cls, output: Path, fingerprint: str) -> Checkpoints:
         """The checkpoints of an output file."""
-        return cls(output.with_name(output.name + ".parts"), fingerprint)
+        return cls(output.with_name(output.name + _ENDING), fingerprint)
 
     @contextlib.contextmanager
     def locked(self, shared: bool = False) -> Iterator[None]:
@@ -86,8 +87,10 @@ class Checkpoints:
 
     def begin(self, resume: bool, overwrite: bool = False) -> None:
         """Note the run in the folder. Without ``resume`` remove older checkpoints. Those of a run with
-        other inputs are removed if ``overwrite`` is set too; else they raise OutputExistsError.
+        other inputs are removed if ``overwrite`` is set too; else they raise OutputExistsError. What a
+        killed run left of its catalogue is removed.
         """
+        remove_leftovers(self.folder.with_name(self.folder.name.removesuffix(_ENDING)))
         if not resume or (overwrite and not self._is_same_run()):
             self._remove_files()
         self.require_same_run()

@@ -102,6 +102,27 @@ def test_plan_is_three_lines(
     assert "cast shadows" in capsys.readouterr().out
 
 
+def test_list_parts_names_missing_areas(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of 100 km there are more areas than are named; nothing is written."""
+    many = [DEM, "-o", str(tmp_path / "x.h5"), "--config", config, "--list-parts"]
+    many += ["--center", "3.5", "26", "--size", "150"]
+    assert run(["build-catalog", *many, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (part,) = document["parts"]
+    assert part["part"] == "1/1"
+    assert len(part["missing"]) == part["areas"] == document["areas"] == document["missing"] > 8
+    assert run(["build-catalog", *many]) == 0
+    first, last = capsys.readouterr().out.splitlines()
+    names = " ".join(part["missing"][:8])
+    count = part["areas"]
+    more = f"{names} and {count - 8} more (all with --json)"
+    assert first == f"part 1/1: {count} of {count} missing: {more}"
+    assert last == f"0 of {count} areas are computed"
+    assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
+
+
 def test_messages_are_json_lines(tmp_path: Path, config: str) -> None:
     """Of a whole build: progress and the result."""
     small = [DEM, "-o", str(tmp_path / "x.h5"), "--config", config, "--center", "3.5", "26"]
