@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from lcp_catalog.build.run import BuildReport
 
 EXIT_SOME_FAILED = 3
+JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
+"""Most processes that can be asked for."""
 
 _NAMES = 8
 """Greatest number of missing areas that are named for a part."""
@@ -56,7 +58,7 @@ _NAMES = 8
 @click.option(
     "--jobs",
     "-j",
-    type=click.IntRange(1),
+    type=click.IntRange(1, JOBS_MAX),
     metavar="N",
     help="Number of areas computed at the same time; default: number of CPU cores that the process may use.",
 )

@@ -12,6 +12,10 @@ import click
 
 from .files import InputFile, config_files
 from .options import RASTER, check_accuracy, check_albedo, check_area, option_group
+from .value_types import POSITIVE, Number
+
+NUMBERS_MAX = 3600
+"""Most numbers of a list START:STOP:STEP: a tenth of a degree around the horizon."""
 
 
 class NumberList(click.ParamType):
@@ -29,9 +33,10 @@ class NumberList(click.ParamType):
                 start, stop, step = (float(part) for part in value.split(":"))
                 if not step > 0 or not math.isfinite((stop - start) / step):
                     self.fail(f"{value!r}: the step must be positive", param, ctx)
-                return tuple(
-                    start + i * step for i in range(math.floor((stop - start) / step + 1e-9) + 1)
-                )
+                count = math.floor((stop - start) / step + 1e-9) + 1
+                if count > NUMBERS_MAX:
+                    self.fail(f"{value!r} is {count} numbers, at most {NUMBERS_MAX}", param, ctx)
+                return tuple(start + i * step for i in range(count))
             return tuple(float(part) for part in value.split(","))
         except ValueError:
             self.fail(f"{value!r} is neither A,B,C nor START:STOP:STEP", param, ctx)
@@ -104,21 +109,21 @@ point_options = option_group(
     click.option(
         "--spacing",
         "spacing_km",
-        type=click.FloatRange(0, min_open=True),
+        type=POSITIVE,
         metavar="KM",
         help="Least distance between two points; default: two patch widths, at most 8 km.",
     ),
     click.option(
         "--search",
         "search_km",
-        type=click.FloatRange(0, min_open=True),
+        type=POSITIVE,
         metavar="KM",
         help="Radius within which a point must be unique; default: 64 cells, at most 8 km.",
     ),
     click.option(
         "--noise",
         "sensor_noise",
-        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        type=Number(0, 1, min_open=True, max_open=True),
         metavar="SHARE",
         help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.07.",
     ),

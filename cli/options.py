@@ -16,6 +16,7 @@ from lcp_catalog.choices import ENCODINGS, REFLECTANCE_MODELS
 from .files import Files, InputFile, OutputFile, raster_files
 from .value_types import (
     AZIMUTH,
+    CELL_SIZE,
     LATITUDE,
     LAW,
     LONGITUDE,
@@ -82,7 +83,7 @@ area_options = option_group(
     click.option(
         "--gsd",
         "gsd_m",
-        type=POSITIVE,
+        type=CELL_SIZE,
         metavar="M",
         help="Cell size; default: that of the DEM, and of a build about half of what the DEM resolves.",
     ),

@@ -13,7 +13,7 @@ from lcp_catalog.choices import PNG, TIFF
 
 from . import options
 from .files import FileCommand, InputFile, raster_files
-from .value_types import POSITIVE, Number
+from .value_types import CELL_SIZE, POSITIVE, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.simulation.detector import Detector
@@ -57,7 +57,7 @@ def _written(frame: str) -> Iterator[Path]:
 @options.model_options
 @options.albedo_options
 @click.option(
-    "--gsd", "gsd_m", type=POSITIVE, metavar="M", help="Cell size; default: the DEM's own."
+    "--gsd", "gsd_m", type=CELL_SIZE, metavar="M", help="Cell size; default: the DEM's own."
 )
 @click.option(
     "--blur",

@@ -11,7 +11,7 @@ import click
 
 from . import options
 from .files import FileCommand
-from .value_types import LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
+from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, Instant, Number, Step
 
 if TYPE_CHECKING:
     from lcp_catalog.sun.table import SunTable
@@ -55,7 +55,7 @@ COLUMNS = {
 @click.option(
     "--gsd",
     "gsd_m",
-    type=POSITIVE,
+    type=CELL_SIZE,
     metavar="M",
     help="With --dem: cell size of the nearby terrain; default: that of the DEM.",
 )

@@ -14,7 +14,7 @@ from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 from . import options
 from .files import FileCommand, InputFile, OutputFile
 from .messages import say
-from .value_types import LAW, POSITIVE, Finite, Number
+from .value_types import CELL_SIZE, LAW, Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.validation.run import ImageFiles, Validation
@@ -54,7 +54,7 @@ def _written(folder: str) -> Iterator[Path]:
 @click.option(
     "--gsd",
     "gsd_m",
-    type=POSITIVE,
+    type=CELL_SIZE,
     metavar="M",
     help="Cell size at which windows are compared; default: the effective resolution of --dem, estimated from its "
     "heights, or the cell size of the patches.",

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from lcp_catalog.choices import AUTO_LAW, REFLECTANCE_MODELS
+from lcp_catalog.choices import AUTO_LAW, GSD_MAX_M, REFLECTANCE_MODELS
 
 
 class _Finite(click.ParamType):
@@ -106,6 +106,7 @@ class Step(click.ParamType):
 
 
 POSITIVE = Number(min=0.0, min_open=True)
+CELL_SIZE = Number(min=0.0, max=GSD_MAX_M, min_open=True)
 LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
 AZIMUTH = Number(-360, 360)
 

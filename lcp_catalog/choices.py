@@ -34,5 +34,8 @@ less than the accuracy admits."""
 HEIGHTFIELD_SIZE_MAX_KM = 2000.0
 """Greatest side of an area with a DEM's heights, which lie over one tangent plane."""
 
+GSD_MAX_M = 50_000.0
+"""Greatest cell size, metres: a window of coarser cells would take in the whole Moon."""
+
 PNG, TIFF = (".png",), (".tif", ".tiff")
 """Endings of the frames that `lcp simulate` writes: detector numbers, radiance factors."""

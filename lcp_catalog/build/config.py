@@ -18,7 +18,7 @@ from typing import Any, get_type_hints
 import tomli_w
 
 from ..accuracy import Accuracy, accuracy
-from ..choices import ENCODINGS
+from ..choices import ENCODINGS, GSD_MAX_M
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.facet_file import law_file
@@ -62,8 +62,8 @@ class AreaConfig:
             "area.center_deg and area.size_km go together",
         )
         _require(
-            self.gsd_m is None or 0.0 < self.gsd_m < math.inf,
-            f"area.gsd_m must be positive, not {self.gsd_m}",
+            self.gsd_m is None or 0.0 < self.gsd_m <= GSD_MAX_M,
+            f"area.gsd_m must be above 0 and at most {GSD_MAX_M:g} m, not {self.gsd_m}",
         )
 
 
@@ -157,6 +157,17 @@ class ViewConfig:
 SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
 """Default search radius: so many nodes, but not more than so many metres."""
 
+SPACING_MIN_NODES, SEARCH_MAX_NODES = 4, 1000
+"""Least spacing and greatest search radius, in nodes: the memory and the time of an area grow with the
+number of points and with the square of the radius.
+"""
+
+LENGTH_MAX_M = 1e7
+"""Greatest spacing and search radius: about the Moon's circumference."""
+
+CONDITIONS_MAX = 50_000
+"""Most conditions (views times Suns) of a build; a point keeps some 40 bytes for each."""
+
 SPACING_MAX_M = 8000.0
 """Greatest default spacing, unless half a patch is wider."""
 
@@ -180,11 +191,15 @@ class PointConfig:
             self.patch_nodes % 2 == 1 and 9 <= self.patch_nodes <= 257,
             f"points.patch_nodes must be odd, 9..257, not {self.patch_nodes}",
         )
+        for name in ("spacing_m", "search_m"):
+            length = getattr(self, name)
+            _require(
+                length is None or 0.0 < length <= LENGTH_MAX_M,
+                f"points.{name} must be above 0 and at most {LENGTH_MAX_M:g} m, not {length}",
+            )
         _require(
-            self.spacing_m is None or self.spacing_m > 0.0, "points.spacing_m must be positive"
+            1 <= self.candidates_per_cell <= 100, "points.candidates_per_cell must lie in 1..100"
         )
-        _require(self.search_m is None or self.search_m > 0.0, "points.search_m must be positive")
-        _require(self.candidates_per_cell >= 1, "points.candidates_per_cell must be at least 1")
         _require(self.min_usable_conditions >= 1, "points.min_usable_conditions must be at least 1")
         for name in ("min_detection", "min_lit_share", "max_dependence"):
             _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
@@ -199,6 +214,20 @@ class PointConfig:
         if self.search_m is None:
             return min(SEARCH_NODES, max(1, round(SEARCH_MAX_M / gsd_m)))
         return max(1, round(self.search_m / gsd_m))
+
+    def check_cells(self, gsd_m: float) -> None:
+        """ConfigError for a spacing of too few cells or a search radius of too many."""
+        spacing, search = self.spacing_m, self.search_m
+        _require(
+            spacing is None or spacing >= SPACING_MIN_NODES * gsd_m,
+            f"a spacing of {spacing or 0.0:g} m is too small for cells of {gsd_m:g} m: at least "
+            f"{SPACING_MIN_NODES} cells, {SPACING_MIN_NODES * gsd_m:g} m",
+        )
+        _require(
+            search is None or search <= SEARCH_MAX_NODES * gsd_m,
+            f"a search radius of {search or 0.0:g} m is too large for cells of {gsd_m:g} m: at most "
+            f"{SEARCH_MAX_NODES} cells, {SEARCH_MAX_NODES * gsd_m:g} m",
+        )
 
     def spacing_nodes(self, gsd_m: float) -> int:
         """Least distance between two points, in nodes; by default two patch widths, at most
@@ -248,8 +277,8 @@ class ModelConfig:
             self.albedo is not None or self.albedo_encoding is self.albedo_reference is None,
             "model.albedo_encoding and model.albedo_reference need model.albedo, a map",
         )
-        _require(self.ring_max_km >= 0.0, "model.ring_max_km must not be negative")
-        _require(self.area_nodes_max >= 16, "model.area_nodes_max must be at least 16")
+        _require(0.0 <= self.ring_max_km <= 3000.0, "model.ring_max_km must lie in 0..3000")
+        _require(16 <= self.area_nodes_max <= 4096, "model.area_nodes_max must lie in 16..4096")
 
     @property
     def precision(self) -> Accuracy:
@@ -322,6 +351,14 @@ class BuildConfig:
     points: PointConfig = field(default_factory=PointConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     errors: ErrorConfig = field(default_factory=ErrorConfig)
+
+    def __post_init__(self) -> None:
+        suns = len(self.sun.azimuths_deg) * len(self.sun.elevations_deg)
+        _require(
+            len(self.view) * suns <= CONDITIONS_MAX,
+            f"{len(self.view)} views times {suns} Suns are {len(self.view) * suns} conditions; at most "
+            f"{CONDITIONS_MAX} can be evaluated",
+        )
 
     @property
     def files(self) -> tuple[Path, ...]:

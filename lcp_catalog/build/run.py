@@ -72,6 +72,7 @@ class Build:
         warn_of_disagreements(dems, region.bounds)
         cell = _cell(config, dems, region)
         gsd_m = cell.gsd_m
+        config.points.check_cells(gsd_m)
         grid = AreaGrid.for_cell(gsd_m, config.model)
         tasks = plan_areas(grid, region, gsd_m)
         if not tasks:

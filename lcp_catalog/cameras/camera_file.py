@@ -12,6 +12,9 @@ from .isd import AnySensor, is_isd, sensor_from_isd
 from .json_fields import parsed
 from .tsai import camera_from_tsai, is_tsai
 
+FRAME_PIXELS_MAX = 100_000_000
+"""Most pixels of a frame that is rendered."""
+
 
 def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
     """The sensor that a camera file describes; CameraError names the file and the invalid field.
@@ -43,6 +46,12 @@ def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camer
     if not isinstance(sensor, Camera):
         raise CameraError(
             f"{path}: is a {sensor.kind}; only framing cameras are rendered: give a CAMERA.json"
+        )
+    width, height = sensor.image_size_px
+    if width * height > FRAME_PIXELS_MAX:
+        raise CameraError(
+            f"{path}: image_size_px of {width} x {height}: at most {FRAME_PIXELS_MAX / 1e6:g} million pixels are "
+            "rendered; use the camera of a part of the image, or of one with larger pixels"
         )
     return sensor
 

@@ -292,19 +292,26 @@ class Layer(Generic[File]):
     def _blocks(
         self, number: int, row0: int, row1: int, col0: int, col1: int, factor: int
     ) -> Float32:
-        """Means of a window of blocks, from the pixels."""
+        """Means of a window of blocks, from the pixels; NaN outside the files, where none is read."""
         grid = self.dems[number].grid
-        out = np.empty((row1 - row0, col1 - col0), np.float32)
-        strip = max(1, _WINDOW_PIXELS // (factor * factor * (col1 - col0)))
-        columns = np.arange(col0 * factor, col1 * factor) if grid.pole else np.zeros(1)
-        for top in range(row0, row1, strip):
-            bottom = min(top + strip, row1)
+        out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
+        first_row, last_row, first_col, last_col = self._cover(number, factor)
+        above, left, right = max(row0, first_row), max(col0, first_col), min(col1, last_col + 1)
+        below = min(row1, last_row + 1)
+        if left >= right:
+            return out
+        strip = max(1, _WINDOW_PIXELS // (factor * factor * (right - left)))
+        columns = np.arange(left * factor, right * factor) if grid.pole else np.zeros(1)
+        for top in range(above, below, strip):
+            bottom = min(top + strip, below)
             pixels = self._pixels(
-                number, top * factor, bottom * factor, col0 * factor, col1 * factor
+                number, top * factor, bottom * factor, left * factor, right * factor
             )
             rows = np.arange(top * factor, bottom * factor)[:, None]
             weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
-            heights.block_means(pixels, weight, factor, out[top - row0 : bottom - row0])
+            means = np.empty((bottom - top, right - left), np.float32)
+            heights.block_means(pixels, weight, factor, means)
+            out[top - row0 : bottom - row0, left - col0 : right - col0] = means
         return out
 
     def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Float32:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +11,7 @@ from ..accuracy import TIERS, Accuracy
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
-from ..choices import SURFACES
+from ..choices import GSD_MAX_M, SURFACES
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.direction import Direction
@@ -83,8 +82,10 @@ class Request:
     """The files of ``dem_paths``, where they are open already."""
 
     def __post_init__(self) -> None:
-        if self.gsd_m is not None and not 0.0 < self.gsd_m < math.inf:
-            raise AreaError(f"invalid cell size {self.gsd_m:g} m: --gsd must be positive")
+        if self.gsd_m is not None and not 0.0 < self.gsd_m <= GSD_MAX_M:
+            raise AreaError(
+                f"invalid cell size {self.gsd_m:g} m: --gsd must be above 0 and at most {GSD_MAX_M:g} m"
+            )
 
     @cached_property
     def dems(self) -> DemSet:
