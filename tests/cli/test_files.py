@@ -4,6 +4,7 @@ from the command line itself, so that a new command is tested too.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -107,8 +108,13 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("link", ["same", "symbolic", "hard"])
-@pytest.mark.parametrize(("name", "output", "other"), PAIRS)
+LINKS = itertools.cycle(["same", "symbolic", "hard"])
+
+
+@pytest.mark.parametrize(
+    ("name", "output", "other", "link"),
+    [(*pair, link) for pair, link in zip(PAIRS, LINKS, strict=False)],
+)
 def test_an_output_that_is_another_file_is_refused(
     name: str, output: str, other: str, link: str, files: Path, capsys: Any
 ) -> None:

@@ -18,7 +18,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = str(SAMPLE / "hadley_gld100_256ppd.tif")
 SUN = ["--sun-azimuth", "9", "--sun-elevation", "20"]
 AREA = ["--center", "3.5", "26", "--size", "20"]
-BUILD = ["build-catalog", DEM, *AREA, "-o", "o.h5"]
+BUILD = ["build-catalog", DEM, *AREA, "-o", "o.h5", "--jobs", "1"]
 
 
 @pytest.fixture(autouse=True)
