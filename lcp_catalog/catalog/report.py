@@ -49,6 +49,9 @@ sample of the others.
 HOLES_MAX = 3000
 """Most cells without a point that the map shows."""
 
+POINTS_MAX = 5000
+"""Most points on the map; of more an even sample is shown."""
+
 HOLES = {
     "featureless": ("ring", "too little texture to localise a point"),
     "ambiguous": ("cross", "localisable, but similar to other terrain within the search radius"),
@@ -87,6 +90,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         holes=holes,
         hole_note=_hole_note(catalog, holes),
         projection=_projection(catalog.overview.plane),
+        points_shown=_points_sentence(catalog),
         elevations=found["usable_by_sun_elevation"],
         elevation_chart=_elevation_chart(found),
         claims=_claims(catalog, statistics, disc),
@@ -193,18 +197,26 @@ def _map(catalog: Catalog, statistics: Statistics) -> Markup:
 
 
 def _point_marks(catalog: Catalog, statistics: Statistics, chart: Map) -> list[Mark]:
-    places = np.stack(chart.plane.places(catalog.position_mcmf), axis=-1)
-    order = np.argsort(statistics.by_point, kind="stable")
+    rows = np.linspace(0, len(catalog) - 1, min(len(catalog), POINTS_MAX)).astype(np.int64)
+    places = np.stack(chart.plane.places(catalog.part("position_mcmf", rows)), axis=-1)
+    shares = statistics.by_point[rows]
     return [
         Mark(
             float(places[i, 0]),
             float(places[i, 1]),
             "dot",
-            shade_class(float(np.nan_to_num(statistics.by_point[i]))),
-            f"{catalog.point_id[i]}: {percent(statistics.by_point[i])} usable",
+            shade_class(float(np.nan_to_num(shares[i]))),
+            f"{catalog.point_id[rows[i]]}: {percent(shares[i])} usable",
         )
-        for i in order
+        for i in np.argsort(shares, kind="stable")
     ]
+
+
+def _points_sentence(catalog: Catalog) -> str:
+    """What the map leaves out; empty if it shows all points."""
+    if len(catalog) <= POINTS_MAX:
+        return ""
+    return f"The map shows an even sample of {POINTS_MAX} of the {len(catalog)} points."
 
 
 def _hole_marks(catalog: Catalog, chart: Map) -> list[Mark]:

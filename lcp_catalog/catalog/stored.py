@@ -208,12 +208,17 @@ class StoredCatalog(Catalog):
         return catalog
 
     def __len__(self) -> int:
-        return self._source.shapes["point_id"][0]
+        return self._shape("point_id")[0]
 
     @property
     def patch_nodes(self) -> int:
         """Nodes along a patch's side."""
-        return self._source.shapes["dem"][1]
+        return self._shape("dem")[1]
+
+    def _shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a variable; a changed copy (`dataclasses.replace`) has all of them in memory."""
+        known = self.__dict__.get(name)
+        return self._source.shapes[name] if known is None else np.shape(known)
 
     def part(self, name: str, *index: Any) -> AnyArray:
         """See `Catalog.part`."""
@@ -227,6 +232,8 @@ class StoredCatalog(Catalog):
 
     def row_bytes(self, name: str) -> int:
         """See `Catalog.row_bytes`."""
+        if name in self.__dict__:
+            return super().row_bytes(name)
         variable = GROUPS[""][name]
         size = 64 if variable.dtype == TEXT else np.dtype(variable.dtype).itemsize
         return int(np.prod(self._source.shapes[name][1:])) * size

@@ -1,0 +1,126 @@
+"""Parts of a catalogue that are read from its file, without the rest."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import catalogs, many_points
+
+from lcp_catalog.catalog import catalogue, summary, verification
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
+from lcp_catalog.errors import CatalogError
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("catalog") / "c.h5"
+    write_catalog(catalogs.claimed(30), path)
+    return path
+
+
+@pytest.fixture(params=["file", "memory"])
+def found(request: pytest.FixtureRequest, written: Path) -> Catalog:
+    return open_catalog(written) if request.param == "file" else catalogs.claimed(30)
+
+
+def test_parts_are_those_of_the_whole(found: Catalog) -> None:
+    whole = catalogs.claimed(30)
+    rows = np.array([29, 3, 3, 17])
+    np.testing.assert_array_equal(found.part("dem", 7), whole.dem[7])
+    np.testing.assert_array_equal(found.part("dem", rows), whole.dem[rows])
+    np.testing.assert_array_equal(found.part("dem", rows[:0]), whole.dem[:0])
+    one = found.part("sigma_major", slice(None), 1, 2, 3, 4)
+    np.testing.assert_array_equal(one, whole.sigma_major[:, 1, 2, 3, 4])
+    assert found.part("dem_product", slice(2, 4)).tolist() == ["WAC GLD100"] * 2
+    status = found.part("coverage/status", slice(0, 5))
+    np.testing.assert_array_equal(status, whole.coverage.status[:5])
+    with pytest.raises(CatalogError, match="has no albedo"):
+        found.part("albedo", 0)
+
+
+def test_nothing_is_read_before_it_is_used(written: Path) -> None:
+    found = open_catalog(written)
+    assert (len(found), found.patch_nodes, found.has_claims) == (30, 9, True)
+    assert found.part("dem", 0).shape == (9, 9)
+    assert not {"dem", "condition", "sigma_major"} & set(vars(found))
+    assert found.dem is found.dem
+    assert "dem" in vars(found)
+
+
+@pytest.mark.parametrize(
+    "box",
+    [(2.9, 25.5, 4.0, 26.6), (-177.1, 25.5, 4.0, 26.6), (4.0, -90.0, 2.9, 90.0), (0, 80, 9, 90)],
+)
+def test_a_box_holds_the_points_within(found: Catalog, box: tuple[float, ...]) -> None:
+    whole = catalogs.claimed(30)
+    west, south, east, north = box
+    turned = np.where(whole.longitude < west % 360, whole.longitude + 360, whole.longitude)
+    width = (east - west) % 360
+    inside = turned - west % 360 <= width
+    inside &= (whole.latitude >= south) & (whole.latitude <= north)
+    part = found.within(*box)
+    np.testing.assert_array_equal(part.point_id, whole.point_id[inside])
+    for name in ("dem", "condition", "detection_probability", "sigma_angle"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
+    assert 0 <= len(part.coverage.status) < len(whole.coverage.status)
+    assert part.coverage.usable is not None
+
+
+def test_a_box_may_be_written(found: Catalog, tmp_path: Path) -> None:
+    part = found.within(2.9, 25.5, 4.0, 26.6)
+    assert 0 < len(part) < 30
+    write_catalog(part, tmp_path / "part.h5")
+    assert verify(tmp_path / "part.h5") == []
+    with pytest.raises(CatalogError, match="the south 3 is above the north 2"):
+        found.within(0.0, 3.0, 1.0, 2.0)
+
+
+def test_a_stored_catalogue_is_copied_and_sent_as_others_are(written: Path) -> None:
+    found = pickle.loads(pickle.dumps(open_catalog(written)))
+    np.testing.assert_array_equal(found.condition, catalogs.claimed(30).condition)
+    changed = dataclasses.replace(open_catalog(written), title="other")
+    assert (changed.title, len(changed)) == ("other", 30)
+
+
+def test_figures_do_not_depend_on_the_blocks(
+    written: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = summary.describe(written)
+    for module in (catalogue, verification):
+        monkeypatch.setattr(module, "BLOCK_BYTES", 5000)
+    assert summary.summary(open_catalog(written)).items() <= whole.items()
+    assert verification.all_problems(str(written)) == []
+
+
+def test_faults_of_all_blocks_are_counted_together(
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import h5py
+
+    path = tmp_path / "c.h5"
+    path.write_bytes(written.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["longitude"][[3, 22]] = 500.0
+    monkeypatch.setattr(verification, "BLOCK_BYTES", 5000)
+    problems = verification.all_problems(str(path))
+    assert "longitude: not in 0..360 (2 of 30; the first at [3])" in problems
+
+
+def test_a_window_of_many_points_needs_little_memory(tmp_path: Path) -> None:
+    """`benchmarks/large_catalog.py` in small."""
+    path = tmp_path / "many.h5"
+    write_catalog(many_points.catalog(8000), path)
+    tracemalloc.start()
+    try:
+        found = open_catalog(path, check=False)
+        part = found.within(-5.0, -5.0, 5.0, 5.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 10 < len(part) < 100
+    assert peak < 6e6  # the claims of all points alone are 31 MB
