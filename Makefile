@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage soak clean venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage clean venv
 
 all: catalog
 
@@ -72,9 +72,6 @@ damage: $(READY)
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
 	$(BIN)/python benchmarks/peers.py 2048 4096
-
-soak: $(READY)
-	$(BIN)/python benchmarks/soak.py --kills 200
 
 clean:
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache
