@@ -276,9 +276,7 @@ class TestTheFile:
     def made(**spoilt: Any) -> Catalog:
         values = np.random.default_rng(2).uniform(0.5, 1.5, (6, 9, 9)).astype(np.float32)
         values[4] = np.nan  # off the map
-        source = {"name": "m.tif", "size": 9, "sha256": "0" * 64}
-        facts = {"name": "m.tif", "encoding": "linear", "reference": 1.0, "reference_is": "given"}
-        given = {"albedo": values, "albedo_map": facts | {"files": [source]}}
+        given = {"albedo": values, "albedo_map": catalogs.ALBEDO_MAP}
         return catalogs.catalog(6, **{**given, **spoilt})
 
     @pytest.fixture

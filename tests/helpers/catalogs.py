@@ -30,6 +30,14 @@ HADLEY = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_25
 CENTER = (3.5, 26.0)
 GSD_M = 118.0
 
+ALBEDO_MAP = {
+    "name": "made up",
+    "encoding": "linear",
+    "reference": 1.0,
+    "reference_is": "given",
+    "files": [{"name": "made_up.tif", "size": 1, "sha256": "0" * 64}],
+}
+
 
 def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0) -> dict[str, Any]:
     """Everything `Catalog` wants, as keyword arguments, so that a test can spoil one of them."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.catalogs import ALBEDO_MAP
 from helpers.twins_match import catalog_of_dem, catalog_of_patches, looking_at, traced_image
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -204,7 +205,7 @@ def test_albedo_multiplies():
     catalog = catalog_of_patches(hill()[None], [frame], GSD_M)
     albedo = np.ones((1, 33, 33), np.float32)
     albedo[:, :, 17:] = 1.4
-    brighter = replace(catalog, albedo=albedo, albedo_map={"name": "made up"})
+    brighter = replace(catalog, albedo=albedo, albedo_map=ALBEDO_MAP)
     camera = looking_at(frame, 50e3, 0, 0, 0, 500.0, (300, 300))
     plain, bright = (rendered(c, frame, camera, direction_enu(90, 30)) for c in (catalog, brighter))
     ratio = bright.values[0] / np.where(plain.mask[0], plain.values[0], np.nan)

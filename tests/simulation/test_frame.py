@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.catalogs import ALBEDO_MAP
 from helpers.products import DEGREE_M, cylinder, geotiff
 from helpers.twins_match import catalog_of_patches
 from hypothesis import given
@@ -336,8 +337,7 @@ def test_a_patch_has_its_own_albedo(dem):
     factor = np.ones((2, 21, 21), dtype=np.float32)
     factor[0] = 0.5
     factor[1] += 0.01 * np.arange(21)
-    about = {"name": "map", "encoding": "linear", "reference": 1.0, "files": []}
-    mapped = patches(dem, APART, albedo=factor, albedo_map=about)
+    mapped = patches(dem, APART, albedo=factor, albedo_map=ALBEDO_MAP)
     light, dark = (ground_of(c, taken_by).radiance(taken_by) for c in (plain, mapped))
     ratio = dark / light
     west, east = ratio[:, :30], ratio[:, 30:]

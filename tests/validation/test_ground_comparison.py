@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.catalogs import HADLEY
+from helpers.catalogs import ALBEDO_MAP, HADLEY
 from helpers.twins_match import catalog_of_dem, looking_at
 
 from lcp_catalog.accuracy import TIERS
@@ -218,7 +218,7 @@ def test_a_patch_s_albedo_is_in_its_render(photo, catalog) -> None:
     row, col = np.mgrid[-16:17, -16:17]
     spots = 1.0 + 2.0 * (np.hypot(row - 4, col + 5) < 6)
     albedo = np.broadcast_to(spots.astype(np.float32), catalog.dem.shape)
-    spotted = replace(catalog, albedo=albedo, albedo_map={"name": "spots"})
+    spotted = replace(catalog, albedo=albedo, albedo_map=ALBEDO_MAP)
     plain, with_spots = (
         against_patches(photo, which, ROWS, LAW, STANDARD).windows for which in (catalog, spotted)
     )
