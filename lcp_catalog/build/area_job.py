@@ -276,7 +276,7 @@ def _has_whole_patch(
 
 def _turns(frame: EnuFrame, lon: Array, lat: Array, config: BuildConfig) -> Array:
     """Azimuth of each point's north in the area's frame, radians, rounded to twice the direction tolerance."""
-    north = np.array([enu_rotation(o, a)[1] for o, a in zip(lon, lat, strict=True)]).reshape(-1, 3)
+    north = enu_rotation(lon, lat)[:, 1]
     east_up = frame.direction_from_mcmf(north)
     turn = np.arctan2(east_up[:, 0], east_up[:, 1])
     step = 2.0 * np.radians(config.model.direction_tolerance_deg)

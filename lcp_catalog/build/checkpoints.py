@@ -1,32 +1,36 @@
 """Checkpoints: finished areas of a build, stored beside the output until the catalogue is written, so that
 an interrupted run loses none of them.
 
-A checkpoint is an .npz file in ``OUTPUT.parts/`` that holds the fingerprint of its run, as does
-``run.json`` there. ``run.lock`` is locked while a run uses the folder: by one build, or by any number
-of parts of the same build. These files, and the folder if nothing else is in it, are removed when the
-catalogue has been written.
+A checkpoint is a file in ``OUTPUT.parts/``: a head with the fingerprint of its run and a checksum,
+the scene plan, the table of the area's candidates with the checksum of each record, then the records
+(`finished_area`). The table is read without the records, and some records without the others. NumPy's
+.npz could not: it opens in milliseconds, and a part of an array cannot be read and checked.
+
+``run.json`` in the folder names the run too. ``run.lock`` is locked while a run uses the folder: by one
+build, or by any number of parts of the same build. These files, and the folder if nothing else is in
+it, are removed when the catalogue has been written.
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import errno
 import json
 import logging
 import os
-import zipfile
+import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import IO, Any
 
 import numpy as np
 
+from ..arrays import AnyArray, Index
 from ..atomic_files import remove_leftovers, write_aside
-from ..errors import OutputExistsError
-from ..rendering.plan import ScenePlan
-from .area_job import AreaResult, Candidates
+from ..errors import AreaFailedError, OutputExistsError
+from .finished_area import TABLE, FinishedArea, checksums
 
 try:
     import fcntl
@@ -36,9 +40,32 @@ except ImportError:  # Windows: two builds of one output are not told from each 
 log = logging.getLogger(__name__)
 
 _ENDING = ".parts"
-_PLAN, _RUN, _LOCK, _NOTE = "scene_plan", "fingerprint", "run.lock", "run.json"
-_AREAS = "r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9].npz"
+_LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
+_AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
 """Names of checkpoints (`areas.AreaTask.name`); other files in the folder are the user's."""
+
+_HEAD = struct.Struct("<8s64sQQQQ")
+"""Start of a checkpoint: `_MAGIC`, fingerprint, bytes of the plan, rows of the table, number of records,
+bytes of a record. The checksum of head, plan and table follows, then plan, table, records.
+"""
+
+_MAGIC, _SUM = b"LCP-AREA", struct.Struct("<I")
+
+_READ_BYTES = 2**24
+"""Records that are read together when a checkpoint is checked."""
+
+
+@dataclass(frozen=True)
+class StoredArea:
+    """A checkpoint without its records: the table of the candidates, the scene plan as JSON, and where
+    the records are: their number, the bytes of each, and the bytes before them.
+    """
+
+    table: AnyArray
+    plan: str
+    records: int
+    record_bytes: int
+    before: int
 
 
 @dataclass(frozen=True)
@@ -139,28 +166,86 @@ class Checkpoints:
 
     def path(self, name: str) -> Path:
         """The file of an area."""
-        return self.folder / f"{name}.npz"
+        return self.folder / f"{name}{_AREA}"
 
-    def write(self, name: str, result: AreaResult) -> None:
+    def write(self, name: str, area: FinishedArea) -> None:
         """Store a finished area."""
+        plan, records = str(area.plan).encode(), area.records
+        sizes = (len(plan), len(area.table), len(records), records.dtype.itemsize)
+        head = _HEAD.pack(_MAGIC, self._mark, *sizes)
+        checked = head + plan + area.table.tobytes()
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
-            arrays: dict[str, Any] = _flatten("", result.candidates)
-            arrays[_PLAN] = np.array(str(result.plan))
-            arrays[_RUN] = np.array(self.fingerprint)
-            np.savez(stream, **arrays)
+            stream.write(head + _SUM.pack(zlib.crc32(checked)) + checked[len(head) :])
+            stream.write(np.ascontiguousarray(records).view(np.uint8).data)
 
-    def read(self, name: str) -> AreaResult | None:
-        """A finished area; None if there is none, or its file is damaged or of another run (it is
-        computed again).
+    @property
+    def _mark(self) -> bytes:
+        return self.fingerprint.encode().ljust(64)[:64]
+
+    def read(self, name: str) -> StoredArea | None:
+        """A finished area without its records; None if there is none, or its file is damaged or of
+        another run (it is computed again).
         """
         try:
-            with np.load(self.path(name), allow_pickle=False) as arrays:
-                if str(arrays[_RUN]) != self.fingerprint:
-                    return None
-                plan = ScenePlan.from_json(json.loads(str(arrays[_PLAN])))
-                return AreaResult(_unflatten("", Candidates, arrays), plan)
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            with self.path(name).open("rb", buffering=0) as stream:
+                return self._read(stream)
+        except OSError:
             return None
+
+    def _read(self, stream: IO[bytes]) -> StoredArea | None:
+        head = stream.read(_HEAD.size + _SUM.size)
+        if len(head) < _HEAD.size + _SUM.size:
+            return None
+        magic, mark, plan_bytes, rows, records, each = _HEAD.unpack_from(head)
+        table_bytes = rows * TABLE.itemsize
+        before = len(head) + plan_bytes + table_bytes
+        if (magic, mark) != (_MAGIC, self._mark):
+            return None
+        if os.fstat(stream.fileno()).st_size != before + records * each:
+            return None
+        body = stream.read(plan_bytes + table_bytes)
+        if zlib.crc32(head[: _HEAD.size] + body) != _SUM.unpack_from(head, _HEAD.size)[0]:
+            return None
+        table = np.frombuffer(body, TABLE, rows, plan_bytes).copy()  # the plan's bytes can go
+        return StoredArea(table, body[:plan_bytes].decode(), records, each, before)
+
+    def is_whole(self, name: str) -> bool:
+        """True if the area is finished and its file undamaged, the records too."""
+        area = self.read(name)
+        if area is None:
+            return False
+        if not area.records:
+            return True
+        expected = area.table["checksum"][area.table["usable"] > 0]
+        kind = np.dtype((np.void, area.record_bytes))
+        step = max(1, _READ_BYTES // area.record_bytes)
+        for start in range(0, area.records, step):
+            found = self._stored(name, kind, area.before, start, step)
+            if not np.array_equal(checksums(found), expected[start : start + step]):
+                return False
+        return len(expected) == area.records
+
+    def records(
+        self, name: str, kind: np.dtype[np.void], before: int, rows: Index, expected: AnyArray
+    ) -> AnyArray:
+        """Records ``rows`` of an area, of type ``kind``, that start after so many bytes and have the
+        ``expected`` checksums. AreaFailedError if the file is lost, damaged or replaced.
+        """
+        first, count = int(rows.min()), int(np.ptp(rows)) + 1
+        span = self._stored(name, kind, before, first, count)
+        if len(span) == count and np.array_equal(checksums(span[rows - first]), expected):
+            return span[rows - first]
+        raise lost_area(self.path(name))
+
+    def _stored(
+        self, name: str, kind: np.dtype[np.void], before: int, first: int, count: int
+    ) -> AnyArray:
+        """Records of an area from the ``first``, without a check; fewer if they cannot be read."""
+        try:
+            offset = before + first * kind.itemsize
+            return np.fromfile(self.path(name), kind, count, offset=offset)
+        except OSError:
+            return np.zeros(0, kind)
 
     def remove(self) -> None:
         """Remove the checkpoints, and the folder unless it holds other files."""
@@ -188,23 +273,9 @@ def _lock(stream: int, shared: bool) -> None:
         log.warning("the file system has no locks: do not run two builds of one output")
 
 
-def _flatten(prefix: str, value: Any) -> dict[str, np.ndarray]:
-    """Arrays of nested dataclasses by dotted name, without those that are None."""
-    if value is None:
-        return {}
-    if not dataclasses.is_dataclass(value):
-        return {prefix: value}
-    found: dict[str, np.ndarray] = {}
-    for field in dataclasses.fields(value):
-        found |= _flatten(f"{prefix}.{field.name}".lstrip("."), getattr(value, field.name))
-    return found
-
-
-def _unflatten(prefix: str, kind: Any, arrays: Any) -> Any:
-    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
-        return arrays[prefix] if prefix in arrays or type(None) not in get_args(kind) else None
-    hints = get_type_hints(kind)
-    names = [field.name for field in dataclasses.fields(kind)]
-    return kind(
-        **{name: _unflatten(f"{prefix}.{name}".lstrip("."), hints[name], arrays) for name in names}
+def lost_area(path: Path) -> AreaFailedError:
+    """The error for a checkpoint that is no longer there or no longer the same."""
+    return AreaFailedError(
+        f"{path}: the finished area is no longer there, or it is damaged or replaced by another build; "
+        "run again with --resume"
     )

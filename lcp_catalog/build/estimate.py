@@ -15,6 +15,7 @@ from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import choose
 from .evaluation import image_scales
+from .finished_area import table_of
 from .region_maps import OVERVIEW_NODES
 from .run import Build
 
@@ -56,7 +57,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     seconds, (result, _) = _measured(build, sample, order[0])
     ground = [math.prod(build.jobs[k].task.window.shape) for k in order]
     points = (
-        len(choose(result.candidates, build.config, build.gsd_m))
+        len(choose(table_of(result.candidates, config), config, build.gsd_m))
         * sum(ground)
         / ground[len(order) // 2]
     )

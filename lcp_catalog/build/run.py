@@ -20,7 +20,6 @@ import numpy as np
 
 from .._version import __version__
 from ..atomic_files import check_output
-from ..catalog.hdf5 import write_catalog
 from ..catalog.schema import SCHEMA_VERSION
 from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..dem.consistency import warn_of_disagreements
@@ -34,12 +33,13 @@ from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, useful_cell
-from .area_job import AreaJob, AreaResult, run_area
+from .area_job import AreaJob, run_area
 from .areas import AreaGrid, AreaTask, plan_areas
-from .assembly import assemble
+from .assembly import Assembly
 from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
+from .finished_area import FinishedArea, finished_area
 from .sweep import Conditions, law_of_build
 
 log = logging.getLogger(__name__)
@@ -246,43 +246,24 @@ def finish(
     """Write the catalogue from the checkpoints of all areas but those that failed (causes by name), and
     remove them.
     """
-    whole = _finished(build, checkpoints, failed)
-    catalog = assemble(
+    names = [job.task.name for job in build.jobs if job.task.name not in failed]
+    if not names:
+        raise AreaFailedError(
+            f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
+        )
+    assembly = Assembly(
         build.config,
         build.dems,
         build.region,
         build.gsd_m,
-        whole,
         build.choice.model,
         build.errors,
         build.albedo,
         build.maps,
     )
-    write_catalog(catalog, output, overwrite=overwrite)
+    points = assembly.write(checkpoints, names, output, overwrite)
     checkpoints.remove()
-    return BuildReport(len(catalog.point_id), len(whole), failed, tuple(build.files))
-
-
-def _finished(
-    build: Build, checkpoints: Checkpoints, failed: dict[str, str]
-) -> dict[str, AreaResult]:
-    """The results of all areas that did not fail, by name. AreaFailedError without any, and if a
-    checkpoint has vanished.
-    """
-    whole = {}
-    for name in (job.task.name for job in build.jobs if job.task.name not in failed):
-        result = checkpoints.read(name)
-        if result is None:
-            raise AreaFailedError(
-                f"{checkpoints.path(name)}: the finished area is no longer there, or another build has replaced "
-                "it; run again with --resume"
-            )
-        whole[name] = result
-    if not whole:
-        raise AreaFailedError(
-            f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
-        )
-    return whole
+    return BuildReport(points, len(names), failed, tuple(build.files))
 
 
 def compute_areas(
@@ -302,7 +283,7 @@ def compute_areas(
     done, failed = len(areas) - len(todo), {}
     progress(done, len(areas))
     inputs = areas[0].files if areas else ()
-    for index, outcome in run_tasks(run_area, todo, jobs, scheduler, started, inputs):
+    for index, outcome in run_tasks(_finished_area, todo, jobs, scheduler, started, inputs):
         name = todo[index].task.name
         if isinstance(outcome, Exception):
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
@@ -313,21 +294,20 @@ def compute_areas(
             log.warning("%s", cause)
             failed[name] = cause
         else:
-            checkpoints.write(name, _checked(outcome))
+            checkpoints.write(name, outcome)
         done += 1
         progress(done, len(areas))
     return failed
 
 
 def missing(areas: Sequence[AreaJob], checkpoints: Checkpoints) -> list[AreaJob]:
-    """The areas without a checkpoint."""
-    return [job for job in areas if checkpoints.read(job.task.name) is None]
+    """The areas without an undamaged checkpoint."""
+    return [job for job in areas if not checkpoints.is_whole(job.task.name)]
 
 
-def _checked(outcome: AreaResult) -> AreaResult:
-    if not isinstance(outcome, AreaResult):
-        raise TypeError(f"an area gave {type(outcome).__name__}")
-    return outcome
+def _finished_area(job: AreaJob) -> FinishedArea:
+    """What is kept of an area; computed where the area is, so that nothing else is sent."""
+    return finished_area(run_area(job), job.config, job.gsd_m)
 
 
 def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:

@@ -5,7 +5,6 @@ what error. Renders and builds use the same functions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..accuracy import Accuracy
@@ -30,34 +29,69 @@ class Decision:
     error_bound: float | None
     unit: str
 
-    @classmethod
-    def merged(cls, by_area: Mapping[str, Decision]) -> Decision:
-        """One decision for several areas: modelled if it is modelled in any of them, with the largest
-        error bound (None if one has none) and the reason of the area that has it.
+
+@dataclass
+class _Tally:
+    """Decisions of several areas: their number, the one with the largest error bound, and whether the
+    bounds differ.
+    """
+
+    count: int = 0
+    area: str = ""
+    worst: Decision | None = None
+    bounds_differ: bool = False
+
+    def add(self, area: str, decision: Decision) -> None:
+        bound = decision.error_bound
+        if self.worst is None or (bound or 0.0) > (self.worst.error_bound or 0.0):
+            self.bounds_differ |= self.worst is not None
+            self.area, self.worst = area, decision
+        self.bounds_differ |= bound != self.worst.error_bound
+        self.count += 1
+
+    @property
+    def reason(self) -> str:
+        """The reason of the area with the largest error bound."""
+        chosen = "the largest error bound in" if self.bounds_differ else "for example"
+        return f"{chosen} {self.area}: {self.worst.reason if self.worst else ''}"
+
+
+class MergedDecision:
+    """One decision for several areas, which are added one by one and not kept."""
+
+    def __init__(self) -> None:
+        self._all, self._modelled, self._left_out = _Tally(), _Tally(), _Tally()
+        self._first: Decision | None = None
+        self._alike = self._bounded = True
+
+    def add(self, area: str, decision: Decision) -> None:
+        """Add the decision of an area."""
+        first = self._first = self._first or decision
+        self._alike &= (decision.modelled, decision.reason) == (first.modelled, first.reason)
+        self._bounded &= decision.error_bound is not None
+        self._all.add(area, decision)
+        (self._modelled if decision.modelled else self._left_out).add(area, decision)
+
+    @property
+    def decision(self) -> Decision:
+        """Modelled if it is modelled in any of the areas, with the largest error bound (None if one has
+        none) and the reason of the area that has it. ValueError without areas.
         """
-        found, count = list(by_area.values()), len(by_area)
-        bounds = [one.error_bound for one in found]
-        bound = None if None in bounds else max(b for b in bounds if b is not None)
-        modelled = {name: one for name, one in by_area.items() if one.modelled}
-        left_out = {name: one for name, one in by_area.items() if not one.modelled}
-        if len({(one.modelled, one.reason) for one in found}) == 1:
-            reason = found[0].reason
-        elif not modelled or not left_out:
-            reason = f"all {count} areas, {_worst_reason(by_area)}"
+        first, worst = self._first, self._all.worst
+        if first is None or worst is None:
+            raise ValueError("no areas to merge")
+        whole, modelled, left_out = self._all, self._modelled, self._left_out
+        if self._alike:
+            reason = first.reason
+        elif not modelled.count or not left_out.count:
+            reason = f"all {whole.count} areas, {whole.reason}"
         else:
             reason = (
-                f"modelled in {len(modelled)} of {count} areas, {_worst_reason(modelled)}; "
-                f"not modelled in {len(left_out)} of {count} areas, {_worst_reason(left_out)}"
+                f"modelled in {modelled.count} of {whole.count} areas, {modelled.reason}; "
+                f"not modelled in {left_out.count} of {whole.count} areas, {left_out.reason}"
             )
-        return cls(found[0].effect, bool(modelled), reason, bound, found[0].unit)
-
-
-def _worst_reason(by_area: Mapping[str, Decision]) -> str:
-    """The reason of the area with the largest error bound."""
-    name = max(by_area, key=lambda area: by_area[area].error_bound or 0.0)
-    bounds = {decision.error_bound for decision in by_area.values()}
-    chosen = "the largest error bound in" if len(bounds) > 1 else "for example"
-    return f"{chosen} {name}: {by_area[name].reason}"
+        bound = worst.error_bound if self._bounded else None
+        return Decision(first.effect, modelled.count > 0, reason, bound, first.unit)
 
 
 @dataclass(frozen=True)

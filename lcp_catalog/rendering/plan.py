@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -33,7 +33,7 @@ from ..terrain.relief_bounds import (
 from ..terrain.surroundings import REACH_MAX_M
 from ..terrain.terrain import Terrain
 from . import decisions as effects
-from .decisions import EVERY_NODE, EVERY_PIXEL, Decision, Rays
+from .decisions import EVERY_NODE, EVERY_PIXEL, Decision, MergedDecision, Rays
 from .error_bounds import (
     horizon_beyond_rad,
     limb_tangent,
@@ -74,13 +74,16 @@ class ScenePlan:
         return cls(**named, others=tuple(decisions[len(_NAMED) :]))
 
     @classmethod
-    def merged(cls, by_area: Mapping[str, ScenePlan]) -> ScenePlan:
-        """One plan for several areas, each decision by `Decision.merged`."""
-        columns = zip(*(plan.decisions for plan in by_area.values()), strict=True)
-        names = list(by_area)
-        return cls.of(
-            [Decision.merged(dict(zip(names, column, strict=True))) for column in columns]
-        )
+    def merged(cls, by_area: Iterable[tuple[str, ScenePlan]]) -> ScenePlan:
+        """One plan for several areas and their plans, by name, each decision a `MergedDecision`. The
+        plans are not kept. ValueError for plans with different numbers of decisions.
+        """
+        columns: list[MergedDecision] = []
+        for area, plan in by_area:
+            columns = columns or [MergedDecision() for _ in plan.decisions]
+            for column, decision in zip(columns, plan.decisions, strict=True):
+                column.add(area, decision)
+        return cls.of([column.decision for column in columns])
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> ScenePlan:

@@ -201,7 +201,7 @@ def _choose(
     up = np.sum(lit[0] * sun, axis=-1) > 0.0
     up |= not up.any()
     lon, lat = sphere_intersection.lonlat(lit[0][up])
-    turned = [enu_rotation(*place) for place in zip(lon, lat, strict=True)]
+    turned = enu_rotation(lon, lat)
     suns = np.array([rotation @ sun for rotation in turned])
     cameras = np.array([r @ d for r, d in zip(turned, lit[1][up], strict=True)])
     return choose(request.accuracy, suns[None], cameras[None], SLOPE_RMS, request.model)

@@ -11,6 +11,7 @@ from ..arrays import AnyArray
 from ..build.area_job import Candidates
 from ..build.assembly import choose
 from ..build.config import BuildConfig
+from ..build.finished_area import table_of
 from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import nearest, stable_id
 
@@ -58,7 +59,7 @@ def compare_points(
     Sigma: the catalogue's ``localization_sigma``, major axis, of common points.
     """
     ids = {"ours": _ids(tier), "exact": _ids(reference)}
-    ours, exact = (_chosen(c, config, gsd_m) for c in (tier, reference))
+    ours, exact = (choose(table_of(c, config), config, gsd_m) for c in (tier, reference))
     lost = exact[~np.isin(ids["exact"][exact], ids["ours"][ours])]
     gained = ours[~np.isin(ids["ours"][ours], ids["exact"][exact])]
     near_m = config.points.spacing_nodes(gsd_m) * gsd_m / 2.0
@@ -78,11 +79,6 @@ def compare_points(
         localization_sigma_change_m=Change.of(change),
         localization_sigma_change_share=Change.of(change / before),
     )
-
-
-def _chosen(candidates: Candidates, config: BuildConfig, gsd_m: float) -> NDArray[np.int64]:
-    """The chosen points; an empty array without candidates, which `choose` does not accept."""
-    return choose(candidates, config, gsd_m) if len(candidates) else np.zeros(0, dtype=np.int64)
 
 
 def _ids(candidates: Candidates) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import multiprocessing
 import signal
 import statistics
@@ -13,8 +14,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..build.area_job import AreaJob, Candidates, run_area
-from ..build.assembly import joined
 from ..errors import AreaFailedError
 from ..memory import peak_mb
 from ..threads import limit_threads
@@ -113,5 +115,18 @@ class Runs:
 
     @property
     def candidates(self) -> Candidates:
-        everything: Candidates = joined([runs[-1].candidates for runs in self.areas.values()])
+        everything: Candidates = _joined([runs[-1].candidates for runs in self.areas.values()])
         return everything
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Concatenate dataclasses of arrays of the same type."""
+    kind = type(parts[0])
+    columns = {}
+    for field_ in dataclasses.fields(kind):
+        values = [getattr(part, field_.name) for part in parts]
+        nested = dataclasses.is_dataclass(values[0])
+        columns[field_.name] = (
+            None if values[0] is None else _joined(values) if nested else np.concatenate(values)
+        )
+    return kind(**columns)

@@ -155,7 +155,7 @@ def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_p
     output = tmp_path / "x.h5"
     folder = tmp_path / "x.h5.parts"
     run_part(plan, output, Part(1, 1))
-    (folder / f".{plan.jobs[0].task.name}.npz.0123456789ab.part").write_bytes(b"half")
+    (folder / f".{plan.jobs[0].task.name}.area.0123456789ab.part").write_bytes(b"half")
     merge_parts(plan, output)
     assert list(tmp_path.iterdir()) == [output]
     assert output.read_bytes() == built.read_bytes()

@@ -28,6 +28,7 @@ from lcp_catalog.build.config import (
     ViewConfig,
 )
 from lcp_catalog.build.estimate import START_S, WORKER_START_S, _seconds, estimate
+from lcp_catalog.build.finished_area import finished_area
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import (
@@ -311,7 +312,7 @@ def test_the_stored_plan_is_the_merged_plan_of_the_areas(plan: Build, catalog: C
     """Also of areas that were read back from their checkpoints."""
     plans = {job.task.name: area_sweep(job).plan for job in plan.jobs}
     assert len(plans) > 1
-    assert catalog.scene_plan == ScenePlan.merged(plans).to_json()
+    assert catalog.scene_plan == ScenePlan.merged(plans.items()).to_json()
     assert all(ScenePlan.from_json(json.loads(str(one))) == one for one in plans.values())
 
 
@@ -358,7 +359,7 @@ def test_a_broken_run_is_resumed(
     with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
         run_build(plan, output)
     assert not output.exists()
-    kept = sorted(output.with_name("broken.h5.parts").glob("*.npz"))
+    kept = sorted(output.with_name("broken.h5.parts").glob("*.area"))
     assert len(kept) == len(plan.jobs) - 1
     assert begun == [job.task.name for job in largest_first]
 
@@ -470,7 +471,9 @@ def test_resume_and_overwrite_together(
     checkpoints = Checkpoints.beside(output, plan.fingerprint())
     checkpoints.folder.mkdir()
     checkpoints.begin(resume=False)
-    checkpoints.write(plan.jobs[0].task.name, run_area(plan.jobs[0]))
+    checkpoints.write(
+        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+    )
     run_build(plan, output, resume=True, overwrite=True)
     assert plan.jobs[0].task.name not in computed
     assert len(computed) == len(plan.jobs) - 1
@@ -478,7 +481,9 @@ def test_resume_and_overwrite_together(
     other = Checkpoints.beside(output, "another")
     other.folder.mkdir()
     other.begin(resume=False)
-    other.write(plan.jobs[0].task.name, run_area(plan.jobs[0]))
+    other.write(
+        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+    )
     computed.clear()
     run_build(plan, output, resume=True, overwrite=True)
     assert len(computed) == len(plan.jobs)
@@ -519,11 +524,13 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
     def careless(job: AreaJob) -> AreaResult:
         seen.append(job.task.name)
         if len(seen) == len(names):
-            lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.npz"
+            lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.area"
             if how == "removed":
                 lost.unlink()
             else:
-                Checkpoints(lost.parent, "another").write(seen[0], run_area(plan.jobs[0]))
+                Checkpoints(lost.parent, "another").write(
+                    seen[0], finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+                )
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", careless)

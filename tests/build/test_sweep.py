@@ -28,7 +28,7 @@ from lcp_catalog.cameras.view import View, oblique_view
 from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.decisions import Decision
+from lcp_catalog.rendering.decisions import Decision, MergedDecision
 from lcp_catalog.rendering.plan import ScenePlan, plan_scene, ring_decision
 from lcp_catalog.rendering.renderer import render_enu
 
@@ -140,8 +140,8 @@ def test_the_plan_of_an_area_is_a_renders_under_its_lowest_sun_and_view() -> Non
 
 def test_the_merged_plan_of_areas_that_differ() -> None:
     flat, hilly, hillier = (swept(rough(scale=scale)).plan for scale in (0.0, 30.0, 60.0))
-    assert ScenePlan.merged({"a": flat, "b": flat}) == flat
-    merged = ScenePlan.merged({"a": flat, "b": hilly, "c": hillier})
+    assert ScenePlan.merged([("a", flat), ("b", flat)]) == flat
+    merged = ScenePlan.merged([("a", flat), ("b", hilly), ("c", hillier)])
     shadows = merged.cast_shadows
     assert (shadows.modelled, shadows.error_bound) == (True, STANDARD.node_error)
     assert shadows.reason == (
@@ -151,16 +151,23 @@ def test_the_merged_plan_of_areas_that_differ() -> None:
     assert merged.float_width == flat.float_width
 
 
+def merged_decision(by_area: dict[str, Decision]) -> Decision:
+    merged = MergedDecision()
+    for area, decision in by_area.items():
+        merged.add(area, decision)
+    return merged.decision
+
+
 def test_a_merged_decision_has_the_largest_error_bound() -> None:
     bounds = {"a": 0.1, "b": 0.3, "c": 0.2}
     by_area = {
         name: Decision("e", False, f"of {name}", bound, "m") for name, bound in bounds.items()
     }
-    merged = Decision.merged(by_area)
+    merged = merged_decision(by_area)
     assert (merged.modelled, merged.error_bound, merged.unit) == (False, 0.3, "m")
     assert merged.reason == "all 3 areas, the largest error bound in b: of b"
     by_area["d"] = Decision("e", True, "of d", None, "m")
-    merged = Decision.merged(by_area)
+    merged = merged_decision(by_area)
     assert (merged.modelled, merged.error_bound) == (True, None)
     assert merged.reason.startswith("modelled in 1 of 4 areas, for example d: of d; not modelled")
 

@@ -256,7 +256,7 @@ def test_a_signal_leaves_finished_areas_and_nothing_else(
     )
     parts = tmp_path / "x.h5.parts"
     deadline = time.monotonic() + 120.0
-    while not list(parts.glob("*.npz")):
+    while not list(parts.glob("*.area")):
         assert time.monotonic() < deadline
         assert process.poll() is None, process.stderr and process.stderr.read()
         time.sleep(0.05)
@@ -269,7 +269,7 @@ def test_a_signal_leaves_finished_areas_and_nothing_else(
     assert ("--resume" in error) == (sent != signal.SIGKILL)
     assert "Traceback" not in error
     assert sorted(p.name for p in tmp_path.iterdir()) == ["build.toml", "x.h5.parts"]
-    assert len(list(parts.glob("*.npz"))) < 81
+    assert len(list(parts.glob("*.area"))) < 81
 
 
 def _wait_for_end_of_group(group: int, seconds: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcp_catalog.build.assembly import working_scales
+from lcp_catalog.build.finished_area import working_scales
 
 
 def test_scales_at_which_a_point_works() -> None:

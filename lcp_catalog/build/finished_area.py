@@ -1,0 +1,201 @@
+"""What a build keeps of an area: a table of all its candidates, and a record of each that can become
+a point.
+
+A record holds what the catalogue states of a point, in the types of its variables. Points are chosen
+by the tables of all areas; only the records of the chosen are read again.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import AnyArray, Array, Index
+from ..catalog.packing import half_turn, packing, sigma_step_m
+from ..catalog.schema import (
+    EVALUATED,
+    LOCALIZABLE,
+    PACKED,
+    UNIQUE,
+    UNOCCLUDED,
+    UNSHADOWED,
+    USABLE,
+    VARIABLES,
+)
+from ..rendering.plan import ScenePlan
+from .area_job import AreaResult, Candidates
+from .config import BuildConfig
+from .evaluation import Evaluation, image_scales
+
+TABLE = np.dtype(
+    [
+        ("lon_deg", "<f8"),
+        ("lat_deg", "<f8"),
+        ("quality", "<f8"),  # the higher, the better among equally many usable conditions
+        ("usable", "<i4"),  # usable conditions; 0 for a candidate that cannot become a point
+        ("checksum", "<u4"),  # CRC-32 of the record; 0 without one
+        ("stage", "u1"),  # of `landmarks.selection.coverage`
+    ]
+)
+"""A candidate's row of the table."""
+
+_FIGURES = (
+    "elevation",
+    "harris_response",
+    "second_peak",
+    "false_match_probability",
+    "gsd_min",
+    "gsd_max",
+    "shadow_dependence",
+    "occlusion_dependence",
+)
+
+
+@dataclass(frozen=True)
+class FinishedArea:
+    """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows with usable
+    conditions, in the same order; and the scene plan of the area's images.
+    """
+
+    table: AnyArray
+    records: AnyArray
+    plan: ScenePlan
+
+
+def record_type(config: BuildConfig, albedo: bool) -> np.dtype[np.void]:
+    """Type of the records of a build: variables of the catalogue by name, and ``product``, the index
+    of the DEM.
+    """
+    side = config.points.patch_nodes
+    shape = (len(config.view), len(config.sun.elevations_deg), len(config.sun.azimuths_deg))
+    scaled = (len(image_scales(side)), *shape)
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(_FIGURES, ())
+    shapes |= {"localization_sigma": (2,), "condition": shape, "dem": (side, side)}
+    shapes |= {"albedo": (side, side)} if albedo else {}
+    shapes |= dict.fromkeys(PACKED, scaled)
+    own = [(name, f"<{VARIABLES[name].dtype}", size) for name, size in shapes.items()]
+    return np.dtype([("product", "<i2"), *own])
+
+
+def finished_area(result: AreaResult, config: BuildConfig, gsd_m: float) -> FinishedArea:
+    """The table and the records of an area's candidates."""
+    candidates = result.candidates
+    table = table_of(candidates, config)
+    some = np.flatnonzero(table["usable"])
+    records = np.zeros(len(some), record_type(config, candidates.albedo is not None))
+    for name, values in _record_columns(candidates, config, gsd_m).items():
+        records[name] = values[some]
+    table["checksum"][some] = checksums(records)
+    return FinishedArea(table, records, result.plan)
+
+
+def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
+    """The table (n,) of candidates, of type `TABLE`, without checksums."""
+    evaluation, least = candidates.evaluation, config.points.min_usable_conditions
+    usable = (evaluation.condition == USABLE).sum(axis=(1, 2, 3))
+    table = np.zeros(len(candidates), TABLE)
+    table["lon_deg"], table["lat_deg"] = candidates.lon_deg, candidates.lat_deg
+    table["quality"] = _quality(evaluation)
+    table["usable"] = np.where(usable >= least, usable, 0)
+    table["stage"] = _stages(evaluation, usable >= least)
+    return table
+
+
+def checksums(records: AnyArray) -> NDArray[np.uint32]:
+    """CRC-32 of each record, (n,)."""
+    rows = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), records.itemsize)
+    return np.array([zlib.crc32(row.data) for row in rows], np.uint32)
+
+
+def _quality(evaluation: Evaluation) -> Array:
+    """Order of candidates with equally many usable conditions: minus the largest sigma."""
+    largest = _over_usable(evaluation.sigma_major_m[:, 0], evaluation, np.nanmax)
+    return -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
+
+
+def _stages(evaluation: Evaluation, enough: NDArray[np.bool_]) -> Index:
+    """Result for each candidate: 0 localisable in no condition, 1 not unique where localisable, 2 not
+    independent where unique (or in too few conditions), 3 usable.
+    """
+    condition = evaluation.condition
+    localizable = (condition & LOCALIZABLE) > 0
+    unique = localizable & ((condition & UNIQUE) > 0)
+    stages = localizable.any(axis=(1, 2, 3)).astype(np.int64) + unique.any(axis=(1, 2, 3))
+    return stages + enough
+
+
+def _record_columns(candidates: Candidates, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
+    evaluation = candidates.evaluation
+    axes = [
+        _over_usable(sigma[:, 0], evaluation, np.nanmax)
+        for sigma in (evaluation.sigma_major_m, evaluation.sigma_minor_m)
+    ]
+    scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
+    least = config.points.min_detection
+    finest, coarsest = working_scales(evaluation.condition, evaluation.detection, scales, least)
+    columns = {
+        "product": candidates.product,
+        "elevation": candidates.elevation_m,
+        "dem": candidates.patch_m,
+        "condition": evaluation.condition,
+        "harris_response": _over_usable(evaluation.harris, evaluation, np.nanmedian),
+        "localization_sigma": np.stack(axes, axis=-1),
+        "gsd_min": finest * gsd_m,
+        "gsd_max": coarsest * gsd_m,
+        **_claims(evaluation, gsd_m),
+    }
+    columns |= {} if candidates.albedo is None else {"albedo": candidates.albedo}
+    worst = {
+        "second_peak": evaluation.second_peak,
+        "false_match_probability": evaluation.false_match,
+        "shadow_dependence": evaluation.shadow_dependence,
+        "occlusion_dependence": evaluation.occlusion_dependence,
+    }
+    return columns | {
+        name: _over_usable(values, evaluation, np.nanmax) for name, values in worst.items()
+    }
+
+
+def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
+    """The packed claims."""
+    claims: dict[str, AnyArray] = {
+        "detection_probability": evaluation.detection,
+        "sigma_major": evaluation.sigma_major_m,
+        "sigma_minor": evaluation.sigma_minor_m,
+        "sigma_angle": half_turn(evaluation.sigma_angle_deg),
+    }
+    step_m = sigma_step_m(np.array([gsd_m]))
+    return {name: packing(name, step_m).packed(values) for name, values in claims.items()}
+
+
+def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
+    """A statistic of each candidate over its usable conditions; NaN if it has none."""
+    shape = (len(values), int(np.prod(values.shape[1:])))
+    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(shape)
+    some = ~np.isnan(masked).all(axis=1)
+    out = np.full(len(values), np.nan)
+    if some.any():
+        out[some] = how(masked[some], axis=1)
+    return out
+
+
+def working_scales(
+    condition: NDArray[np.uint8], detection: NDArray[Any], scales: Array, least: float
+) -> tuple[Array, Array]:
+    """Finest and coarsest image scale at which each point works, (n,): at which its detection
+    probability (n, scale, view, elevation, azimuth) is at least ``least`` in half or more of the
+    conditions in which it is so at any scale. Only conditions without terrain that shadows or
+    hides the patch count; 1 for points that work at no scale.
+    """
+    free = EVALUATED | UNSHADOWED | UNOCCLUDED
+    detected = (detection >= least) & ((condition & free) == free)[:, None]
+    some = detected.any(axis=1).sum(axis=(1, 2, 3))[:, None]
+    enough = (detected.sum(axis=(2, 3, 4)) >= 0.5 * some) & (some > 0)
+    finest = np.where(enough, scales, np.inf).min(axis=1, initial=np.inf)
+    coarsest = np.where(enough, scales, 1.0).max(axis=1, initial=1.0)
+    return np.where(np.isfinite(finest), finest, 1.0), coarsest

@@ -1,0 +1,78 @@
+"""All finished areas of a build together: one table of their candidates, and the records of any of
+them, read when they are asked for.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import AnyArray, Index
+from ..rendering.plan import ScenePlan
+from .checkpoints import Checkpoints, StoredArea, lost_area
+
+
+@dataclass(frozen=True)
+class JoinedAreas:
+    """The candidates (n,) of areas in the order of their names, as a table of type
+    `finished_area.TABLE`; the number of each one's area and of its record in it; and the merged plan.
+    """
+
+    checkpoints: Checkpoints
+    names: Sequence[str]
+    table: AnyArray
+    area: Index
+    record: Index
+    before: Index  # bytes before the records, by area
+    plan: ScenePlan
+
+    @classmethod
+    def read(cls, checkpoints: Checkpoints, names: Sequence[str]) -> JoinedAreas:
+        """AreaFailedError for an area that is lost or damaged."""
+        tables: list[AnyArray] = []
+        before: list[int] = []
+
+        def plans() -> Iterator[tuple[str, ScenePlan]]:
+            for name in names:
+                found = _found(checkpoints, name)
+                tables.append(found.table)
+                before.append(found.before)
+                yield name, ScenePlan.from_json(json.loads(found.plan))
+
+        plan = ScenePlan.merged(plans())
+        counts = [len(table) for table in tables]
+        table = np.concatenate(tables)
+        number = np.cumsum(table["usable"] > 0)
+        first = np.cumsum([0, *counts[:-1]])  # rows
+        earlier = np.concatenate([[0], number])[first]  # records in the areas before
+        area = np.repeat(np.arange(len(names)), counts)
+        return cls(
+            checkpoints, names, table, area, number - 1 - earlier[area], np.array(before), plan
+        )
+
+    def records(self, rows: Index, kind: np.dtype[np.void]) -> AnyArray:
+        """The records of rows of the table, of type ``kind``; each area is read once. AreaFailedError
+        for an area that is lost or damaged.
+        """
+        found = np.empty(len(rows), kind)
+        order = np.argsort(self.area[rows], kind="stable")
+        areas, starts = np.unique(self.area[rows][order], return_index=True)
+        for area, places in zip(areas.tolist(), np.split(order, starts[1:]), strict=True):
+            found[places] = self.checkpoints.records(
+                self.names[area],
+                kind,
+                int(self.before[area]),
+                self.record[rows[places]],
+                self.table["checksum"][rows[places]],
+            )
+        return found
+
+
+def _found(checkpoints: Checkpoints, name: str) -> StoredArea:
+    found = checkpoints.read(name)
+    if found is None:
+        raise lost_area(checkpoints.path(name))
+    return found

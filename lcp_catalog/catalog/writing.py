@@ -1,0 +1,216 @@
+"""Writing of catalogue files: HDF5 that is also netCDF-4. Points are written in parts, so that no more
+than a part of them is in memory.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..arrays import AnyArray
+from ..atomic_files import write_aside
+from ..errors import CatalogError
+from .catalogue import Catalog, Coverage
+from .checks import first_few, lines, part_findings, shape_problems
+from .disk_stream import DiskStream
+from .layout import GROUPS, TEXT, Values, digests, key, variable_attributes
+from .schema import Variable
+
+_CHUNK_BYTES = 2**18
+
+
+def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:
+    """Write the file; it appears under its name only when it is complete. Equal catalogues give
+    equal bytes.
+
+    Raises OutputExistsError and OutputError as `atomic_files.check_output` does.
+    """
+    values = catalog.values()
+    products = values["dem_product"]
+    with new_catalog(catalog, len(catalog), products, path, overwrite) as file:
+        file.add(values)
+        file.finish(catalog.coverage)
+
+
+@contextmanager
+def new_catalog(
+    head: Catalog, points: int, products: Iterable[str], path: Path | str, overwrite: bool = False
+) -> Iterator[NewCatalog]:
+    """A file for a catalogue of so many ``points``, which are added in parts. It appears under its
+    name when the block ends without an error, complete and synced.
+
+    ``head``: everything but the points and the coverage; its own are not written. ``products``: the
+    names that ``dem_product`` may have. Raises OutputExistsError and OutputError as
+    `atomic_files.write_aside` does.
+    """
+    with write_aside(path, overwrite) as aside, DiskStream(aside) as stream:
+        try:
+            with _create(stream) as file:
+                yield NewCatalog(head, points, products, file, stream)
+        finally:
+            stream.check()  # the cause of whatever HDF5 says
+        stream.sync()
+
+
+def _create(stream: io.RawIOBase) -> h5py.File:
+    return h5py.File(stream, "w", driver="fileobj", libver=("earliest", "v110"), track_order=True)
+
+
+class NewCatalog:
+    """A catalogue file that is being written (`new_catalog`): `add` its points in order, then
+    `finish` it.
+    """
+
+    def __init__(
+        self,
+        head: Catalog,
+        points: int,
+        products: Iterable[str],
+        file: h5py.File,
+        stream: DiskStream,
+    ) -> None:
+        self._head, self._points, self._file, self._stream = head, points, file, stream
+        self._text_bytes = max((len(name.encode()) for name in products), default=1) or 1
+        self._fixed, self._added = head.values(), 0
+        self._fixed["point"] = np.arange(points, dtype=np.int32)
+        self._of_points = [
+            name
+            for name, variable in GROUPS[""].items()
+            if variable.dims[0] == "point" and name in self._fixed and name != "point"
+        ]
+        self._create_group("")
+
+    @property
+    def condition(self) -> AnyArray:
+        """The flags of all points that were added, as `Catalog.condition`; each slice is read from the
+        file.
+        """
+        flags: AnyArray = self._file["condition"]
+        return flags
+
+    def add(self, points: Values) -> None:
+        """Write the next points: their variables by name, in the types of the file. CatalogError for
+        values that are out of range or do not fit together.
+        """
+        first, self._added = self._added, self._added + len(points["point_id"])
+        self._require_sound(points)
+        for name in self._of_points:
+            values = points[name]
+            self._file[name][first : self._added] = (
+                self._as_bytes(values) if values.dtype == object else values
+            )
+            self._stream.check()
+
+    def _require_sound(self, points: Values) -> None:
+        values = self._fixed | {name: points[name] for name in self._of_points}
+        values["point"] = np.arange(len(points["point_id"]), dtype=np.int32)
+        problems = shape_problems({name: array.shape for name, array in values.items()})
+        problems = problems or lines(part_findings("points", values, self._head.errors))
+        if problems:
+            raise CatalogError(f"not a catalogue: {first_few(problems)}")
+
+    def finish(self, coverage: Coverage) -> None:
+        """Write the groups, the attributes and the digests of the content, which is read again.
+        CatalogError if points are missing or have the same id.
+        """
+        if self._added != self._points:
+            raise CatalogError(f"{self._added} points were added instead of {self._points}")
+        if len(np.unique(self._file["point_id"][()])) < self._points:
+            raise CatalogError("not a catalogue: point_id: numbers occur more than once")
+        head = dataclasses.replace(self._head, coverage=coverage)
+        self._fixed = head.values()
+        for group in GROUPS:
+            if group:
+                self._create_group(group, head.group_attributes().get(group, {}))
+        attributes = head.attributes()
+        more = digests(
+            {name: self._stored(name) for name in self._fixed},
+            attributes,
+            head.group_attributes(),
+            head.optional_attributes(),
+        )
+        self._file.attrs.update(attributes | more)
+        self._file.flush()
+        self._stream.check()
+
+    def _stored(self, name: str) -> AnyArray:
+        """A variable of the file; text as strings."""
+        dataset = self._file[name]
+        if h5py.check_string_dtype(dataset.dtype) is None:
+            return dataset
+        return np.array([bytes(text).decode() for text in dataset[()]], dtype=object)
+
+    def _create_group(
+        self, group: str, attributes: Mapping[str, float | str] | None = None
+    ) -> None:
+        """The datasets of a group, with the content of those that are not of points."""
+        place = self._file.create_group(group, track_order=True) if group else self._file
+        place.attrs.update(attributes or {})
+        variables = {
+            name: variable
+            for name, variable in GROUPS[group].items()
+            if key(group, name) in self._fixed
+        }
+        for name in sorted(variables, key=lambda name: variables[name].dims != (name,)):
+            self._create_variable(place, name, variables[name], self._fixed[key(group, name)])
+            self._stream.check()
+
+    def _create_variable(
+        self, place: h5py.Group, name: str, variable: Variable, array: AnyArray
+    ) -> None:
+        of_points = variable.dims[0] == "point" and name != "point"
+        shape = (self._points, *array.shape[1:]) if of_points else array.shape
+        text = variable.dtype == TEXT
+        kind = h5py.string_dtype("utf-8", self._text_bytes) if text else array.dtype
+        attributes = variable_attributes(
+            name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
+        )
+        dataset = place.create_dataset(
+            name,
+            shape,
+            kind,
+            chunks=_chunks(shape, np.dtype(kind).itemsize),
+            maxshape=tuple(
+                length or None for length in shape
+            ),  # HDF5 has no chunk for a fixed length of 0
+            compression="gzip",
+            compression_opts=4,
+            shuffle=True,
+            fletcher32=True,
+            track_times=False,
+            fillvalue=attributes.get("_FillValue"),
+        )
+        if not of_points:
+            dataset[...] = array
+        for attribute, value in attributes.items():
+            dataset.attrs[attribute] = value
+        if variable.dims == (name,):
+            dataset.make_scale(name)
+            return
+        for axis, dim in enumerate(variable.dims):
+            dataset.dims[axis].attach_scale(place[dim] if dim in place else place.file[dim])
+
+    def _as_bytes(self, texts: AnyArray) -> AnyArray:
+        """Text of fixed length in bytes, which, unlike text of variable length, can be compressed and
+        checksummed.
+        """
+        kind = h5py.string_dtype("utf-8", self._text_bytes)
+        return np.array([text.encode() for text in texts], dtype=kind)
+
+
+def _chunks(full: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:
+    """Whole rows of the first axis, as many as fit into a chunk; long rows are halved along their
+    longest axis.
+    """
+    shape = [max(1, length) for length in full]
+    shape[0] = max(1, min(shape[0], _CHUNK_BYTES // (item_bytes * max(1, int(np.prod(shape[1:]))))))
+    while int(np.prod(shape)) * item_bytes > 4 * _CHUNK_BYTES:
+        longest = shape.index(max(shape))
+        shape[longest] = -(-shape[longest] // 2)
+    return tuple(shape)

@@ -1,0 +1,89 @@
+"""Checkpoints: what is written is read again, in parts, and nothing that is damaged is taken for whole."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lcp_catalog.build.checkpoints import Checkpoints
+from lcp_catalog.build.finished_area import TABLE, FinishedArea, checksums
+from lcp_catalog.build.joined_areas import JoinedAreas
+from lcp_catalog.errors import AreaFailedError
+from lcp_catalog.rendering.decisions import Decision
+from lcp_catalog.rendering.plan import ScenePlan
+
+KIND = np.dtype([("dem", "<f4", (3, 3)), ("condition", "u1", (5,))])
+NAMES = ("r00001c00001", "r00001c00002", "r00001c00003")
+
+
+def area(seed: int, usable: tuple[int, ...]) -> FinishedArea:
+    """Candidates with so many usable conditions, and random records of the usable ones."""
+    rng = np.random.default_rng(seed)
+    table = np.zeros(len(usable), TABLE)
+    table["lon_deg"], table["usable"] = np.arange(len(usable)) + seed, usable
+    records = np.zeros(np.count_nonzero(usable), KIND)
+    records["dem"] = rng.normal(size=(len(records), 3, 3))
+    records["condition"] = rng.integers(0, 32, (len(records), 5))
+    table["checksum"][table["usable"] > 0] = checksums(records)
+    decision = Decision("effect", False, f"of area {seed}", 0.1 * seed, "m")
+    return FinishedArea(table, records, ScenePlan.of([decision] * 8))
+
+
+AREAS = (area(1, (0, 3, 2, 0, 1)), area(2, ()), area(3, (4, 0, 4)))
+
+
+@pytest.fixture
+def checkpoints(tmp_path: Path) -> Checkpoints:
+    found = Checkpoints.beside(tmp_path / "x.h5", "ab" * 32)
+    found.folder.mkdir()
+    for name, one in zip(NAMES, AREAS, strict=True):
+        found.write(name, one)
+    return found
+
+
+def test_the_records_of_any_rows_are_read(checkpoints: Checkpoints) -> None:
+    """In the order of the rows, from several areas."""
+    joined = JoinedAreas.read(checkpoints, NAMES)
+    np.testing.assert_array_equal(joined.table, np.concatenate([one.table for one in AREAS]))
+    found = joined.records(np.array([7, 4, 1, 5]), KIND)
+    first, last = AREAS[0].records, AREAS[2].records
+    np.testing.assert_array_equal(found, np.stack([last[1], first[2], first[0], last[0]]))
+    assert (
+        joined.plan.relief.reason
+        == f"all 3 areas, the largest error bound in {NAMES[2]}: of area 3"
+    )
+
+
+def test_every_flipped_bit_is_noticed(checkpoints: Checkpoints) -> None:
+    """At every eighth byte; an area that lacks its end is not whole either."""
+    path, name = checkpoints.path(NAMES[0]), NAMES[0]
+    whole = path.read_bytes()
+    assert checkpoints.is_whole(name)
+    for place in range(0, len(whole), 8):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << place // 8 % 8
+        path.write_bytes(damaged)
+        assert not checkpoints.is_whole(name), place
+    for length in (0, 10, 90, len(whole) // 2, len(whole) - 1, len(whole) + 1):
+        path.write_bytes((whole + b"x")[:length])
+        assert not checkpoints.is_whole(name), length
+    path.write_bytes(whole)
+    assert not dataclasses.replace(checkpoints, fingerprint="cd" * 32).is_whole(name)
+
+
+def test_a_record_that_is_damaged_after_the_choice_is_an_error(checkpoints: Checkpoints) -> None:
+    """Its file is as long as before and its table is whole."""
+    joined = JoinedAreas.read(checkpoints, NAMES)
+    path = checkpoints.path(NAMES[2])
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    assert len(joined.records(np.array([5]), KIND)) == 1
+    with pytest.raises(AreaFailedError, match=rf"{NAMES[2]}.*damaged.*--resume"):
+        joined.records(np.array([7]), KIND)
+    path.unlink()
+    with pytest.raises(AreaFailedError, match="no longer there"):
+        JoinedAreas.read(checkpoints, NAMES)
