@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage clean venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage soak clean venv
 
 all: catalog
 
@@ -68,6 +68,10 @@ bench-build: $(READY)
 
 damage: $(READY)
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/damage.py
+
+soak: $(READY)
+	$(BIN)/python benchmarks/kills.py --kills 200
+	$(BIN)/python benchmarks/faults.py
 
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers

@@ -156,9 +156,14 @@ def _new_pool(jobs: int) -> ProcessPoolExecutor:
 def _submit(
     pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any
 ) -> Future[Any]:
-    """Give a pool a task, for which it may start a process."""
+    """Give a pool a task, for which it may start a process. The future of a broken pool has failed."""
     with _signals_held():
-        return pool.submit(function, *arguments)
+        try:
+            return pool.submit(function, *arguments)
+        except BrokenProcessPool as error:
+            failed: Future[Any] = Future()
+            failed.set_exception(error)
+            return failed
 
 
 @contextmanager

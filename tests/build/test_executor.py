@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
@@ -75,3 +77,15 @@ def test_workers_without_tasks_end_with_their_context() -> None:
         without_tasks()
     assert processes
     assert not any(process.is_alive() for process in processes)
+
+
+def die() -> None:
+    os._exit(9)
+
+
+def test_workers_that_died_before_the_first_task_are_replaced() -> None:
+    with starting_workers(2, die) as started:
+        assert started is not None
+        with contextlib.suppress(BrokenProcessPool):
+            started.submit(square, 1).result()  # by now the pool knows
+        assert dict(run_tasks(square, [1, 2, 3], 2, started=started)) == {0: 1, 1: 4, 2: 9}

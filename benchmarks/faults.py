@@ -1,0 +1,352 @@
+"""Faults of disks and inputs while a catalogue is built, at random moments from a seed.
+
+Each case must end in the catalogue of an undisturbed build, byte for byte, or in one line that refuses
+it, with nothing half-written and no process left. Signals to processes: `kills.py`.
+
+``python benchmarks/faults.py [--seed N] [--only SECTION...] [--cases N]`` prints for each section
+survived / tried, and the cases that did not survive; it exits 1 if there are any.
+
+| section | fault | must end in |
+| --- | --- | --- |
+| disk | a file system of random size is full; then --resume with room | one line; equal bytes |
+| limit | no file may grow beyond a random size; then --resume without limit | one line; equal bytes |
+| builds | two builds of one output, the second at a random moment | one line from one; equal bytes |
+| inputs | the DEM is replaced by another at a random moment | one line; or the bytes of either DEM |
+| reading | the DEM is cut at a random moment | one line, no output; or equal bytes |
+| checkpoints | a random bit of a checkpoint of a killed build is turned; then --resume | equal bytes |
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import rasterio
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLE = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
+LCP = Path(sys.executable).with_name("lcp")
+CONFIG = """
+[area]
+center_deg = [3.5, 26.0]
+size_km = 60.0
+gsd_m = 474.0
+[sun]
+azimuths_deg = [90.0, 270.0]
+elevations_deg = [10.0, 30.0]
+[view]
+off_nadir_deg = [0.0]
+azimuth_deg = [0.0]
+altitude_km = [inf]
+[points]
+patch_nodes = 17
+search_m = 5000.0
+[model]
+direction_tolerance_deg = 0.5
+ring_max_km = 20.0
+"""
+LONGEST_S = 300.0
+"""A build that takes longer hangs."""
+END_S = 5.0
+"""Time in which all processes of a build must have ended after it."""
+
+
+class CaseError(Exception):
+    """A case that did not end as it must."""
+
+
+@dataclass
+class Bench:
+    """The folder of the cases, and the bytes of undisturbed builds with the DEM and with another one."""
+
+    folder: Path
+    rng: random.Random
+    whole: bytes = b""
+    other: bytes = b""
+    seconds: float = 0.0
+    cases: int = 0
+
+    @property
+    def dem(self) -> Path:
+        return self.folder / "dem.tif"
+
+    @property
+    def other_dem(self) -> Path:
+        return self.folder / "other.tif"
+
+    def prepare(self) -> None:
+        """Write the configuration and both DEMs; build both catalogues."""
+        (self.folder / "build.toml").write_text(CONFIG)
+        with rasterio.open(SAMPLE) as source:
+            heights, profile = source.read(), source.profile
+        for path, factor in ((self.dem, 1), (self.other_dem, 2)):
+            with rasterio.open(path, "w", **profile) as target:
+                target.write((heights / factor).astype(heights.dtype))
+        self.other = self._undisturbed(self.other_dem)
+        start = time.monotonic()
+        self.whole = self._undisturbed(self.dem)
+        self.seconds = time.monotonic() - start
+
+    def _undisturbed(self, dem: Path) -> bytes:
+        case = self.case()
+        shutil.copy(dem, case / "dem.tif")
+        ended = self.build(case)
+        if ended.returncode:
+            raise SystemExit(f"the undisturbed build fails: {ended.stderr}")
+        found = (case / "x.h5").read_bytes()
+        shutil.rmtree(case)
+        return found
+
+    def case(self) -> Path:
+        """A new folder with the DEM."""
+        self.cases += 1
+        path = self.folder / f"case{self.cases}"
+        path.mkdir()
+        shutil.copy(self.dem, path / "dem.tif")
+        return path
+
+    def start(
+        self, case: Path, *options: str, limit: int | None = None, output: Path | None = None
+    ) -> subprocess.Popen[str]:
+        """A build in a session of its own; ``limit``: greatest size of a file, bytes."""
+
+        def prepare() -> None:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            if limit is not None:
+                signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+        command = [
+            str(LCP), "build-catalog", str(case / "dem.tif"), "-o", str(output or case / "x.h5"),
+            "--config", str(self.folder / "build.toml"), "--jobs", "2", *options,
+        ]  # fmt: skip
+        return subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, preexec_fn=prepare,  # noqa: PLW1509  # this program has no threads
+        )  # fmt: skip
+
+    def build(self, case: Path, *options: str, **how: object) -> subprocess.CompletedProcess[str]:
+        """A build, to its end."""
+        return finished(self.start(case, *options, **how))  # type: ignore[arg-type]  # as `start`
+
+    def moment(self, share: float = 1.1) -> float:
+        """A random time within a build, seconds."""
+        return self.rng.uniform(0.0, share * self.seconds)
+
+    def same(self, output: Path, *allowed: bytes) -> None:
+        """CaseError unless the output has the bytes of an undisturbed build."""
+        if output.read_bytes() not in (allowed or (self.whole,)):
+            raise CaseError("the catalogue differs from that of an undisturbed build")
+
+
+def finished(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
+    """The end of a build; CaseError if it hangs, leaves a process, or says more than lines for people."""
+    try:
+        _, error = process.communicate(timeout=LONGEST_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise CaseError("the build hangs") from None
+    deadline = time.monotonic() + END_S
+    while members(process.pid):
+        if time.monotonic() > deadline:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise CaseError(f"processes are left {END_S:g} s after the end")
+        time.sleep(0.02)
+    for word in ("Traceback", "unexpected"):
+        if word in error:
+            raise CaseError(f"{word}: {error.strip()[-1500:]}")
+    return subprocess.CompletedProcess(process.args, process.returncode, "", error)
+
+
+def members(session: int) -> list[int]:
+    """Processes of a session that have not ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rsplit(")", 1)[1].split()
+            if int(fields[3]) == session and fields[0] != "Z":
+                found.append(int(stat.parent.name))
+    return found
+
+
+def refused(ended: subprocess.CompletedProcess[str], output: Path) -> None:
+    """CaseError unless a build failed with a line and without an output."""
+    if ended.returncode != 1 or not ended.stderr.strip():
+        raise CaseError(f"exit {ended.returncode} instead of 1: {ended.stderr.strip()[-200:]}")
+    if output.exists():
+        raise CaseError("an output stands after a failure")
+
+
+@contextlib.contextmanager
+def small_file_system(folder: Path, kilobytes: int) -> Iterator[Callable[[int], None]]:
+    """A file system in memory at ``folder``, and the function that gives it another size.
+    PermissionError where this is not permitted.
+    """
+    folder.mkdir()
+    size = f"size={kilobytes}k"
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", size, "tmpfs", folder], check=False
+    ).returncode:
+        raise PermissionError("a file system cannot be mounted: run as root, or by `unshare -rm`")
+    try:
+        yield (
+            lambda new: (
+                subprocess.run(["mount", "-o", f"remount,size={new}k", str(folder)], check=True)
+                and None
+            )
+        )
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+def disk(bench: Bench) -> None:
+    """A full file system, then room."""
+    case = bench.case()
+    disk = case / "disk"
+    with small_file_system(disk, bench.rng.randrange(4, 2 * len(bench.whole) // 1000)) as resized:
+        output = disk / "x.h5"
+        ended = bench.build(case, output=output)
+        if ended.returncode:
+            refused(ended, output)
+            resized(100_000)
+            ended = bench.build(case, "--resume", output=output)
+        if ended.returncode:
+            raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
+        bench.same(output)
+    shutil.rmtree(case)
+
+
+def limit(bench: Bench) -> None:
+    """A limit on the size of files, then none."""
+    case = bench.case()
+    ended = bench.build(case, limit=bench.rng.randrange(100, int(1.1 * len(bench.whole))))
+    if ended.returncode:
+        refused(ended, case / "x.h5")
+        ended = bench.build(case, "--resume")
+    if ended.returncode:
+        raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
+    bench.same(case / "x.h5")
+    shutil.rmtree(case)
+
+
+def builds(bench: Bench) -> None:
+    """Two builds of one output."""
+    case = bench.case()
+    first = bench.start(case)
+    time.sleep(bench.moment(0.9))
+    second = bench.start(case)
+    ends = [finished(second), finished(first)]
+    codes = sorted(ended.returncode for ended in ends)
+    if codes != [0, 1]:
+        raise CaseError(
+            f"exits {codes} instead of 0 and 1: {[ended.stderr[-200:] for ended in ends]}"
+        )
+    bench.same(case / "x.h5")
+    shutil.rmtree(case)
+
+
+def inputs(bench: Bench) -> None:
+    """A DEM that another one replaces."""
+    case = bench.case()
+    process = bench.start(case)
+    time.sleep(bench.moment())
+    aside = case / "new.tif"
+    shutil.copy(bench.other_dem, aside)
+    aside.replace(case / "dem.tif")
+    ended = finished(process)
+    if ended.returncode:
+        refused(ended, case / "x.h5")
+    else:
+        bench.same(case / "x.h5", bench.whole, bench.other)
+    shutil.rmtree(case)
+
+
+def reading(bench: Bench) -> None:
+    """A DEM that is cut while it is read."""
+    case = bench.case()
+    process = bench.start(case)
+    time.sleep(bench.moment())
+    size = (case / "dem.tif").stat().st_size
+    os.truncate(case / "dem.tif", bench.rng.randrange(size))
+    ended = finished(process)
+    if ended.returncode:
+        refused(ended, case / "x.h5")
+    else:
+        bench.same(case / "x.h5")
+    shutil.rmtree(case)
+
+
+def checkpoints(bench: Bench) -> None:
+    """A checkpoint with one wrong bit."""
+    case = bench.case()
+    process = bench.start(case)
+    while process.poll() is None and not list((case / "x.h5.parts").glob("*.npz")):
+        time.sleep(0.02)
+    time.sleep(bench.moment(0.3))
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process.pid, signal.SIGKILL)
+    finished(process)
+    files = sorted(path for path in (case / "x.h5.parts").glob("*.*") if path.stat().st_size)
+    if files:
+        file = bench.rng.choice(files)
+        content = bytearray(file.read_bytes())
+        content[bench.rng.randrange(len(content))] ^= 1 << bench.rng.randrange(8)
+        file.write_bytes(content)
+    ended = bench.build(case, "--resume", "--overwrite")
+    if ended.returncode == 1 and "run.json" in ended.stderr:
+        ended = bench.build(case, "--overwrite")
+    if ended.returncode:
+        raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
+    bench.same(case / "x.h5")
+    shutil.rmtree(case)
+
+
+SECTIONS = {f.__name__: f for f in (disk, limit, builds, inputs, reading, checkpoints)}
+
+
+def run_section(name: str, case: Callable[[Bench], None], bench: Bench, count: int) -> bool:
+    """Run the cases and print the section's line; True if all survived."""
+    survived, start = 0, time.monotonic()
+    for number in range(count):
+        try:
+            case(bench)
+            survived += 1
+        except CaseError as fault:
+            print(f"  {name} {number}: {fault}", flush=True)
+        except PermissionError as error:
+            print(f"{name:12s} not tried: {error}", flush=True)
+            return True
+    print(f"{name:12s} {survived} / {count} survived, {time.monotonic() - start:.0f} s", flush=True)
+    return survived == count
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=16)
+    parser.add_argument("--cases", type=int, default=30, help="cases of every section")
+    parser.add_argument("--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="lcp-soak-") as folder:
+        bench = Bench(Path(folder), random.Random(options.seed))
+        bench.prepare()
+        print(f"an undisturbed build takes {bench.seconds:.1f} s", flush=True)
+        good = True
+        for name in options.only:
+            good = run_section(name, SECTIONS[name], bench, options.cases) and good
+    sys.exit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()
