@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage soak clean venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-peers damage soak clean bench-moon venv
 
 all: catalog
 
@@ -68,6 +68,9 @@ bench-build: $(READY)
 
 damage: $(READY)
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/damage.py
+
+bench-moon: $(READY)
+	$(BIN)/python benchmarks/moon.py plan maps areas
 
 soak: $(READY)
 	$(BIN)/python benchmarks/kills.py --kills 200
