@@ -68,10 +68,17 @@ def starting_workers(
     if jobs < 2:
         yield None
         return
-    pool = _new_pool(jobs)
-    try:
+    with processes(jobs) as pool:
         for _ in range(min(jobs, _EARLY)):
             _submit(pool, _prepare, prepare)
+        yield pool
+
+
+@contextmanager
+def processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the block, at once, and with this process."""
+    pool = _new_pool(count)
+    try:
         yield pool
     finally:
         _stop(pool)

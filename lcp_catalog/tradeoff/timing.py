@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import signal
 import statistics
 import time
 from collections.abc import Callable
@@ -17,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..build.area_job import AreaJob, Candidates, run_area
+from ..build.executor import processes
 from ..errors import AreaFailedError
 from ..memory import peak_mb
 from ..threads import limit_threads
@@ -67,23 +66,13 @@ class Workers:
         if not self._isolated:
             return function(*arguments)
         if name not in self._pools:
-            pool = ProcessPoolExecutor(
-                max_workers=1,
-                mp_context=multiprocessing.get_context("spawn"),
-                initializer=_ignore_interrupts,
-            )
-            self._pools[name] = self._stack.enter_context(pool)
+            self._pools[name] = self._stack.enter_context(processes(1))
         try:
             return self._pools[name].submit(function, *arguments).result()
         except BrokenProcessPool as error:
             raise AreaFailedError(
                 f"the process of {name} died (killed or out of memory); use a coarser --gsd or a smaller area"
             ) from error
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @dataclass

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import subprocess
+import sys
+import time
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import pytest
 
@@ -62,6 +66,36 @@ def test_workers_start_before_their_tasks_are_known() -> None:
     assert "PREPARED" not in os.environ
     with starting_workers(1, prepare) as started:
         assert started is None
+
+
+PARENT = """
+import os, sys, time
+from lcp_catalog.build.executor import processes
+if __name__ == "__main__":
+    with processes(2) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        time.sleep(60.0)
+"""
+
+
+def test_processes_end_with_their_parent_however_it_ends(tmp_path: Path) -> None:
+    program = tmp_path / "parent.py"
+    program.write_text(PARENT)
+    parent = subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert parent.stdout is not None
+    assert int(parent.stdout.readline()) != parent.pid
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + 5.0
+    while True:
+        try:
+            os.killpg(parent.pid, 0)
+        except ProcessLookupError:
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 def test_workers_without_tasks_end_with_their_context() -> None:
