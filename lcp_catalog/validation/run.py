@@ -40,6 +40,7 @@ from ..matching.position_fix import (
     PositionFix,
     locate,
 )
+from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX
@@ -211,6 +212,7 @@ def _one(request: Validation, catalog: Catalog, files: ImageFiles, name: str) ->
     except (ImageError, CameraError, SunError) as error:
         return _Done(_untried(files, name, str(error)), Pictures(), files.paths)
     options = FAINT if request.faint else Options()
+    catalog = _perhaps_seen(request, catalog, image, options)
     located = locate(catalog, image, request.uncertainty, request.law, options)
     best = image.with_sensor(located.pose.sensor) if located.pose else image
     ground, why = _ground(request, catalog, best)
@@ -227,6 +229,15 @@ def _one(request: Validation, catalog: Catalog, files: ImageFiles, name: str) ->
     residuals = _residuals(request, catalog, located, best) if request.fit_errors else None
     sources = [*files.paths, *(ground.sources if ground else ())]
     return _Done(result, _pictures(image, ground), sources, residuals)
+
+
+def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: Options) -> Catalog:
+    """The points that may be in the image, with twice the reach of the largest correction, in memory;
+    the catalogue as it is if there is none.
+    """
+    reach = 2.0 * options.most_sigmas
+    rows = perhaps_in_view(catalog, image.sensor, request.uncertainty, reach).points
+    return catalog.take(rows, cells=np.zeros(0, np.int64)) if len(rows) else catalog
 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:

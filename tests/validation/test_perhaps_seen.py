@@ -1,0 +1,39 @@
+"""The part of a large catalogue that a validation reads for an image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from helpers import many_points
+from helpers.twins_match import looking_at
+
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.position_fix import Options
+from lcp_catalog.validation.run import _perhaps_seen
+
+
+def test_points_far_from_the_image_stay_in_the_file(tmp_path: Path) -> None:
+    write_catalog(many_points.catalog(4000), tmp_path / "c.h5")
+    whole = open_catalog(tmp_path / "c.h5")
+    camera = looking_at(EnuFrame(10.0, 5.0), 300e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
+    request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
+    part = _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options())
+    seen = whole.point_id[points_in_view(whole, camera)]
+    assert len(seen) > 0
+    assert set(seen) <= set(part.point_id)
+    assert len(part) < 100
+    np.testing.assert_array_equal(part.dem, whole.part("dem", part.point_id))
+    assert not {"dem", "condition", "sigma_major"} & set(vars(whole))
+
+
+def test_a_catalogue_without_points_in_view_stays_as_it_is(tmp_path: Path) -> None:
+    write_catalog(many_points.catalog(50), tmp_path / "c.h5")
+    whole = open_catalog(tmp_path / "c.h5")
+    camera = looking_at(EnuFrame(0.0, 89.0), 100e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
+    request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
+    assert _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options()) is whole
