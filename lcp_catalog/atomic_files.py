@@ -96,14 +96,21 @@ def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
         {
             "name": path.name,
             "size": stat.st_size,
-            "sha256": _sha256(str(path), stat.st_mtime_ns, stat.st_size),
+            "sha256": _sha256(str(path), file_state(stat)),
         }
         for path, stat in found
     ]
 
 
+def file_state(facts: os.stat_result) -> tuple[int, ...]:
+    """Numbers that change when a file is written or replaced, even if its size and its time of
+    modification are made the same again.
+    """
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns
+
+
 @lru_cache(maxsize=256)
-def _sha256(path: str, _mtime_ns: int, _size: int) -> str:
+def _sha256(path: str, _state: tuple[int, ...]) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,10 +53,16 @@ class Assembly:
     maps: ErrorMaps | None = None
 
     def write(
-        self, checkpoints: Checkpoints, names: Sequence[str], output: Path, overwrite: bool
+        self,
+        checkpoints: Checkpoints,
+        names: Sequence[str],
+        output: Path,
+        overwrite: bool,
+        check: Callable[[], None] = lambda: None,
     ) -> int:
         """Choose the points among the candidates of the areas (names) and write the catalogue. Return
-        the number of points.
+        the number of points. ``check``: called before the file appears under its name, which it does
+        not if that raises an error.
 
         AreaFailedError for an area that is lost or damaged; otherwise errors as `new_catalog`.
         """
@@ -80,6 +86,7 @@ class Assembly:
                 _spacing_m(self.config, self.gsd_m),
             )
             file.finish(coverage)
+            check()
         return len(chosen)
 
     def _head(self, plan: ScenePlan) -> Catalog:

@@ -69,7 +69,9 @@ def run_part(
     with checkpoints.locked(shared=True):
         checkpoints.join(part.count)
         areas = part.share(build.jobs)
-        return compute_areas(areas, checkpoints, jobs, scheduler, keep_going, progress, started)
+        return compute_areas(
+            build, areas, checkpoints, jobs, scheduler, keep_going, progress, started
+        )
 
 
 def list_parts(build: Build, output: Path) -> list[PartState]:

@@ -12,7 +12,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
+from .input_files import InputFiles
 from .sweep import Conditions, law_of_build
 
 log = logging.getLogger(__name__)
@@ -63,11 +64,14 @@ class Build:
     errors: ErrorModel
     albedo: AlbedoMap | None = None
     maps: ErrorMaps | None = None
+    inputs: InputFiles = field(default_factory=InputFiles, compare=False)
 
     @classmethod
     def plan(cls, dem_paths: Sequence[Path | str], config: BuildConfig) -> Build:
         """Cut the region into areas. AreaError if the region has none."""
+        inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
+        inputs.add(dems.files)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
         cell = _cell(config, dems, region)
@@ -78,15 +82,19 @@ class Build:
         if not tasks:
             raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
         _require_sunlight(tasks, config)
+        law = law_file(config.model.reflectance)
         choice = law_of_build(config, region.lat_deg)
+        inputs.add([law] if law else ())
         albedo = _albedo_map(config.model)
         if albedo:
+            inputs.add(albedo.files)
             albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
         maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
+        inputs.add(maps.files if maps else ())
         errors = error_model(config, dems, region, maps)
         given = (grid, region, gsd_m, config, dems, choice, errors, albedo, maps)
         jobs = tuple(AreaJob(task, *given) for task in tasks)
-        return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps)
+        return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps, inputs)
 
     @property
     def gsd_m(self) -> float:
@@ -100,7 +108,10 @@ class Build:
         return [*self.jobs[0].files, *([law] if law else ())]
 
     def fingerprint(self) -> str:
-        """Digest of all that determines the areas' content: version, configuration, bytes of all files."""
+        """Digest of all that determines the areas' content: version, configuration, bytes of all files.
+        AreaFailedError if a file was changed since it was opened.
+        """
+        self.inputs.digest()
         sources = self.dems.sources()
         own = replace(self.config, model=self.config.model.portable, dem=self.config.dem.portable)
         config = own.to_toml()
@@ -231,7 +242,7 @@ def run_build(
     with checkpoints.locked():
         checkpoints.begin(resume, overwrite)
         failed = compute_areas(
-            build.jobs, checkpoints, jobs, scheduler, keep_going, progress, started
+            build, build.jobs, checkpoints, jobs, scheduler, keep_going, progress, started
         )
         return finish(build, output, checkpoints, failed, overwrite)
 
@@ -261,12 +272,13 @@ def finish(
         build.albedo,
         build.maps,
     )
-    points = assembly.write(checkpoints, names, output, overwrite)
+    points = assembly.write(checkpoints, names, output, overwrite, build.inputs.require_unchanged)
     checkpoints.remove()
     return BuildReport(points, len(names), failed, tuple(build.files))
 
 
 def compute_areas(
+    build: Build,
     areas: Sequence[AreaJob],
     checkpoints: Checkpoints,
     jobs: int,
@@ -275,8 +287,9 @@ def compute_areas(
     progress: Progress,
     started: ProcessPoolExecutor | None,
 ) -> dict[str, str]:
-    """Compute those of the areas that have no checkpoint; options as in `build_catalog`. Return the
-    causes of those that failed, by name.
+    """Compute those of a build's areas that have no checkpoint; options as in `build_catalog`. Return
+    the causes of those that failed, by name. AreaFailedError if an input file is changed meanwhile: no
+    area that may have read it is kept.
     """
     todo = missing(areas, checkpoints)
     todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
@@ -284,6 +297,7 @@ def compute_areas(
     progress(done, len(areas))
     inputs = areas[0].files if areas else ()
     for index, outcome in run_tasks(_finished_area, todo, jobs, scheduler, started, inputs):
+        build.inputs.require_unchanged()
         name = todo[index].task.name
         if isinstance(outcome, Exception):
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"

@@ -542,6 +542,52 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
     assert output.read_bytes() == built.read_bytes()
 
 
+@pytest.mark.parametrize("how", ["replaced", "changed", "removed", "after the areas", "touched"])
+def test_an_input_that_changes_while_the_build_runs_is_refused(
+    built: Path, tmp_path: Path, how: str
+) -> None:
+    """Between two areas, or when all are done; no area that may have read the new file is kept. The same
+    content with another time is accepted.
+    """
+    dem, output = tmp_path / DEM.name, tmp_path / "x.h5"  # the name states the product
+    shutil.copy(DEM, dem)
+    plan = Build.plan((dem,), CONFIG)
+    at, last = (len(plan.jobs), len(plan.jobs)) if how == "after the areas" else (2, 1)
+
+    def change(done: int, total: int) -> None:
+        if done != at:
+            return
+        if how == "removed":
+            dem.unlink()
+        elif how == "touched":
+            os.utime(dem, ns=(0, 0))
+        elif how == "replaced":
+            beside = tmp_path / "new.tif"
+            shutil.copy(DEM, beside)
+            flip(beside)
+            os.replace(beside, dem)
+        else:
+            flip(dem)
+
+    def flip(path: Path) -> None:
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1
+        path.write_bytes(content)
+
+    if how == "touched":
+        run_build(plan, output, progress=change)
+        return
+    with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*--resume"):
+        run_build(plan, output, progress=change)
+    assert not output.exists()
+    assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
+    shutil.copy(DEM, dem)
+    begun = []
+    run_build(Build.plan((dem,), CONFIG), output, resume=True, progress=lambda *n: begun.append(n))
+    assert begun[0][0] >= last
+    assert open_catalog(output).point_id.tolist() == open_catalog(built).point_id.tolist()
+
+
 def test_other_files_in_the_folder_of_checkpoints_stay(
     plan: Build, built: Path, tmp_path: Path
 ) -> None:

@@ -1,0 +1,142 @@
+"""The end and the resumption of a large build, on made checkpoints: peak memory and rate of the merge of a
+million points, and the time of the check of 100 000 finished areas.
+
+    PYTHONPATH=tests .venv/bin/python benchmarks/merge.py [POINTS [AREAS]]
+
+The points have patches of 9 x 9 nodes and 4 conditions; beside each stand candidates that cannot become
+points. The checkpoints are made in a process of their own, so that the peak is that of the merge.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from helpers.virtual_moon import virtual_moon
+
+from lcp_catalog.build.assembly import Assembly
+from lcp_catalog.build.checkpoints import Checkpoints
+from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.build.finished_area import TABLE, FinishedArea, checksums, record_type
+from lcp_catalog.catalog.schema import EVALUATED, USABLE
+from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.memory import peak_mb
+from lcp_catalog.photometry.laws import DEFAULT_MODEL
+from lcp_catalog.rendering.decisions import Decision
+from lcp_catalog.rendering.plan import ScenePlan
+from lcp_catalog.terrain.area import Area
+
+GSD_M, SPACING_M, STEP_M = 250.0, 1000.0, 1200.0
+SIDE = 25  # points along the side of an area
+DEGREE_M = 30323.35
+CONFIG = BuildConfig(
+    area=AreaConfig(gsd_m=GSD_M),
+    sun=SunConfig((90.0, 270.0), (10.0, 30.0)),
+    view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+    points=PointConfig(patch_nodes=9, spacing_m=SPACING_M, search_m=2000.0),
+)
+
+
+def area(row: int, column: int) -> FinishedArea:
+    """An area whose points all are further apart than the spacing; every third candidate is unusable."""
+    rng = np.random.default_rng([row, column])
+    count = SIDE * SIDE
+    table = np.zeros(count + count // 2, TABLE)
+    east, north = np.meshgrid(np.arange(SIDE) + column * SIDE, np.arange(SIDE) + row * SIDE)
+    jitter = rng.uniform(-0.05, 0.05, (2, count))
+    table["lon_deg"][:count] = (east.ravel() + jitter[0]) * STEP_M / DEGREE_M * 1.1 + 1.0
+    table["lat_deg"][:count] = (north.ravel() + jitter[1]) * STEP_M / DEGREE_M - 20.0
+    table[count:] = table[: count // 2]
+    records = np.zeros(count, record_type(CONFIG, albedo=False))
+    records["dem"] = rng.normal(0.0, 30.0, records["dem"].shape)
+    records["dem"][:, 4, 4] = 0.0
+    works = rng.random(records["condition"].shape) < 0.8
+    works[:, 0, 0, 0] = True
+    records["condition"] = np.where(works, USABLE, EVALUATED)
+    records["detection_probability"][:, 0] = np.where(works, 250, 0)
+    records["sigma_minor"] = rng.integers(50, 100, records["sigma_minor"].shape)
+    records["sigma_major"] = records["sigma_minor"] + 10
+    records["localization_sigma"] = 2.0, 1.0
+    records["gsd_min"] = records["gsd_max"] = GSD_M
+    table["usable"][:count] = works.sum(axis=(1, 2, 3))
+    table["stage"] = np.where(table["usable"] > 0, 3, 1)
+    table["quality"] = rng.normal(size=len(table))
+    table["checksum"][:count] = checksums(records)
+    reason = f"the terrain of area {row}, {column} is like that of the others, but not the same"
+    effects = [Decision(f"effect {k}", k % 2 > 0, reason, rng.random(), "m") for k in range(9)]
+    return FinishedArea(table, records, ScenePlan.of(effects))
+
+
+def make(folder: Path, areas: int) -> None:
+    """Checkpoints of a square of areas."""
+    checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
+    checkpoints.folder.mkdir()
+    for k in range(areas):
+        checkpoints.write(name(k), area(k // 40, k % 40))
+
+
+def name(number: int) -> str:
+    """Name of the checkpoint of an area."""
+    return f"r{number // 1000:05d}c{number % 1000:05d}"
+
+
+def merge(folder: Path, areas: int) -> None:
+    """Print the rate and the peak memory of the merge."""
+    dems = DemSet.open(virtual_moon(folder / "moon", 8, tile_px=512)[:1])
+    rows = -(-areas // 40) * SIDE * STEP_M / DEGREE_M
+    width = min(areas, 40) * SIDE * STEP_M / DEGREE_M * 1.1 + 1.0
+    region = Area.from_bounds(1.0, -20.0, 1.0 + width, -20.0 + rows)
+    errors = CONFIG.errors.model(5.0, 500.0)
+    assembly = Assembly(CONFIG, dems, region, GSD_M, DEFAULT_MODEL, errors)
+    checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
+    before, start, own = peak_mb(), time.perf_counter(), time.process_time()
+    names = [name(k) for k in range(areas)]
+    points = assembly.write(checkpoints, names, folder / "moon.h5", overwrite=True)
+    seconds, own = time.perf_counter() - start, time.process_time() - own
+    size = (folder / "moon.h5").stat().st_size
+    print(
+        f"merge: {areas} areas, {points} points, {seconds:.1f} s ({own:.1f} s of processor time), {points / own:.0f} points/s, "
+        f"peak {peak_mb():.0f} MB ({before:.0f} MB before), file {size / 1e6:.0f} MB"
+    )
+
+
+def resume(folder: Path, areas: int) -> None:
+    """Print the time of the check of so many small checkpoints."""
+    checkpoints = Checkpoints.beside(folder / "tiny.h5", "merge")
+    checkpoints.folder.mkdir()
+    whole = area(0, 0)
+    some = FinishedArea(whole.table[:4], whole.records[:4], whole.plan)
+    checkpoints.write(name(0), some)
+    content = checkpoints.path(name(0)).read_bytes()
+    for k in range(1, areas):
+        checkpoints.path(name(k)).write_bytes(content)
+    start, own = time.perf_counter(), time.process_time()
+    found = sum(checkpoints.is_whole(name(k)) for k in range(areas))
+    seconds, own = time.perf_counter() - start, time.process_time() - own
+    print(
+        f"resume: {found} of {areas} checkpoints of {len(content)} bytes whole, {seconds:.1f} s "
+        f"({own:.1f} s of processor time)"
+    )
+
+
+def main() -> None:
+    points, areas = (int(v) for v in (*sys.argv[1:], *("1000000", "100000")[len(sys.argv) - 1 :]))
+    folder = Path(tempfile.mkdtemp(prefix="lcp-merge-", dir=os.environ.get("TMPDIR")))
+    context = multiprocessing.get_context("spawn")
+    try:
+        for task, count in ((make, points // SIDE**2), (merge, points // SIDE**2), (resume, areas)):
+            process = context.Process(target=task, args=(folder, count))
+            process.start()
+            process.join()
+    finally:
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()
