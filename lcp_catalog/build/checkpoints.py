@@ -211,19 +211,12 @@ class Checkpoints:
 
     def is_whole(self, name: str) -> bool:
         """True if the area is finished and its file undamaged, the records too."""
-        area = self.read(name)
-        if area is None:
+        try:
+            with open(self.path(name), "rb", buffering=0) as stream:
+                area = self._read(stream)
+                return area is not None and _are_whole(stream, area)
+        except (OSError, ValueError):  # ValueError: it was cut short meanwhile
             return False
-        if not area.records:
-            return True
-        expected = area.table["checksum"][area.table["usable"] > 0]
-        kind = np.dtype((np.void, area.record_bytes))
-        step = max(1, _READ_BYTES // area.record_bytes)
-        for start in range(0, area.records, step):
-            found = self._stored(name, kind, area.before, start, step)
-            if not np.array_equal(checksums(found), expected[start : start + step]):
-                return False
-        return len(expected) == area.records
 
     def records(
         self, name: str, kind: np.dtype[np.void], before: int, rows: Index, expected: AnyArray
@@ -271,6 +264,18 @@ def _lock(stream: int, shared: bool) -> None:
         if error.errno not in (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP):
             raise
         log.warning("the file system has no locks: do not run two builds of one output")
+
+
+def _are_whole(stream: IO[bytes], area: StoredArea) -> bool:
+    """True if the records, which the stream gives next, have the checksums of the table."""
+    expected = area.table["checksum"][area.table["usable"] > 0]
+    step = max(1, _READ_BYTES // max(1, area.record_bytes))
+    for start in range(0, area.records, step):
+        count = min(step, area.records - start)
+        found = np.frombuffer(stream.read(count * area.record_bytes), (np.void, area.record_bytes))
+        if not np.array_equal(checksums(found), expected[start : start + step]):
+            return False
+    return len(expected) == area.records
 
 
 def lost_area(path: Path) -> AreaFailedError:
