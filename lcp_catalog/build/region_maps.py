@@ -25,8 +25,9 @@ from ..terrain.terrain import build_terrain
 OVERVIEW_NODES = 480
 """Longer side of the overview raster."""
 
+COVERAGE_CELLS = 100_000
 COVERAGE_BYTES = 64_000_000
-"""Largest size of the coverage by condition: of a region with more spacing cells, so many are kept."""
+"""Most cells of a coverage, and its largest size by condition: a region with more has a sample."""
 
 _READ_AT_ONCE = 20_000
 """Places whose heights are read together."""
@@ -47,7 +48,7 @@ def region_coverage(
     (`landmarks.selection.coverage`); ``condition``: flags of the points, uint8 (point, view,
     sun_elevation, sun_azimuth), an array or a dataset, which is read in blocks.
     """
-    most = COVERAGE_BYTES // max(1, math.prod(condition.shape[1:]))
+    most = min(COVERAGE_CELLS, COVERAGE_BYTES // max(1, math.prod(condition.shape[1:])))
     lon, lat, step_m = coverage_cells(region, spacing_m, most)
     cell_m = spacing_m / 8.0 if step_m is None else 0.0
     found = coverage((lon, lat), np.ones(len(lon), bool), candidates, stages, points, spacing_m)
