@@ -25,6 +25,7 @@ from helpers.virtual_moon import virtual_moon
 from lcp_catalog.build.area_job import run_area
 from lcp_catalog.build.assembly import choose
 from lcp_catalog.build.config import AreaConfig, BuildConfig
+from lcp_catalog.build.finished_area import table_of
 from lcp_catalog.build.region_maps import region_coverage, region_overview
 from lcp_catalog.build.run import Build
 from lcp_catalog.dem.mosaic import DemSet
@@ -114,7 +115,7 @@ def _areas(files: list[Path], count: int) -> None:
             start = time.process_time()
             found = run_area(job).candidates
             seconds.append(time.process_time() - start)
-            points.append(len(choose(found, build.config, build.gsd_m)))
+            points.append(len(choose(table_of(found, build.config), build.config, build.gsd_m)))
             held.append(len(found))
             at, took = f"{job.task.lat_deg:.1f}", f"{seconds[-1]:.1f}"
             rows.append([job.task.name, at, took, str(held[-1]), str(points[-1])])
