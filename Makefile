@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage soak clean bench-moon venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon venv
 
 all: catalog
 
@@ -82,6 +82,9 @@ bench-merge: $(READY)
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
 	$(BIN)/python benchmarks/peers.py 2048 4096
+
+fuzz: $(READY)
+	$(BIN)/python benchmarks/fuzz.py
 
 clean:
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

@@ -20,7 +20,7 @@ from .build_options import (
     sweep_options,
 )
 from .files import FileCommand
-from .messages import log_format_option, say
+from .messages import echo, log_format_option, say
 from .options import (
     albedo_options,
     area_options,
@@ -263,8 +263,8 @@ def _print_parts(dem: tuple[str, ...], config: BuildConfig, output: str, as_json
         first, more = state.missing[:_NAMES], len(state.missing) - _NAMES
         names = ": " + " ".join(first) if first else ""
         names += f" and {more} more (all with --json)" if more > 0 else ""
-        click.echo(f"part {state.part}: {len(state.missing)} of {state.areas} missing{names}")
-    click.echo(f"{areas - missing} of {areas} areas are computed")
+        echo(f"part {state.part}: {len(state.missing)} of {state.areas} missing{names}")
+    echo(f"{areas - missing} of {areas} areas are computed")
 
 
 def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json: bool) -> None:
@@ -275,11 +275,11 @@ def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return
-    click.echo(_plan_text(document, workers))
+    echo(_plan_text(document, workers))
     if click.get_current_context().find_root().params.get("verbose"):
         for decision in document["decisions"]:
             modelled = "modelled" if decision["modelled"] else "not modelled"
-            click.echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
+            echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
 
 
 def _plan_text(plan: dict[str, Any], workers: int) -> str:
@@ -296,6 +296,6 @@ def _plan_text(plan: dict[str, Any], workers: int) -> str:
 
 
 def _write_depfile(depfile: str, output: str, files: tuple[Path, ...]) -> None:
-    from lcp_catalog.atomic_files import depfile_text, write_bytes
+    from lcp_catalog.atomic_files import depfile_rule, write_bytes
 
-    write_bytes(depfile, depfile_text(output, files).encode(), overwrite=True)
+    write_bytes(depfile, depfile_rule(output, files), overwrite=True)

@@ -10,7 +10,7 @@ import click
 
 from . import dem_check
 from .files import FileCommand, OutputFile
-from .messages import say
+from .messages import echo, say
 from .options import dem_argument, overwrite_option, product_order_option
 from .value_types import LATITUDE, LONGITUDE
 
@@ -114,7 +114,7 @@ def info(
     if as_json:
         click.echo(json.dumps(whole if only_set else files, indent=2))
     else:
-        click.echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(whole)]))
+        echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(whole)]))
 
 
 def _write_map(

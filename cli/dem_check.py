@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .files import FileCommand
+from .messages import echo
 from .options import dem_argument
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
     for path in dem:
         verdicts.append(check_dem(path))
         if not as_json:
-            click.echo(_text(verdicts[-1]))
+            echo(_text(verdicts[-1]))
     if as_json:
         click.echo(json.dumps([_object(one) for one in verdicts], indent=2))
     return 0 if all(one.sound for one in verdicts) else EXIT_NOT_SOUND

@@ -6,6 +6,7 @@ import errno
 
 import click
 
+from lcp_catalog.atomic_files import printable
 from lcp_catalog.errors import ConfigError, LcpError
 
 from .messages import is_json, say
@@ -22,6 +23,7 @@ def exit_code_of(error: BaseException) -> int:
         if is_json():
             say(error.format_message(), "error", exit_code=error.exit_code)
         else:
+            error.message = printable(error.message)
             error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):

@@ -52,6 +52,7 @@ class FileCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         refuse_same_files(ctx)
+        _refuse_names_for_make(ctx)
         return super().invoke(ctx)
 
 
@@ -72,6 +73,15 @@ def _refuse(name: str, path: Path, others: list[tuple[str, Path]]) -> None:
     for other, its in others:
         if _same(path, its):
             raise click.UsageError(f"{name} is the same file as {other}; name another output")
+
+
+def _refuse_names_for_make(ctx: click.Context) -> None:
+    """OutputError, before anything is computed, for a name that the rule of ``--depfile`` cannot hold."""
+    if ctx.params.get("depfile"):
+        from lcp_catalog.atomic_files import depfile_rule
+
+        names = (path for kind in ("inputs", "outputs") for _, path in _files(ctx, kind))
+        depfile_rule("target", names)
 
 
 def _files(ctx: click.Context, kind: str) -> list[tuple[str, Path]]:

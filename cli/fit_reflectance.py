@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .files import FileCommand, InputFile, OutputFile
-from .messages import say
+from .messages import echo, say
 from .options import depfile_option, output_option, overwrite_option
 from .value_types import Finite, Number
 
@@ -115,7 +115,7 @@ def command(
     text = (
         json.dumps(_document(fit, measurements), indent=2) if as_json else _text(fit, measurements)
     )
-    click.echo(text)
+    echo(text)
     say(f"{output}: use it with --reflectance facet:{output}")
 
 
@@ -157,7 +157,7 @@ def _write(
     """Write all files, or none of them if one cannot be written."""
     from contextlib import ExitStack
 
-    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.atomic_files import depfile_rule, write_aside
     from lcp_catalog.photometry.facet_fit import fit_file
     from lcp_catalog.photometry.facet_plot import fit_chart
 
@@ -168,8 +168,8 @@ def _write(
         for name, text in texts.items():
             stack.enter_context(write_aside(name, overwrite)).write_text(text, encoding="utf-8")
         if depfile:
-            rule = depfile_text(output, [goniometer])
-            stack.enter_context(write_aside(depfile, True)).write_text(rule, encoding="utf-8")
+            rule = depfile_rule(output, [goniometer])
+            stack.enter_context(write_aside(depfile, True)).write_bytes(rule)
 
 
 def _text(fit: Fit, measurements: Measurements) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from .files import FileCommand
+from .messages import echo
 from .options import catalog_argument
 
 EXIT_NOT_INTACT = 4
@@ -25,7 +26,7 @@ def command(catalog: str, as_json: bool) -> int:
     from lcp_catalog.catalog.summary import describe
 
     found = describe(catalog)
-    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
+    echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
     return 0 if found["intact"] else EXIT_NOT_INTACT
 
 

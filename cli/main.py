@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 import sys
 
 import click
@@ -69,8 +70,20 @@ def main(argv: list[str] | None = None) -> None:
     Exit codes: 0 success, 1 failure, 2 wrong usage, 3 and 4 as the command's help states,
     130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
+    _open_standard_streams()
     arguments = sys.argv[1:] if argv is None else argv
     sys.exit(run(arguments))
+
+
+def _open_standard_streams() -> None:
+    """Open the null device in place of closed standard streams: else the next file that is opened takes
+    their number, and what libraries print goes into it.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115  open to the end
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
 
 
 def run(arguments: list[str]) -> int:

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import click
 
+from lcp_catalog.atomic_files import printable
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -19,12 +21,17 @@ class _State:
     as_json = False
 
 
+def echo(text: str, err: bool = False, nl: bool = True) -> None:
+    """Print a text that may hold parts of a file or of its name: control characters are shown as escapes."""
+    click.echo(printable(text), err=err, nl=nl)
+
+
 def say(text: str, event: str = "message", **facts: Any) -> None:
     """Write a line on stderr; as JSON with the time, the kind of ``event`` and its facts."""
     if _State.as_json:
         time = datetime.now(UTC).isoformat(timespec="milliseconds")
         text = json.dumps({"time_utc": time, "event": event, "text": text, **facts})
-    click.echo(text, err=True)
+    echo(text, err=True)
 
 
 def is_json() -> bool:

@@ -169,7 +169,7 @@ def _write(
     camera: list[str],
 ) -> None:
     """Render and write the files; OUT.tif appears last, after the others are complete."""
-    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.atomic_files import depfile_rule, write_aside
     from lcp_catalog.rendering.output import encode
     from lcp_catalog.rendering.rasters import picture, png
 
@@ -181,8 +181,8 @@ def _write(
             image = png(picture(shown))
             stack.enter_context(write_aside(preview, overwrite)).write_bytes(image)
         if depfile:
-            text = depfile_text(output, [*scene.sources, *camera])
-            stack.enter_context(write_aside(depfile, True)).write_text(text, encoding="utf-8")
+            rule = depfile_rule(output, [*scene.sources, *camera])
+            stack.enter_context(write_aside(depfile, True)).write_bytes(rule)
 
 
 def _camera_of(flags: dict[str, Any]) -> list[str]:

@@ -201,12 +201,12 @@ def _write(
     taken: Any, output: str, beside: str, depfile: str | None, overwrite: bool, camera: list[str]
 ) -> None:
     """Write all outputs; FRAME appears last, after all others are complete."""
-    from lcp_catalog.atomic_files import depfile_text, write_aside
+    from lcp_catalog.atomic_files import depfile_rule, write_aside
     from lcp_catalog.simulation.output import encode_camera, encode_frame
 
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode_frame(taken, output))
         stack.enter_context(write_aside(beside, overwrite)).write_bytes(encode_camera(taken))
         if depfile:
-            text = depfile_text(output, [*taken.sources, *camera])
-            stack.enter_context(write_aside(depfile, True)).write_text(text, encoding="utf-8")
+            rule = depfile_rule(output, [*taken.sources, *camera])
+            stack.enter_context(write_aside(depfile, True)).write_bytes(rule)

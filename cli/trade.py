@@ -10,7 +10,7 @@ import click
 
 from .build_options import config_option, configuration, point_options, sweep_options
 from .files import FileCommand
-from .messages import say
+from .messages import echo, say
 from .options import (
     LAW,
     REFLECTANCE_HELP,
@@ -86,6 +86,6 @@ def command(
     with progress("tiers") as update:
         trade = measure_trade(build, areas or AREAS, rounds or ROUNDS, progress=update)
     write_trade(trade, folder, overwrite)
-    click.echo(markdown(trade), nl=False)
+    echo(markdown(trade), nl=False)
     compared = trade.compared
     say(f"{output}: {len(trade.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas")

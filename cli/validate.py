@@ -13,7 +13,7 @@ from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .files import FileCommand, InputFile, OutputFile
-from .messages import say
+from .messages import echo, say
 from .value_types import CELL_SIZE, LAW, Finite, Number
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ def command(
     if as_json:
         click.echo(result.verdict.to_json(), nl=False)
     for line in summary_lines(result.verdict):
-        click.echo(line, err=as_json)
+        echo(line, err=as_json)
     failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
         say(f"lcp: --require: {line}")

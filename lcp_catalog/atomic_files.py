@@ -94,7 +94,7 @@ def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
     found = [(path, os.stat(path)) for path in paths]
     return [
         {
-            "name": path.name,
+            "name": printable(path.name),
             "size": stat.st_size,
             "sha256": _sha256(str(path), file_state(stat)),
         }
@@ -109,20 +109,42 @@ def file_state(facts: os.stat_result) -> tuple[int, ...]:
     return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns
 
 
+def printable(text: str) -> str:
+    """The text with escapes in place of control characters, of characters that change the direction of a
+    line, and of bytes of a file name that are not UTF-8; line breaks and tabs stay.
+    """
+    return "".join(
+        one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode()
+        for one in text
+    )
+
+
 @lru_cache(maxsize=256)
 def _sha256(path: str, _state: tuple[int, ...]) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def depfile_text(target: Path | str, sources: Iterable[Path | str]) -> str:
-    """A Make rule with the files that an output was made from, by the names that the user gave."""
-    names = [_make_name(str(name)) for name in (target, *sources)]
-    return f"{names[0]}: {' '.join(names[1:])}\n"
+def depfile_rule(target: Path | str, sources: Iterable[Path | str]) -> bytes:
+    """A Make rule with the files that an output was made from, by the names that the user gave.
+    OutputError for a name that no rule can hold.
+    """
+    goal = _make_name(str(target), "*?[]", "%\t")
+    names = [_make_name(str(name), "*?[]|", "") for name in sources]
+    return os.fsencode(f"{goal}: {' '.join(names)}\n")
 
 
-def _make_name(name: str) -> str:
-    return name.replace("$", "$$").replace("#", "\\#").replace(" ", "\\ ")
+def _make_name(name: str, escaped: str, refused: str) -> str:
+    """A name as make reads it in a rule, with backslashes before white space, #, : and what is ``escaped``.
+    OutputError for what has no escape: line breaks, =, ;, round brackets at the end, and ``refused``.
+    """
+    bad = re.search(rf"[\n\r=;{refused}]|\(.*\)$", name)
+    if bad:
+        raise OutputError(
+            f"{name}: a rule for make cannot hold {bad[0]!r} there; rename the file, or leave out --depfile"
+        )
+    name = re.sub(rf"(\\*)([\s#:{re.escape(escaped)}])", lambda m: m[1] * 2 + "\\" + m[2], name)
+    return name.replace("$", "$$")
 
 
 @contextmanager

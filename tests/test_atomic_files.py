@@ -4,13 +4,14 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 
 import pytest
 
 from lcp_catalog import atomic_files
-from lcp_catalog.atomic_files import check_output, depfile_text, write_aside, write_bytes
+from lcp_catalog.atomic_files import check_output, depfile_rule, write_aside, write_bytes
 from lcp_catalog.errors import OutputError, OutputExistsError
 
 
@@ -135,8 +136,49 @@ def test_a_write_that_really_fails(tmp_path):
 
 
 def test_depfile_is_what_make_reads(tmp_path):
-    text = depfile_text("out dir/a.tif", ["d em.tif", "b#1.tif", "c$.tif"])
-    assert text == "out\\ dir/a.tif: d\\ em.tif b\\#1.tif c$$.tif\n"
+    rule = depfile_rule("out dir/a.tif", ["d em.tif", "b#1.tif", "c$.tif"])
+    assert rule == b"out\\ dir/a.tif: d\\ em.tif b\\#1.tif c$$.tif\n"
+
+
+NAMES = (
+    "d em",
+    "b#1",
+    "c$",
+    "a:b",
+    "p%q",
+    "s*",
+    "q?",
+    "[x]",
+    "~t",
+    "tab\tx",
+    "back\\slash",
+    "b\\ s",
+    "b\\#s",
+    "p|q",
+    "\udcff",
+)
+"""Names with characters that make reads in its own way."""
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
+@pytest.mark.parametrize("target", ["out", "o ut", "o#t", "o$t", "o|t"])
+def test_make_finds_every_file_of_a_rule(target, tmp_path):
+    """The target is up to date; a newer file makes it anew."""
+    files = [tmp_path / name for name in NAMES]
+    for number, file in enumerate((*files, tmp_path / target)):
+        file.touch()
+        os.utime(file, (1e9 + number, 1e9 + number))
+    (tmp_path / "Makefile").write_bytes(depfile_rule(target, NAMES) + b"\t@echo made\n")
+    make = ["make", "--no-print-directory", target]
+
+    def said():
+        return subprocess.run(make, cwd=tmp_path, capture_output=True, check=True).stdout
+
+    assert b"made" not in said()
+    for file in files:
+        os.utime(file, (2e9, 2e9))
+        assert said() == b"made\n", file
+        os.utime(file, (1e9, 1e9))
 
 
 def test_leftovers_of_killed_processes_are_removed_and_nothing_else(tmp_path):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from ..choices import ENCODINGS, GSD_MAX_M
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.facet_file import law_file
+from ..toml_files import is_number, parse_toml
 
 _REPLACED = {
     "points.image_noise": "errors.sensor_noise",
@@ -371,13 +371,12 @@ class BuildConfig:
     def from_toml(cls, path: Path) -> BuildConfig:
         """Read a BUILD.toml. ConfigError for unknown sections or keys, and for invalid values."""
         try:
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            document = parse_toml(path.read_text(encoding="utf-8"))
+            config = cls.from_dict(document)
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror or error}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError as error:
             raise ConfigError(f"{path}: not TOML: {error}") from error
-        try:
-            config = cls.from_dict(document)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
         folder = path.parent
@@ -429,20 +428,14 @@ def _value(name: str, hint: Any, value: object) -> object:
             raise ConfigError(f"{name} must be a list of texts")
         return tuple(value)
     if "tuple" in kinds:
-        if not isinstance(value, list) or not all(_is_number(v) for v in value):
+        if not isinstance(value, list) or not all(is_number(v) for v in value):
             raise ConfigError(f"{name} must be a list of numbers")
         return tuple(float(v) for v in value)
     if "float" in kinds:
-        _require(_is_number(value), f"{name} must be a number")
+        _require(is_number(value), f"{name} must be a number")
         return float(value)  # type: ignore[arg-type]  # checked on the line above
     if "int" in kinds:
-        _require(
-            isinstance(value, int) and not isinstance(value, bool), f"{name} must be a whole number"
-        )
+        _require(isinstance(value, int) and is_number(value), f"{name} must be a whole number")
     else:
-        _require(isinstance(value, str), f"{name} must be a text")
+        _require(isinstance(value, str) and "\0" not in value, f"{name} must be a text")
     return value
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)

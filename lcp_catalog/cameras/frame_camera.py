@@ -96,7 +96,7 @@ class Camera(FullSensor):
     def _numbers(self, key: str, shape: tuple[int, ...]) -> Array:
         try:
             values = np.array(getattr(self, key), dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             self._refuse(key, "does not consist of numbers")
         if values.shape != shape or not (np.abs(values) <= LARGEST).all():
             wanted = "x".join(map(str, shape)) if shape else "one"

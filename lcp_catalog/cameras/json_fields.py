@@ -54,7 +54,7 @@ class JsonFields:
             values = np.array(stated, dtype=np.float64)
             if isinstance(stated, bool):
                 raise TypeError
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             self.refuse(path, "does not consist of numbers")
         fits = len(values.shape) == len(shape) and all(
             n == wanted or (wanted is None and n > 0)

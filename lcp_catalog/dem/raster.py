@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from ..arrays import Float32
@@ -29,6 +29,9 @@ HEIGHT_LIMIT_M = 20_000.0
 """Greatest height or depth that is read (lowest place -9.1 km, highest 10.8 km): samples beyond it
 are no heights.
 """
+
+UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError)
+"""Errors of rasterio for a file that cannot be opened or read; the last is for names and texts that are not UTF-8."""
 
 _OPEN_FILES = 16
 _WINDOW_PIXELS = 4_000_000
@@ -76,12 +79,14 @@ class Raster:
 
     def heights_of(self, samples: NDArray[Any]) -> NDArray[np.float64]:
         """Heights of samples, metres, NaN for missing data; not checked."""
-        with np.errstate(invalid="ignore"):  # bits of a signalling NaN
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # signalling NaNs, and scales beyond reason
             heights = samples.astype(np.float64)
-        if self.scale_m != 1.0:
-            heights *= self.scale_m
-        if self.offset_m != 0.0:
-            heights += self.offset_m
+            if self.scale_m != 1.0:
+                heights *= self.scale_m
+            if self.offset_m != 0.0:
+                heights += self.offset_m
         bad = ~np.isfinite(heights)
         for value in self.missing:
             bad |= samples == samples.dtype.type(value) if _fits(value, samples.dtype) else False
@@ -96,7 +101,7 @@ class Raster:
             samples: NDArray[Any] = _dataset(self.path).read(
                 1, window=Window(col0, row0, col1 - col0, row1 - row0)
             )
-        except (RasterioError, OSError) as error:
+        except UNREADABLE as error:
             raise DemError(
                 f"{self.path}: cannot be read; the file is damaged or truncated ({_cause(error)})"
             ) from error
@@ -129,7 +134,7 @@ def open_dataset(path: Path) -> Any:
     """The file opened by GDAL (kept open for this thread). DemError if it is no raster."""
     try:
         return _dataset(path)
-    except (RasterioError, OSError) as error:
+    except UNREADABLE as error:
         raise DemError(f"{path}: not a DEM that can be read here ({_cause(error)})") from error
 
 

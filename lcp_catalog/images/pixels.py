@@ -17,10 +17,11 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import NotGeoreferencedWarning
 
 from ..arrays import Mask
 from ..choices import ENCODINGS
+from ..dem.raster import UNREADABLE
 from ..errors import ImageError, LabelError, LcpError
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
@@ -102,7 +103,7 @@ def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(opened) as file:
                 yield opened, file
-    except (RasterioError, OSError) as error:
+    except UNREADABLE as error:
         if isinstance(error, LcpError):
             raise
         cause = " ".join(str(error.__cause__ or error).split())

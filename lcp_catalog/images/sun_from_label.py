@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from ..pds import pvl
 from ..pds.isis_tables import sun_of_tables
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
-from ..pds.pds4 import is_pds4
+from ..pds.pds4 import is_pds4, xml_root
 from ..pds.pvl import Quantity
 from ..sun.ephemeris import direction_from_subsolar, sun_direction_at
 from ..sun.times import instants
@@ -119,7 +118,7 @@ def _statements(image: ImagePixels) -> Iterator[Item]:
             yield from _flat(pvl.parse_pvl(text))
         elif image.opened.suffix.lower() == ".xml" and is_pds4(image.opened):
             yield from _xml(image.opened)
-    except (OSError, LabelError, ElementTree.ParseError) as error:
+    except (OSError, LabelError) as error:
         log.warning("%s: its label is ignored: %s", image.path, error)
 
 
@@ -141,7 +140,7 @@ def _flat(document: Mapping[str, Any]) -> Iterator[Item]:
 
 def _xml(path: Path) -> Iterator[Item]:
     """Times and target of a PDS4 label; unfilled template values (${...}) are ignored."""
-    root = ElementTree.parse(path).getroot()
+    root = xml_root(path)
     for tag, key in _PDS4.items():
         element = root.find(f".//{tag}")
         if element is not None and element.text and not element.text.startswith("${"):

@@ -7,6 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..errors import LabelError
+
+_LARGEST_FILE = 1e15
+
 
 @dataclass(frozen=True)
 class DeclaredStatistics:
@@ -61,3 +65,10 @@ class Label:
         """Least size of an uncompressed image file."""
         size = int((self.sample_dtype or "i2")[-1])
         return self.image_offset_bytes + self.lines * self.line_samples * size
+
+
+def file_bytes(number: float, key: str) -> int:
+    """A number of bytes that a label states; LabelError for one that no file has."""
+    if not 0.0 <= number < _LARGEST_FILE:
+        raise LabelError(f"{key} is {number:g} bytes")
+    return int(number)

@@ -18,7 +18,7 @@ from typing import Any
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from . import pvl
-from .label import DeclaredStatistics, Label
+from .label import DeclaredStatistics, Label, file_bytes
 from .pvl import Pvl, Quantity
 
 log = logging.getLogger(__name__)
@@ -131,7 +131,8 @@ class _Interpreter:
         if compressed is None:
             records = _first([self.file, self.root], "FILE_RECORDS")
             record_bytes = _first([self.file, self.root], "RECORD_BYTES")
-            size = None if records is None or record_bytes is None else int(records * record_bytes)
+            if records is not None and record_bytes is not None:
+                size = file_bytes(records * record_bytes, "FILE_RECORDS times RECORD_BYTES")
             checksum = _first([image], "CHECKSUM")
         return DeclaredStatistics(
             minimum=_first([image], "MINIMUM", "DERIVED_MINIMUM"),
@@ -220,11 +221,11 @@ class _Interpreter:
         if pointer is None:
             raise LabelError("the label does not name its image (^IMAGE)")
         if isinstance(place, Quantity):
-            return name, int(place.value) - (1 if place.value > 0 else 0)
+            return name, file_bytes(place.value - (1 if place.value > 0 else 0), "^IMAGE")
         record = (
             pvl.number(self.file, "RECORD_BYTES") or pvl.number(self.root, "RECORD_BYTES") or 0.0
         )
-        return name, int((place - 1.0) * record)
+        return name, file_bytes((place - 1.0) * record, "^IMAGE")
 
     def _product_id(self, image_name: str) -> str:
         stem = Path(image_name).stem or self.path.stem

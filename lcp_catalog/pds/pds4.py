@@ -8,13 +8,14 @@ west-positive longitudes.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from . import pvl
-from .label import DeclaredStatistics, Label
+from .label import DeclaredStatistics, Label, file_bytes
 
 _DTYPES = {
     "IEEE754LSBSingle": "<f4",
@@ -45,11 +46,17 @@ def is_pds4(path: Path) -> bool:
 def read_pds4(path: Path) -> Label:
     """The label in an XML file. LabelError states what is wrong with it."""
     try:
-        return _Pds4(ElementTree.parse(path).getroot(), path).label()
-    except ElementTree.ParseError as error:
-        raise LabelError(f"{path}: damaged XML ({error}); fetch the label again") from error
+        return _Pds4(xml_root(path), path).label()
     except LabelError as error:
         raise LabelError(f"{path}: {error}") from None
+
+
+def xml_root(path: Path) -> ElementTree.Element:
+    """The outermost element of an XML file. LabelError, without the path, for damaged XML."""
+    try:
+        return ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # of encodings, too
+        raise LabelError(f"damaged XML ({error}); fetch the label again") from error
 
 
 class _Pds4:
@@ -117,7 +124,7 @@ class _Pds4:
             ),
             sample_dtype=dtype,
             image_name=name,
-            image_offset_bytes=int(self.number("offset")),
+            image_offset_bytes=file_bytes(self.number("offset"), "offset"),
             compressed=False,
             declared=self._declared(),
         )
@@ -170,12 +177,13 @@ class _Pds4:
         }
         lines, samples = axes.get("line", ""), axes.get("sample", "")
         if set(axes) != {"line", "sample"} or not (
-            lines.strip().isdigit() and samples.strip().isdigit()
+            re.fullmatch(r"[0-9]{1,9}", lines.strip())
+            and re.fullmatch(r"[0-9]{1,9}", samples.strip())
         ):
             raise LabelError("an array of lines and samples with one band is required")
         if (
             self.text("axis_index_order") != "Last Index Fastest"
-            or len(self.found["Element_Array"]) != 1
+            or len(self.found.get("Element_Array", [])) != 1
         ):
             raise LabelError("one array whose samples run fastest is required")
         return int(lines), int(samples)
@@ -203,7 +211,7 @@ class _Pds4:
             minimum=self.maybe("minimum"),
             maximum=self.maybe("maximum"),
             md5=self.text("md5_checksum").lower() or None,
-            file_bytes=None if size is None else int(size),
+            file_bytes=None if size is None else file_bytes(size, "file_size"),
             north_deg=self.maybe("north_bounding_coordinate"),
             south_deg=self.maybe("south_bounding_coordinate"),
             west_deg=self.maybe("west_bounding_coordinate"),

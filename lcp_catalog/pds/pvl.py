@@ -81,7 +81,7 @@ def _pvl_value(tokens: list[re.Match[str]], at: int) -> tuple[Any, int]:
     value: Any = token.group()
     value = " ".join(value[1:-1].split()) if token.lastgroup == "string" else _literal(value)
     if at + 1 < len(tokens) and tokens[at + 1].lastgroup == "unit":
-        unit = tokens[at + 1].group()[1:-1].strip().upper()
+        unit = " ".join(tokens[at + 1].group()[1:-1].split()).upper()
         return (Quantity(value, unit) if isinstance(value, float) else value), at + 2
     return value, at + 1
 

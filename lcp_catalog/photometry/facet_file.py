@@ -4,7 +4,6 @@ values that were written.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import tomli_w
 
 from ..errors import ConfigError
+from ..toml_files import is_number, parse_toml
 from .facet_labunets2019 import DEFAULT, NAMED, named_model
 from .facet_model import FacetModel, Node, Optics, Shadowing
 
@@ -48,10 +48,7 @@ class FacetFile:
     @classmethod
     def from_toml(cls, text: str) -> FacetFile:
         """Parse TOML text; ConfigError for an invalid document."""
-        try:
-            document = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"not TOML: {error}") from error
+        document = parse_toml(text)
         if document.pop("format", None) != FORMAT:
             raise ConfigError(f"not a facet model: format = {FORMAT!r} is missing")
         fit = document.pop("fit", {})
@@ -149,6 +146,6 @@ def _numbers(name: str, value: object) -> tuple[float, ...]:
 
 
 def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{name} must be a number, not {value!r}")
+    if not isinstance(value, int | float) or not is_number(value):
+        raise ConfigError(f"{name} must be a number, not {value!r:.40}")
     return float(value)

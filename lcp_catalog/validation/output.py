@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ..atomic_files import check_folder, check_output, depfile_text, write_bytes
+from ..atomic_files import check_folder, check_output, depfile_rule, write_bytes
 from ..errors import OutputError
 from .report import render
 from .run import Result
@@ -72,5 +72,5 @@ def write_validation(
     for name, text in zip(FILES, texts, strict=True):
         write_bytes(folder / name, text.encode("utf-8"), overwrite)
     if depfile:
-        rule = depfile_text(folder / FILES[-1], result.sources)
-        write_bytes(depfile, rule.encode("utf-8"), overwrite=True)
+        rule = depfile_rule(folder / FILES[-1], result.sources)
+        write_bytes(depfile, rule, overwrite=True)
