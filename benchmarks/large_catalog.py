@@ -64,11 +64,7 @@ def main() -> None:
         for command in (["inspect"], ["report", "-o", str(Path(folder, "r.html"))]):
             arguments = [sys.executable, "-c", CHILDREN, LCP, *command, str(path)]
             done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-            code, peak = done.stdout.split()
-            seconds = time.monotonic() - start
-            print(
-                f"lcp {command[0]}: exit {code}, {seconds:.1f} s, peak memory {float(peak):.0f} MB"
-            )
+            print(f"lcp {command[0]}: {done.stdout.strip()}")
         subprocess.run([sys.executable, "-c", WINDOWS, str(path)], check=True)
 
 
