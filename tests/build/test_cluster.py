@@ -30,7 +30,7 @@ def cluster() -> Iterator[LocalCluster]:
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1}),
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as made,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made,
     ):
         yield made
 
@@ -135,7 +135,7 @@ def test_a_lost_scheduler_is_one_line() -> None:
 
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
-        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as lost,
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as lost,
     ):
         outcomes = run_tasks(square_or_die, [*range(20, 60)], 1, lost.scheduler_address)
         next(outcomes)
