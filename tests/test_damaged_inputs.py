@@ -21,6 +21,11 @@ FOUND = [
     ("dem-jp2", 44),
     ("image-pds4", 54),
     ("image-label-beside", 833),  # a map projection that GDAL cannot parse
+    ("dem-label", 2314),  # an infinite number of bytes
+    ("dem-label", 3071),
+    ("dem-label", 3590),  # an image that begins before its file
+    ("dem-pds4", 2292),  # an unknown encoding
+    ("camera", 2225),  # a distortion of 1e-320
     ("facet", 137),  # a name of thousands of parts: minutes of parsing
 ]
 """Damage (parser, seed) that was not survived."""

@@ -27,6 +27,7 @@ Slopes = tuple[Array, Array, Array, Array]
 """du/dx, du/dy, dv/dx, dv/dy."""
 
 _MOST_STEPS = 50
+_NO_TERM = 1e-290  # a coefficient without effect, by which no number can be divided
 _CONVERGED = 1e-9  # Newton doubles the digits: the next step is below the last bit
 _COMPLEX_STEP = 1e-30
 
@@ -356,7 +357,7 @@ def _parsed(kind: type, name: str, value: Any) -> Any:
     shape = {"into": (2, 2), "out": (2, 2), "a": (4,), "b": (4,)}.get(name, ())
     try:
         numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} does not consist of numbers") from error
     if numbers.shape != shape or not (np.abs(numbers) <= LARGEST).all():
         raise ValueError(f"{name} must hold finite numbers of shape {shape}")
@@ -371,7 +372,8 @@ def _tuple(value: Any) -> Any:
 
 def _first_root(*rising: float) -> float:
     """Least positive root of a polynomial, lowest power first; infinity without one."""
-    turns = np.roots(rising[::-1])
+    terms = [term if abs(term) > _NO_TERM else 0.0 for term in rising[::-1]]
+    turns = np.roots(terms)  # divides by the first of them
     real = turns[(np.abs(turns.imag) < 1e-12) & (turns.real > 0)].real if turns.size else turns
     return float(real.min()) if real.size else math.inf
 
