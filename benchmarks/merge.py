@@ -1,10 +1,11 @@
 """The end and the resumption of a large build, on made checkpoints: peak memory and rate of the merge of a
 million points, and the time of the check of 100 000 finished areas.
 
-    PYTHONPATH=tests .venv/bin/python benchmarks/merge.py [POINTS [AREAS]]
+    PYTHONPATH=tests .venv/bin/python benchmarks/merge.py [full] [POINTS [AREAS]]
 
-The points have patches of 9 x 9 nodes and 4 conditions; beside each stand candidates that cannot become
-points. The checkpoints are made in a process of their own, so that the peak is that of the merge.
+The points have patches of 9 x 9 nodes and 4 conditions (``full``: patches of 33 x 33 nodes and the
+conditions of the sample's build); beside every second stands a candidate that cannot become a
+point. The checkpoints are made in a process of their own, so that the peak is that of the merge.
 """
 
 from __future__ import annotations
@@ -35,16 +36,22 @@ from lcp_catalog.terrain.area import Area
 GSD_M, SPACING_M, STEP_M = 250.0, 1000.0, 1200.0
 SIDE = 25  # points along the side of an area
 DEGREE_M = 30323.35
-CONFIG = BuildConfig(
+SMALL = BuildConfig(
     area=AreaConfig(gsd_m=GSD_M),
     sun=SunConfig((90.0, 270.0), (10.0, 30.0)),
     view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
     points=PointConfig(patch_nodes=9, spacing_m=SPACING_M, search_m=2000.0),
 )
+FULL = BuildConfig(
+    area=SMALL.area,
+    points=PointConfig(spacing_m=SPACING_M, search_m=2000.0),
+    view=ViewConfig((0.0, 30.0, 30.0), (0.0, 90.0, 270.0), (float("inf"),) * 3),
+)
+CONFIG = FULL if "full" in sys.argv else SMALL
 
 
 def area(row: int, column: int) -> FinishedArea:
-    """An area whose points all are further apart than the spacing; every third candidate is unusable."""
+    """An area whose points all are further apart than the spacing; a third of the candidates is unusable."""
     rng = np.random.default_rng([row, column])
     count = SIDE * SIDE
     table = np.zeros(count + count // 2, TABLE)
@@ -55,7 +62,8 @@ def area(row: int, column: int) -> FinishedArea:
     table[count:] = table[: count // 2]
     records = np.zeros(count, record_type(CONFIG, albedo=False))
     records["dem"] = rng.normal(0.0, 30.0, records["dem"].shape)
-    records["dem"][:, 4, 4] = 0.0
+    middle = CONFIG.points.half
+    records["dem"][:, middle, middle] = 0.0
     works = rng.random(records["condition"].shape) < 0.8
     works[:, 0, 0, 0] = True
     records["condition"] = np.where(works, USABLE, EVALUATED)
@@ -100,10 +108,12 @@ def merge(folder: Path, areas: int) -> None:
     points = assembly.write(checkpoints, names, folder / "moon.h5", overwrite=True)
     seconds, own = time.perf_counter() - start, time.process_time() - own
     size = (folder / "moon.h5").stat().st_size
+    each = record_type(CONFIG, albedo=False).itemsize
+    print(f"merge: {areas} areas, {points} points with records of {each} bytes")
     print(
-        f"merge: {areas} areas, {points} points, {seconds:.1f} s ({own:.1f} s of processor time), {points / own:.0f} points/s, "
-        f"peak {peak_mb():.0f} MB ({before:.0f} MB before), file {size / 1e6:.0f} MB"
+        f"merge: {seconds:.1f} s, {own:.1f} s of processor time, {points / own:.0f} points/s of it"
     )
+    print(f"merge: peak {peak_mb():.0f} MB, {before:.0f} MB before; file of {size / 1e6:.0f} MB")
 
 
 def resume(folder: Path, areas: int) -> None:
@@ -126,7 +136,8 @@ def resume(folder: Path, areas: int) -> None:
 
 
 def main() -> None:
-    points, areas = (int(v) for v in (*sys.argv[1:], *("1000000", "100000")[len(sys.argv) - 1 :]))
+    given = [int(text) for text in sys.argv[1:] if text != "full"]
+    points, areas = (*given, *(1_000_000, 100_000)[len(given) :])
     folder = Path(tempfile.mkdtemp(prefix="lcp-merge-", dir=os.environ.get("TMPDIR")))
     context = multiprocessing.get_context("spawn")
     try:
