@@ -55,7 +55,9 @@ def region_coverage(
     doubtful = np.flatnonzero(found == Status.FEATURELESS)  # nothing near, or nothing of use
     held = np.ones(len(lon), bool)
     held[doubtful] = np.isfinite(_read(dems, lon[doubtful], lat[doubtful], cell_m))
-    status = coverage((lon, lat), held, candidates, stages, points, spacing_m)
+    status = (
+        found if held.all() else coverage((lon, lat), held, candidates, stages, points, spacing_m)
+    )
     nearby = usable_nearby((lon, lat), points, condition, spacing_m)
     return Coverage(lon, lat, status, spacing_m, nearby, step_m)
 
