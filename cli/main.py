@@ -9,6 +9,7 @@ import importlib
 import logging
 import os
 import sys
+from typing import Any
 
 import click
 
@@ -71,6 +72,7 @@ def main(argv: list[str] | None = None) -> None:
     130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
     _open_standard_streams()
+    sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised
     arguments = sys.argv[1:] if argv is None else argv
     sys.exit(run(arguments))
 
@@ -84,6 +86,19 @@ def _open_standard_streams() -> None:
     os.close(number)
     sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115  open to the end
     sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+
+
+def _log_unraisable(found: Any) -> None:
+    """Log an error that cannot be raised, like that of rasterio's log for a message that is not UTF-8; the
+    call in which it happened has an error of its own.
+    """
+    logging.getLogger(__name__).debug("ignored in %r: %r", found.object, found.exc_value)
+
+
+def _show_raised(kind: type[BaseException], error: BaseException, where: Any) -> None:
+    """Print a traceback (`--debug`), but not of the error above, which was never raised in Python."""
+    if where is not None:
+        sys.__excepthook__(kind, error, where)
 
 
 def run(arguments: list[str]) -> int:

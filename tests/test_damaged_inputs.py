@@ -24,6 +24,7 @@ FOUND = [
     ("dem-label", 2314),  # an infinite number of bytes
     ("dem-label", 3071),
     ("dem-label", 3590),  # an image that begins before its file
+    ("dem-check", 7715),  # an object with the name of an earlier value
     ("dem-pds4", 2292),  # an unknown encoding
     ("camera", 2225),  # a distortion of 1e-320
     ("facet", 137),  # a name of thousands of parts: minutes of parsing

@@ -54,7 +54,8 @@ def parse_pvl(text: str) -> Pvl:
         else:
             value = None
         if key in ("OBJECT", "GROUP", "BEGIN_OBJECT", "BEGIN_GROUP"):
-            stack.append(stack[-1].setdefault(str(value).upper(), {}))
+            found = stack[-1].setdefault(str(value).upper(), {})
+            stack.append(found if isinstance(found, dict) else {})  # the first value is kept
         elif key in ("END_OBJECT", "END_GROUP"):
             if len(stack) > 1:
                 stack.pop()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fuzz import Bench
 from helpers.commands import refusal
 from helpers.products import geotiff
 from lcp_cli.main import run
@@ -62,6 +63,17 @@ def test_a_name_that_is_not_utf8(dem: Path, capsys: Any) -> None:
     line = ["render", "--surface", "sphere", "--camera", str(camera), *area, "-o", output]
     assert run([*line, "--depfile", f"{output}.d"]) == 0
     assert Path(f"{output}.d").read_bytes().endswith(b"/\xff.json\n")
+
+
+def test_a_message_of_gdal_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
+    """rasterio's log cannot decode it and used to print a stack trace."""
+    bench = Bench("dem-pds4", tmp_path)
+    path, content = bench.input(12)
+    path.write_bytes(content)
+    line = [*LCP, "dem", "info", str(path)]
+    error = subprocess.run(line, capture_output=True, text=True, check=False).stderr
+    assert error.count("\n") == 1
+    assert error.startswith(f"lcp: {path}: not a DEM")
 
 
 def test_a_name_that_make_cannot_hold_is_refused_at_once(tmp_path: Path, capsys: Any) -> None:
