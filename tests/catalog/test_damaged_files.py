@@ -57,6 +57,19 @@ def test_a_crash_of_the_library_is_one_line(
     assert capfd.readouterr().err.count("\n") == 1
 
 
+def test_a_bit_on_which_hdf5_crashes_is_one_line(
+    copy: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A bit in the type of an attribute: HDF5 2.0.0 dies of a segmentation fault when it opens it."""
+    content = bytearray(copy.read_bytes())
+    content[content.index(b"units\0\0\0\x19") + 9] ^= 8
+    copy.write_bytes(content)
+    (problem,) = verify(copy)
+    assert problem.startswith("damaged: reading it crashed") or "is damaged" in problem
+    assert run(["inspect", str(copy)]) == 4
+    assert capfd.readouterr().err == ""
+
+
 def _forked(call: Callable) -> Callable:
     """`call_apart` by a fork, whatever threads the tests before have started."""
     from lcp_catalog import child_process
