@@ -16,6 +16,7 @@ import numpy as np
 from ..arrays import AnyArray
 from ..atomic_files import write_aside
 from ..errors import CatalogError
+from ..held_signals import HeldSignals
 from .catalogue import Catalog, Coverage
 from .checks import first_few, lines, part_findings, shape_problems
 from .disk_stream import DiskStream
@@ -49,10 +50,14 @@ def new_catalog(
     names that ``dem_product`` may have. Raises OutputExistsError and OutputError as
     `atomic_files.write_aside` does.
     """
-    with write_aside(path, overwrite) as aside, DiskStream(aside) as stream:
+    with (
+        write_aside(path, overwrite) as aside,
+        HeldSignals() as signals,
+        DiskStream(aside) as stream,
+    ):
         try:
             with _create(stream) as file:
-                yield NewCatalog(head, points, products, file, stream)
+                yield NewCatalog(head, points, products, file, stream, signals)
         finally:
             stream.check()  # the cause of whatever HDF5 says
         stream.sync()
@@ -74,8 +79,10 @@ class NewCatalog:
         products: Iterable[str],
         file: h5py.File,
         stream: DiskStream,
+        signals: HeldSignals,
     ) -> None:
         self._head, self._points, self._file, self._stream = head, points, file, stream
+        self._signals = signals
         self._text_bytes = max((len(name.encode()) for name in products), default=1) or 1
         self._fixed, self._added = head.values(), 0
         self._fixed["point"] = np.arange(points, dtype=np.int32)
@@ -105,7 +112,12 @@ class NewCatalog:
             self._file[name][first : self._added] = (
                 self._as_bytes(values) if values.dtype == object else values
             )
-            self._stream.check()
+            self._check()
+
+    def _check(self) -> None:
+        """Between two calls of HDF5: raise what the disk or a signal has brought."""
+        self._stream.check()
+        self._signals.release()
 
     def _require_sound(self, points: Values) -> None:
         values = self._fixed | {name: points[name] for name in self._of_points}
@@ -137,7 +149,7 @@ class NewCatalog:
         )
         self._file.attrs.update(attributes | more)
         self._file.flush()
-        self._stream.check()
+        self._check()
 
     def _stored(self, name: str) -> AnyArray:
         """A variable of the file; text as strings."""
@@ -159,7 +171,7 @@ class NewCatalog:
         }
         for name in sorted(variables, key=lambda name: variables[name].dims != (name,)):
             self._create_variable(place, name, variables[name], self._fixed[key(group, name)])
-            self._stream.check()
+            self._check()
 
     def _create_variable(
         self, place: h5py.Group, name: str, variable: Variable, array: AnyArray

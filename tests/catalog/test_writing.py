@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,3 +87,23 @@ def test_a_disk_that_is_full_leaves_nothing(
     write_catalog(found, path)
     assert verify(path) == []
     assert path.stat().st_size > max(room, 0)
+
+
+def test_a_signal_while_hdf5_writes_is_an_interrupt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It raised inside HDF5, which then crashed. Nothing is left, and the next file is whole."""
+    found, path = catalogs.claimed(60), tmp_path / "c.h5"
+
+    def interrupted(file: int, data: Any, start: int) -> int:
+        signal.raise_signal(signal.SIGINT)
+        return write(file, data, start)
+
+    write = os.pwrite
+    with monkeypatch.context() as patch:
+        patch.setattr(disk_stream.os, "pwrite", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            write_catalog(found, path)
+    assert list(tmp_path.iterdir()) == []
+    write_catalog(found, path)
+    assert verify(path) == []
