@@ -55,7 +55,9 @@ class _Pace:
 
 
 class _Lines:
-    """Lines about a task's progress, none for one that is soon done."""
+    """Lines about a task's progress: none in text for one that is soon done; in JSON also the first and
+    the last step.
+    """
 
     def __init__(self, label: str) -> None:
         self._label, self._pace = label, _Pace()
@@ -66,7 +68,8 @@ class _Lines:
         pace.update(done, total)
         if self._said_at is None:
             self._said_at = now if not is_json() else -1e9
-        if now - self._said_at < _EVERY_S[is_json()]:
+        last = is_json() and done == total
+        if now - self._said_at < _EVERY_S[is_json()] and not last:
             return
         self._said_at = now
         rate, left = 60.0 * pace.per_second, duration_text(pace.left_s)
