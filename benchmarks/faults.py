@@ -292,7 +292,7 @@ def checkpoints(bench: Bench) -> None:
     """A checkpoint with one wrong bit."""
     case = bench.case()
     process = bench.start(case)
-    while process.poll() is None and not list((case / "x.h5.parts").glob("*.npz")):
+    while process.poll() is None and not list((case / "x.h5.parts").glob("*.area")):
         time.sleep(0.02)
     time.sleep(bench.moment(0.3))
     with contextlib.suppress(ProcessLookupError):
