@@ -57,7 +57,7 @@ search_m = 5000.0
 direction_tolerance_deg = 0.5
 ring_max_km = 20.0
 """
-LONGEST_S = 300.0
+LONGEST_S = 120.0
 """A build that takes longer hangs."""
 END_S = 5.0
 """Time in which all processes of a build must have ended after it."""
@@ -134,7 +134,8 @@ class Bench:
         ]  # fmt: skip
         return subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-            start_new_session=True, preexec_fn=prepare,  # noqa: PLW1509  # this program has no threads
+            start_new_session=True, env=os.environ | {"PYTHONFAULTHANDLER": "1"},
+            preexec_fn=prepare,  # noqa: PLW1509  # this program has no threads
         )  # fmt: skip
 
     def build(self, case: Path, *options: str, **how: object) -> subprocess.CompletedProcess[str]:
@@ -156,8 +157,9 @@ def finished(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]
     try:
         _, error = process.communicate(timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        raise CaseError("the build hangs") from None
+        os.killpg(process.pid, signal.SIGABRT)  # each process writes where its threads are
+        _, error = process.communicate(timeout=END_S)
+        raise CaseError(f"the build hangs:\n{error}") from None
     deadline = time.monotonic() + END_S
     while members(process.pid):
         if time.monotonic() > deadline:
