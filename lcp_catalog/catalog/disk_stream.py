@@ -4,6 +4,7 @@ and crashes on it when the interpreter exits.
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 from collections.abc import Callable
@@ -21,7 +22,7 @@ class DiskStream(io.RawIOBase):
         self._file = os.open(path, os.O_RDWR)
         self._place = self._end = 0
         self._error: OSError | None = None
-        self._unwritten: dict[int, bytes] = {}
+        self._unwritten: list[tuple[int, bytes]] = []  # in the order of writing: the last counts
 
     def check(self) -> None:
         """Raise the error that was met, if any."""
@@ -52,15 +53,18 @@ class DiskStream(io.RawIOBase):
         self._end = max(self._end, self._place)
         self._try(lambda: _write_all(self._file, part, start))
         if self._error is not None:
-            self._unwritten[start] = bytes(part)
+            self._unwritten.append((start, bytes(part)))
         return part.nbytes
 
     def readinto(self, buffer: Any, /) -> int:
         whole, start = memoryview(buffer).cast("B"), self._place
         whole[:] = bytes(whole.nbytes)
         self._place += whole.nbytes
-        self._try(lambda: _read_all(self._file, whole, start))
-        for place, data in self._unwritten.items():
+        try:  # also after an error: HDF5 may loop on records that it does not find again
+            _read_all(self._file, whole, start)
+        except OSError as error:
+            self._error = self._error or error
+        for place, data in self._unwritten:
             first, last = max(place, start), min(place + len(data), start + whole.nbytes)
             if first < last:
                 whole[first - start : last - start] = data[first - place : last - place]
@@ -82,7 +86,10 @@ class DiskStream(io.RawIOBase):
 def _write_all(file: int, part: memoryview, start: int) -> None:
     done = 0
     while done < part.nbytes:
-        done += os.pwrite(file, part[done:], start + done)
+        some = os.pwrite(file, part[done:], start + done)
+        if not some:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done += some
 
 
 def _read_all(file: int, whole: memoryview, start: int) -> None:
