@@ -32,6 +32,9 @@ log = logging.getLogger(__name__)
 _EARLY = 8
 """Greatest number of processes that start before the tasks are known."""
 
+_PATIENCE_S = 10.0
+"""Time in which a process must end that is asked to."""
+
 
 def run_tasks(
     function: Callable[[Task], Result],
@@ -247,4 +250,7 @@ def _stop(pool: ProcessPoolExecutor) -> None:
     for process in processes:
         process.terminate()
     for process in processes:
-        process.join()
+        process.join(_PATIENCE_S)
+        if process.is_alive():
+            process.kill()
+            process.join()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from lcp_catalog.build import executor
 from lcp_catalog.build.executor import run_tasks, starting_workers
 from lcp_catalog.errors import ConfigError
 
@@ -114,6 +116,21 @@ def test_workers_without_tasks_end_with_their_context() -> None:
     while any(process.is_alive() for process in processes):
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def ignore_the_end() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executor, "_PATIENCE_S", 0.2)
+    with executor.processes(1) as pool:
+        pool.submit(ignore_the_end).result()
+        pool.submit(time.sleep, 60.0)
+        (worker,) = pool._processes.values()
+        start = time.monotonic()
+    assert time.monotonic() - start < 10.0
+    assert worker.exitcode == -signal.SIGKILL
 
 
 def die() -> None:
