@@ -34,29 +34,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import rasterio
+from kills import CONFIG, DEM, is_gone, wait_for
 
-ROOT = Path(__file__).resolve().parents[1]
-SAMPLE = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
 LCP = Path(sys.executable).with_name("lcp")
-CONFIG = """
-[area]
-center_deg = [3.5, 26.0]
-size_km = 60.0
-gsd_m = 474.0
-[sun]
-azimuths_deg = [90.0, 270.0]
-elevations_deg = [10.0, 30.0]
-[view]
-off_nadir_deg = [0.0]
-azimuth_deg = [0.0]
-altitude_km = [inf]
-[points]
-patch_nodes = 17
-search_m = 5000.0
-[model]
-direction_tolerance_deg = 0.5
-ring_max_km = 20.0
-"""
 LONGEST_S = 120.0
 """A build that takes longer hangs."""
 END_S = 5.0
@@ -88,8 +68,8 @@ class Bench:
 
     def prepare(self) -> None:
         """Write the configuration and both DEMs; build both catalogues."""
-        (self.folder / "build.toml").write_text(CONFIG)
-        with rasterio.open(SAMPLE) as source:
+        shutil.copy(CONFIG, self.folder / "build.toml")
+        with rasterio.open(DEM) as source:
             heights, profile = source.read(), source.profile
         for path, factor in ((self.dem, 1), (self.other_dem, 2)):
             with rasterio.open(path, "w", **profile) as target:
@@ -160,27 +140,13 @@ def finished(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]
         os.killpg(process.pid, signal.SIGABRT)  # each process writes where its threads are
         _, error = process.communicate(timeout=END_S)
         raise CaseError(f"the build hangs:\n{error}") from None
-    deadline = time.monotonic() + END_S
-    while members(process.pid):
-        if time.monotonic() > deadline:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise CaseError(f"processes are left {END_S:g} s after the end")
-        time.sleep(0.02)
+    if not wait_for(lambda: is_gone(process.pid), END_S):
+        os.killpg(process.pid, signal.SIGKILL)
+        raise CaseError(f"processes are left {END_S:g} s after the end")
     for word in ("Traceback", "unexpected"):
         if word in error:
             raise CaseError(f"{word}: {error.strip()[-1500:]}")
     return subprocess.CompletedProcess(process.args, process.returncode, "", error)
-
-
-def members(session: int) -> list[int]:
-    """Processes of a session that have not ended."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            fields = stat.read_text().rsplit(")", 1)[1].split()
-            if int(fields[3]) == session and fields[0] != "Z":
-                found.append(int(stat.parent.name))
-    return found
 
 
 def refused(ended: subprocess.CompletedProcess[str], output: Path) -> None:

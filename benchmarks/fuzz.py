@@ -408,7 +408,7 @@ class Bench:
             return f"more than a line: {error!r:.200}" if "\n" in str(error) else None
         except TooLongError as error:
             return f"more than {LIMIT_S} s at {_place_of(error)}"
-        except Exception as error:
+        except Exception as error:  # any other is what is looked for
             return f"{type(error).__name__} at {_place_of(error)}: {str(error)[:100]!r}"
         finally:
             path.write_bytes(self.content[path])

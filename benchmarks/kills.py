@@ -30,26 +30,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
-
-CONFIG = """
-[area]
-center_deg = [3.5, 26.0]
-size_km = 60.0
-gsd_m = 474.0
-[sun]
-azimuths_deg = [90.0, 270.0]
-elevations_deg = [10.0, 30.0]
-[view]
-off_nadir_deg = [0.0]
-azimuth_deg = [0.0]
-altitude_km = [inf]
-[points]
-patch_nodes = 17
-search_m = 5000.0
-[model]
-direction_tolerance_deg = 0.7
-ring_max_km = 20.0
-"""
+CONFIG = ROOT / "tests" / "data" / "nine_areas.toml"
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 LIMIT_S = 300.0
@@ -91,7 +72,7 @@ class Site:
         self.folder, self.output = folder, folder / "x.h5"
         self.log = folder.with_suffix(".log")
         shutil.copy(DEM, folder / "dem.tif")
-        (folder / "x.toml").write_text(CONFIG)
+        shutil.copy(CONFIG, folder / "x.toml")
 
     def lcp(self, *options: str) -> subprocess.Popen[bytes]:
         code = "from lcp_cli.main import main\nif __name__ == '__main__': main()"

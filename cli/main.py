@@ -85,7 +85,7 @@ def _open_standard_streams() -> None:
         os.set_inheritable(number, True)
     os.close(number)
     sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115  open to the end
-    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115  open to the end
 
 
 def _log_unraisable(found: Any) -> None:

@@ -16,26 +16,7 @@ from lcp_catalog.build.run import build_catalog
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
-
-CONFIG = """
-[area]
-center_deg = [3.5, 26.0]
-size_km = 60.0
-gsd_m = 474.0
-[sun]
-azimuths_deg = [90.0, 270.0]
-elevations_deg = [10.0, 30.0]
-[view]
-off_nadir_deg = [0.0]
-azimuth_deg = [0.0]
-altitude_km = [inf]
-[points]
-patch_nodes = 17
-search_m = 5000.0
-[model]
-direction_tolerance_deg = 0.7
-ring_max_km = 20.0
-"""
+CONFIG = ROOT / "tests" / "data" / "nine_areas.toml"
 
 
 def make_folder(folder: Path) -> Path:
@@ -47,7 +28,7 @@ def make_folder(folder: Path) -> Path:
     )
     program.chmod(0o755)
     shutil.copy(DEM, folder / "dem.tif")
-    (folder / "tile.toml").write_text(CONFIG)
+    shutil.copy(CONFIG, folder / "tile.toml")
     return folder
 
 
