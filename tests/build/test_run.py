@@ -6,18 +6,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import shutil
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.products import DEGREE_M, geotiff
+from helpers.small_build import CONFIG, DEM
 
-from lcp_catalog.build import area_job, run
-from lcp_catalog.build.area_job import AreaJob, AreaResult, area_sweep, run_area
-from lcp_catalog.build.checkpoints import Checkpoints
+from lcp_catalog.build import area_job
+from lcp_catalog.build.area_job import AreaJob, area_sweep, run_area
 from lcp_catalog.build.config import (
     AreaConfig,
     BuildConfig,
@@ -28,7 +26,6 @@ from lcp_catalog.build.config import (
     ViewConfig,
 )
 from lcp_catalog.build.estimate import START_S, WORKER_START_S, _seconds, estimate
-from lcp_catalog.build.finished_area import finished_area
 from lcp_catalog.build.run import Build, build_catalog, run_build
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
 from lcp_catalog.catalog.schema import (
@@ -43,35 +40,13 @@ from lcp_catalog.catalog.schema import (
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.height_errors import height_errors
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.errors import AreaFailedError, OutputExistsError, SunError
+from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import build_terrain
-
-DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
-
-CONFIG = BuildConfig(
-    area=AreaConfig(center_deg=(3.5, 26.0), size_km=60.0, gsd_m=474.0),
-    sun=SunConfig((60.0, 90.0, 120.0, 180.0, 240.0, 270.0), (10.0, 30.0, 60.0)),
-    view=ViewConfig((0.0, 40.0), (0.0, 90.0), (float("inf"), 100.0)),
-    points=PointConfig(patch_nodes=17, search_m=9000.0),
-    model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=40.0),
-)
-
-
-@pytest.fixture(scope="module")
-def plan() -> Build:
-    return Build.plan((DEM,), CONFIG)
-
-
-@pytest.fixture(scope="module")
-def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    output = tmp_path_factory.mktemp("build") / "small.h5"
-    run_build(plan, output)
-    return output
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +129,7 @@ def test_a_patch_that_reaches_beyond_the_heights_is_no_candidate(
         area=AreaConfig(bounds_deg=(29.0, 0.0, 31.0, 0.6), gsd_m=474.0),
         sun=SunConfig((90.0, 270.0), (20.0, 30.0)),
         view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
-        points=PointConfig(patch_nodes=33, spacing_m=1000.0, search_m=1000.0),
+        points=PointConfig(patch_nodes=33, spacing_m=2000.0, search_m=1000.0),
         model=ModelConfig(ring_max_km=5.0),
     )
     sampled: list[np.ndarray] = []
@@ -341,40 +316,6 @@ def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_p
     np.testing.assert_array_equal(open_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
 
 
-def test_a_broken_run_is_resumed(
-    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    output = tmp_path / "broken.h5"
-    largest_first = sorted(plan.jobs, key=lambda job: -job.work)
-    victim = largest_first[-1].task.name
-    begun: list[str] = []
-
-    def fails_at_the_end(job: AreaJob) -> AreaResult:
-        begun.append(job.task.name)
-        if begun[-1] == victim:
-            raise RuntimeError("a bit fell over")
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", fails_at_the_end)
-    with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
-        run_build(plan, output)
-    assert not output.exists()
-    kept = sorted(output.with_name("broken.h5.parts").glob("*.area"))
-    assert len(kept) == len(plan.jobs) - 1
-    assert begun == [job.task.name for job in largest_first]
-
-    done: list[str] = []
-
-    def counts(job: AreaJob) -> AreaResult:
-        done.append(job.task.name)
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", counts)
-    run_build(plan, output, resume=True)
-    assert done == [victim]
-    assert output.read_bytes() == built.read_bytes()
-
-
 def test_without_a_cell_size_it_is_half_of_what_the_dem_resolves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -427,184 +368,6 @@ def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
     before = build.fingerprint()
     geotiff(here / "err.tif", sigma + 1.0, *place)
     assert Build.plan((DEM,), config).fingerprint() != before
-
-
-def test_keep_going_writes_what_there_is(
-    plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    victim = plan.jobs[0].task.name
-
-    def fails_first(job: AreaJob) -> AreaResult:
-        if job.task.name == victim:
-            raise RuntimeError("no")
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", fails_first)
-    report = run_build(plan, tmp_path / "partly.h5", keep_going=True)
-    assert list(report.failed) == [victim]
-    assert verify(tmp_path / "partly.h5") == []
-
-
-def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_path: Path) -> None:
-    output = tmp_path / "mixed.h5"
-    parts = tmp_path / "mixed.h5.parts"
-    parts.mkdir()
-    (parts / "run.json").write_text('{"fingerprint": "another"}')
-    with pytest.raises(OutputExistsError, match="another configuration"):
-        run_build(plan, output, resume=True)
-    run_build(plan, output)
-    assert output.read_bytes() == built.read_bytes()
-
-
-def test_resume_and_overwrite_together(
-    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What a rule of Make needs: finished areas that fit are kept, others removed, the output replaced."""
-    output, computed = tmp_path / "made.h5", []
-    output.write_bytes(b"an older one")
-
-    def counted(job: AreaJob) -> AreaResult:
-        computed.append(job.task.name)
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", counted)
-    checkpoints = Checkpoints.beside(output, plan.fingerprint())
-    checkpoints.folder.mkdir()
-    checkpoints.begin(resume=False)
-    checkpoints.write(
-        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
-    )
-    run_build(plan, output, resume=True, overwrite=True)
-    assert plan.jobs[0].task.name not in computed
-    assert len(computed) == len(plan.jobs) - 1
-    assert output.read_bytes() == built.read_bytes()
-    other = Checkpoints.beside(output, "another")
-    other.folder.mkdir()
-    other.begin(resume=False)
-    other.write(
-        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
-    )
-    computed.clear()
-    run_build(plan, output, resume=True, overwrite=True)
-    assert len(computed) == len(plan.jobs)
-    assert output.read_bytes() == built.read_bytes()
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no flock")
-def test_a_second_build_of_the_same_output_is_refused(
-    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """While the first runs; the first is not disturbed, and after it the output is free again."""
-    output, refused = tmp_path / "one.h5", []
-    points = dataclasses.replace(plan.config.points, min_detection=0.5)
-    other = dataclasses.replace(plan, config=dataclasses.replace(plan.config, points=points))
-
-    def interrupted(job: AreaJob) -> AreaResult:
-        if not refused:
-            with pytest.raises(OutputExistsError, match="another build of this output is running"):
-                run_build(other, output)
-            refused.append(job)
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", interrupted)
-    run_build(plan, output)
-    assert len(refused) == 1
-    assert output.read_bytes() == built.read_bytes()
-    assert sorted(tmp_path.iterdir()) == [output]
-    run_build(plan, output, overwrite=True)
-
-
-@pytest.mark.parametrize("how", ["removed", "of another run"])
-def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
-    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
-) -> None:
-    output, names = tmp_path / "lost.h5", [job.task.name for job in plan.jobs]
-    seen: list[str] = []
-
-    def careless(job: AreaJob) -> AreaResult:
-        seen.append(job.task.name)
-        if len(seen) == len(names):
-            lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.area"
-            if how == "removed":
-                lost.unlink()
-            else:
-                Checkpoints(lost.parent, "another").write(
-                    seen[0], finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
-                )
-        return run_area(job)
-
-    monkeypatch.setattr(run, "run_area", careless)
-    with pytest.raises(AreaFailedError, match=r"no longer there.*--resume"):
-        run_build(plan, output)
-    assert not output.exists()
-    monkeypatch.setattr(run, "run_area", run_area)
-    run_build(plan, output, resume=True)
-    assert output.read_bytes() == built.read_bytes()
-
-
-@pytest.mark.parametrize("how", ["replaced", "changed", "removed", "after the areas", "touched"])
-def test_an_input_that_changes_while_the_build_runs_is_refused(
-    built: Path, tmp_path: Path, how: str
-) -> None:
-    """Between two areas, or when all are done; no area that may have read the new file is kept. The same
-    content with another time is accepted.
-    """
-    dem, output = tmp_path / DEM.name, tmp_path / "x.h5"  # the name states the product
-    shutil.copy(DEM, dem)
-    plan = Build.plan((dem,), CONFIG)
-    at, last = (len(plan.jobs), len(plan.jobs)) if how == "after the areas" else (2, 1)
-
-    def change(done: int, total: int) -> None:
-        if done != at:
-            return
-        if how == "removed":
-            dem.unlink()
-        elif how == "touched":
-            os.utime(dem, ns=(0, 0))
-        elif how == "replaced":
-            beside = tmp_path / "new.tif"
-            shutil.copy(DEM, beside)
-            flip(beside)
-            os.replace(beside, dem)
-        else:
-            flip(dem)
-
-    def flip(path: Path) -> None:
-        content = bytearray(path.read_bytes())
-        content[-1] ^= 1
-        path.write_bytes(content)
-
-    if how == "touched":
-        run_build(plan, output, progress=change)
-        return
-    with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*--resume"):
-        run_build(plan, output, progress=change)
-    assert not output.exists()
-    assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
-    shutil.copy(DEM, dem)
-    begun = []
-    run_build(Build.plan((dem,), CONFIG), output, resume=True, progress=lambda *n: begun.append(n))
-    assert begun[0][0] >= last
-    assert open_catalog(output).point_id.tolist() == open_catalog(built).point_id.tolist()
-
-
-def test_other_files_in_the_folder_of_checkpoints_stay(
-    plan: Build, built: Path, tmp_path: Path
-) -> None:
-    parts = tmp_path / "mine.h5.parts"
-    parts.mkdir()
-    for name in ("notes.txt", "measurements.npz"):
-        (parts / name).write_text("mine")
-    run_build(plan, tmp_path / "mine.h5")
-    assert sorted(file.name for file in parts.iterdir()) == ["measurements.npz", "notes.txt"]
-
-
-def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:
-    output = tmp_path / "mine.h5"
-    shutil.copy(built, output)
-    with pytest.raises(OutputExistsError, match="--overwrite"):
-        run_build(plan, output)
-    assert not output.with_name("mine.h5.parts").exists()
 
 
 def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> None:
