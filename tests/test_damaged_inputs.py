@@ -27,6 +27,7 @@ FOUND = [
     ("dem-check", 7715),  # an object with the name of an earlier value
     ("dem-pds4", 2292),  # an unknown encoding
     ("camera", 2225),  # a distortion of 1e-320
+    ("camera", 6745),  # a pixel of 1e-320
     ("facet", 137),  # a name of thousands of parts: minutes of parsing
 ]
 """Damage (parser, seed) that was not survived."""

@@ -87,8 +87,8 @@ class _Tsai:
         focal = np.array([self.number("fu"), self.number("fv")])
         pitch = self.number("pitch", 1.0)
         for key, value in zip(("fu", "fv", "pitch"), (*focal, pitch), strict=True):
-            if not value > 0.0:
-                self.refuse(key, f"must be positive, is {value:g}")
+            if not value >= 1.0 / LARGEST:
+                self.refuse(key, f"must be at least {1.0 / LARGEST:g}, is {value:g}")
         lens, unit = self._lens(focal)
         axes, mirrored = self._axes()
         plane, turn = plane_of(

@@ -189,8 +189,8 @@ def test_recognition_of_tsai_files():
     [
         (text(fu=None), "lacks fu"),
         (text(fu="long"), "fu is 'long', which are not numbers"),
-        (text(fv=-1.0), "fv must be positive, is -1"),
-        (text(pitch=0.0), "pitch must be positive"),
+        (text(fv=-1.0), "fv must be at least 1e-12, is -1"),
+        (text(pitch=0.0), "pitch must be at least 1e-12"),
         (text(cu="1 2"), "cu must hold 1 finite number$"),
         (text(C="1 2"), "C must hold 3 finite numbers"),
         (text(C="nan 1 2"), "C must hold 3 finite numbers"),
