@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..errors import AreaError
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.area import Area, NodeWindow
 from .config import ModelConfig
+
+AREAS_MAX = 500_000
+"""Most areas of a build: twice the whole Moon in cells of 24 m. A planned area takes 1.5 kB."""
 
 _SAMPLES = 49
 """Sample points per side at which an area's box is compared with the region."""
@@ -100,8 +104,9 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
 
     An area's part of the region is found from sample points in its box and on the region's outline (a
     narrow part can lie between the points of the box). All areas of a row that lie wholly in the
-    region have the same window, which is computed once.
+    region have the same window, which is computed once. AreaError for more than `AREAS_MAX`.
     """
+    _require_few(grid, region, gsd_m)
     outline = _outline_by_area(grid, region)
     nothing = np.zeros(0), np.zeros(0)
     touched: dict[int, Iterable[int]] = dict(_touched(grid, region))
@@ -125,6 +130,17 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
                 window = _window(grid, row, column, places, False, gsd_m)
             tasks.append(AreaTask(row, column, *grid.middle(row, column), window))
     return tasks
+
+
+def _require_few(grid: AreaGrid, region: Area, gsd_m: float) -> None:
+    """AreaError if the region's bounds hold more than `AREAS_MAX` areas; nothing is listed for that."""
+    west, south, east, north = (math.radians(angle) for angle in region.bounds)
+    count = (east - west) * (math.sin(north) - math.sin(south)) / math.radians(grid.height_deg) ** 2
+    if count > AREAS_MAX:
+        raise AreaError(
+            f"cells of {gsd_m:g} m divide the region into some {count:.2g} areas, at most {AREAS_MAX:,} "
+            "can be built; take a coarser --gsd or a smaller region"
+        )
 
 
 def _outline_by_area(grid: AreaGrid, region: Area) -> dict[tuple[int, int], tuple[Array, Array]]:

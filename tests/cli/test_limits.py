@@ -37,6 +37,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("line", "code", "says"),
     [
         ([*BUILD, "--gsd", "1e6"], 2, "0<x<=50000"),
+        ([*BUILD, "--gsd", "1e-9"], 1, "some 1.5e+21 areas, at most 500,000"),
+        ([*BUILD, "--gsd", "0.01"], 1, "areas, at most 500,000 can be built"),
+        (["render", DEM, *SUN, *AREA, "-o", "o.tif", "--gsd", "1e-9"], 1, "too many for one area (limit 4e+08)"),
         (["render", DEM, *SUN, "-o", "o.tif", "--gsd", "1e6"], 2, "0<x<=50000"),
         (["sun", "--lon", "3", "--lat", "26", "--dem", DEM, "--time", "2020-01-01", "--gsd", "1e6"], 2, "0<x<=50000"),
         ([*BUILD, "--sun-azimuths", "0:359:1e-7"], 2, "3590000001 numbers, at most 3600"),
