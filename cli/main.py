@@ -26,6 +26,7 @@ COMMANDS = {
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Summarise a catalogue and check that it is intact."),
     "report": ("report", "Write a catalogue report as one self-contained HTML page."),
+    "diff": ("diff", "Compare two catalogues point by point."),
     "validate": (
         "validate",
         "Find a catalogue's points in images and compare the images with renders.",

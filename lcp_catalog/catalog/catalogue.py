@@ -22,6 +22,7 @@ from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, centred, is_claim, ke
 from .packing import Packing, half_turn, packing, sigma_step_m
 from .schema import (
     ADDED_IN_1_1,
+    CLAIMS,
     COVERAGE_UNKNOWN,
     LARGE_VERSION,
     OPTIONAL,
@@ -194,6 +195,17 @@ class Catalog:
         _require("" if value is not None else f"has no {name}")
         return np.asarray(value)[index]
 
+    @property
+    def point_variables(self) -> tuple[str, ...]:
+        """Names of the variables of points that the file has, but for ``point``, the row."""
+        without: tuple[str, ...] = () if self.has_claims else CLAIMS
+        without += () if self.albedo_map is not None else OPTIONAL
+        return tuple(
+            name
+            for name, variable in GROUPS[""].items()
+            if variable.dims[0] == "point" and name != "point" and name not in without
+        )
+
     def row_bytes(self, name: str) -> int:
         """Bytes of a point's values of a variable."""
         array = np.asarray(getattr(self, name))
@@ -214,16 +226,14 @@ class Catalog:
         parts = {name: self.part(f"coverage/{name}", some) for name in names}
         spacing_m, step_m = self.coverage.spacing_m, self.coverage.step_m
         coverage = Coverage(**parts, spacing_m=spacing_m, step_m=step_m)
-        without: tuple[str, ...] = () if self.has_claims else PACKED
-        without += () if self.albedo_map is not None else OPTIONAL
+        absent = {*PACKED, *OPTIONAL} - {*self.point_variables}
         given: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             variable = GROUPS[""].get(field.name)
             own = variable is not None and variable.dims[0] == "point"
-            absent = field.name in without
             value = (
                 None
-                if absent
+                if field.name in absent
                 else self.part(field.name, rows)
                 if own
                 else getattr(self, field.name)

@@ -136,6 +136,15 @@ def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     return found
 
 
+def content_digests(stored: StoredFile) -> tuple[str, ...]:
+    """Digests that a catalogue states of its content: of that of every catalogue and, in one with
+    albedo, of the albedo. CatalogError for a file that cannot be read.
+    """
+    with stored.opened() as file:
+        found = attributes(file)
+    return tuple(found[name] for name in ("content_sha256", "albedo_sha256") if name in found)
+
+
 # -- the catalogue
 
 
