@@ -21,6 +21,7 @@ from ..choices import ENCODINGS, GSD_MAX_M
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.facet_file import law_file
+from ..terrain.area import Area
 from ..toml_files import is_number, parse_toml
 
 _REPLACED = {
@@ -65,6 +66,13 @@ class AreaConfig:
             self.gsd_m is None or 0.0 < self.gsd_m <= GSD_MAX_M,
             f"area.gsd_m must be above 0 and at most {GSD_MAX_M:g} m, not {self.gsd_m}",
         )
+
+    @property
+    def region(self) -> Area | None:
+        """The configured region; None: that of the DEM."""
+        if self.center_deg:
+            return Area(self.center_deg[0], self.center_deg[1], self.size_km)
+        return Area.from_bounds(*self.bounds_deg) if self.bounds_deg else None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ latitude rings that are fixed on the Moon, and an overview in an equirectangular
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,15 +75,33 @@ def coverage_cells(region: Area, spacing_m: float, most: int) -> tuple[Array, Ar
         x0, x1, y0, y1 = region.extent_m
         if (x1 - x0) * (y1 - y0) <= most * spacing_m**2:
             return *_plane_cells(region, spacing_m), None
+    lon, lat, step_m = ring_cells([region], spacing_m, most)
+    if not len(lon):  # narrower than a cell
+        return *_plane_cells(region, spacing_m), None
+    return lon, lat, step_m
+
+
+def ring_cells(regions: Sequence[Area], spacing_m: float, most: int) -> tuple[Array, Array, float]:
+    """Longitudes and latitudes of the centres of the cells on latitude rings that lie in any of some
+    regions, and their distance, metres: ``spacing_m`` or, so that there are not many more than
+    ``most``, greater. A region that is narrower than a cell may have none.
+    """
+    step_m = max(spacing_m, math.sqrt(sum(_zone_m2(region) for region in regions) / most))
+    cells = [np.zeros((0, 2))]
+    for region in regions:
+        lon, lat = _rings(region.bounds, step_m)
+        cells.append(np.stack([lon, lat], axis=1)[region.contains(lon, lat)])
+    places = np.concatenate(cells)
+    _, first = np.unique(np.round(places, 9), axis=0, return_index=True)
+    lon, lat = places[np.sort(first)].T
+    return lon, lat, step_m
+
+
+def _zone_m2(region: Area) -> float:
+    """Surface of the box around a region."""
     west, south, east, north = region.bounds
     zone = math.sin(math.radians(north)) - math.sin(math.radians(south))
-    area_m2 = MOON_RADIUS_M**2 * math.radians(east - west) * zone
-    step_m = max(spacing_m, math.sqrt(area_m2 / most))
-    lon, lat = _rings(region.bounds, step_m)
-    inside = region.contains(lon, lat)
-    if not inside.any():  # narrower than a cell
-        return *_plane_cells(region, spacing_m), None
-    return lon[inside], lat[inside], step_m
+    return MOON_RADIUS_M**2 * math.radians(east - west) * zone
 
 
 def _plane_cells(region: Area, spacing_m: float) -> tuple[Array, Array]:

@@ -174,11 +174,7 @@ def error_model(
 
 def region_of(dems: DemSet, config: BuildConfig) -> Area:
     """The region of a configuration; by default the bounds of the DEM."""
-    area = config.area
-    if area.center_deg:
-        assert area.size_km is not None  # AreaConfig holds them together
-        return Area(area.center_deg[0], area.center_deg[1], area.size_km)
-    return Area.from_bounds(*(area.bounds_deg or tuple(dems.bounds)))
+    return config.area.region or Area.from_bounds(*dems.bounds)
 
 
 def build_catalog(
