@@ -32,6 +32,7 @@ COMMANDS = {
         "Find a catalogue's points in images and compare the images with renders.",
     ),
     "fit-reflectance": ("fit_reflectance", "Fit a reflectance model to goniometer measurements."),
+    "query": ("query", "List the points that a camera can use, and the expected position."),
     "simulate": ("simulate", "Simulate a camera image with detector noise and blur."),
     "trade": ("trade", "Measure the run time and the errors of each accuracy tier."),
 }

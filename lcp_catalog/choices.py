@@ -39,3 +39,6 @@ GSD_MAX_M = 50_000.0
 
 PNG, TIFF = (".png",), (".tif", ".tiff")
 """Endings of the frames that `lcp simulate` writes: detector numbers, radiance factors."""
+
+POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
+"""Endings of the files that `lcp query` writes: the points of a frame, the chart of a trajectory."""

@@ -31,6 +31,7 @@ ORDER = [
     "catalog",
     "build",
     "matching",
+    "navigation",
     "simulation",
     "validation",
     "tradeoff",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..errors import CameraError
+from ..errors import CameraError, ImageError
 from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
@@ -162,6 +163,26 @@ def looking_camera(
     )
 
 
+def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
+    """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
+    where the centre shows sky.
+    """
+    rows, cols = sensor.shape
+    origin, direction = sensor.looks(np.array([(cols - 1) / 2.0, (rows - 1) / 2.0]))
+    known = bool(np.isfinite(origin).all() and np.isfinite(direction).all())
+    lon, lat = (
+        sphere_intersection.lonlat(sphere_intersection.hits(origin, direction)[1])
+        if known
+        else (np.nan, np.nan)
+    )
+    if not math.isfinite(float(lat)):
+        raise ImageError(
+            f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
+            "have no reference place: give --time or --subsolar"
+        )
+    return float(lon), float(lat)
+
+
 def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     """Bounds of what a sensor sees of the reference sphere; CameraError if it sees none of it or is
     below it.
@@ -170,7 +191,7 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     a sensor with one position) and the poles are sampled; between samples the bounds fall short by
     at most the sagitta of the border.
     """
-    positions, directions = sensor.looks(_border_and_inside(sensor.shape, samples))
+    positions, directions = sensor.looks(border_and_inside(sensor.shape, samples))
     if (np.linalg.norm(positions, axis=-1) <= MOON_RADIUS_M).any():
         raise CameraError(f"{sensor.name}: the camera is below the reference sphere: give the area")
     seen = [_on_sphere(positions, directions)]
@@ -190,7 +211,10 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     return Bounds(west, float(lat.min()), east, float(lat.max()))
 
 
-def _border_and_inside(shape: tuple[int, int], samples: int) -> Array:
+def border_and_inside(shape: tuple[int, int], samples: int) -> Array:
+    """Pixels (n, 2) along the border of an image of ``shape`` (rows, columns), ``samples`` on each side,
+    and on a grid in it.
+    """
     height, width = shape
     along = np.linspace(0.0, 1.0, samples)
     inner = np.linspace(0.0, 1.0, max(9, samples // 4))

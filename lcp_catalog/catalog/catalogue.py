@@ -206,6 +206,12 @@ class Catalog:
             if variable.dims[0] == "point" and name != "point" and name not in without
         )
 
+    def at(self, name: str, rows: Index, *index: Index) -> AnyArray:
+        """Values (n, m) of a variable of the points ``rows`` (n,), with indices (n, m) along each of
+        its other axes.
+        """
+        return np.asarray(getattr(self, name))[(rows[:, None], *index)]
+
     def row_bytes(self, name: str) -> int:
         """Bytes of a point's values of a variable."""
         array = np.asarray(getattr(self, name))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import AnyArray, Array, Index, Mask
+from ..arrays import Array, Index, Mask
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches
 from .view_mesh import ViewMesh, view_plane
@@ -40,6 +40,18 @@ point.
 _LEAST_WEIGHT = 1e-9
 """Corners with a smaller weight do not count."""
 
+CAUSES = (
+    "usable",
+    "sun",  # below the horizon, or outside the evaluated elevations and azimuths
+    "view",  # more than `VIEW_REACH_DEG` from the evaluated ones
+    "scale",  # pixel coarser than the coarsest evaluated one
+    "not evaluated",
+    "shadow",  # of terrain outside the patch
+    "occlusion",  # by terrain outside the patch
+    "detection",  # the probability is below the least one of a usable condition
+)
+"""Why a point is not usable: the first of these that holds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -52,6 +64,7 @@ class Prediction:
     sigma_major_m: Array  # (n,) 1-sigma on the ground along the major axis of the error ellipse
     sigma_minor_m: Array  # (n,)
     sigma_angle_deg: Array  # (n,) of the major axis, clockwise from north, 0..180
+    cause: Index  # (n,) number in `CAUSES`; 0 for usable points and no others
 
     @property
     def covariance_m2(self) -> Array:
@@ -115,7 +128,13 @@ def predict(
         *_sun_weights(catalog, sun),
     )
     found = _interpolated(catalog, rows, axes)
-    return replace(found, usable=found.usable & _between_elevations(catalog, sun))
+    scale, at_view, elevation, azimuth = (axis.weight.sum(axis=1) <= 0.0 for axis in axes)
+    dark = elevation | azimuth | ~_between_elevations(catalog, sun)
+    outside = zip(("scale", "view", "sun"), (scale, at_view, dark), strict=True)
+    cause = found.cause
+    for name, where in outside:  # the last one that holds is the first of `CAUSES`
+        cause = np.where(where, CAUSES.index(name), cause)
+    return replace(found, usable=cause == 0, cause=cause)
 
 
 def _between_elevations(catalog: Catalog, sun: Array) -> Mask:
@@ -132,17 +151,15 @@ def _elevation_deg(sun: Array) -> Array:
 
 
 def _none(count: int) -> Prediction:
-    nothing = np.full(count, np.nan)
-    return Prediction(nothing, np.zeros(count, bool), nothing, nothing, nothing)
+    nothing, cause = np.full(count, np.nan), np.full(count, CAUSES.index("not evaluated"))
+    return Prediction(nothing, np.zeros(count, bool), nothing, nothing, nothing, cause)
 
 
 def _interpolated(catalog: Catalog, rows: Index, axes: tuple[_Weights, ...]) -> Prediction:
     """Weighted means over all combinations of the neighbours along the axes."""
     index, weight = _combined(axes)
-    scale, view, elevation, azimuth = index
-    flags = catalog.condition[rows[:, None], view, elevation, azimuth]
-    at = (rows[:, None], scale, view, elevation, azimuth)
-    given = {name: _claim(catalog, name)[at].astype(np.float64) for name in _NAMES}
+    flags = catalog.at("condition", rows, *index[1:])
+    given = {name: catalog.at(name, rows, *index).astype(np.float64) for name in _NAMES}
     probability = given["detection_probability"]
     known = ((flags & EVALUATED) > 0) & np.isfinite(probability) & (weight > _LEAST_WEIGHT)
     whole = weight.sum(axis=1)
@@ -150,25 +167,29 @@ def _interpolated(catalog: Catalog, rows: Index, axes: tuple[_Weights, ...]) -> 
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
     mean_logit = _mean_logit(probability, weight)
     free = UNSHADOWED | UNOCCLUDED
-    clear = np.where((flags & free) == free, weight, 0.0).sum(axis=1)
+    clear, unshadowed, unoccluded = (
+        np.where((flags & wanted) == wanted, weight, 0.0).sum(axis=1)
+        for wanted in (free, UNSHADOWED, UNOCCLUDED)
+    )
     independent = clear >= FREE_SHARE * weight.sum(axis=1) - _LEAST_WEIGHT
     spread = 1.0 - (weight**2).sum(axis=1)
     missing = 1.0 - weight.sum(axis=1)
     lowered = _logistic(mean_logit - BETWEEN_MARGIN * spread - BEYOND_MARGIN * missing)
-    usable = enough & independent & reaches(lowered, float(catalog.min_detection or 1.0))
+    likely = reaches(lowered, float(catalog.min_detection or 1.0))
+    none, shadow, occlusion, unlikely = (
+        CAUSES.index(name) for name in ("not evaluated", "shadow", "occlusion", "detection")
+    )
+    dependent = np.where(unshadowed <= unoccluded, shadow, occlusion)
+    cause = np.select([~enough, ~independent, ~likely], [none, dependent, unlikely])
     ellipse = _mean_ellipse(
         given["sigma_major"], given["sigma_minor"], given["sigma_angle"], weight
     )
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
-    return Prediction(probability, usable, major, minor, angle)
+    return Prediction(probability, cause == 0, major, minor, angle, cause)
 
 
 _NAMES = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
-
-
-def _claim(catalog: Catalog, name: str) -> AnyArray:
-    return np.asarray(getattr(catalog, name))
 
 
 def _combined(axes: tuple[_Weights, ...]) -> tuple[list[Index], Array]:

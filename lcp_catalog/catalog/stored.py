@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
-from .catalogue import Catalog, Coverage, Overview
+from .catalogue import BLOCK_BYTES, Catalog, Coverage, Overview
 from .file_structure import HDF5_ERRORS, group_names, line_of, variables
 from .layout import (
     CLAIM_ATTRIBUTES,
@@ -238,6 +238,25 @@ class StoredCatalog(Catalog):
         if found is None:
             raise CatalogError(f"{self._source.file.path}: has no {name}")
         return found
+
+    def at(self, name: str, rows: Index, *index: Index) -> AnyArray:
+        """See `Catalog.at`. Of the file those chunks are read that hold the points, and kept is the
+        box of the indices.
+        """
+        if name in self.__dict__ or not len(rows):
+            return super().at(name, rows, *index)
+        low = [int(along.min()) for along in index]
+        box = [slice(k, int(along.max()) + 1) for k, along in zip(low, index, strict=True)]
+        wanted, place = np.unique(rows, return_inverse=True)
+        step = max(1, BLOCK_BYTES // max(1, self.row_bytes(name)))
+        parts, order = [], np.argsort(place, kind="stable")
+        for start in range(0, len(wanted), step):
+            values = self.part(name, wanted[start : start + step], *box)
+            first, last = np.searchsorted(place[order], [start, start + step])
+            here = order[first:last]
+            inner = (along[here] - k for k, along in zip(low, index, strict=True))
+            parts.append(values[(place[here, None] - start, *inner)])
+        return np.asarray(np.concatenate(parts)[np.argsort(order)])
 
     def row_bytes(self, name: str) -> int:
         """See `Catalog.row_bytes`."""

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..arrays import Array, Float32
 from ..cameras.map_projected import MapImage
 from ..cameras.sensor import Sensor
+from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..errors import ImageError
 from ..geometry.frames import EnuFrame
-from ..geometry.sphere_intersection import hits, lonlat
 from ..light.sun_choice import SunChoice
 from ..photometry.srgb import decode_srgb
 from .image import Image
@@ -223,22 +223,6 @@ def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -
     by_angles = sun.azimuth_deg is not None and sun.elevation_deg is not None
     center = (options.center_deg or center_of(sensor, path)) if by_angles else (0.0, 0.0)
     return sun.direction_mcmf(EnuFrame(*center), None)
-
-
-def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
-    """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
-    where the centre shows sky.
-    """
-    rows, cols = sensor.shape
-    origin, direction = sensor.looks(np.array([(cols - 1) / 2.0, (rows - 1) / 2.0]))
-    known = bool(np.isfinite(origin).all() and np.isfinite(direction).all())
-    lon, lat = lonlat(hits(origin, direction)[1]) if known else (np.nan, np.nan)
-    if not math.isfinite(float(lat)):
-        raise ImageError(
-            f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
-            "have no reference place: give --time or --subsolar"
-        )
-    return float(lon), float(lat)
 
 
 def _warn(path: Path, suns: list[tuple[str, Array]]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
+from ..cameras.sensor import Sensor
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
 from ..sun import ephemeris
@@ -25,7 +26,7 @@ class SunChoice:
     time_utc: str | None = None
     subsolar_deg: tuple[float, float] | None = None
 
-    def direction_mcmf(self, frame: EnuFrame, camera: Camera | None) -> Array:
+    def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:
         """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""
         if self.azimuth_deg is not None and self.elevation_deg is not None:
             return ephemeris.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)

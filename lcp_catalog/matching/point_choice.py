@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
+from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor, pixel_size_m
+from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import DETECTION_STEP, usable
 from ..errors import SunError
@@ -24,20 +26,44 @@ _WIDEST_PX = 48
 """Largest useful side of a template; wider ones give no more information than ones half as wide."""
 _NARROWEST_PX = 16
 """Least side of a template to which an image is reduced for the sake of the DEM's resolution."""
+_CONE_MARGIN = 0.02
+"""Margin of the cosine of the cone around an image, for what lies between the rays that it is made of."""
 
 
 def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
     """Rows (n,), ascending, of the points that lie in the sensor's image and on the side of the
     Moon that faces it.
     """
-    pixels = sensor.project(catalog.position_mcmf)
-    return facing(catalog, sensor, np.flatnonzero(sensor.in_image(pixels)))
+    places = catalog.position_mcmf
+    near = np.flatnonzero(_in_cone(places, sensor)) if isinstance(sensor, Camera) else slice(None)
+    rows = np.arange(len(places))[near]
+    pixels = sensor.project(places[near])
+    return facing(catalog, sensor, rows[sensor.in_image(pixels)])
 
 
 def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     """Those rows whose point lies on the side of the Moon that faces the sensor."""
-    up = catalog.rotation_mcmf_to_enu[rows, 2]
-    return np.asarray(rows[(sensor.towards(catalog.position_mcmf[rows]) * up).sum(-1) > 0.0])
+    places = catalog.position_mcmf[rows]
+    return np.asarray(rows[(sensor.towards(places) * places).sum(-1) > 0.0])
+
+
+def _in_cone(places: Array, camera: Camera) -> Mask:
+    """True (n,) for points (n, 3) above whose horizontal plane the camera lies, and within the cone
+    around the rays of its image: few are left to project.
+    """
+    looking = camera.focal_plane.directions(border_and_inside(camera.shape, 9))
+    rays = looking @ camera.rotation_mcmf_to_camera
+    axis = rays.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    cosine = float((rays @ axis).min()) - _CONE_MARGIN
+    from_centre = places @ camera.position_mcmf_m
+    square = (places**2).sum(axis=1)
+    seen = from_centre > square
+    if not cosine > 0.0:  # a wide image, or a lens without an inverse
+        return np.asarray(seen)
+    ahead = places @ axis - camera.position_mcmf_m @ axis
+    away = square - 2.0 * from_centre + camera.position_mcmf_m @ camera.position_mcmf_m
+    return np.asarray(seen & (ahead > 0.0) & (ahead**2 >= cosine**2 * away))
 
 
 def choose_points(

@@ -17,6 +17,9 @@ from ..catalog.prediction import Prediction, predict
 NO_CLAIM = 0.5
 """Probability of a match before the search where the catalogue claims nothing."""
 
+LEAST_SIGMA_PX = 0.02
+"""1 sigma, each axis, of what a match errs beyond its covariance."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointClaims:

@@ -20,7 +20,7 @@ from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches
 from .point_choice import points_in_view
-from .point_claims import NO_CLAIM, PointClaims, at_least
+from .point_claims import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least
 from .search_image import SearchImage, full_pixels
 from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
 
@@ -58,7 +58,7 @@ class Criteria:
     min_area_share: float = 0.3  # of the search area, inside the image
     max_emission_deg: float = 80.0
     max_back_px: float = 3.0
-    floor_px: float = 0.02  # least 1 sigma of a match
+    floor_px: float = LEAST_SIGMA_PX
 
 
 @dataclass(frozen=True, eq=False)

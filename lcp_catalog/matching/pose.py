@@ -366,14 +366,13 @@ class _Problem:
 
     def inverse(self, matrix: Array) -> Array:
         """Covariance (f, f) of the unknowns, from the points' normal matrix and the prior."""
-        whole = matrix + np.diag(self.prior)
-        size = np.sqrt(np.diag(whole))
-        if not (size > 0.0).all() or np.linalg.cond(whole / np.outer(size, size)) > _CONDITION:
+        found = covariance_of(matrix + np.diag(self.prior))
+        if found is None:
             raise PoseError(
                 f"{self.sensor.name}: {len(self.points)} points do not determine a correction without a "
                 "prior; state an uncertainty, or give more points"
             )
-        return np.asarray(np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size))
+        return found
 
     def shared(self, last: _Solved, common_px: float) -> Array:
         """Contribution of an error common to all places (1 sigma of either coordinate) to the
@@ -394,6 +393,19 @@ class _Problem:
             scale = np.outer(self.steps, self.steps)
             full[np.ix_(self.free, self.free)] = self.inverse(matrix) * scale
         return full
+
+
+def covariance_of(normal: Array) -> Array | None:
+    """Covariance (k, k) of k unknowns, of any units, by their normal matrix; None if the matrix does
+    not determine all of them.
+    """
+    size = np.sqrt(np.diag(normal))
+    if not (size > 0.0).all():
+        return None
+    unit = normal / np.outer(size, size)
+    if not np.linalg.cond(unit) <= _CONDITION:
+        return None
+    return np.asarray(np.linalg.inv(unit) / np.outer(size, size))
 
 
 def position_error(pose: Pose, known: Sensor) -> PositionError:

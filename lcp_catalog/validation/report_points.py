@@ -9,14 +9,13 @@ import numpy as np
 from markupsafe import Markup
 
 from ..arrays import Array
-from ..matching.matches import MEANINGS, REASONS
+from ..matching.matches import MEANINGS, REASONS, error_ellipses
 from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
 from ..plots.png import data_uri
 from . import report_marks
 from .report_marks import SCALE_ROOM, Arrows, Frame
 from .result import LOCATED, ImageVerdict, Pictures
-from .tables import error_ellipses
 
 ROWS_MAX = 1500
 """Most points in the page's table; the CSV file has all."""

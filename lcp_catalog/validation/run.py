@@ -15,6 +15,7 @@ import numpy as np
 from ..accuracy import TIERS, Accuracy
 from ..cameras.camera_file import read_sensor
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
+from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
 from ..choices import VALIDATION_LAW
@@ -24,7 +25,7 @@ from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..images.heights import refuse_heights
 from ..images.image import Image
-from ..images.image_file import ImageOptions, center_of, open_image
+from ..images.image_file import ImageOptions, open_image
 from ..images.pixels import image_shape
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches

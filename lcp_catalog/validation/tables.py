@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Mask
-from ..matching.matches import REASONS
+from ..arrays import Mask
+from ..matching.matches import REASONS, error_ellipses
 from .result import DIGITS, ImageVerdict
 
 POINT_COLUMNS = (
@@ -98,18 +98,6 @@ def _window_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
         *(unknown if w.offset_px is None else w.offset_px).T,
     )
     return list(zip(*columns, strict=True))
-
-
-def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:
-    """Error ellipses of covariances (n, 2, 2): 1 sigma along the major and minor axis (n, 2), and
-    the angle of the major axis in degrees from right towards down (n,), 0..180; NaN for NaN.
-    """
-    known = np.isfinite(covariance_px2).all(axis=(1, 2))
-    sigma, angle = np.full((known.size, 2), np.nan), np.full(known.size, np.nan)
-    values, vectors = np.linalg.eigh(covariance_px2[known])
-    sigma[known] = np.sqrt(np.maximum(values[:, ::-1], 0.0))
-    angle[known] = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])) % 180.0
-    return sigma, angle
 
 
 def _bits(values: Mask, known: Mask) -> list[int | str]:

@@ -13,12 +13,11 @@ from helpers import verdicts
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.matching.matches import REASONS
+from lcp_catalog.matching.matches import REASONS, error_ellipses
 from lcp_catalog.validation.tables import (
     POINT_COLUMNS,
     WINDOW_COLUMNS,
     csv_text,
-    error_ellipses,
     windows_csv_text,
 )
 

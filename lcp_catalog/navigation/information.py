@@ -1,0 +1,116 @@
+"""Information that points give about a sensor's position: normal matrices of the collinearity
+equations, the covariance and the dilution of precision that follow, and the choice of points.
+
+The unknowns are the corrections of `cameras.sensor.POSE`: a shift in MCMF, metres, and a rotation
+about the camera's own axes, radians. A point i with the derivatives J_i (2 x 6) of its pixel, the
+covariance C_i (2 x 2) of its place in the image and the probability p_i that it is found adds
+p_i J_i^T C_i^-1 J_i to the normal matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, Index
+from ..matching.pose import covariance_of
+
+FIRST_SIGMAS = 3.0
+"""1 sigma of the position before the first point of `best_points`, in mean distances of the points;
+of the attitude in radians, where it is not stated.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What n points say about a sensor's position."""
+
+    slopes: Array  # (n, 2, 6) derivatives of the pixels with respect to the corrections
+    covariance_px2: Array  # (n, 2, 2) of the places in the image
+    probability: Array  # (n,) that the point is found
+    attitude_sigma_rad: float = math.inf  # known before, about each axis; inf: not, 0: exact
+
+    def __len__(self) -> int:
+        return len(self.probability)
+
+    def some(self, which: Index) -> Information:
+        """Those points alone."""
+        return Information(
+            self.slopes[which],
+            self.covariance_px2[which],
+            self.probability[which],
+            self.attitude_sigma_rad,
+        )
+
+    @property
+    def whitened(self) -> Array:
+        """Derivatives (n, 2, 6) in sigmas, times the square root of the probability."""
+        root = np.linalg.inv(np.linalg.cholesky(self.covariance_px2))
+        return np.asarray(np.sqrt(self.probability)[:, None, None] * (root @ self.slopes))
+
+    @property
+    def normal(self) -> Array:
+        """Normal matrix (6, 6) of the points alone."""
+        rows = self.whitened.reshape(-1, 6)
+        return np.asarray(rows.T @ rows)
+
+    def covariance(self) -> Array | None:
+        """Covariance (6, 6) of the corrections, with the attitude known as stated; None if the points
+        do not determine them. An exact attitude has zeros.
+        """
+        return _with_attitude(self.normal, self.attitude_sigma_rad)
+
+    def covariance_known_attitude(self) -> Array | None:
+        """Covariance (3, 3), m^2, of the position if the attitude is exact."""
+        return covariance_of(self.normal[:3, :3])
+
+
+def _with_attitude(normal: Array, sigma_rad: float) -> Array | None:
+    if sigma_rad == 0.0:
+        position = covariance_of(normal[:3, :3])
+        return None if position is None else np.pad(position, ((0, 3), (0, 3)))
+    return covariance_of(normal + np.diag(np.repeat([0.0, sigma_rad**-2.0], 3)))
+
+
+def dilution(slopes: Array, pixel_m: Array, attitude_sigma_rad: float = math.inf) -> Array | None:
+    """Dilution of precision: the cofactor matrix (3, 3) of the position for errors of 1 m of each
+    point's place, in both directions across the line of sight; without unit. None if the points do
+    not determine the position.
+
+    ``slopes`` (n, 2, 6) of the pixels, ``pixel_m`` (n,) their sizes on the ground. An attitude that
+    is known but not exact counts as unknown.
+    """
+    rows = (slopes * pixel_m[:, None, None]).reshape(-1, 6)
+    exact = attitude_sigma_rad == 0.0
+    found = _with_attitude(rows.T @ rows, 0.0 if exact else math.inf)
+    return None if found is None else found[:3, :3]
+
+
+def best_points(information: Information, distance_m: float, most: int) -> Index:
+    """Indices (m,) of at most ``most`` points, the most informative first: each is the one that adds
+    most to the logarithm of the determinant of the normal matrix (D-optimal, greedy).
+
+    A greedy choice reaches at least 63 % of the best gain, because the gain of a point falls as
+    others are added (Nemhauser et al. 1978). Before the first point the position is known to
+    `FIRST_SIGMAS` times ``distance_m``, the mean distance of the points, and the attitude as stated.
+    """
+    attitude = min(information.attitude_sigma_rad, FIRST_SIGMAS)
+    unit = np.repeat([FIRST_SIGMAS * distance_m, attitude], 3)
+    rows = information.whitened * unit  # the covariance before is the unit matrix
+    covariance = np.eye(6)
+    spread = rows @ np.swapaxes(rows, -1, -2)  # (n, 2, 2) of the pixels, in their own sigmas
+    chosen: list[int] = []
+    free = np.ones(len(information), bool)
+    while len(chosen) < min(most, len(information)):
+        gain = (1.0 + spread[:, 0, 0]) * (1.0 + spread[:, 1, 1]) - spread[:, 0, 1] ** 2
+        best = int(np.argmax(np.where(free, gain, -1.0)))
+        chosen.append(best)
+        free[best] = False
+        root = np.linalg.inv(np.linalg.cholesky(np.eye(2) + spread[best]))
+        step = covariance @ rows[best].T @ root.T  # (6, 2): covariance less step step^T
+        covariance = covariance - step @ step.T
+        moved = rows @ step
+        spread = spread - moved @ np.swapaxes(moved, -1, -2)
+    return np.array(chosen, np.int64)
