@@ -28,6 +28,8 @@ FOUND = [
     ("dem-pds4", 2292),  # an unknown encoding
     ("camera", 2225),  # a distortion of 1e-320
     ("camera", 6745),  # a pixel of 1e-320
+    ("image-label-beside", 8502),  # a thousand nested objects
+    ("environment", 313),  # light that is too faint for a number
     ("facet", 137),  # a name of thousands of parts: minutes of parsing
 ]
 """Damage (parser, seed) that was not survived."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..errors import ImageError
 from .environment_map import Panorama, read_panorama
 from .environment_sources import SourceSearch, Split, report, split_sources
 from .sources import Lighting
@@ -46,7 +48,9 @@ class Environment:
         sun_sky_ratio: float | None = None,
         files: tuple[Path, ...] = (),
     ) -> Environment:
-        """Find the sources of a panorama in memory."""
+        """Find the sources of a panorama in memory. ImageError for one without light above the horizon."""
+        if panorama.power_above < sys.float_info.min:
+            raise ImageError(f"{panorama.name}: the panorama is black above the horizon")
         split = split_sources(panorama, search)
         used = split if sun_sky_ratio is None else split.with_ratio(sun_sky_ratio)
         found = cls(panorama, split, used, files)

@@ -77,4 +77,7 @@ def find_image(label: Label) -> Path:
 
 
 def _describes_compressed(path: Path) -> bool:
-    return "COMPRESSED_FILE" in pvl.parse_pvl(read_label_text(path) or "")
+    try:
+        return "COMPRESSED_FILE" in pvl.parse_pvl(read_label_text(path) or "")
+    except LabelError as error:
+        raise LabelError(f"{path}: {error}") from None

@@ -32,6 +32,9 @@ class Quantity:
     unit: str
 
 
+_DEPTH = 40
+"""Most nested objects; labels have three or four."""
+
 _TOKEN = re.compile(
     r"""/\*.*?\*/ | (?P<string>"[^"]*"|'[^']*') | (?P<unit><[^>]*>) | (?P<mark>[={}(),])
     | (?P<word>[^\s={}(),<>"']+)""",
@@ -40,7 +43,9 @@ _TOKEN = re.compile(
 
 
 def parse_pvl(text: str) -> Pvl:
-    """Statements of an ODL/PVL text, up to END; of a repeated key the first value is kept."""
+    """Statements of an ODL/PVL text, up to END; of a repeated key the first value is kept. LabelError
+    for objects that are nested too deeply.
+    """
     tokens = [m for m in _TOKEN.finditer(text) if m.lastgroup is not None]
     stack: list[Pvl] = [{}]
     at = 0
@@ -56,6 +61,8 @@ def parse_pvl(text: str) -> Pvl:
         if key in ("OBJECT", "GROUP", "BEGIN_OBJECT", "BEGIN_GROUP"):
             found = stack[-1].setdefault(str(value).upper(), {})
             stack.append(found if isinstance(found, dict) else {})  # the first value is kept
+            if len(stack) > _DEPTH:
+                raise LabelError(f"the label has more than {_DEPTH} nested objects")
         elif key in ("END_OBJECT", "END_GROUP"):
             if len(stack) > 1:
                 stack.pop()
