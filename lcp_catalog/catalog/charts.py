@@ -316,21 +316,24 @@ class Map:
             north - np.asarray(y_m)
         ) * self.scale
 
-    def draw(self, marks: Iterable[Mark], label: str, layer: str = "") -> Markup:
-        """The map with graticule, marks and scale bar. ``layer``: id of an empty group that a script
-        draws in.
-        """
-        left, _, bottom, top = _MARGIN_PX
+    @property
+    def size_px(self) -> tuple[float, float]:
+        """Width and height of the drawing, SVG units."""
+        _, _, bottom, top = _MARGIN_PX
+        return _MAP_PX, round(self._height_m * self.scale + top + bottom, 1)
+
+    def draw(self, marks: Iterable[Mark], label: str) -> Markup:
+        """The map with graticule, marks and scale bar."""
+        left, _, _, top = _MARGIN_PX
         width, height = self._width_m * self.scale, self._height_m * self.scale
-        whole = height + top + bottom
         picture = data_uri(hillshade(self.height, self._cell_m))
         lines, labels = self._graticule()
         drawn = "".join(self._mark(mark) for mark in marks)
         return Markup(
-            f'<svg class="map" viewBox="0 0 {_MAP_PX:g} {whole:.1f}" role="img" aria-label="{escape(label)}">'
+            f'<svg class="map" viewBox="0 0 {self.size_px[0]:g} {self.size_px[1]:g}" role="img" aria-label="{escape(label)}">'
             f'<image href="{picture}" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}" preserveAspectRatio="none"/>'
             f'<g class="graticule">{lines}</g><rect class="frame" x="{left:g}" y="{top:g}" width="{width:.1f}" height="{height:.1f}"/>'
-            f'<g class="marks"{_attribute("id", layer) if layer else ""}>{drawn}</g><g class="labels">{labels}</g>{self._scale_bar(height + top)}</svg>'
+            f'<g class="marks">{drawn}</g><g class="labels">{labels}</g>{self._scale_bar(height + top)}</svg>'
         )
 
     def _mark(self, mark: Mark) -> str:

@@ -5,6 +5,7 @@ compact numbers for the page's script, and the frame of the map that it draws in
 from __future__ import annotations
 
 import base64
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,13 +15,19 @@ from ..arrays import AnyArray, Index
 from .catalogue import Catalog
 from .charts import Map
 from .packing import packing
-from .schema import usable
+from .schema import COVERAGE_UNKNOWN, usable
 from .summary import view_name
 
-BYTES_MAX = 3_000_000
-"""Most bytes of claims on a page, before base64. A larger catalogue is shown at image scale 1 alone,
-and if that is still too large with an even sample of its points.
+BYTES_MAX = 12_000_000
+"""Most bytes of claims on a page, before compression. A larger catalogue is shown at image scale 1
+alone, and if that is still too large with an even sample of its points.
 """
+
+CELLS_MAX = 5000
+"""Most spacing cells on a page; of more an even sample."""
+
+PATCHES_MAX = 500
+"""Most points with their heights on a page; of more an even sample."""
 
 UNKNOWN = 255
 """Code of a value that is not known."""
@@ -47,10 +54,7 @@ class Shown:
         if len(catalog) * one * (4 * scales + 1) > bytes_max:
             scales = 1
         most = max(1, bytes_max // (one * (4 * scales + 1)))
-        rows = np.arange(len(catalog))
-        if len(rows) > most:
-            rows = np.linspace(0, len(rows) - 1, most).astype(np.int64)
-        return cls(rows, np.arange(scales))
+        return cls(_sample(len(catalog), most), np.arange(scales))
 
 
 def claim_map(
@@ -59,13 +63,19 @@ def claim_map(
     """Numbers for the script: JSON-ready, None for a catalogue without claims or points.
     ``evaluated``: True for the Suns to show, (sun_elevation, sun_azimuth).
 
-    ``suns``: the evaluated directions as indices [elevation, azimuth]. ``data``: base64 of bytes, for
+    All ``data`` are base64 of bytes that are compressed (RFC 1950). ``suns``: the evaluated directions
+    as indices [elevation, azimuth]. ``data``, for
     the shown points n, scales s, views v and Suns k, in this order: condition (n, v, k), detection
     probability in steps of 1/250 (n, s, v, k), sigma of the major axis, minor over major axis in
     1/254, and direction of the major axis in degrees, clockwise from the point's north. A sigma is
     ``sigma_m`` * ``sigma_ratio`` ** code; code 254 stands for everything above. 255: not known.
-    ``points``: identifier, longitude, latitude, map coordinates, cell size, and direction of the
-    point's north on the map.
+    ``points``: identifier, longitude, latitude, map coordinates, index of the cell size in ``levels``,
+    and direction of the point's north on the map. ``map_px``: width and height of the map.
+
+    ``cells``: spacing cells with their map coordinates and width; ``data``: a row of bits (v, k) for each, filled
+    up to whole bytes: 1 where a usable point is near; ``known`` (v, k): the condition was evaluated;
+    ``of``: number of all cells. ``patches``: heights (``side``, ``side``) of the points ``of``, indices
+    in ``points``; ``data``: little-endian int16 in steps of ``step_m``.
     """
     if not catalog.has_claims or not len(catalog):
         return None
@@ -75,7 +85,8 @@ def claim_map(
     condition = catalog.part("condition", shown.rows)[:, :, suns[:, 0], suns[:, 1]]
     smallest, planes = _planes(catalog, shown, suns)
     content = b"".join(np.ascontiguousarray(plane).tobytes() for plane in (condition, *planes))
-    scales = _scales(catalog)[shown.scales]
+    scales, gsd = _scales(catalog)[shown.scales], catalog.gsd[shown.rows]
+    levels, level = np.unique(gsd, return_inverse=True)
     return {
         "suns": suns.tolist(),
         "elevations": catalog.sun_elevation.tolist(),
@@ -84,9 +95,11 @@ def claim_map(
         "scales": scales.tolist(),
         "points": [
             [str(catalog.point_id[i]), round(float(catalog.longitude[i]), 4), round(float(catalog.latitude[i]), 4),
-             round(float(px), 1), round(float(py), 1), float(catalog.gsd[i]), round(float(north), 1)]
-            for i, px, py, north in zip(shown.rows, x, y, turn, strict=True)
+             round(float(px), 1), round(float(py), 1), int(k), round(float(north), 1)]
+            for i, px, py, k, north in zip(shown.rows, x, y, level, turn, strict=True)
         ],
+        "levels": levels.tolist(),
+        "map_px": list(chart.size_px),
         "sigma_m": smallest,
         "sigma_ratio": _SIGMA_RATIO,
         "least": catalog.min_detection,
@@ -94,8 +107,53 @@ def claim_map(
         "enlarged": _enlargement(catalog, shown, chart),
         "first": _first_choice(condition),
         "of": len(catalog),
-        "data": base64.b64encode(content).decode("ascii"),
+        "data": _packed(content),
+        "cells": _cells(catalog, chart, suns),
+        "patches": _patches(catalog, shown.rows),
     }  # fmt: skip
+
+
+def _packed(content: bytes) -> str:
+    return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
+
+
+def _sample(count: int, most: int) -> Index:
+    """Indices of all of ``count`` things, or of an even sample."""
+    return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
+
+
+def _cells(catalog: Catalog, chart: Map, suns: Index) -> dict[str, Any]:
+    """The spacing cells and, by condition, whether a usable point is near; none if that is not known."""
+    cells = catalog.coverage
+    count = 0 if cells.usable is None else len(cells.status)
+    rows = _sample(count, CELLS_MAX)
+    x, y = chart.pixel(*chart.plane.at(cells.longitude[rows], cells.latitude[rows]))
+    near = np.zeros((0, len(catalog.view_off_nadir), len(suns)), np.uint8)
+    if cells.usable is not None:
+        near = np.asarray(cells.usable)[rows][:, :, suns[:, 0], suns[:, 1]]
+    bits = np.packbits((near == 1).reshape(len(near), -1), axis=1)
+    return {
+        "x": np.round(x, 1).tolist(),
+        "y": np.round(y, 1).tolist(),
+        "known": (near != COVERAGE_UNKNOWN).any(axis=0).tolist(),
+        "of": count,
+        "spacing_km": round(cells.spacing_m / 1e3, 2),
+        "side_px": round(max(cells.spacing_m, cells.step_m or 0.0) * chart.scale, 2),
+        "data": _packed(bits.tobytes()),
+    }
+
+
+def _patches(catalog: Catalog, rows: Index) -> dict[str, Any]:
+    """Heights of an even sample of the shown points (``rows``)."""
+    some = _sample(len(rows), PATCHES_MAX)
+    z = np.nan_to_num(np.asarray(catalog.part("dem", rows[some]), dtype=np.float64))
+    step_m = max(float(np.abs(z).max(initial=0.0)) / 32767.0, 1e-6)
+    return {
+        "side": catalog.patch_nodes,
+        "of": some.tolist(),
+        "step_m": step_m,
+        "data": _packed(np.rint(z / step_m).astype("<i2").tobytes()),
+    }
 
 
 def _scales(catalog: Catalog) -> AnyArray:

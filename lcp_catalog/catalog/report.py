@@ -133,7 +133,7 @@ def _claims(catalog: Catalog, statistics: Statistics, disc: SunDisc) -> dict[str
         "json": Markup(
             json.dumps(found, separators=(",", ":"))
         ),  # numbers, and texts of this package
-        "map": chart.draw([], "map of the points under the chosen Sun", layer="claims"),
+        "map": chart.draw([], "map of the region"),
         "sky": sky,
         "shown": len(found["points"]),
         "of": len(catalog),

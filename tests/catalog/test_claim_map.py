@@ -5,6 +5,10 @@ from __future__ import annotations
 import base64
 import json
 import re
+import shutil
+import subprocess
+import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,9 +32,13 @@ def chart_of(catalog: Catalog) -> Map:
     return Map(view.height, view.x, view.y, view.plane)
 
 
+def unpacked(text: str) -> bytes:
+    return zlib.decompress(base64.b64decode(text))
+
+
 def decoded(found: dict[str, Any]) -> dict[str, np.ndarray]:
     """Planes (n, s, v, k) and the condition (n, v, k)."""
-    content = np.frombuffer(base64.b64decode(found["data"]), np.uint8)
+    content = np.frombuffer(unpacked(found["data"]), np.uint8)
     n, s, v, k = (len(found[name]) for name in ("points", "scales", "views", "suns"))
     condition, rest = content[: n * v * k].reshape(n, v, k), content[n * v * k :]
     assert len(rest) == 4 * n * s * v * k
@@ -78,7 +86,7 @@ def test_a_page_for_many_points_shows_an_even_sample() -> None:
     assert (len(whole["scales"]), len(whole["points"])) == (3, 40)
     assert (len(fewer["scales"]), len(fewer["points"])) == (1, 40)
     assert (len(some["scales"]), len(some["points"]), some["of"]) == (1, 10, 40)
-    assert len(base64.b64decode(some["data"])) <= 10 * one * 5
+    assert len(unpacked(some["data"])) <= 10 * one * 5
     shown = [str(i) for i in catalog.point_id]
     steps = np.diff([shown.index(point[0]) for point in some["points"]])
     assert set(steps.tolist()) <= {4, 5}
@@ -104,7 +112,7 @@ def test_a_point_north_of_another_is_drawn_above_it() -> None:
 def test_the_section_is_there_with_claims_only() -> None:
     html = report.render_report(catalogs.claimed(20), "c.h5")
     page = parsed(html)
-    assert {"chooser", "numbers", "claims", "sky", "found", "outcome"} <= set(page.ids)
+    assert {"chooser", "numbers", "dots", "sky", "found", "outcome"} <= set(page.ids)
     (text,) = re.findall(r"<script type='application/json' id='numbers'>(.*?)</script>", html)
     assert len(json.loads(text)["points"]) == 20
     assert (
@@ -117,6 +125,63 @@ def test_the_section_is_there_with_claims_only() -> None:
     assert "Usable share by Sun elevation" in old
     empty = catalogs.claimed(0)
     assert claim_map.claim_map(*given(empty)) is None
+
+
+def test_the_page_holds_coverage_and_heights() -> None:
+    catalog = catalogs.claimed(20)
+    found = claim_map.claim_map(*given(catalog))
+    assert found is not None
+    suns = np.array(found["suns"])
+    cells, near = found["cells"], catalog.coverage.usable
+    assert near is not None
+    near = near[:, :, suns[:, 0], suns[:, 1]]
+    assert cells["of"] == len(near) == len(cells["x"])
+    bits = np.unpackbits(np.frombuffer(unpacked(cells["data"]), np.uint8).reshape(len(near), -1), axis=1)  # fmt: skip
+    count = near[0].size
+    np.testing.assert_array_equal(bits[:, :count].reshape(near.shape), near == 1)
+    np.testing.assert_array_equal(cells["known"], (near != 255).any(axis=0))
+    patches = found["patches"]
+    z = np.frombuffer(unpacked(patches["data"]), "<i2").reshape(
+        -1, patches["side"], patches["side"]
+    )
+    assert patches["of"] == list(range(20))
+    np.testing.assert_allclose(z * patches["step_m"], catalog.dem, atol=patches["step_m"])
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium: the script is not run")
+@pytest.mark.parametrize(("view", "sun", "scale"), [(0, 0, 0), (1, 3, 0), (2, 5, 1)])
+def test_the_script_counts_as_the_catalogue_does(
+    tmp_path: Path, view: int, sun: int, scale: int
+) -> None:
+    """In a browser: usable points, and cells without one, for a choice of view, Sun and image scale."""
+    catalog = catalogs.claimed(60)
+    suns = np.argwhere(Statistics.of(catalog).suns)
+    e, a = suns[sun * len(suns) // 6]
+    script = f"""<script>const waiting = setInterval(() => {{
+      if (document.getElementById('chooser').hidden) return;
+      clearInterval(waiting);
+      const form = document.getElementById('choices').elements;
+      for (const [name, value, event] of [['view', {view}, 'change'], ['scale', {scale}, 'change']]) {{
+        form[name].value = value;
+        form[name].dispatchEvent(new Event(event));
+      }}
+      document.querySelectorAll('#sky use')[{sun * len(suns) // 6}].dispatchEvent(new Event('click'));
+    }}, 20)</script></body>"""
+    page = tmp_path / "page.html"
+    page.write_text(report.render_report(catalog, "c.h5").replace("</body>", script))
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=60000"]
+    shown = subprocess.run(
+        ["chromium", *options, f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()],
+        check=True, capture_output=True, text=True, timeout=60,
+    ).stdout  # fmt: skip
+    flags, chance = catalog.condition[:, view, e, a], catalog.detection_probability[:, scale, view, e, a]  # fmt: skip
+    seen = (flags & 1 > 0) & np.isfinite(chance)
+    works = flags == 31 if scale == 0 else (flags & 25 == 25) & (chance >= catalog.min_detection)
+    assert f"<strong>{(works & seen).sum()} of {seen.sum()}</strong> points are usable" in shown
+    near = catalog.coverage.usable
+    assert near is not None
+    without = (near[:, view, e, a] != 1).sum()
+    assert f"{without} of {len(near)} spacing cells have no usable point within" in shown
 
 
 def test_figures_by_sun_elevation_are_counts() -> None:
