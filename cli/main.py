@@ -27,6 +27,7 @@ COMMANDS = {
     "inspect": ("inspect", "Summarise a catalogue and check that it is intact."),
     "report": ("report", "Write a catalogue report as one self-contained HTML page."),
     "diff": ("diff", "Compare two catalogues point by point."),
+    "export": ("export", "Write a catalogue's points in the formats of other programs."),
     "validate": (
         "validate",
         "Find a catalogue's points in images and compare the images with renders.",

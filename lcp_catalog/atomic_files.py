@@ -7,6 +7,7 @@ import hashlib
 import os
 import re
 import secrets
+import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -72,6 +73,49 @@ def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_aside(
+    path: Path | str, endings: Iterable[str], overwrite: bool = False
+) -> Iterator[Path]:
+    """Yield an empty folder beside ``path`` to write files with these ``endings`` to. It is renamed to
+    ``path`` when the block ends without an error, and removed otherwise.
+
+    Raises as `check_output` does. With ``overwrite`` an existing folder is replaced; OutputError if it
+    holds a file with another ending.
+    """
+    target = _check_new_folder(path, tuple(endings), overwrite)
+    aside, old = (target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part" for _ in "ab")
+    try:
+        with _named(path):
+            aside.mkdir()
+            yield aside
+            for file in [*aside.rglob("*"), aside]:
+                _sync(file)
+            if target.is_dir():
+                os.rename(target, old)
+            os.rename(aside, target)
+            _sync(target.parent)
+    finally:
+        for folder in (aside, old):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _check_new_folder(path: Path | str, endings: tuple[str, ...], overwrite: bool) -> Path:
+    target = Path(os.path.realpath(path))
+    if not target.is_dir():
+        return check_output(path)
+    if not overwrite:
+        raise OutputExistsError(f"{path} exists; use --overwrite to replace it")
+    for file in target.rglob("*"):
+        if not file.is_dir() and file.suffix not in endings:
+            raise OutputError(
+                f"{path}: holds {file.name}, no part of an export; name another folder"
+            )
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{path}: no permission to write into {target.parent}")
+    return target
 
 
 def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool = False) -> None:

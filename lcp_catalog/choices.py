@@ -42,3 +42,12 @@ PNG, TIFF = (".png",), (".tif", ".tiff")
 
 POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
 """Endings of the files that `lcp query` writes: the points of a frame, the chart of a trajectory."""
+
+EXPORTS = (".csv", ".parquet", ".geojson", ".gpkg", ".gcp", ".lmk", ".spc", ".bds")
+"""Endings of the files that `lcp export` writes."""
+
+EXPORT_FOLDERS = {".lmk": (".lmk", ".csv"), ".spc": (".LMK", ".MAP", ".csv")}
+"""Exports that are folders, and the endings of the files in them."""
+
+FRAMES = ("MOON_ME", "MOON_PA")
+"""Moon-fixed frames of exports: mean Earth, in which catalogues are, and principal axes."""

@@ -67,3 +67,7 @@ class AreaFailedError(LcpError, RuntimeError):
 
 class ClusterError(LcpError, ConnectionError):
     """A scheduler cannot be reached, or a worker has another package or other files."""
+
+
+class MissingPackageError(LcpError, ImportError):
+    """A package is not installed that only this output needs."""

@@ -29,6 +29,7 @@ ORDER = [
     "images",
     "rendering",
     "catalog",
+    "exports",
     "build",
     "matching",
     "navigation",

@@ -251,13 +251,17 @@ class Catalog:
         """The catalogue in memory of the points and coverage cells within a box, degrees; longitudes
         may cross the antimeridian. CatalogError for a box without latitudes.
         """
-        if not south <= north:
-            raise CatalogError(f"no box: the south {south:g} is above the north {north:g}")
         box = (west, south, east, north)
-        return self.take(
-            _inside(self.longitude, self.latitude, *box),
-            _inside(self.coverage.longitude, self.coverage.latitude, *box),
-        )
+        return self.take(self.rows_within(*box), self.cells_within(*box))
+
+    def rows_within(self, west: float, south: float, east: float, north: float) -> Index:
+        """Rows of the points within a box, degrees. Raises as `within`."""
+        return _inside(self.longitude, self.latitude, west, south, east, north)
+
+    def cells_within(self, west: float, south: float, east: float, north: float) -> Index:
+        """Numbers of the coverage cells within a box, degrees. Raises as `within`."""
+        places = self.coverage.longitude, self.coverage.latitude
+        return _inside(*places, west, south, east, north)
 
     @property
     def has_claims(self) -> bool:
@@ -373,7 +377,9 @@ class Catalog:
 def _inside(
     lon_deg: AnyArray, lat_deg: AnyArray, west: float, south: float, east: float, north: float
 ) -> Index:
-    """Rows of the places within a box, degrees."""
+    """Rows of the places within a box, degrees; CatalogError for a box without latitudes."""
+    if not south <= north:
+        raise CatalogError(f"no box: the south {south:g} is above the north {north:g}")
     width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
     inside = ((lon_deg - west) % 360.0 <= width) & (lat_deg >= south) & (lat_deg <= north)
     return np.flatnonzero(inside)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import AnyArray, Array
 from ..geometry.frames import EnuFrame
 from ..terrain.area import NodeWindow
 from ..terrain.heightfield import Heightfield
@@ -32,12 +32,23 @@ def patch_terrain(catalog: Catalog, row: int) -> Terrain:
 def nodes_mcmf(catalog: Catalog, index: ArrayLike) -> Array:
     """MCMF positions (n, p, p, 3), metres, of the nodes of many points' patches (rows ``index`` (n,) of the catalogue)."""
     rows = np.asarray(index, dtype=np.int64)
-    z = catalog.dem[rows].astype(np.float64)
-    step = np.arange(catalog.patch_nodes) - 0.5 * (catalog.patch_nodes - 1)
-    gsd = catalog.gsd[rows][:, None]
-    east, north, up = np.moveaxis(catalog.rotation_mcmf_to_enu[rows], 1, 0)
+    return patch_nodes(
+        catalog.dem[rows],
+        catalog.gsd[rows],
+        catalog.position_mcmf[rows],
+        catalog.rotation_mcmf_to_enu[rows],
+    )
+
+
+def patch_nodes(dem: AnyArray, gsd_m: Array, position_m: Array, rotation: Array) -> Array:
+    """Positions (n, p, p, 3), metres, of the nodes of patches: heights ``dem`` (n, p, p) over the plane
+    of the centres ``position_m`` (n, 3), with the axes ``rotation`` (n, 3, 3).
+    """
+    step = np.arange(dem.shape[1]) - 0.5 * (dem.shape[1] - 1)
+    gsd = gsd_m[:, None]
+    east, north, up = np.moveaxis(rotation, 1, 0)
     flat = (step * gsd)[:, None, :, None] * east[:, None, None, :]
     flat = flat - (step * gsd)[:, :, None, None] * north[:, None, None, :]
-    flat += catalog.position_mcmf[rows][:, None, None, :]
-    flat += z[..., None] * up[:, None, None, :]
+    flat += position_m[:, None, None, :]
+    flat += dem.astype(np.float64)[..., None] * up[:, None, None, :]
     return np.asarray(flat)

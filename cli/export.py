@@ -1,0 +1,73 @@
+"""``lcp export``: a catalogue's points in the files of other programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from lcp_catalog.choices import EXPORTS, FRAMES
+
+from . import options
+from .files import FileCommand
+from .messages import say
+from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
+
+
+@click.command(cls=FileCommand)
+@options.catalog_argument
+@options.output_option(f"OUT{'|'.join(EXPORTS)}")
+@click.option(
+    "--frame",
+    type=click.Choice(FRAMES),
+    default=FRAMES[0],
+    show_default=True,
+    help="Moon-fixed frame of the output: mean Earth (DE421), or principal axes (DE440).",
+)
+@click.option(
+    "--bounds",
+    nargs=4,
+    type=click.Tuple([LONGITUDE, LATITUDE] * 2),
+    metavar="W S E N",
+    help="Only points within these limits, degrees (MOON_ME); may cross the antimeridian.",
+)
+@click.option(
+    "--level", type=click.IntRange(0), metavar="K", help="Only points of this level of cell size."
+)
+@click.option(
+    "--sun-azimuth",
+    type=AZIMUTH,
+    metavar="DEG",
+    help="For .lmk: azimuth of the Sun at every point, clockwise from north.",
+)
+@click.option(
+    "--sun-elevation",
+    type=Number(0, 90, min_open=True),
+    metavar="DEG",
+    help="For .lmk: elevation of the Sun at every point.",
+)
+@options.overwrite_option
+def command(catalog: str, output: str, overwrite: bool, **flags: Any) -> None:
+    """Write a catalogue's points in the format of the output's ending.
+
+    \b
+    .csv .parquet   table of the points
+    .geojson .gpkg  points, footprints of the patches and coverage, with a lunar CRS
+    .gcp            ground control points of the Ames Stereo Pipeline
+    .lmk            folder of landmark maps of JPL's landmark_tools, version 3
+    .spc            folder of landmarks and maplets of stereophotoclinometry
+    .bds            SPICE digital shape kernel (DSK), type 2, of a site
+
+    .parquet, .geojson and .gpkg need the extra gis, .bds the extra spice: pip install 'lcp-catalog[gis,spice]'
+    """
+    options.check_area(None, None, flags["bounds"])
+    sun = (flags["sun_azimuth"], flags["sun_elevation"])
+    lit = options.check_sun(*sun, None, None)
+
+    from lcp_catalog.exports.export import Choice, export
+    from lcp_catalog.geometry.bounds import Bounds
+
+    box = Bounds(*flags["bounds"]) if flags["bounds"] else None
+    choice = Choice(flags["frame"], box, flags["level"], sun if lit else None)
+    count = export(catalog, output, choice, overwrite)
+    say(f"{output}: {count} points written, {flags['frame']}")

@@ -1,0 +1,1 @@
+"""A catalogue in the files of other programs: tables, maps, landmark files."""

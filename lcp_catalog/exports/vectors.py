@@ -1,0 +1,145 @@
+"""Vector maps for GIS: points, footprints of the patches, and coverage cells, as GeoPackage and GeoJSON.
+
+Longitudes are -180..180. A footprint across the antimeridian is cut there, one around a pole is
+closed along the pole's edge of the map.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import AnyArray, Array
+from ..catalog.schema import COVERAGE_STATUS
+from ..constants import FRAME
+from ..geometry.bounds import Bounds
+from ..geometry.frames import mcmf_to_lonlat
+from .packages import package
+from .points import Points, cells, plain
+
+_SIDE = 8
+"""Most pieces of a footprint's side."""
+
+_FIXED_TIME = "2000-01-01T00:00:00.000Z"
+"""Time of change in a GeoPackage, so that equal exports have equal bytes."""
+
+_URN = "urn:ogc:def:crs:IAU:2015:30100"
+
+Fields = dict[str, AnyArray]
+Layer = tuple[str, str, Any, Fields]
+
+
+def layers(points: Points, box: Bounds | None, wanted_for: str) -> Iterator[Layer]:
+    """Name, type of geometry, geometries and fields of each layer. MissingPackageError without
+    shapely.
+    """
+    shapely = package("shapely", "gis", wanted_for)
+    columns = points.columns()
+    lon, lat = points.lonlat_deg
+    [height] = (column.values for column in columns if column.name == "elevation_m")
+    fields = {column.name: column.values for column in columns}
+    yield "points", "Point Z", shapely.points(np.stack([lon, lat, height], -1)), fields
+    few = {name: fields[name] for name in ("point_id", "gsd_m", "level", "usable_share", "frame")}
+    yield "footprints", "MultiPolygon", _footprints(points, shapely), few
+    found = cells(points, box)
+    places = np.stack([found["longitude_deg"], found["latitude_deg"]], -1)
+    status = np.array([COVERAGE_STATUS[code] for code in found["status"].tolist()], dtype=object)
+    frame = np.full(len(status), points.frame.name, object)
+    yield "coverage", "Point", shapely.points(places), {"status": status, "frame": frame}
+
+
+def _footprints(points: Points, shapely: Any) -> AnyArray:
+    """Outlines of the patches through their outermost nodes, multi-polygons (n,)."""
+    side = points.catalog.patch_nodes - 1
+    steps = np.unique(np.linspace(0, side, _SIDE + 1).round().astype(int))
+    low, high = np.zeros(len(steps) - 1, int), np.full(len(steps) - 1, side)
+    go, back = steps[:-1], steps[:0:-1]
+    rows = np.concatenate([low, go, high, back])
+    columns = np.concatenate([go, high, back, low])[::-1]  # counter-clockwise seen from above
+    rows = rows[::-1]
+    found: list[Any] = []
+    for block, dem in points.blocks("dem"):
+        lon, lat, _ = mcmf_to_lonlat(points.nodes_m(block, dem)[:, rows, columns])
+        found += [outline(*ring, shapely) for ring in zip(lon, lat, strict=True)]
+    return np.array(found, dtype=object)
+
+
+def outline(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
+    """Multi-polygon within longitudes -180..180 of a ring of places (m,) on the sphere."""
+    lon = np.unwrap(np.append(lon_deg, lon_deg[0]), period=360.0)
+    ring = np.stack([lon, np.append(lat_deg, lat_deg[0])], -1)
+    if abs(lon[-1] - lon[0]) > 180.0:  # once around a pole
+        pole = 90.0 if lat_deg.mean() > 0.0 else -90.0
+        ring = np.concatenate([ring, [[lon[-1], pole], [lon[0], pole]]])
+    whole = shapely.Polygon(ring)
+    first = np.floor((ring[:, 0].min() + 180.0) / 360.0)
+    last = np.ceil((ring[:, 0].max() + 180.0) / 360.0)
+    parts: list[Any] = []
+    for turn in np.arange(first, max(last, first + 1.0)) * 360.0:
+        part = whole.intersection(shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0))
+        moved = shapely.transform(part, lambda xy, by=turn: xy - [by, 0.0])
+        parts += [one for one in shapely.get_parts(moved) if one.geom_type == "Polygon"]
+    return shapely.MultiPolygon([shapely.orient_polygons(one) for one in parts])
+
+
+def write_geopackage(points: Points, path: Path, box: Bounds | None = None) -> None:
+    """A GeoPackage with the three layers; the frame is metadata of file and layers, and a field.
+    MissingPackageError without pyogrio or shapely.
+    """
+    pyogrio = package("pyogrio", "gis", "a .gpkg file")
+    shapely = package("shapely", "gis", "a .gpkg file")
+    about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning, "body": "MOON"}
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_TIME})
+    try:
+        for name, kind, geometry, fields in layers(points, box, "a .gpkg file"):
+            first = name == "points"
+            with warnings.catch_warnings():  # on the name of the unfinished file
+                warnings.filterwarnings("ignore", ".*extension", RuntimeWarning)
+                pyogrio.raw.write(
+                    path,
+                    shapely.to_wkb(geometry),
+                    list(fields.values()),
+                    list(fields),
+                    geometry_type=kind,
+                    crs=points.frame.crs,
+                    layer=name,
+                    driver="GPKG",
+                    append=not first,
+                    layer_metadata=about,
+                    dataset_metadata=about if first else None,
+                )
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+
+
+def write_geojson(points: Points, path: Path, box: Bounds | None = None) -> None:
+    """The features of the three layers in one collection; the property ``layer`` names theirs. The
+    member ``crs`` (GeoJSON 2008; RFC 7946 has only the Earth's WGS 84) holds the lunar CRS.
+    MissingPackageError without shapely.
+    """
+    shapely = package("shapely", "gis", "a .geojson file")
+    crs = _URN if points.frame.name == FRAME else points.frame.crs
+    head = {
+        "type": "FeatureCollection",
+        "name": "lunar control points",
+        "frame": f"{points.frame.name}: {points.frame.meaning}",
+        "crs": {"type": "name", "properties": {"name": crs}},
+    }
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(json.dumps(head)[:-1] + ', "features": [')
+        between = "\n"
+        for name, _, geometry, fields in layers(points, box, "a .geojson file"):
+            rows = zip(*(plain(values, None) for values in fields.values()), strict=True)
+            shapes = shapely.to_geojson(geometry)
+            for shape, row in zip(shapes, rows, strict=True):
+                properties = json.dumps({"layer": name} | dict(zip(fields, row, strict=True)))
+                feature = f'{{"type": "Feature", "properties": {properties}, "geometry": {shape}}}'
+                file.write(between + feature)
+                between = ",\n"
+        file.write("\n]}\n")

@@ -1,0 +1,116 @@
+"""``lcp export``: formats by ending, whole outputs, and one line for an error."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+from helpers import catalogs
+from helpers.commands import refusal
+from lcp_cli.main import run
+
+from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.choices import EXPORT_FOLDERS, EXPORTS
+
+
+@pytest.fixture(scope="module")
+def catalog(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("export") / "c.h5"
+    write_catalog(catalogs.claimed(4), path)
+    return str(path)
+
+
+@pytest.mark.parametrize("ending", EXPORTS)
+def test_every_ending_is_written(ending: str, catalog: str, tmp_path: Path, capsys) -> None:
+    out = tmp_path / f"out{ending}"
+    assert run(["export", catalog, "-o", str(out), "--frame", "MOON_PA"]) == 0
+    assert "4 points written, MOON_PA" in capsys.readouterr().err
+    assert out.is_dir() == (ending in EXPORT_FOLDERS)
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+    assert "--overwrite" in refusal(["export", catalog, "-o", str(out)], 1, capsys)
+    assert run(["export", catalog, "-o", str(out), "--overwrite"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["out.shp"], 2, "ending must be one of .csv .parquet"),
+        (["out.csv", "--sun-azimuth", "90", "--sun-elevation", "5"], 2, ".lmk maps only"),
+        (["out.lmk", "--sun-azimuth", "90"], 2, "go together"),
+        (["out.csv", "--frame", "IAU_MOON"], 2, "--frame"),
+        (["out.csv", "--bounds", "3", "26", "4", "25"], 2, "south must be below"),
+        (["out.csv", "--bounds", "93", "25", "94", "26"], 1, "no points within"),
+        (["out.lmk", "--level", "3"], 1, "no points of level 3"),
+        (["missing/out.lmk"], 1, "does not exist; make it first"),
+    ],
+)
+def test_refusals_leave_nothing(
+    arguments: list[str], code: int, words: str, catalog: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert words in refusal(["export", catalog, "-o", *arguments], code, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("ending", "name", "extra"),
+    [
+        (".gpkg", "pyogrio", "gis"),
+        (".geojson", "shapely", "gis"),
+        (".parquet", "pyarrow", "gis"),
+        (".bds", "spiceypy", "spice"),
+    ],
+)
+def test_a_missing_package_is_one_line(
+    ending: str, name: str, extra: str, catalog: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    real = importlib.import_module
+
+    def without(module: str, *more):
+        if module.partition(".")[0] == name:
+            raise ImportError(module)
+        return real(module, *more)
+
+    monkeypatch.setattr("lcp_catalog.exports.packages.import_module", without)
+    line = refusal(["export", catalog, "-o", str(tmp_path / f"o{ending}")], 1, capsys)
+    assert f"{name}: pip install 'lcp-catalog[{extra}]'" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_other_files_stays(catalog: str, tmp_path: Path, capsys) -> None:
+    folder = tmp_path / "mine.lmk"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    line = refusal(["export", catalog, "-o", str(folder), "--overwrite"], 1, capsys)
+    assert "notes.txt" in line
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_failed_folder_leaves_the_former_one(
+    catalog: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    folder = tmp_path / "out.spc"
+    assert run(["export", catalog, "-o", str(folder)]) == 0
+    before = sorted(path.name for path in folder.rglob("*"))
+    capsys.readouterr()
+
+    def fail(*_) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("lcp_catalog.exports.spc.write_columns", fail)
+    line = refusal(["export", catalog, "-o", str(folder), "--overwrite"], 1, capsys)
+    assert "disk is full" in line
+    assert sorted(path.name for path in folder.rglob("*")) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out.spc"]
+
+
+def test_a_sun_lights_landmark_maps(catalog: str, tmp_path: Path) -> None:
+    sun = ["--sun-azimuth", "270", "--sun-elevation", "10"]
+    assert run(["export", catalog, "-o", str(tmp_path / "a.lmk"), *sun]) == 0
+    assert run(["export", catalog, "-o", str(tmp_path / "b.lmk")]) == 0
+    for path in (tmp_path / "a.lmk").glob("*.lmk"):
+        assert path.read_bytes()[:196] == (tmp_path / "b.lmk" / path.name).read_bytes()[:196]
+        assert path.read_bytes() != (tmp_path / "b.lmk" / path.name).read_bytes()

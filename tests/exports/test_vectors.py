@@ -1,0 +1,139 @@
+"""GeoPackage and GeoJSON, read by GDAL."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pyproj
+import pytest
+import shapely
+from helpers import catalogs
+
+from lcp_catalog.exports.frames import frame_named
+from lcp_catalog.exports.points import Points
+from lcp_catalog.exports.vectors import outline, write_geojson, write_geopackage
+
+GEOCENTRIC = pyproj.Transformer.from_crs(
+    {"proj": "geocent", "R": 1737400}, {"proj": "longlat", "R": 1737400}, always_xy=True
+)
+
+
+@pytest.fixture(scope="module")
+def catalog():
+    return catalogs.claimed(12)
+
+
+@pytest.fixture(scope="module", params=["MOON_ME", "MOON_PA"])
+def written(request, catalog, tmp_path_factory) -> tuple[Points, Path]:
+    points = Points.chosen(catalog, frame_named(request.param))
+    path = tmp_path_factory.mktemp("vectors") / "c.gpkg"
+    write_geopackage(points, path)
+    write_geojson(points, path.with_suffix(".geojson"))
+    return points, path
+
+
+def read(path: Path, layer: str | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    about, _, shapes, values = pyogrio.raw.read(path, layer=layer)
+    return shapely.from_wkb(shapes), dict(zip(about["fields"], values, strict=True))
+
+
+def test_layers_crs_and_frame(written) -> None:
+    points, path = written
+    assert pyogrio.list_layers(path)[:, 0].tolist() == ["points", "footprints", "coverage"]
+    counts = {"points": 12, "footprints": 12, "coverage": len(points.catalog.coverage.status)}
+    for layer, count in counts.items():
+        info = pyogrio.read_info(path, layer=layer)
+        crs = pyproj.CRS.from_wkt(info["crs"])
+        assert crs.ellipsoid.semi_major_metre == crs.ellipsoid.semi_minor_metre == 1737400.0
+        assert ("principal axes" in crs.name) == (points.frame.name == "MOON_PA")
+        assert info["features"] == count
+        assert info["layer_metadata"]["frame"] == points.frame.name
+
+
+def test_points_lie_where_the_catalogue_has_them(written) -> None:
+    points, path = written
+    for shapes, fields in (read(path, "points"), _part(path.with_suffix(".geojson"), "points")):
+        lon, lat, up = GEOCENTRIC.transform(*points.position_m.T)
+        np.testing.assert_allclose(
+            shapely.get_coordinates(shapes, include_z=True),
+            np.stack([lon, lat, up], axis=-1),
+            rtol=0,
+            atol=1e-6,
+        )
+        assert fields["point_id"].tolist() == points.catalog.point_id.tolist()
+        assert set(fields["frame"]) == {points.frame.name}
+
+
+def test_footprints_reach_to_the_corner_nodes(written) -> None:
+    """The corners by the formula of the format's page, and the area of the patch."""
+    points, path = written
+    shapes, _ = read(path, "footprints")
+    catalog, half = points.catalog, points.half
+    for k, shape in enumerate(shapes):
+        ring = shapely.get_coordinates(shape)
+        for row, col in ((-half, -half), (-half, half), (half, -half), (half, half)):
+            up = catalog.dem[k, row + half, col + half]
+            own = np.array([col * catalogs.GSD_M, -row * catalogs.GSD_M, up])
+            place = catalog.position_mcmf[k] + catalog.rotation_mcmf_to_enu[k].T @ own
+            lon, lat, _ = GEOCENTRIC.transform(*(points.frame.from_me @ place))
+            assert np.abs(ring - [lon, lat]).sum(axis=1).min() < 1e-9
+        lon, lat = points.lonlat_deg[0][k], points.lonlat_deg[1][k]
+        metre = np.radians(1.0) * 1737400.0
+        area = shape.area * metre**2 * np.cos(np.radians(lat))
+        assert area == pytest.approx((2 * half * catalogs.GSD_M) ** 2, rel=5e-3)
+        assert shape.contains(shapely.Point(lon, lat))
+        assert shapely.is_ccw(shape.geoms[0].exterior)
+
+
+def test_coverage_has_its_reasons(written) -> None:
+    points, path = written
+    shapes, fields = read(path, "coverage")
+    names = np.array(["point", "featureless", "ambiguous", "dependent", "nodata"])
+    coverage = points.catalog.coverage
+    assert fields["status"].tolist() == names[coverage.status].tolist()
+    away = shapely.get_coordinates(shapes) - np.stack([coverage.longitude, coverage.latitude], -1)
+    assert np.abs(away).max() < (1e-12 if points.frame.name == "MOON_ME" else 0.04)
+
+
+def test_equal_catalogues_give_equal_bytes(written, tmp_path: Path) -> None:
+    points, path = written
+    write_geopackage(points, tmp_path / "again.gpkg")
+    assert (tmp_path / "again.gpkg").read_bytes() == path.read_bytes()
+
+
+def _part(path: Path, layer: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    shapes, fields = read(path)
+    own = fields["layer"] == layer
+    return shapes[own], {name: values[own] for name, values in fields.items()}
+
+
+def test_geojson_says_that_it_is_lunar(written) -> None:
+    points, path = written
+    path = path.with_suffix(".geojson")
+    assert json.loads(path.read_text())["frame"].startswith(points.frame.name)
+    crs = pyproj.CRS.from_wkt(pyogrio.read_info(path)["crs"])
+    assert crs.ellipsoid.semi_major_metre == 1737400.0
+    assert ("principal axes" in crs.name) == (points.frame.name == "MOON_PA")
+    shapes, _ = _part(path, "footprints")
+    assert shapely.equals(shapes, read(path.with_suffix(".gpkg"), "footprints")[0]).all()
+
+
+def test_a_footprint_across_the_antimeridian_is_cut_there() -> None:
+    lon, lat = np.array([179.0, 179.0, 181.0, 181.0]), np.array([1.0, -1.0, -1.0, 1.0])
+    shape = outline(lon, lat, shapely)
+    assert shape.area == pytest.approx(4.0)
+    assert [part.bounds for part in shape.geoms] == [
+        (179.0, -1.0, 180.0, 1.0),
+        (-180.0, -1.0, -179.0, 1.0),
+    ]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_footprint_around_a_pole_reaches_the_pole(sign: float) -> None:
+    lon = np.arange(10.0, 370.0, 45.0)[:: int(sign)]
+    shape = outline(lon, np.full(8, sign * 89.0), shapely)
+    assert shape.area == pytest.approx(360.0)
+    assert shape.bounds == (-180.0, min(sign * 89.0, sign * 90.0), 180.0, max(sign * 89.0, sign * 90.0))  # fmt: skip
