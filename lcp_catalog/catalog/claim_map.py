@@ -82,6 +82,7 @@ def claim_map(
     suns = np.argwhere(evaluated)
     shown = Shown.of(catalog, len(suns), bytes_max)
     x, y, turn = _places(catalog, chart, shown.rows)
+    x, y = (np.where(np.isfinite(x + y), at, -1e6) for at in (x, y))  # not on the map
     condition = catalog.part("condition", shown.rows)[:, :, suns[:, 0], suns[:, 1]]
     smallest, planes = _planes(catalog, shown, suns)
     content = b"".join(np.ascontiguousarray(plane).tobytes() for plane in (condition, *planes))
@@ -128,10 +129,11 @@ def _cells(catalog: Catalog, chart: Map, suns: Index) -> dict[str, Any]:
     count = 0 if cells.usable is None else len(cells.status)
     rows = _sample(count, CELLS_MAX)
     x, y = chart.pixel(*chart.plane.at(cells.longitude[rows], cells.latitude[rows]))
+    x, y = (np.where(np.isfinite(x + y), at, -1e6) for at in (x, y))  # not on the map
     near = np.zeros((0, len(catalog.view_off_nadir), len(suns)), np.uint8)
     if cells.usable is not None:
         near = np.asarray(cells.usable)[rows][:, :, suns[:, 0], suns[:, 1]]
-    bits = np.packbits((near == 1).reshape(len(near), -1), axis=1)
+    bits = np.packbits((near == 1).reshape(len(near), near.shape[1] * near.shape[2]), axis=1)
     return {
         "x": np.round(x, 1).tolist(),
         "y": np.round(y, 1).tolist(),

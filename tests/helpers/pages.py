@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import base64
+import subprocess
+import threading
 from html.parser import HTMLParser
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -55,3 +58,17 @@ def parsed(html: str) -> Page:
 def decoded(address: str) -> np.ndarray:
     content = base64.b64decode(address.removeprefix("data:image/png;base64,"))
     return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def logged(page: Path, word: str, folder: Path) -> str:
+    """The line with the word that the page's scripts log, in Chromium; empty if none comes in a minute."""
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command = ["chromium", *options, "--remote-debugging-port=0", f"--user-data-dir={folder}"]
+    with subprocess.Popen([*command, page.as_uri()], stderr=subprocess.PIPE, text=True) as browser:
+        assert browser.stderr is not None
+        late = threading.Timer(60.0, browser.kill)
+        late.start()
+        found = next((line for line in browser.stderr if f'"{word} ' in line), "")
+        late.cancel()
+        browser.kill()
+    return found
