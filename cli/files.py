@@ -70,8 +70,10 @@ def refuse_same_files(ctx: click.Context) -> None:
 
 
 def _refuse(name: str, path: Path, others: list[tuple[str, Path]]) -> None:
+    from lcp_catalog.atomic_files import same_file
+
     for other, its in others:
-        if _same(path, its):
+        if same_file(path, its):
             raise click.UsageError(f"{name} is the same file as {other}; name another output")
 
 
@@ -98,16 +100,6 @@ def _files(ctx: click.Context, kind: str) -> list[tuple[str, Path]]:
                 its = flag + one
                 found.append((its if str(path) == one else f"{path} of {its}", path))
     return found
-
-
-def _same(first: Path, second: Path) -> bool:
-    """True for two names of one file: also through symbolic links, and hard links of a file that exists."""
-    if os.path.realpath(first) == os.path.realpath(second):
-        return True
-    try:
-        return os.path.samefile(first, second)
-    except OSError:
-        return False
 
 
 def raster_files(path: str) -> Iterator[Path]:

@@ -18,13 +18,18 @@ from typing import Any
 from .errors import OutputError, OutputExistsError
 
 
-def check_output(path: Path | str, overwrite: bool = False) -> Path:
+def check_output(
+    path: Path | str, overwrite: bool = False, inputs: Iterable[Path | str] = ()
+) -> Path:
     """Return the real path of an output (of a link: its target).
 
     OutputExistsError if it exists and ``overwrite`` is False; OutputError if its folder is missing
-    or not writable, or if the name belongs to something that is not a plain file (a folder, a
-    device).
+    or not writable, if the name belongs to something that is not a plain file (a folder, a
+    device), or if it is one of the ``inputs``, which would be lost.
     """
+    for read in inputs:
+        if same_file(path, read):
+            raise OutputError(f"{path}: is read, too ({read}); name another output")
     target = Path(os.path.realpath(path))  # a link's target is replaced, not the link
     if not target.parent.is_dir():
         raise OutputError(f"{path}: the folder {target.parent} does not exist; make it first")
@@ -36,6 +41,16 @@ def check_output(path: Path | str, overwrite: bool = False) -> Path:
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
+
+
+def same_file(first: Path | str, second: Path | str) -> bool:
+    """True for two names of one file: also through symbolic links, and hard links of a file that exists."""
+    if os.path.realpath(first) == os.path.realpath(second):
+        return True
+    try:
+        return os.path.samefile(first, second)
+    except OSError:
+        return False
 
 
 def check_folder(folder: Path, names: Iterable[str], overwrite: bool) -> None:

@@ -64,7 +64,7 @@ def run_part(
     Raises OutputExistsError while a whole build of the output runs, and if the checkpoints there are of
     a build with other inputs; AreaFailedError for an area that fails.
     """
-    check_output(output, overwrite)
+    check_output(output, overwrite, build.files)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
     with checkpoints.locked(shared=True):
         checkpoints.join(part.count)
@@ -97,7 +97,7 @@ def merge_parts(
     AreaFailedError if areas are missing, unless ``keep_going`` leaves them out (they are named in the
     report); OutputExistsError while parts are running.
     """
-    check_output(output, overwrite)
+    check_output(output, overwrite, build.files)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
     if not checkpoints.folder.is_dir():
         raise AreaFailedError(f"{checkpoints.folder}: no area is computed; run the parts first")

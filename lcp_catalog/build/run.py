@@ -233,7 +233,7 @@ def run_build(
 
     Finished areas are kept beside the output until the catalogue has been written.
     """
-    check_output(output, overwrite)
+    check_output(output, overwrite, build.files)
     checkpoints = Checkpoints.beside(output, build.fingerprint())
     with checkpoints.locked():
         checkpoints.begin(resume, overwrite)

@@ -65,7 +65,7 @@ def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool =
     """Write the report of a catalogue. Raises CatalogError for a catalogue that cannot be read, and
     the errors of `atomic_files.check_output`.
     """
-    check_output(output, overwrite)
+    check_output(output, overwrite, [catalog_path])
     html = render_report(open_catalog(catalog_path), Path(catalog_path).name)
     write_bytes(output, html.encode("utf-8"), overwrite)
 

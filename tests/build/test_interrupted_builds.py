@@ -16,7 +16,7 @@ from lcp_catalog.build.checkpoints import Checkpoints
 from lcp_catalog.build.finished_area import finished_area
 from lcp_catalog.build.run import Build, run_build
 from lcp_catalog.catalog.hdf5 import open_catalog, verify
-from lcp_catalog.errors import AreaFailedError, OutputExistsError
+from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
 
 
 def test_a_broken_run_is_resumed(
@@ -229,3 +229,17 @@ def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Pa
     with pytest.raises(OutputExistsError, match="--overwrite"):
         run_build(plan, output)
     assert not output.with_name("mine.h5.parts").exists()
+
+
+@pytest.mark.parametrize("how", ["itself", "a link", "a hard link"])
+def test_an_output_that_is_an_input_is_refused(tmp_path: Path, how: str) -> None:
+    dem = tmp_path / DEM.name
+    shutil.copy(DEM, dem)
+    output = dem if how == "itself" else tmp_path / "out.h5"
+    if how == "a link":
+        output.symlink_to(dem)
+    elif how == "a hard link":
+        output.hardlink_to(dem)
+    with pytest.raises(OutputError, match="is read, too"):
+        run_build(Build.plan((dem,), CONFIG), output, overwrite=True)
+    assert dem.read_bytes() == DEM.read_bytes()

@@ -13,7 +13,7 @@ from helpers.pages import decoded, parsed
 from lcp_catalog.catalog import report
 from lcp_catalog.catalog.hdf5 import Overview, write_catalog
 from lcp_catalog.catalog.summary import summary
-from lcp_catalog.errors import CatalogError, OutputExistsError
+from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +105,12 @@ def test_written_page_is_whole_and_kept(tmp_path: Path) -> None:
     with pytest.raises(CatalogError):
         report.write_report(path, page, overwrite=True)
     assert page.read_text(encoding="utf-8").endswith("</html>\n")
+
+
+def test_a_page_never_replaces_its_catalogue(tmp_path: Path) -> None:
+    path = tmp_path / "c.h5"
+    write_catalog(catalogs.catalog(3), path)
+    content = path.read_bytes()
+    with pytest.raises(OutputError, match="is read, too"):
+        report.write_report(path, path, overwrite=True)
+    assert path.read_bytes() == content
