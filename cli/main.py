@@ -34,6 +34,7 @@ COMMANDS = {
     ),
     "fit-reflectance": ("fit_reflectance", "Fit a reflectance model to goniometer measurements."),
     "query": ("query", "List the points that a camera can use, and the expected position."),
+    "windows": ("windows", "List when a site has enough usable points."),
     "simulate": ("simulate", "Simulate a camera image with detector noise and blur."),
     "trade": ("trade", "Measure the run time and the errors of each accuracy tier."),
 }

@@ -169,17 +169,15 @@ def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     """
     rows, cols = sensor.shape
     origin, direction = sensor.looks(np.array([(cols - 1) / 2.0, (rows - 1) / 2.0]))
-    known = bool(np.isfinite(origin).all() and np.isfinite(direction).all())
-    lon, lat = (
-        sphere_intersection.lonlat(sphere_intersection.hits(origin, direction)[1])
-        if known
-        else (np.nan, np.nan)
-    )
-    if not math.isfinite(float(lat)):
+    nearest = -float(origin @ direction)
+    half_chord = nearest**2 - float(origin @ origin) + MOON_RADIUS_M**2
+    distance = nearest - math.sqrt(half_chord) if half_chord >= 0.0 else -math.inf
+    if not distance >= 0.0:
         raise ImageError(
             f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
             "have no reference place: give --time or --subsolar"
         )
+    lon, lat, _ = mcmf_to_lonlat(origin + distance * direction)
     return float(lon), float(lat)
 
 

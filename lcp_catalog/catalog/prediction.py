@@ -95,6 +95,9 @@ class _Weights:
     index: Index
     weight: Array
 
+    def some(self, which: Index) -> _Weights:
+        return _Weights(self.index[which], self.weight[which])
+
 
 def predict(
     catalog: Catalog, rows: ArrayLike, sun_enu: ArrayLike, view_enu: ArrayLike, pixel_m: ArrayLike
@@ -127,8 +130,11 @@ def predict(
         _view_weights(catalog, view),
         *_sun_weights(catalog, sun),
     )
-    found = _interpolated(catalog, rows, axes)
     scale, at_view, elevation, azimuth = (axis.weight.sum(axis=1) <= 0.0 for axis in axes)
+    inside = np.flatnonzero(~(scale | at_view | elevation | azimuth))
+    found = _none(len(rows))
+    for name, values in vars(_interpolated(catalog, rows[inside], axes, inside)).items():
+        getattr(found, name)[inside] = values
     dark = elevation | azimuth | ~_between_elevations(catalog, sun)
     outside = zip(("scale", "view", "sun"), (scale, at_view, dark), strict=True)
     cause = found.cause
@@ -151,13 +157,18 @@ def _elevation_deg(sun: Array) -> Array:
 
 
 def _none(count: int) -> Prediction:
-    nothing, cause = np.full(count, np.nan), np.full(count, CAUSES.index("not evaluated"))
-    return Prediction(nothing, np.zeros(count, bool), nothing, nothing, nothing, cause)
+    probability, major, minor, angle = (np.full(count, np.nan) for _ in range(4))
+    cause = np.full(count, CAUSES.index("not evaluated"))
+    return Prediction(probability, np.zeros(count, bool), major, minor, angle, cause)
 
 
-def _interpolated(catalog: Catalog, rows: Index, axes: tuple[_Weights, ...]) -> Prediction:
-    """Weighted means over all combinations of the neighbours along the axes."""
-    index, weight = _combined(axes)
+def _interpolated(
+    catalog: Catalog, rows: Index, axes: tuple[_Weights, ...], which: Index
+) -> Prediction:
+    """Weighted means over all combinations of the neighbours along the axes, of which ``which`` (n,)
+    are those of the points ``rows`` (n,).
+    """
+    index, weight = _combined(tuple(axis.some(which) for axis in axes))
     flags = catalog.at("condition", rows, *index[1:])
     given = {name: catalog.at(name, rows, *index).astype(np.float64) for name in _NAMES}
     probability = given["detection_probability"]

@@ -56,12 +56,12 @@ def _in_cone(places: Array, camera: Camera) -> Mask:
     axis = rays.mean(axis=0)
     axis /= np.linalg.norm(axis)
     cosine = float((rays @ axis).min()) - _CONE_MARGIN
-    from_centre = places @ camera.position_mcmf_m
-    square = (places**2).sum(axis=1)
+    from_centre = np.einsum("ij,j->i", places, camera.position_mcmf_m)  # one thread; it is short
+    square = np.einsum("ij,ij->i", places, places)
     seen = from_centre > square
     if not cosine > 0.0:  # a wide image, or a lens without an inverse
         return np.asarray(seen)
-    ahead = places @ axis - camera.position_mcmf_m @ axis
+    ahead = np.einsum("ij,j->i", places, axis) - camera.position_mcmf_m @ axis
     away = square - 2.0 * from_centre + camera.position_mcmf_m @ camera.position_mcmf_m
     return np.asarray(seen & (ahead > 0.0) & (ahead**2 >= cosine**2 * away))
 

@@ -83,12 +83,12 @@ def _listed(values: AnyArray | None) -> list[Any] | None:
 
 def _points(answer: Answer, catalog: Catalog) -> list[dict[str, Any]]:
     table = zip(
-        *(catalog.part(name, answer.rows).tolist() for name in ("point_id", "level")),
+        *(getattr(catalog, name)[answer.rows].tolist() for name in ("point_id", "level")),
         np.round(answer.probability, 4).tolist(),
         np.round(answer.pixel, 3).tolist(),
         np.round(np.column_stack([answer.sigma_px, answer.angle_px_deg]), 4).tolist(),
         np.round(np.column_stack([answer.sigma_m, answer.angle_deg]), 4).tolist(),
-        *(catalog.part(name, answer.rows).tolist() for name in ("longitude", "latitude")),
+        *(getattr(catalog, name)[answer.rows].tolist() for name in ("longitude", "latitude")),
         strict=True,
     )
     names = (
@@ -106,7 +106,7 @@ def points_csv(answer: Answer, catalog: Catalog) -> str:
 def _point_rows(answer: Answer, catalog: Catalog) -> list[tuple[Any, ...]]:
     of_points = ("point_id", "longitude", "latitude", "elevation", "level")
     columns = (
-        *(catalog.part(name, answer.rows).tolist() for name in of_points),
+        *(getattr(catalog, name)[answer.rows].tolist() for name in of_points),
         np.round(answer.probability, 4).tolist(),
         *np.round(answer.pixel, 3).T.tolist(),
         np.round(answer.pixel_m, 4).tolist(),

@@ -136,7 +136,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
     usable = np.flatnonzero(points.claims.usable)
     rows = points.rows[usable]
     places = catalog.position_mcmf[rows]
-    rotation = catalog.part("rotation_mcmf_to_enu", rows)
+    rotation = points.rotation[usable]
     slopes = jacobian(sensor, places) if len(rows) else np.zeros((0, 2, 6))
     on_ground = -slopes[:, :, :3] @ np.swapaxes(
         rotation, -1, -2
@@ -183,7 +183,7 @@ def _heights(catalog: Catalog, rows: Index, query: Query) -> Array:
     """1 sigma (n,) of the points' heights, metres; 0 where the catalogue does not know it."""
     if query.height_sigma_m is not None:
         return np.full(len(rows), query.height_sigma_m)
-    return np.nan_to_num(np.asarray(catalog.part("elevation_sigma", rows), np.float64))
+    return np.nan_to_num(np.asarray(catalog.elevation_sigma, np.float64)[rows])
 
 
 def _expected(

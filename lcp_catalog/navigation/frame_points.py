@@ -54,6 +54,7 @@ class FramePoints:
     rows: Index  # (n,) of the catalogue
     pixel: Array  # (n, 2)
     pixel_m: Array  # (n,) size of a pixel on the ground
+    rotation: Array  # (n, 3, 3) MCMF to each point's ENU frame
     claims: Prediction  # `cause` is a number in `CAUSES`
 
     @property
@@ -63,15 +64,20 @@ class FramePoints:
         return {"in_view": len(self.rows)} | dict(zip(CAUSES, found, strict=True))
 
 
+def require_claims(catalog: Catalog) -> None:
+    """Raise CatalogError for a catalogue that states no detection probabilities."""
+    if not catalog.has_claims:
+        raise CatalogError(
+            "the catalogue states no detection probabilities (schema 1): build it again with this version"
+        )
+
+
 def points_of_frames(catalog: Catalog, frames: Iterable[Frame]) -> Iterator[FramePoints]:
     """The points in view of every frame. The claims of several frames are read at once.
 
     CatalogError for a catalogue that states no detection probabilities.
     """
-    if not catalog.has_claims:
-        raise CatalogError(
-            "the catalogue states no detection probabilities (schema 1): build it again with this version"
-        )
+    require_claims(catalog)
     some: list[_Seen] = []
     for frame in frames:
         some.append(_seen(catalog, frame))
@@ -112,24 +118,28 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
     sizes = np.concatenate([one.pixel_m for one in seen] or [np.zeros(0)])
     claims = predict(catalog, rows, sun, view, sizes)
     for one, part in zip(seen, parts, strict=True):
-        whole = _shown_whole(catalog, one, rotation[part])
         own = _part(claims, part)
-        cause = np.where(own.usable & ~whole, CAUSES.index("edge"), own.cause)
-        stated = np.isfinite(own.covariance_m2).all(axis=(1, 2))
-        cause = np.where(own.usable & ~stated, CAUSES.index("not evaluated"), cause)
+        cause, usable = own.cause.copy(), np.flatnonzero(own.usable)
+        cut = ~_shown_whole(catalog, one, rotation[part], usable)
+        unstated = ~np.isfinite(own.covariance_m2[usable]).all(axis=(1, 2))
+        cause[usable[cut]] = CAUSES.index("edge")
+        cause[usable[unstated]] = CAUSES.index("not evaluated")
         own = replace(own, usable=cause == 0, cause=cause)
-        yield FramePoints(one.frame, one.rows, one.pixel, one.pixel_m, own)
+        yield FramePoints(one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own)
 
 
 def _part(claims: Prediction, part: slice) -> Prediction:
     return Prediction(**{name: values[part] for name, values in vars(claims).items()})
 
 
-def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array) -> Mask:
-    """True (n,) for points whose patch has all four corners in the image: claims are about those."""
-    half = 0.5 * (catalog.patch_nodes - 1) * catalog.gsd[seen.rows]
-    inside = np.ones(len(seen.rows), bool)
-    for east, north in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        corner = half[:, None] * (east * rotation[:, 0] + north * rotation[:, 1])
-        inside &= seen.frame.sensor.in_image(seen.frame.sensor.project(seen.places + corner))
+def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array, which: Index) -> Mask:
+    """True (m,) for those points in view, ``which`` (m,), whose patch has all four corners in the
+    image: claims are about such.
+    """
+    places, (east, north, _) = seen.places[which], np.moveaxis(rotation[which], 1, 0)
+    half = 0.5 * (catalog.patch_nodes - 1) * catalog.gsd[seen.rows[which], None]
+    inside = np.ones(len(which), bool)
+    for a, b in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+        corner = seen.frame.sensor.project(places + half * (a * east + b * north))
+        inside &= seen.frame.sensor.in_image(corner)
     return inside

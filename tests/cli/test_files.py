@@ -22,7 +22,12 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 NAMES = {"simulate": "frame.png"}
 """Names of outputs of the commands that are particular about endings."""
 
-PLAIN = {"--lon": "0", "--lat": "0"}
+PLAIN = {
+    "--lon": "0",
+    "--lat": "0",
+    "--center": "0 0",
+    "--range": "2026-01-01 2026-01-02 1d",
+}
 """Values of required options that are no files."""
 
 
@@ -62,7 +67,7 @@ def _line(name: str, values: dict[str, str]) -> list[str]:
         if isinstance(one, click.Argument):
             line += [value] if value else []
         elif value is not None:
-            line += [one.opts[0], PLAIN.get(one.opts[0], value)]
+            line += [one.opts[0], *PLAIN.get(one.opts[0], value).split()]
     return line
 
 

@@ -1,0 +1,102 @@
+"""Time of `lcp query`: one frame, and a trajectory of 1000 frames, on a catalogue of 100 000 points.
+
+    python benchmarks/query.py [POINTS]
+
+Writes a synthetic catalogue (`tests/helpers/many_points.py`: the whole Moon between 60 S and 60 N) and
+one of the same points within 300 km, so that every frame sees many of them, into a temporary folder.
+Times of one frame count from the import of the modules: opening the file, reading, the answer.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from helpers import many_points
+
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.view import looking_camera
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
+from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.memory import peak_mb
+from lcp_catalog.navigation.documents import document
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import Frame
+
+SUN = SunChoice(90.0, 30.0)
+FRAMES = 1000
+
+
+def near(whole: Catalog) -> Catalog:
+    """The same points within about 300 km of 0 N 0 E."""
+    lon, lat = (whole.longitude + 180.0) % 360.0 - 180.0, whole.latitude
+    lon, lat = lon / 180.0 * 5.0, lat / 60.0 * 5.0
+    return dataclasses.replace(
+        whole,
+        longitude=lon % 360.0,
+        latitude=lat,
+        position_mcmf=lonlat_to_mcmf(lon, lat, whole.elevation),
+        rotation_mcmf_to_enu=enu_rotation(lon, lat),
+    )
+
+
+def camera(lon: float, lat: float, altitude_km: float, field_deg: float = 45.0) -> Camera:
+    """A camera of 1024 x 1024 pixels that looks straight down."""
+    height = 1e3 * altitude_km
+    side = 2.0 * height * np.tan(np.radians(field_deg / 2.0))
+    frame = EnuFrame(lon, lat)
+    return looking_camera(frame, (0.0, 0.0, height), side / 1024.0, (side, side))
+
+
+def timed(name: str, path: Path, cameras: list[Camera], query: Query) -> None:
+    """One line on a query: seconds, points, peak memory of this process so far."""
+    start = time.perf_counter()
+    catalog = open_catalog(path, check=False)
+    points, usable = 0, 0
+    for answer in answers(catalog, _lit(cameras), query):
+        document(answer, catalog)
+        points, usable = points + answer.counts["in_view"], usable + answer.usable
+    seconds = time.perf_counter() - start
+    print(
+        f"{name}: {seconds:.2f} s; {points / len(cameras):.0f} points in view of a frame, "
+        f"{usable / len(cameras):.0f} usable; peak memory {peak_mb():.0f} MB"
+    )
+
+
+def _lit(cameras: list[Camera]) -> Iterator[Frame]:
+    return (Frame.lit(one, SUN) for one in cameras)
+
+
+def main() -> None:
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+    with tempfile.TemporaryDirectory() as folder:
+        moon, region = Path(folder, "moon.h5"), Path(folder, "region.h5")
+        whole = many_points.catalog(count)
+        write_catalog(whole, moon)
+        write_catalog(near(whole), region)
+        del whole
+        for name, path in (("whole Moon", moon), ("within 300 km", region)):
+            for altitude_km in (30.0, 100.0):
+                one = [camera(1.0, 2.0, altitude_km)]
+                timed(f"{name}, one frame from {altitude_km:g} km", path, one, Query())
+            timed(f"{name}, the best 50 from 100 km", path, one, Query(most=50))
+        timed("whole Moon, one frame from 2000 km", moon, [camera(1.0, 2.0, 2000.0)], Query())
+        places = np.linspace(-4.0, 4.0, FRAMES)
+        along = [camera(float(lon), 1.0, 60.0 - 5.0 * float(lon)) for lon in places]
+        timed(f"within 300 km, {FRAMES} frames", region, along, Query())
+        timed(f"within 300 km, {FRAMES} frames, the best 50", region, along, Query(most=50))
+        around = [camera(float(lon), 1.0, 100.0) for lon in np.linspace(0.0, 180.0, FRAMES)]
+        timed(f"whole Moon, {FRAMES} frames along half an orbit", moon, around, Query())
+
+
+if __name__ == "__main__":
+    main()

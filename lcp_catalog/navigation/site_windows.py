@@ -1,0 +1,179 @@
+"""When a site has how many usable points: the Sun over time, for a camera that looks at the site from
+one direction, or for one that stays where it is.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, Index
+from ..cameras.sensor import Sensor
+from ..catalog.catalogue import Catalog
+from ..catalog.prediction import predict
+from ..constants import MOON_RADIUS_M
+from ..errors import CatalogError
+from ..geometry.frames import EnuFrame, direction_enu
+from ..sun.ephemeris import apparent_sun
+from ..sun.table import sun_table
+from ..sun.times import Instants
+from .expected_position import LEAST_POINTS, Query, answers
+from .frame_points import PAIRS_AT_ONCE, Frame, require_claims
+
+Progress = Callable[[int, int], None]
+
+COLUMNS = (
+    "time_utc", "sun_azimuth_deg", "sun_elevation_deg", "usable", "expected_points",
+    "position_sigma_m",
+)  # fmt: skip
+"""One row per instant; the last one only for a camera."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Points within a square around a place, and how they are seen: ``size_m``: side of the square;
+    ``pixel_m``: size of a pixel on the ground, None: each point's cell; view: direction to the
+    camera, degrees.
+    """
+
+    frame: EnuFrame
+    size_m: float
+    pixel_m: float | None = None
+    off_nadir_deg: float = 0.0
+    view_azimuth_deg: float = 0.0
+
+    def rows(self, catalog: Catalog) -> Index:
+        """Rows of the points; CatalogError for none."""
+        places = self.frame.from_mcmf(catalog.position_mcmf)
+        near = (np.abs(places[:, :2]) <= self.size_m / 2.0).all(axis=1)
+        found = np.flatnonzero(near & (places[:, 2] > -MOON_RADIUS_M))
+        if not len(found):
+            raise CatalogError(
+                f"no point of the catalogue lies within the {self.size_m / 1e3:g} km around longitude "
+                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger --size, or another --center"
+            )
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class SiteWindows:
+    """Usable points of a site at n instants. ``usable`` (n,): their number; ``expected`` (n,): the sum
+    of their detection probabilities; ``position_sigma_m`` (n,): 1 sigma of a camera's position, NaN
+    where the points do not determine it; None without a camera.
+    """
+
+    times: Instants
+    sun_deg: Array  # (n, 2) azimuth and elevation at the site
+    points: int  # of the site, or in the camera's view
+    usable: Index
+    expected: Array
+    position_sigma_m: Array | None = None
+
+    def intervals(self, least: int = LEAST_POINTS) -> list[dict[str, Any]]:
+        """Runs of instants with at least ``least`` usable points."""
+        names = self.times.labels()
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.usable >= least, [0]])))
+        found = []
+        for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            own = self.usable[first:after]
+            elevation = self.sun_deg[first:after, 1]
+            found.append(
+                {
+                    "from": names[first],
+                    "to": names[after - 1],
+                    "instants": after - first,
+                    "usable_min": int(own.min()),
+                    "usable_max": int(own.max()),
+                    "sun_elevation_min_deg": round(float(elevation.min()), 3),
+                    "sun_elevation_max_deg": round(float(elevation.max()), 3),
+                }
+            )
+        return found
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """One record per instant, with the names of `COLUMNS`."""
+        sigma: list[float | None] = [None] * len(self.times)
+        if self.position_sigma_m is not None:
+            sigma = [float(f"{s:.6g}") if np.isfinite(s) else None for s in self.position_sigma_m]
+        columns = (
+            self.times.labels(),
+            *np.round(self.sun_deg, 4).T.tolist(),
+            self.usable.tolist(),
+            np.round(self.expected, 3).tolist(),
+            sigma,
+        )
+        for row in zip(*columns, strict=True):
+            record = dict(zip(COLUMNS, row, strict=True))
+            if self.position_sigma_m is None:
+                del record["position_sigma_m"]
+            yield record
+
+    def csv_text(self) -> str:
+        """Table of all instants (RFC 4180)."""
+        out = io.StringIO()
+        columns = COLUMNS if self.position_sigma_m is not None else COLUMNS[:-1]
+        writer = csv.DictWriter(out, columns, lineterminator="\r\n")
+        writer.writeheader()
+        writer.writerows(self.records())
+        return out.getvalue()
+
+
+def site_windows(
+    catalog: Catalog, site: Site, times: Instants, progress: Progress | None = None
+) -> SiteWindows:
+    """Usable points of a site at instants. CatalogError for a catalogue without claims, and for a
+    site without points.
+    """
+    require_claims(catalog)
+    rows = site.rows(catalog)
+    rotation = catalog.part("rotation_mcmf_to_enu", rows)
+    towards = direction_enu(site.view_azimuth_deg, 90.0 - site.off_nadir_deg)
+    pixel = np.full(len(rows), site.pixel_m) if site.pixel_m else catalog.gsd[rows]
+    suns, _ = apparent_sun(times)
+    usable, expected = np.zeros(len(times), np.int64), np.zeros(len(times))
+    step = max(1, PAIRS_AT_ONCE // len(rows))
+    for start in range(0, len(times), step):
+        sun = np.einsum("pij,tj->tpi", rotation, suns[start : start + step])
+        when, which = np.nonzero(sun[..., 2] > 0.0)
+        view = np.broadcast_to(towards, (len(when), 3))
+        found = predict(catalog, rows[which], sun[when, which], view, pixel[which])
+        part = slice(start, start + len(sun))
+        usable[part] = np.bincount(when[found.usable], minlength=len(sun))
+        weight = found.detection_probability[found.usable]
+        expected[part] = np.bincount(when[found.usable], weight, minlength=len(sun))
+        if progress:
+            progress(min(start + step, len(times)), len(times))
+    return SiteWindows(times, _sun_at(site.frame, times), len(rows), usable, expected)
+
+
+def camera_windows(
+    catalog: Catalog,
+    frame: EnuFrame,
+    sensor: Sensor,
+    times: Instants,
+    progress: Progress | None = None,
+) -> SiteWindows:
+    """Usable points of a camera that does not move, and the expected accuracy of its position, at
+    instants; the Sun's angles are those at the place of ``frame``. Errors as `answers`.
+    """
+    suns, _ = apparent_sun(times)
+    usable, expected = np.zeros(len(times), np.int64), np.zeros(len(times))
+    sigma, points = np.full(len(times), np.nan), 0
+    for k, answer in enumerate(answers(catalog, (Frame(sensor, sun) for sun in suns), Query())):
+        usable[k], expected[k] = answer.usable, answer.position.expected_points
+        points = answer.counts["in_view"]
+        if answer.position.position_sigma_m is not None:
+            sigma[k] = answer.position.position_sigma_m
+        if progress:
+            progress(k + 1, len(times))
+    return SiteWindows(times, _sun_at(frame, times), points, usable, expected, sigma)
+
+
+def _sun_at(frame: EnuFrame, times: Instants) -> Array:
+    table = sun_table(frame, times)
+    return np.stack([table.azimuth_deg, table.elevation_deg], axis=-1)
