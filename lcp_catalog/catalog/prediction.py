@@ -133,8 +133,9 @@ def predict(
     scale, at_view, elevation, azimuth = (axis.weight.sum(axis=1) <= 0.0 for axis in axes)
     inside = np.flatnonzero(~(scale | at_view | elevation | azimuth))
     found = _none(len(rows))
-    for name, values in vars(_interpolated(catalog, rows[inside], axes, inside)).items():
-        getattr(found, name)[inside] = values
+    if len(inside):
+        for name, values in vars(_interpolated(catalog, rows[inside], axes, inside)).items():
+            getattr(found, name)[inside] = values
     dark = elevation | azimuth | ~_between_elevations(catalog, sun)
     outside = zip(("scale", "view", "sun"), (scale, at_view, dark), strict=True)
     cause = found.cause
