@@ -28,6 +28,7 @@ COMMANDS = {
     "report": ("report", "Write a catalogue report as one self-contained HTML page."),
     "diff": ("diff", "Compare two catalogues point by point."),
     "export": ("export", "Write a catalogue's points in the formats of other programs."),
+    "merge": ("merge", "Join catalogues of neighbouring regions or of several cell sizes."),
     "validate": (
         "validate",
         "Find a catalogue's points in images and compare the images with renders.",

@@ -106,14 +106,14 @@ def _zone_m2(region: Area) -> float:
 
 def _plane_cells(region: Area, spacing_m: float) -> tuple[Array, Array]:
     x0, x1, y0, y1 = region.extent_m
-    x, y = np.meshgrid(_middles(x0, x1, spacing_m), _middles(y0, y1, spacing_m)[::-1])
+    x, y = np.meshgrid(middles(x0, x1, spacing_m), middles(y0, y1, spacing_m)[::-1])
     flat = np.stack([x, y, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)], axis=-1).reshape(-1, 3)
     lon, lat, _ = mcmf_to_lonlat(region.frame.to_mcmf(flat))
     inside = region.contains(lon, lat)
     return lon[inside], lat[inside]
 
 
-def _middles(low: float, high: float, step: float) -> Array:
+def middles(low: float, high: float, step: float) -> Array:
     """Centres of cells of width ``step``, centred on a span."""
     count = max(1, round((high - low) / step))
     return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step)
@@ -157,7 +157,7 @@ def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     plane = MapPlane.showing(region.bounds)
     x0, x1, y0, y1 = plane.extent_m(region.bounds)
     step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
-    x, y = _middles(x0, x1, step), _middles(y0, y1, step)[::-1]
+    x, y = middles(x0, x1, step), middles(y0, y1, step)[::-1]
     height = np.full((len(y), len(x)), np.nan, np.float32)
     for row, north in enumerate(y):
         lon, lat = plane.lonlat(x, np.full(len(x), north))

@@ -10,7 +10,6 @@ the claims, which they judge.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, pixel_size_m
 from ..catalog.catalogue import Catalog
+from ..catalog.origins import origins
 from ..catalog.patch_terrain import nodes_mcmf
 from ..images.image import Image
 from ..matching.matches import CODE, Matches
@@ -134,10 +134,18 @@ class ClaimSearch:
 
 
 def search_radius_m(catalog: Catalog, rows: Index) -> Array:
-    """Search radius (n,) of points, metres, from the build's configuration."""
-    points = tomllib.loads(catalog.config).get("points", {})
-    own = _SEARCH_NODES * catalog.gsd[rows].astype(np.float64)
-    return np.full(len(rows), float(points["search_m"])) if "search_m" in points else own
+    """Search radius (n,) of points, metres, from the configuration of the build or, in a merged
+    catalogue, of the builds with cells of the point's size.
+    """
+    gsd_m = catalog.gsd[rows].astype(np.float64)
+    radius = _SEARCH_NODES * gsd_m
+    builds = origins(catalog.config)
+    for config in (build.config for build in builds):
+        search_m = config.get("points", {}).get("search_m")
+        if search_m is not None:
+            own = (gsd_m == config.get("area", {}).get("gsd_m")) | (len(builds) == 1)
+            radius[own] = search_m
+    return radius
 
 
 def ground_errors_m(

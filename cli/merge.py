@@ -1,0 +1,38 @@
+"""``lcp merge``: catalogues joined into one."""
+
+from __future__ import annotations
+
+import click
+
+from . import options
+from .files import FileCommand, InputFile
+from .messages import say
+
+
+@click.command(cls=FileCommand)
+@click.argument(
+    "catalogs",
+    nargs=-1,
+    required=True,
+    metavar="A.h5 B.h5...",
+    type=InputFile(exists=True, dir_okay=False),
+)
+@options.output_option("C.h5")
+@options.overwrite_option
+def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
+    """Join catalogues of neighbouring regions, or of several cell sizes, into one without doubles.
+
+    Of points with the same id, and of points of one level that are nearer to each other than the spacing, the one
+    with more usable conditions is kept, as in a build. The catalogues must have the same Suns, views, image scales, patch
+    sizes and errors. Their order does not change the output.
+    """
+    from lcp_catalog.build.merging import merge_catalogs
+
+    if len(catalogs) < 2:
+        raise click.UsageError("name at least two catalogues")
+    done = merge_catalogs(catalogs, output, overwrite)
+    cells = ", ".join(" and ".join(f"{size:.5g}" for size in sizes) for sizes in done.levels_m)
+    say(
+        f"{output}: {done.points} points of {sum(done.inputs)} in {len(done.inputs)} catalogues "
+        f"({done.doubles} doubles, {done.crowded} nearer than the spacing), cells of {cells} m"
+    )
