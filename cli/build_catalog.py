@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
@@ -31,10 +31,14 @@ from .options import (
     overwrite_option,
     product_order_option,
 )
+from .value_types import POSITIVE
 
 if TYPE_CHECKING:
     from lcp_catalog.build.config import BuildConfig
     from lcp_catalog.build.run import BuildReport
+
+Inputs: TypeAlias = "tuple[tuple[str, ...], BuildConfig, float | None]"
+"""What a build is planned from: DEM files, configuration, and memory of a worker in GB (`Build.plan`)."""
 
 EXIT_SOME_FAILED = 3
 JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
@@ -61,6 +65,14 @@ _NAMES = 8
     type=click.IntRange(1, JOBS_MAX),
     metavar="N",
     help="Number of areas computed at the same time; default: number of CPU cores that the process may use.",
+)
+@click.option(
+    "--memory",
+    "memory_gb",
+    type=POSITIVE,
+    metavar="GB",
+    help="Greatest memory of each process that computes areas. Areas are made smaller for it, which changes the points near "
+    "their borders; the catalogue states their size. Default: areas of at most 512 nodes a side.",
 )
 @click.option(
     "--scheduler",
@@ -117,6 +129,7 @@ def command(
     plan_only: bool,
     as_json: bool,
     jobs: int | None,
+    memory_gb: float | None,
     part: tuple[int, int] | None,
     list_parts: bool,
     merge: bool,
@@ -136,19 +149,20 @@ def command(
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
     run = {name: given.pop(name) for name in ("scheduler", "resume", "keep_going", "overwrite")}
     config, workers = configuration(**given), jobs or _cores()
+    inputs = (dem, config, memory_gb)
     if plan_only:
-        _print_plan(dem, config, workers, as_json)
+        _print_plan(inputs, workers, as_json)
         return 0
     assert output is not None
     if list_parts:
-        _print_parts(dem, config, output, as_json)
+        _print_parts(inputs, output, as_json)
         return 0
     if merge:
-        report = _merge(dem, config, output, **run)
+        report = _merge(inputs, output, **run)
     elif part is not None:
-        return _run_part(dem, config, output, part, jobs=workers, **run)
+        return _run_part(inputs, output, part, jobs=workers, **run)
     else:
-        report = _build(dem, config, output, jobs=workers, **run)
+        report = _build(inputs, output, jobs=workers, **run)
     if depfile:
         _write_depfile(depfile, output, report.files)
     say(
@@ -194,8 +208,7 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
 
 
 def _build(
-    dem: tuple[str, ...],
-    config: BuildConfig,
+    inputs: Inputs,
     output: str,
     jobs: int,
     scheduler: str | None,
@@ -204,12 +217,12 @@ def _build(
     with _workers(jobs, scheduler) as engine:
         from lcp_catalog.build.run import build_catalog
 
-        return build_catalog(dem, config, output, **engine, **options)
+        dem, config, memory_gb = inputs
+        return build_catalog(dem, config, output, memory_gb=memory_gb, **engine, **options)
 
 
 def _run_part(
-    dem: tuple[str, ...],
-    config: BuildConfig,
+    inputs: Inputs,
     output: str,
     number: tuple[int, int],
     jobs: int,
@@ -223,7 +236,7 @@ def _run_part(
         from lcp_catalog.build.parts import Part, run_part
         from lcp_catalog.build.run import Build
 
-        build, part = Build.plan(dem, config), Part(*number)
+        build, part = Build.plan(*inputs), Part(*number)
         options = {"overwrite": overwrite, "keep_going": keep_going}
         failed = run_part(build, Path(output), part, **engine, **options)
     areas = len(part.share(build.jobs)) - len(failed)
@@ -232,8 +245,7 @@ def _run_part(
 
 
 def _merge(
-    dem: tuple[str, ...],
-    config: BuildConfig,
+    inputs: Inputs,
     output: str,
     overwrite: bool,
     keep_going: bool,
@@ -242,15 +254,15 @@ def _merge(
     from lcp_catalog.build.parts import merge_parts
     from lcp_catalog.build.run import Build
 
-    build = Build.plan(dem, config)
+    build = Build.plan(*inputs)
     return merge_parts(build, Path(output), overwrite=overwrite, keep_going=keep_going)
 
 
-def _print_parts(dem: tuple[str, ...], config: BuildConfig, output: str, as_json: bool) -> None:
+def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
     from lcp_catalog.build.parts import list_parts
     from lcp_catalog.build.run import Build
 
-    states = list_parts(Build.plan(dem, config), Path(output))
+    states = list_parts(Build.plan(*inputs), Path(output))
     rows = [
         {"part": str(state.part), "areas": state.areas, "missing": list(state.missing)}
         for state in states
@@ -267,11 +279,11 @@ def _print_parts(dem: tuple[str, ...], config: BuildConfig, output: str, as_json
     echo(f"{areas - missing} of {areas} areas are computed")
 
 
-def _print_plan(dem: tuple[str, ...], config: BuildConfig, workers: int, as_json: bool) -> None:
+def _print_plan(inputs: Inputs, workers: int, as_json: bool) -> None:
     from lcp_catalog.build.estimate import estimate
     from lcp_catalog.build.run import Build
 
-    document = estimate(Build.plan(dem, config), workers)
+    document = estimate(Build.plan(*inputs), workers)
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
+from ..dem.cache_limits import CACHES_BYTES, limit_caches
 from ..dem.error_maps import ErrorMaps
 from ..dem.height_errors import height_errors
 from ..dem.mosaic import DemSet
@@ -58,6 +59,8 @@ class AreaJob:
     errors: ErrorModel
     albedo: AlbedoMap | None = None
     maps: ErrorMaps | None = None
+    caches_mb: float = CACHES_BYTES / 1e6
+    """What the process may keep of the DEM's files (`worker_memory.caches_mb`)."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -114,15 +117,16 @@ def prepare() -> None:
 
 def run_area(job: AreaJob) -> AreaResult:
     """Evaluate one area. Raises the library's errors; an area without heights has no candidates."""
+    limit_caches(int(job.caches_mb * 1e6))
     sweep = area_sweep(job)
-    core = _Core(job, sweep.terrain, _halo(job))
+    core = _Core(job, sweep.terrain, halo_nodes(job.config, job.gsd_m))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
     return AreaResult(_evaluated(job, core, sweep, rows, cols), sweep.plan)
 
 
 def area_sweep(job: AreaJob) -> Sweep:
     """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
-    terrain, beyond = _terrain(job, _halo(job))
+    terrain, beyond = _terrain(job, halo_nodes(job.config, job.gsd_m))
     conditions = Conditions.at(job.task.lat_deg, job.config)
     brightness = job.albedo.known_nodes(terrain) if job.albedo else None
     albedo = _albedo_decision(job.albedo, terrain, brightness)
@@ -142,10 +146,9 @@ def _albedo_decision(
     return decisions.albedo(albedo, Cover.of(brightness.astype(np.float64), known))
 
 
-def _halo(job: AreaJob) -> int:
-    """Width, in nodes, of the margin around the area that the evaluation of its points uses."""
-    points = job.config.points
-    return points.search_nodes(job.gsd_m) + points.half + _CORNER_BORDER
+def halo_nodes(config: BuildConfig, gsd_m: float) -> int:
+    """Width, in nodes, of the margin around an area that the evaluation of its points uses."""
+    return config.points.search_nodes(gsd_m) + config.points.half + _CORNER_BORDER
 
 
 def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:

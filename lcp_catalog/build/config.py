@@ -176,6 +176,9 @@ LENGTH_MAX_M = 1e7
 CONDITIONS_MAX = 50_000
 """Most conditions (views times Suns) of a build; a point keeps some 40 bytes for each."""
 
+AREA_NODES_MIN = 16
+"""Least number of nodes along an area's side."""
+
 SPACING_MAX_M = 8000.0
 """Greatest default spacing, unless half a patch is wider."""
 
@@ -286,7 +289,10 @@ class ModelConfig:
             "model.albedo_encoding and model.albedo_reference need model.albedo, a map",
         )
         _require(0.0 <= self.ring_max_km <= 3000.0, "model.ring_max_km must lie in 0..3000")
-        _require(16 <= self.area_nodes_max <= 4096, "model.area_nodes_max must lie in 16..4096")
+        _require(
+            AREA_NODES_MIN <= self.area_nodes_max <= 4096,
+            f"model.area_nodes_max must lie in {AREA_NODES_MIN}..4096",
+        )
 
     @property
     def precision(self) -> Accuracy:

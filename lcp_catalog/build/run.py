@@ -34,7 +34,7 @@ from ..photometry.law_choice import Choice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, useful_cell
 from .area_job import AreaJob, run_area
-from .areas import AreaGrid, AreaTask, plan_areas
+from .areas import AreaTask
 from .assembly import Assembly
 from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
@@ -42,6 +42,7 @@ from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
 from .input_files import InputFiles
 from .sweep import Conditions, law_of_build
+from .worker_memory import caches_mb, divided
 
 log = logging.getLogger(__name__)
 
@@ -67,8 +68,17 @@ class Build:
     inputs: InputFiles = field(default_factory=InputFiles, compare=False)
 
     @classmethod
-    def plan(cls, dem_paths: Sequence[Path | str], config: BuildConfig) -> Build:
-        """Cut the region into areas. AreaError if the region has none."""
+    def plan(
+        cls,
+        dem_paths: Sequence[Path | str],
+        config: BuildConfig,
+        memory_gb: float | None = None,
+    ) -> Build:
+        """Cut the region into areas. AreaError if the region has none.
+
+        memory_gb: greatest memory of a process that computes areas (GB); areas are made smaller for it,
+        which the build's ``config`` says (`worker_memory.divided`).
+        """
         inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
         inputs.add(dems.files)
@@ -77,8 +87,7 @@ class Build:
         cell = _cell(config, dems, region)
         gsd_m = cell.gsd_m
         config.points.check_cells(gsd_m)
-        grid = AreaGrid.for_cell(gsd_m, config.model)
-        tasks = plan_areas(grid, region, gsd_m)
+        config, grid, tasks = divided(region, gsd_m, config, memory_gb)
         if not tasks:
             raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
         _require_sunlight(tasks, config)
@@ -93,7 +102,8 @@ class Build:
         inputs.add(maps.files if maps else ())
         errors = error_model(config, dems, region, maps)
         given = (grid, region, gsd_m, config, dems, choice, errors, albedo, maps)
-        jobs = tuple(AreaJob(task, *given) for task in tasks)
+        caches = caches_mb(memory_gb)
+        jobs = tuple(AreaJob(task, *given, caches_mb=caches) for task in tasks)
         return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps, inputs)
 
     @property
@@ -183,6 +193,7 @@ def build_catalog(
     output: Path | str,
     *,
     jobs: int = 1,
+    memory_gb: float | None = None,
     scheduler: str | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -192,7 +203,8 @@ def build_catalog(
 ) -> BuildReport:
     """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
 
-    jobs: processes that compute areas at the same time; the result does not depend on it.
+    jobs: processes that compute areas at the same time; the result does not depend on it. memory_gb: greatest
+    memory of each (GB); areas are made smaller for it, and the points near their borders change.
     scheduler: address, or scheduler file, of a dask scheduler that computes the areas instead. resume: keep the finished
     areas of an interrupted run with the same inputs. overwrite: replace an existing output; with
     resume, also finished areas of a run with other inputs.
@@ -200,10 +212,11 @@ def build_catalog(
     AreaFailedError. progress: called with the number of finished areas and of all areas. started:
     processes that run already (`executor.starting_workers`).
 
-    Raises the library's errors (`errors`): AreaError for a region without cells, SunError if the Sun
+    Raises the library's errors (`errors`): AreaError for a region without cells, ConfigError for a memory
+    that is too small for any area, SunError if the Sun
     reaches none of the configured directions, OutputExistsError, and those of the files that are read.
     """
-    build = Build.plan(dem_paths, config)
+    build = Build.plan(dem_paths, config, memory_gb)
     return run_build(
         build,
         Path(output),

@@ -20,7 +20,7 @@ Window = tuple[int, int, int, int]
 """First row, row behind the last, first column, column behind the last."""
 
 LIMIT_BYTES = 256 << 20
-"""Greatest size of the cache in a process; the least recently used tiles are removed first."""
+"""Greatest size of the tiles in a process (`limit`); the least recently used ones are removed first."""
 
 RECENT = 4
 """Windows that `recent` keeps in a process."""
@@ -38,7 +38,7 @@ class _Store:
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.tiles: OrderedDict[Hashable, Float32] = OrderedDict()
-        self.held_bytes = 0
+        self.held_bytes, self.limit_bytes = 0, LIMIT_BYTES
 
     def find(self, key: Hashable) -> Float32 | None:
         with self.lock:
@@ -51,12 +51,22 @@ class _Store:
             if key not in self.tiles:
                 self.tiles[key] = tile
                 self.held_bytes += tile.nbytes
-            while self.held_bytes > LIMIT_BYTES and len(self.tiles) > 1:
+            while self.held_bytes > self.limit_bytes and len(self.tiles) > 1:
                 _, oldest = self.tiles.popitem(last=False)
                 self.held_bytes -= oldest.nbytes
 
 
 _store = _Store()
+
+
+def limit(size_bytes: int) -> None:
+    """Let the tiles of this process take so much memory, at most `LIMIT_BYTES`; the next tile that is
+    read frees what is too much.
+    """
+    with _store.lock:
+        _store.limit_bytes = min(size_bytes, LIMIT_BYTES)
+
+
 _windows: OrderedDict[Hashable, tuple[Window, Float32]] = OrderedDict()
 
 

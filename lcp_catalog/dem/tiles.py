@@ -8,6 +8,7 @@ import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -26,8 +27,10 @@ File = TypeVar("File", bound=Gridded)
 Box = tuple[tuple[float, float], tuple[float, float]]
 """Least and greatest column, least and greatest row, on the first file's lattice."""
 
-_WINDOW_PIXELS = 32_000_000
-"""Windows with more pixels are read in parts."""
+_WINDOW_PIXELS = 16_000_000
+"""Windows with more pixels are read in parts; a pixel takes some 20 bytes meanwhile."""
+_BLOCK_PIXELS = 2_000_000
+"""Pixels that are read together for means of blocks, if a block is not larger."""
 _MARGIN = 2
 """Pixels beside a fractional one that cubic convolution uses."""
 _SPARE_PX = 16
@@ -300,18 +303,18 @@ class Layer(Generic[File]):
         below = min(row1, last_row + 1)
         if left >= right:
             return out
-        strip = max(1, _WINDOW_PIXELS // (factor * factor * (right - left)))
-        columns = np.arange(left * factor, right * factor) if grid.pole else np.zeros(1)
-        for top in range(above, below, strip):
-            bottom = min(top + strip, below)
-            pixels = self._pixels(
-                number, top * factor, bottom * factor, left * factor, right * factor
-            )
-            rows = np.arange(top * factor, bottom * factor)[:, None]
+        together = max(1, _BLOCK_PIXELS // factor**2)
+        across = min(right - left, together)
+        down = together // across
+        for top, first in product(range(above, below, down), range(left, right, across)):
+            bottom, last = min(top + down, below), min(first + across, right)
+            box = (top * factor, bottom * factor, first * factor, last * factor)
+            columns = np.arange(box[2], box[3]) if grid.pole else np.zeros(1)
+            rows = np.arange(box[0], box[1])[:, None]
             weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
-            means = np.empty((bottom - top, right - left), np.float32)
-            heights.block_means(pixels, weight, factor, means)
-            out[top - row0 : bottom - row0, left - col0 : right - col0] = means
+            means = np.empty((bottom - top, last - first), np.float32)
+            heights.block_means(self._pixels(number, *box), weight, factor, means)
+            out[top - row0 : bottom - row0, first - col0 : last - col0] = means
         return out
 
     def _pixels(self, number: int, row0: int, row1: int, col0: int, col1: int) -> Float32:

@@ -92,6 +92,26 @@ def ring_for_rays_m(
     return min(_needed_m(_coarse(dems, frame, window, gsd_m, reach_m), tangent), limit_m)
 
 
+def most_nodes(
+    window: NodeWindow, gsd_m: float, light_tangent: float, view_tangent: float, limit_m: float
+) -> int:
+    """Greatest number of nodes that the terrain of a window can have, with that around it up to
+    ``limit_m``, under light and views that climb with at least a tangent (inf: straight up).
+    """
+    own = Extent.of(window, gsd_m)
+    near_m = max(NEAR_NODES * gsd_m, min(limit_m, _sight_m(view_tangent, own.turn_rad)))
+    reach_m = min(limit_m, _sight_m(light_tangent, own.turn_rad))
+    spans_m, count = (own.x1 - own.x0, own.y1 - own.y0), 0
+    cell_m, outer_m = gsd_m, near_m
+    while not count or outer_m < 2.0 * reach_m:
+        count += math.prod(
+            math.ceil((span + 2.0 * min(outer_m, max(reach_m, near_m))) / cell_m) + 2
+            for span in spans_m
+        )
+        cell_m, outer_m = 2.0 * cell_m, 2.0 * outer_m
+    return count
+
+
 def build_surrounded(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, found: Surroundings
 ) -> Terrain:

@@ -34,7 +34,9 @@ _LIMB = 0.985
 """Nodes further out than this share of the radius (80 deg from the centre), where the terrain is
 seen edge-on, get no height.
 """
-_BLOCK_NODES = 2_000_000
+_BLOCK_NODES = 200_000
+"""Nodes that are solved together, each with some 200 bytes; their heights do not depend on the others."""
+
 _NODES_MAX = 400_000_000
 
 
@@ -141,6 +143,16 @@ def sample_patches(
     _require_gsd(gsd_m)
     if not len(lon_deg):
         return []
+    together = max(1, _BLOCK_NODES // size**2)
+    patches: list[Patch] = []
+    for first in range(0, len(lon_deg), together):
+        some = np.s_[first : first + together]
+        patches += _patches(dems, lon_deg[some], lat_deg[some], size, gsd_m)
+    return patches
+
+
+def _patches(dems: DemSet, lon_deg: Array, lat_deg: Array, size: int, gsd_m: float) -> list[Patch]:
+    """`sample_patches` of points that are solved together."""
     heights, numbers = dems.heights(lon_deg, lat_deg, gsd_m)
     if (numbers < 0).any():
         lon, lat = (float(angle[numbers < 0][0]) for angle in (lon_deg, lat_deg))

@@ -48,7 +48,7 @@ def test_a_window_is_put_together_from_tiles(factor) -> None:
 
 
 def test_the_oldest_go_first(monkeypatch) -> None:
-    monkeypatch.setattr(block_cache, "LIMIT_BYTES", 3 * 64 * 64 * 4)
+    monkeypatch.setattr(block_cache._store, "limit_bytes", 3 * 64 * 64 * 4)
     calls: list = []
     for column in (0, 64, 128, 0, 192):  # the fourth asks for the first again
         block_cache.window("a", 64, 0, 1, column, column + 1, blocks(calls))
