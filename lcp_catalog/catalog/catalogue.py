@@ -24,7 +24,6 @@ from .schema import (
     ADDED_IN_1_1,
     CLAIMS,
     COVERAGE_UNKNOWN,
-    LARGE_VERSION,
     OPTIONAL,
     PACKED,
     SCHEMA_VERSION,
@@ -328,7 +327,7 @@ class Catalog:
             "Conventions": CONVENTIONS,
             "title": self.title,
             "product_version": self.product_version,
-            "schema_version": self._version,
+            "schema_version": SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION,
             "software": SOFTWARE,
             "software_version": self.software_version,
             "body": "MOON",
@@ -339,13 +338,6 @@ class Catalog:
             "scene_plan": json.dumps(self.scene_plan, sort_keys=True),
             **self._claim_attributes(),
         }
-
-    @property
-    def _version(self) -> str:
-        if not self.has_claims:
-            return UNCLAIMED_VERSION
-        large = self.overview.projection != ORTHOGRAPHIC or self.coverage.step_m is not None
-        return LARGE_VERSION if large else SCHEMA_VERSION
 
     def _claim_attributes(self) -> dict[str, Any]:
         if not self.has_claims:

@@ -15,6 +15,7 @@ from ..geometry.map_plane import ORTHOGRAPHIC
 from .checks import shape_problems
 from .layout import (
     CLAIM_ATTRIBUTES,
+    CRS,
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
@@ -22,10 +23,20 @@ from .layout import (
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
     TEXT,
+    former_attributes,
+    grid_mapping,
     key,
     variable_attributes,
 )
-from .schema import ADDED_IN_1_1, CLAIMS, FORMER_NAMES, OPTIONAL, SCHEMA_VERSION, Variable
+from .schema import (
+    ADDED_IN_1_1,
+    CLAIMS,
+    FORMER_NAMES,
+    OPTIONAL,
+    SCHEMA_VERSION,
+    WITHOUT_PLACES,
+    Variable,
+)
 
 HDF5_ERRORS = (
     OSError,
@@ -65,6 +76,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
     problems = list(_attribute_problems(file, "", _wanted(file)))
     shapes: dict[str, tuple[int, ...]] = {}
     step, wanted = _sigma_step(file), variables(file)
+    placed = file.attrs["schema_version"] not in WITHOUT_PLACES
     scales: dict[Any, str] = {}
     for group, members in GROUPS.items():
         place = _member(file, group) if group else file
@@ -84,7 +96,11 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 shapes[key(group, short)] = dataset.shape
                 if dataset.is_scale:
                     scales[dataset.id] = short
-                expected = variable_attributes(short, members[short], step, _projection(place))
+                expected = variable_attributes(
+                    group, short, members[short], step, _projection(place)
+                )
+                if not placed:
+                    expected = former_attributes(expected)
                 faults = [
                     *_type_faults(dataset, members[short], scales),
                     *_attribute_faults(dataset, short, expected),
@@ -93,7 +109,27 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]
             except HDF5_ERRORS as error:
                 problems.append(f"{key(group, short)}: is damaged: {line_of(error)}")
+        problems += _crs_problems(place, group) if placed else []
     return problems + shape_problems(shapes)
+
+
+def _crs_problems(place: h5py.Group, group: str) -> Iterator[str]:
+    """Faults of the variable that holds the CRS of a group for maps."""
+    try:
+        names = group_names(place, group)
+        if any(_attribute_fault(place, name) for name in names):
+            return  # named already
+        expected = grid_mapping(group, {name: place.attrs[name] for name in names})
+        if not expected:
+            return
+        found = _member(place, CRS)
+        if not isinstance(found, h5py.Dataset):
+            yield f"{key(group, CRS)}: the variable is {_kind(found)}"
+            return
+        for fault in _attribute_faults(found, CRS, expected):
+            yield f"{key(group, CRS)}: {fault}"
+    except HDF5_ERRORS as error:
+        yield f"{key(group, CRS)}: is damaged: {line_of(error)}"
 
 
 def variables(file: h5py.File) -> dict[str, Variable]:

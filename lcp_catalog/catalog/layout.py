@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray
-from ..geometry.map_plane import ORTHOGRAPHIC
+from ..constants import MOON_RADIUS_M
+from ..geometry.map_plane import (
+    EQUIRECTANGULAR,
+    GEOGRAPHIC_WKT,
+    ORTHOGRAPHIC,
+    POLAR_STEREOGRAPHIC,
+    MapPlane,
+)
 from .packing import packing
 from .schema import (
     CLAIMS,
@@ -94,11 +101,60 @@ def is_claim(path: str) -> bool:
     return path in CLAIMS
 
 
+CRS, CRS_ATTRIBUTE = "crs", "grid_mapping"
+"""Variable of a group for maps that holds its CRS, as attributes for CF readers and GDAL."""
+
+
+def grid_mapping(group: str, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of `CRS` of a group with the attributes ``numbers``; empty for a group without. ValueError
+    for a plane that does not exist.
+    """
+    if group == "coverage":
+        return {
+            "grid_mapping_name": "latitude_longitude",
+            "longitude_of_prime_meridian": 0.0,
+            "earth_radius": MOON_RADIUS_M,
+            "crs_wkt": GEOGRAPHIC_WKT,
+        }
+    if group != "overview":
+        return {}
+    plane = MapPlane(
+        str(numbers.get("projection", ORTHOGRAPHIC)),
+        float(numbers["center_lon"]),
+        float(numbers["center_lat"]),
+    )
+    return {
+        "grid_mapping_name": plane.projection.replace(" ", "_"),
+        **_origin(plane),
+        "false_easting": 0.0,
+        "false_northing": 0.0,
+        "earth_radius": MOON_RADIUS_M,
+        "crs_wkt": plane.wkt,
+    }
+
+
+def _origin(plane: MapPlane) -> dict[str, float]:
+    """Numbers of the projection by their names in CF."""
+    lon, lat = plane.center_lon, plane.center_lat
+    if plane.projection == POLAR_STEREOGRAPHIC:
+        return {
+            "straight_vertical_longitude_from_pole": lon,
+            "latitude_of_projection_origin": lat,
+            "scale_factor_at_projection_origin": 1.0,
+        }
+    found = {"longitude_of_projection_origin": lon, "latitude_of_projection_origin": lat}
+    return found | ({"standard_parallel": lat} if plane.projection == EQUIRECTANGULAR else {})
+
+
 def variable_attributes(
-    name: str, variable: Variable, sigma_step_m: float = 1.0, projection: str = ORTHOGRAPHIC
+    group: str,
+    name: str,
+    variable: Variable,
+    sigma_step_m: float = 1.0,
+    projection: str = ORTHOGRAPHIC,
 ) -> dict[str, Any]:
-    """Attributes of a variable: unit, meaning, and those that CF readers need for flags, text,
-    packed numbers and the views' angles. ``projection``: that of the overview.
+    """Attributes of a variable of a group: unit, meaning, and those that CF readers need for flags,
+    text, packed numbers and places. ``projection``: that of the overview.
     """
     meaning = variable.long_name.replace(ORTHOGRAPHIC, projection)
     found: dict[str, Any] = {"long_name": meaning, "units": variable.units}
@@ -120,9 +176,38 @@ def variable_attributes(
         found |= {"flag_values": np.array([0, 1], np.uint8), "flag_meanings": "no yes"}
     if name == "usable":
         found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
-    if "view" in variable.dims and len(variable.dims) > 1:
-        found["coordinates"] = "view_off_nadir view_azimuth view_altitude"
-    return found
+    return found | _places(group, name, variable)
+
+
+_VIEWS = "view_off_nadir view_azimuth view_altitude"
+"""Coordinates of variables that depend on the view."""
+
+_PLACES = {"": "point_id longitude latitude", "coverage": "longitude latitude"}
+"""Coordinates of the points and of the cells."""
+
+
+def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
+    """Attributes that say where the values of a variable lie."""
+    if group == "overview" and name in ("x", "y"):
+        return {"standard_name": f"projection_{name}_coordinate", "axis": name.upper()}
+    found = {CRS_ATTRIBUTE: CRS} if group and variable.dims != (name,) else {}
+    own = _PLACES.get(group, "")
+    if name in own.split():
+        return {}
+    if variable.dims[0] not in ("point", "cell") or variable.dims == (name,):
+        return found
+    by_view = not group and "view" in variable.dims
+    return found | {"coordinates": f"{own} {_VIEWS}" if by_view else own}
+
+
+def former_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
+    """Attributes of a variable in files of `schema.WITHOUT_PLACES`."""
+    new = (CRS_ATTRIBUTE, "axis")
+    found = {name: value for name, value in attributes.items() if name not in new}
+    if str(found.get("standard_name", "")).startswith("projection"):
+        del found["standard_name"]
+    coordinates = found.pop("coordinates", "")
+    return found | ({"coordinates": _VIEWS} if _VIEWS in coordinates else {})
 
 
 def centred(count: int) -> NDArray[np.int32]:

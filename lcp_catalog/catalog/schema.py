@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
 
-SCHEMA_VERSION = "2.0"
+SCHEMA_VERSION = "2.2"
 """Version of files that state claims; later minor versions are read as well."""
 
-LARGE_VERSION = "2.1"
-"""Version of files of a region that no tangent plane shows; all others keep `SCHEMA_VERSION`."""
-
-UNCLAIMED_VERSION = "1.2"
+UNCLAIMED_VERSION = "1.3"
 """Version of files without claims: readers of schema 1 open them."""
+
+WITHOUT_PLACES = ("1.0", "1.1", "1.2", "2.0", "2.1")
+"""Versions whose variables do not name their coordinates and their CRS."""
 
 FORMER_NAMES = {
     "elevation_sigma": ("published 1-sigma of the DEM product's heights, NaN for none",),

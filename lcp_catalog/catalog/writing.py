@@ -20,7 +20,7 @@ from ..held_signals import HeldSignals
 from .catalogue import Catalog, Coverage
 from .checks import first_few, lines, part_findings, shape_problems
 from .disk_stream import DiskStream
-from .layout import GROUPS, TEXT, Values, digests, key, variable_attributes
+from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
 from .schema import Variable
 
 _CHUNK_BYTES = 2**18
@@ -170,18 +170,21 @@ class NewCatalog:
             if key(group, name) in self._fixed
         }
         for name in sorted(variables, key=lambda name: variables[name].dims != (name,)):
-            self._create_variable(place, name, variables[name], self._fixed[key(group, name)])
+            self._create_variable(place, group, name, variables[name])
             self._check()
+        if mapped := grid_mapping(group, attributes or {}):
+            place.create_dataset(CRS, (), "i4", track_times=False).attrs.update(mapped)
 
     def _create_variable(
-        self, place: h5py.Group, name: str, variable: Variable, array: AnyArray
+        self, place: h5py.Group, group: str, name: str, variable: Variable
     ) -> None:
+        array = self._fixed[key(group, name)]
         of_points = variable.dims[0] == "point" and name != "point"
         shape = (self._points, *array.shape[1:]) if of_points else array.shape
         text = variable.dtype == TEXT
         kind = h5py.string_dtype("utf-8", self._text_bytes) if text else array.dtype
         attributes = variable_attributes(
-            name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
+            group, name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
         )
         dataset = place.create_dataset(
             name,

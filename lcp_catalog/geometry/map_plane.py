@@ -21,6 +21,13 @@ EQUIRECTANGULAR = "equirectangular"
 POLAR_STEREOGRAPHIC = "polar stereographic"
 PROJECTIONS = (ORTHOGRAPHIC, EQUIRECTANGULAR, POLAR_STEREOGRAPHIC)
 
+GEOGRAPHIC_WKT = (
+    'GEOGCS["GCS_Moon_2015",DATUM["D_Moon_2015",'
+    f'SPHEROID["Moon_2015_IAU_IAG",{MOON_RADIUS_M:.1f},0]],'
+    'PRIMEM["Reference_Meridian",0],UNIT["degree",0.0174532925199433]]'
+)
+"""Longitude and latitude on the sphere, WKT 1."""
+
 _POLAR_REACH_DEG = 75.0
 """Greatest distance from the pole of a polar map."""
 _EDGE = 129
@@ -55,6 +62,30 @@ class MapPlane:
                 return cls(POLAR_STEREOGRAPHIC, 0.0, pole)
         lon, lat = (box.west + box.east) / 2.0 % 360.0, (box.south + box.north) / 2.0
         return cls(EQUIRECTANGULAR, lon, lat)
+
+    @property
+    def wkt(self) -> str:
+        """The CRS whose x and y are those of the plane, in metres, for points of the sphere; WKT 1."""
+        lon = self.center_lon - 360.0 if self.center_lon > 180.0 else self.center_lon
+        lon, lat = float(lon), float(self.center_lat)
+        method, parameters = {
+            ORTHOGRAPHIC: ("Orthographic", {"latitude_of_origin": lat, "central_meridian": lon}),
+            EQUIRECTANGULAR: (
+                "Equirectangular",
+                {"standard_parallel_1": lat, "latitude_of_origin": lat, "central_meridian": lon},
+            ),
+            POLAR_STEREOGRAPHIC: (
+                "Polar_Stereographic",
+                {"latitude_of_origin": lat, "central_meridian": lon, "scale_factor": 1},
+            ),
+        }[self.projection]
+        named = "".join(f'PARAMETER["{name}",{value!r}],' for name, value in parameters.items())
+        return (
+            f'PROJCS["Moon {self.projection}, centred at {lon:.6f} {lat:.6f}",'
+            f'{GEOGRAPHIC_WKT},PROJECTION["{method}"],{named}'
+            'PARAMETER["false_easting",0],PARAMETER["false_northing",0],'
+            'UNIT["metre",1],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+        )
 
     @cached_property
     def _frame(self) -> EnuFrame:

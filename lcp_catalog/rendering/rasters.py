@@ -16,8 +16,8 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
 from rasterio.transform import Affine
 
-from ..constants import MOON_RADIUS_M
 from ..geometry.frames import EnuFrame
+from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 
 TILE = 256
 _GAMMA = 1.2
@@ -32,18 +32,7 @@ def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
     not on its own vertical. At d metres from the centre, its longitude and latitude therefore differ
     by about h d / R metres.
     """
-    lon = frame.lon_deg - 360.0 if frame.lon_deg > 180.0 else frame.lon_deg
-    return rasterio.CRS.from_wkt(
-        f'PROJCS["Moon orthographic, centred at {lon:.6f} {frame.lat_deg:.6f}",'
-        'GEOGCS["GCS_Moon_2015",DATUM["D_Moon_2015",'
-        f'SPHEROID["Moon_2015_IAU_IAG",{MOON_RADIUS_M:.1f},0]],'
-        'PRIMEM["Reference_Meridian",0],UNIT["degree",0.0174532925199433]],'
-        'PROJECTION["Orthographic"],'
-        f'PARAMETER["latitude_of_origin",{float(frame.lat_deg)!r}],'
-        f'PARAMETER["central_meridian",{float(lon)!r}],'
-        'PARAMETER["false_easting",0],PARAMETER["false_northing",0],'
-        'UNIT["metre",1],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
-    )
+    return rasterio.CRS.from_wkt(MapPlane(ORTHOGRAPHIC, frame.lon_deg, frame.lat_deg).wkt)
 
 
 def node_transform(x0_m: float, y0_m: float, gsd_m: float) -> Affine:

@@ -38,7 +38,7 @@ def copy(written: Path, tmp_path: Path) -> Path:
 def test_what_was_written_is_read(written: Path) -> None:
     before, after = catalogs.claimed(12), open_catalog(written)
     assert verify(written) == []
-    assert before.schema_version == after.schema_version == "2.0"
+    assert before.schema_version == after.schema_version == "2.2"
     for name, array in before.values().items():
         np.testing.assert_array_equal(after.values()[name], array, err_msg=name)
     for name in (*NAMES, "image_scale", "universal", "level"):
@@ -76,17 +76,17 @@ def test_xarray_unpacks_it_by_name(written: Path) -> None:
         assert found["usable"].dims == ("cell", "view", "sun_elevation", "sun_azimuth")
 
 
-def test_a_file_without_claims_is_one_of_schema_1_2(tmp_path: Path) -> None:
+def test_a_file_without_claims_is_one_of_schema_1_3(tmp_path: Path) -> None:
     """The layout that lcp 0.1 wrote: no variable and no attribute of schema 2."""
     path = tmp_path / "old.h5"
     write_catalog(catalogs.catalog(12), path)
     with h5py.File(path) as file:
-        assert file.attrs["schema_version"] == "1.2"
+        assert file.attrs["schema_version"] == "1.3"
         assert not {"errors", "sigma_step_m"} & set(file.attrs)
         assert not {*NAMES, "image_scale", "universal", "level"} & set(file)
         assert set(file["coverage"]) == {"cell", "longitude", "latitude", "status"}
     found = open_catalog(path)
-    assert found.schema_version == "1.2"
+    assert found.schema_version == "1.3"
     assert not found.has_claims
     assert found.detection_probability is found.errors is found.min_detection is None
     assert found.level.tolist() == [0] * 12
@@ -257,7 +257,7 @@ def test_no_damage_raises_or_passes(written: Path, tmp_path: Path) -> None:
 def test_the_summary_counts_universal_points() -> None:
     found = catalogs.claimed(12)
     says = summary.summary(found)
-    assert says["schema_version"] == "2.0"
+    assert says["schema_version"] == "2.2"
     assert says["universal_points"] == int(found.universal.sum())
     assert says["min_detection"] == 0.9
     assert summary.summary(catalogs.catalog(12))["min_detection"] is None

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pyproj
 import pytest
+import rasterio
 import xarray
 from helpers import catalogs
 
@@ -76,6 +79,9 @@ def test_xarray_reads_it_by_name(written: Path) -> None:
                 found[name], expected[name], rtol=1e-6
             ) if name != "dem_product" else None
         assert found["dem_product"].values.tolist() == ["WAC GLD100"] * 12
+        for name in ("point_id", "longitude", "latitude"):
+            assert name in found.coords
+            assert name in found["harris_response"].coords
         for name in ("point", "patch_row", "patch_col", "view", "sun_elevation", "sun_azimuth"):
             assert name in found.coords
         assert {"view_off_nadir", "view_azimuth", "view_altitude"} <= set(found["condition"].coords)
@@ -107,6 +113,80 @@ def test_xarray_reads_the_groups(written: Path) -> None:
             schema.COVERAGE_STATUS.values()
         )
         assert found.attrs["spacing_m"] == 9000.0
+        assert {"longitude", "latitude"} <= set(found["status"].coords)
+        crs = pyproj.CRS.from_cf(found[found["status"].attrs["grid_mapping"]].attrs)
+        assert crs.ellipsoid.semi_major_metre == crs.ellipsoid.semi_minor_metre == 1737400.0
+
+
+PLANES = [
+    ("orthographic", *catalogs.CENTER),
+    ("orthographic", 200.0, -70.0),
+    ("equirectangular", 190.0, 20.0),
+    ("polar stereographic", 0.0, 90.0),
+    ("polar stereographic", 0.0, -90.0),
+]
+
+
+@pytest.mark.parametrize(("projection", "lon", "lat"), PLANES)
+def test_gdal_places_the_overview(projection: str, lon: float, lat: float, tmp_path: Path) -> None:
+    """A pixel's centre is its node: GDAL's netCDF driver and PROJ give the longitude and latitude of the
+    plane's own formulas, and so do the CF numbers without the text of the CRS.
+    """
+    made = catalogs.arrays(3)
+    overview = replace(made["overview"], projection=projection, center_lon=lon, center_lat=lat)
+    write_catalog(catalogs.catalog(3, overview=overview), tmp_path / "c.h5")
+    assert verify(tmp_path / "c.h5") == []
+    with rasterio.open(f"netcdf:{tmp_path / 'c.h5'}:/overview/height") as found:
+        np.testing.assert_array_equal(found.read(1), overview.height)
+        corner, crs = found.transform @ (0.5, 0.5), pyproj.CRS.from_wkt(found.crs.to_wkt())
+    assert corner == pytest.approx((overview.x[0], overview.y[0]), abs=1e-6)
+    sphere = pyproj.CRS.from_dict({"proj": "longlat", "R": 1737400})
+    expected = overview.plane.lonlat(*corner)
+    with h5py.File(tmp_path / "c.h5") as file:
+        numbers = {k: v for k, v in file["overview/crs"].attrs.items() if k != "crs_wkt"}
+    planes = [crs]
+    if projection != "equirectangular":  # CF has no name for it
+        planes.append(pyproj.CRS.from_cf(numbers))
+    for plane in planes:
+        place = pyproj.Transformer.from_crs(plane, sphere, always_xy=True).transform(*corner)
+        away = (np.array(place) - expected + 180.0) % 360.0 - 180.0
+        assert np.abs(away).max() < 1e-9
+
+
+def _aged(path: Path) -> None:
+    """Make a file one of the schema before: without coordinates, CRS and their attributes."""
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = "1.2"
+        for group in (file, file["overview"], file["coverage"]):
+            group.pop("crs", None)
+            for item in group.values():
+                if isinstance(item, h5py.Dataset):
+                    views = "view_off_nadir view_azimuth view_altitude"
+                    by_view = views in item.attrs.get("coordinates", "")
+                    for name in ("coordinates", "grid_mapping", "axis"):
+                        item.attrs.pop(name, None)
+                    if by_view:
+                        item.attrs["coordinates"] = views
+        for name in "xy":
+            del file[f"overview/{name}"].attrs["standard_name"]
+
+
+def test_files_of_the_schema_before_are_read(copy: Path) -> None:
+    _aged(copy)
+    assert [line for line in verify(copy) if not line.startswith("content_sha256")] == []
+    assert open_catalog(copy).schema_version == "1.2"
+    with h5py.File(copy, "r+") as file:
+        file.attrs["schema_version"] = "1.3"
+    problems = verify(copy)
+    assert "overview/crs: the variable is missing" in problems
+    assert any(line.startswith("coverage/status: grid_mapping is None") for line in problems)
+
+
+@pytest.mark.parametrize("name", ["crs_wkt", "latitude_of_projection_origin"])
+def test_a_changed_crs_is_named(copy: Path, name: str) -> None:
+    with h5py.File(copy, "r+") as file:
+        file["overview/crs"].attrs[name] = 7.0
+    assert any(line.startswith(f"overview/crs: {name} is 7.0") for line in verify(copy))
 
 
 def test_global_attributes(written: Path) -> None:
@@ -128,7 +208,9 @@ def test_every_dataset_is_chunked_packed_and_checksummed(written: Path) -> None:
     with h5py.File(written) as file:
 
         def look(name: str, item: h5py.Dataset | h5py.Group) -> None:
-            if isinstance(item, h5py.Dataset):
+            if (
+                isinstance(item, h5py.Dataset) and item.shape
+            ):  # HDF5 has no chunk for a single value
                 assert item.chunks, name
                 assert (item.compression, item.compression_opts) == ("gzip", 4), name
                 assert item.shuffle, name
