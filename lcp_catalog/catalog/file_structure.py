@@ -289,8 +289,13 @@ def _attribute_faults(
         former = FORMER_NAMES.get(short, ()) if name == "long_name" else ()
         if isinstance(found, str) and found in former:
             continue
-        if not np.array_equal(found, expected):
+        if not (np.array_equal(found, expected) or _both_nan(found, expected)):
             yield f"{name} is {_shown(found)} instead of {expected!s}"
+
+
+def _both_nan(found: Any, expected: Any) -> bool:
+    numbers = isinstance(found, np.floating) and isinstance(expected, np.floating)
+    return bool(numbers and np.isnan(found) and np.isnan(expected))
 
 
 def _shown(value: Any) -> str:

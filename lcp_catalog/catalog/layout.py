@@ -176,6 +176,8 @@ def variable_attributes(
         found |= {"flag_values": np.array([0, 1], np.uint8), "flag_meanings": "no yes"}
     if name == "usable":
         found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
+    if group == "overview" and name == "height":
+        found["_FillValue"] = np.float32(np.nan)  # GDAL reads NaN as 0 without it
     return found | _places(group, name, variable)
 
 
@@ -204,6 +206,8 @@ def former_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
     """Attributes of a variable in files of `schema.WITHOUT_PLACES`."""
     new = (CRS_ATTRIBUTE, "axis")
     found = {name: value for name, value in attributes.items() if name not in new}
+    if np.isnan(found.get("_FillValue", 0)):
+        del found["_FillValue"]
     if str(found.get("standard_name", "")).startswith("projection"):
         del found["standard_name"]
     coordinates = found.pop("coordinates", "")

@@ -84,7 +84,7 @@ def test_a_file_without_claims_is_one_of_schema_1_3(tmp_path: Path) -> None:
         assert file.attrs["schema_version"] == "1.3"
         assert not {"errors", "sigma_step_m"} & set(file.attrs)
         assert not {*NAMES, "image_scale", "universal", "level"} & set(file)
-        assert set(file["coverage"]) == {"cell", "longitude", "latitude", "status"}
+        assert set(file["coverage"]) == {"cell", "longitude", "latitude", "status", "crs"}
     found = open_catalog(path)
     assert found.schema_version == "1.3"
     assert not found.has_claims

@@ -167,13 +167,15 @@ def _aged(path: Path) -> None:
                         item.attrs.pop(name, None)
                     if by_view:
                         item.attrs["coordinates"] = views
+        del file["overview/height"].attrs["_FillValue"]
         for name in "xy":
             del file[f"overview/{name}"].attrs["standard_name"]
+        catalogs.sign(file)
 
 
 def test_files_of_the_schema_before_are_read(copy: Path) -> None:
     _aged(copy)
-    assert [line for line in verify(copy) if not line.startswith("content_sha256")] == []
+    assert verify(copy) == []
     assert open_catalog(copy).schema_version == "1.2"
     with h5py.File(copy, "r+") as file:
         file.attrs["schema_version"] = "1.3"
@@ -389,11 +391,12 @@ def test_structure_is_checked(copy: Path) -> None:
 def test_other_versions_are_refused(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file.attrs["schema_version"] = "3.0"
-    assert verify(copy) == ["schema version 3.0 is not understood here (2.0); use a newer lcp"]
+    assert verify(copy) == ["schema version 3.0 is not understood here (2.2); use a newer lcp"]
 
 
 def test_a_file_of_schema_1_0_is_read(copy: Path) -> None:
     """It lacks the figures of the DEM product, which are then unknown."""
+    _aged(copy)
     with h5py.File(copy, "r+") as file:
         for name in schema.ADDED_IN_1_1:
             del file[name]
