@@ -48,10 +48,12 @@ def geotiff(
     transform: Affine | None = None,
     units: Sequence[str] | None = None,
 ) -> bytes:
-    """A tiled GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN."""
+    """A cloud-optimised GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN.
+    Overviews are means; the bands have their statistics as metadata.
+    """
     rows, columns = np.shape(next(iter(bands.values())))
     profile = {
-        "driver": "GTiff",
+        "driver": "COG",
         "width": columns,
         "height": rows,
         "count": len(bands),
@@ -59,13 +61,12 @@ def geotiff(
         "nodata": np.nan,
         "crs": crs,
         "transform": transform,
-        "tiled": True,
-        "blockxsize": TILE,
-        "blockysize": TILE,
+        "blocksize": TILE,
         "compress": "deflate",
-        "predictor": 3,
-        "interleave": "band",
+        "predictor": "floating_point",
         "bigtiff": "if_safer",
+        "overview_resampling": "average",
+        "statistics": "yes",
     }
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
