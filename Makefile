@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-plan venv
 
 all: catalog
 
@@ -78,6 +78,9 @@ soak: $(READY)
 
 bench-merge: $(READY)
 	PYTHONPATH=tests $(BIN)/python benchmarks/merge.py
+
+bench-plan: $(READY)
+	$(BIN)/python benchmarks/plan.py
 
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers

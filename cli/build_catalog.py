@@ -303,7 +303,8 @@ def _plan_text(plan: dict[str, Any], workers: int) -> str:
     return (
         f"{counts}, {plan['cell_renders']:,} cells rendered\n"
         f"{duration_text(plan['seconds_estimate'])} with --jobs {jobs}\n"
-        f"{plan['bytes_estimate'] / 1e6:,.1f} MB of catalogue, {plan['memory_mb_per_worker']:,} MB of memory a job"
+        f"{plan['bytes_estimate'] / 1e6:,.1f} MB of catalogue, {plan['memory_mb_per_worker']:,} MB of memory a job, "
+        f"{plan['memory_mb_parent']:,} MB to merge"
     )
 
 

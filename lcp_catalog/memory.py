@@ -7,15 +7,28 @@ import sys
 from pathlib import Path
 
 
+def resident_mb() -> float:
+    """Resident memory of this process, MB; where the system does not say it, the greatest so far."""
+    return _status_mb("VmRSS") or peak_mb()
+
+
 def peak_mb() -> float:
     """Greatest resident memory of this process so far, MB.
 
     On Linux from ``VmHWM``, because ``ru_maxrss`` starts at the memory of the parent process.
     """
+    known = _status_mb("VmHWM")
+    if known:
+        return known
+    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def _status_mb(name: str) -> float:
+    """A figure of Linux about this process, MB; 0 elsewhere."""
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text(encoding="ascii", errors="replace").splitlines():
-            if line.startswith("VmHWM:"):
+            if line.startswith(f"{name}:"):
                 return int(line.split()[1]) * 1024 / 1e6
-    unit = 1 if sys.platform == "darwin" else 1024  # kilobytes, but on macOS bytes
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    return 0.0

@@ -134,8 +134,7 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
 
 def _require_few(grid: AreaGrid, region: Area, gsd_m: float) -> None:
     """AreaError if the region's bounds hold more than `AREAS_MAX` areas; nothing is listed for that."""
-    west, south, east, north = (math.radians(angle) for angle in region.bounds)
-    count = (east - west) * (math.sin(north) - math.sin(south)) / math.radians(grid.height_deg) ** 2
+    count = region.bounds_m2 / (math.radians(grid.height_deg) * MOON_RADIUS_M) ** 2
     if count > AREAS_MAX:
         raise AreaError(
             f"cells of {gsd_m:g} m divide the region into some {count:.2g} areas, at most {AREAS_MAX:,} "

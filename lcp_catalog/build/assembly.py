@@ -33,7 +33,7 @@ from .finished_area import record_type
 from .joined_areas import JoinedAreas
 from .region_maps import region_coverage, region_overview
 
-_BLOCK_BYTES = 2**26
+BLOCK_BYTES = 2**26
 """Records of points that are in memory together; the checks of their values take several times as much."""
 
 
@@ -72,7 +72,7 @@ class Assembly:
         head, products = self._head(areas.plan), self.dems.products
         with new_catalog(head, len(chosen), products, output, overwrite) as file:
             kind = record_type(self.config, self.albedo is not None)
-            step = max(1, _BLOCK_BYTES // kind.itemsize)
+            step = max(1, BLOCK_BYTES // kind.itemsize)
             for start in range(0, len(chosen), step):
                 rows = chosen[start : start + step]
                 file.add(self._values(table[rows], areas.records(rows, kind)))

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..memory import peak_mb
+from ..memory import peak_mb, resident_mb
 from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
-from .assembly import choose
+from .assembly import BLOCK_BYTES, choose
 from .evaluation import image_scales
-from .finished_area import table_of
-from .region_maps import OVERVIEW_NODES
+from .finished_area import record_type, table_of
+from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES
 from .run import Build
 
 FILE_BYTES = 180_000
@@ -37,6 +37,20 @@ WORKER_START_S = 1.5
 """Time that worker processes add: each took 1.3 to 3.1 s of processor time more than one process for
 all areas, part of it while the build is planned; a rough mean."""
 
+MERGE_MB = 20.0
+"""Memory of the merge of the smallest build beside that of the plan."""
+
+BLOCK_COPIES = 3.0
+"""Bytes in memory for each byte of the block of records that is written."""
+
+CANDIDATE_BYTES = 280
+"""Memory for each candidate while the points are chosen."""
+
+COVERAGE_COPIES = 1.3
+"""Bytes in memory for each byte of the coverage by condition. These four figures were fitted to five runs of
+``benchmarks/merge.py`` (1875 to 1 000 000 points, records of 434 and 15 382 bytes): they state the peak to
+-12 and +16 MB."""
+
 _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
@@ -54,13 +68,13 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     work = [job.work for job in build.jobs]
     order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
     sample = order[len(order) // 2]
+    planned_mb = peak_mb(), resident_mb()
     seconds, (result, _) = _measured(build, sample, order[0])
     ground = [math.prod(build.jobs[k].task.window.shape) for k in order]
-    points = (
-        len(choose(table_of(result.candidates, config), config, build.gsd_m))
-        * sum(ground)
-        / ground[len(order) // 2]
-    )
+    share = sum(ground) / ground[len(order) // 2]
+    points = len(choose(table_of(result.candidates, config), config, build.gsd_m)) * share
+    before_mb = (peak_mb(), resident_mb()) if min(workers, len(build.jobs)) == 1 else planned_mb
+    merge_mb = _merge_mb(build, points, len(result.candidates) * share)
     layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
     claims = int(np.prod(conditions[sample].shape)) * (
@@ -72,6 +86,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "views": len(config.view),
         "cell_renders": cells,
         "memory_mb_per_worker": round(peak_mb()),
+        "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
             _seconds(build, (sample, order[0]), seconds, min(workers, len(build.jobs))), 1
         ),
@@ -82,6 +97,19 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         ),
         "decisions": [_cell_decision(build), *result.plan.to_json()["decisions"]],
     }
+
+
+def _merge_mb(build: Build, points: float, candidates: float) -> float:
+    """Memory that the choice of the points and the writing of the catalogue add, MB."""
+    record = record_type(build.config, build.albedo is not None).itemsize
+    spacing_m = build.config.points.spacing_nodes(build.gsd_m) * build.gsd_m
+    conditions = math.prod(conditions_at(0.0, build.config).shape)
+    cells = min(COVERAGE_CELLS, build.region.bounds_m2 / spacing_m**2)
+    return MERGE_MB + 1e-6 * (
+        BLOCK_COPIES * min(points * record, BLOCK_BYTES)
+        + CANDIDATE_BYTES * candidates
+        + COVERAGE_COPIES * min(cells * conditions, COVERAGE_BYTES)
+    )
 
 
 def _seconds(build: Build, indices: tuple[int, int], measured: list[float], workers: int) -> float:

@@ -130,6 +130,12 @@ class Area:
         assert isinstance(self.size_km, tuple)
         return 500.0 * self.size_km[0], 500.0 * self.size_km[1]
 
+    @property
+    def bounds_m2(self) -> float:
+        """Area of the sphere within the bounds, square metres."""
+        west, south, east, north = (math.radians(angle) for angle in self.bounds)
+        return MOON_RADIUS_M**2 * (east - west) * (math.sin(north) - math.sin(south))
+
     @cached_property
     def bounds(self) -> Bounds:
         """The box of longitudes and latitudes that encloses the area; all longitudes if a pole lies

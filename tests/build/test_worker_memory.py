@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from helpers.area_peak import peak_and_tiles
-from helpers.small_build import DEM
+from helpers.area_peak import build_peak_mb, peak_and_tiles, stated_parent_mb
+from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig, SunConfig, ViewConfig
 from lcp_catalog.build.executor import processes
@@ -75,3 +76,11 @@ def test_a_worker_keeps_its_promise() -> None:
     assert tiles < 20e6
     stated = area_mb(job.task.window, job.task.lat_deg, build.gsd_m, build.config)
     assert stated - 2.0 * MARGIN_MB < peak < stated
+
+
+def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> None:
+    """One process that computes the areas too; the larger merges are measured by benchmarks/merge.py."""
+    with processes(1) as planning, processes(1) as building:
+        stated = planning.submit(stated_parent_mb, DEM, CONFIG, 1).result()
+        peak = building.submit(build_peak_mb, DEM, CONFIG, tmp_path / "a.h5", 1).result()
+    assert 0.85 < stated / peak < 1.15

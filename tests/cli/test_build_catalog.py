@@ -76,6 +76,7 @@ def test_plan_writes_nothing_and_speaks_json(
         "views",
         "cell_renders",
         "memory_mb_per_worker",
+        "memory_mb_parent",
         "seconds_estimate",
         "bytes_estimate",
         "decisions",
@@ -97,7 +98,9 @@ def test_plan_is_three_lines(
     assert len(lines) == 3
     assert re.match(r"1 areas x 4 Suns x 1 views, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
-    assert re.match(r"0\.\d MB of catalogue, [\d,]+ MB of memory a job$", lines[2])
+    assert re.match(
+        r"0\.\d MB of catalogue, [\d,]+ MB of memory a job, [\d,]+ MB to merge$", lines[2]
+    )
     assert run(["-v", *small]) == 0
     assert "cast shadows" in capsys.readouterr().out
 

@@ -1,9 +1,14 @@
-"""Memory of a process that computes one area."""
+"""Memory of processes that compute an area or a build."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from lcp_catalog.build.area_job import AreaJob, prepare, run_area
+from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.build.estimate import estimate
 from lcp_catalog.build.finished_area import finished_area
+from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.dem import block_cache
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.threads import limit_threads
@@ -15,3 +20,14 @@ def peak_and_tiles(job: AreaJob) -> tuple[float, int]:
     prepare()
     finished_area(run_area(job), job.config, job.gsd_m)
     return peak_mb(), block_cache._store.limit_bytes
+
+
+def build_peak_mb(dem: str, config: BuildConfig, output: Path, jobs: int) -> float:
+    """Peak memory of this process after a build, MB."""
+    build_catalog([dem], config, output, jobs=jobs)
+    return peak_mb()
+
+
+def stated_parent_mb(dem: str, config: BuildConfig, jobs: int) -> float:
+    """What a plan, made in this process, states for the process that merges, MB."""
+    return float(estimate(Build.plan([dem], config), jobs)["memory_mb_parent"])
