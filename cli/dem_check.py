@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .files import FileCommand
-from .messages import echo
+from .messages import EXIT_NO, echo
 from .options import dem_argument
 
 if TYPE_CHECKING:
     from lcp_catalog.dem.file_check import CheckResult
-
-EXIT_NOT_SOUND = 4
 
 
 @click.command("check", cls=FileCommand)
@@ -37,7 +35,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
             echo(_text(verdicts[-1]))
     if as_json:
         click.echo(json.dumps([_object(one) for one in verdicts], indent=2))
-    return 0 if all(one.sound for one in verdicts) else EXIT_NOT_SOUND
+    return 0 if all(one.sound for one in verdicts) else EXIT_NO
 
 
 def _object(one: CheckResult) -> dict[str, Any]:

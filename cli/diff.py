@@ -10,12 +10,11 @@ import click
 
 from . import options
 from .files import FileCommand, InputFile, OutputFile
-from .messages import echo, say
+from .messages import EXIT_NO, echo, say
 
 if TYPE_CHECKING:
     from lcp_catalog.catalog.comparison import Comparison
 
-EXIT_DIFFERENT = 4
 _SHOWN = 10
 _VALUE_LENGTH = 60
 
@@ -54,7 +53,7 @@ def command(first: str, second: str, as_json: bool, output: str | None, overwrit
         echo("")
     else:
         echo("\n".join(_text(first, second, found)))
-    return EXIT_DIFFERENT if found.differs else 0
+    return EXIT_NO if found.differs else 0
 
 
 def _text(first: str, second: str, found: Comparison) -> list[str]:

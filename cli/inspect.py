@@ -8,10 +8,8 @@ from typing import Any
 import click
 
 from .files import FileCommand
-from .messages import echo
+from .messages import EXIT_NO, echo
 from .options import catalog_argument
-
-EXIT_NOT_INTACT = 4
 
 
 @click.command(cls=FileCommand)
@@ -27,7 +25,7 @@ def command(catalog: str, as_json: bool) -> int:
 
     found = describe(catalog)
     echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
-    return 0 if found["intact"] else EXIT_NOT_INTACT
+    return 0 if found["intact"] else EXIT_NO
 
 
 def _text(path: str, found: dict[str, Any]) -> str:

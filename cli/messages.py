@@ -12,6 +12,9 @@ import click
 
 from lcp_catalog.atomic_files import printable
 
+EXIT_NO = 4
+"""Exit code of a command that ran and says no: not intact, not the place, not equal, not as required."""
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 

@@ -218,6 +218,10 @@ def check_area(
         raise click.UsageError("--bounds W S E N: west and east are the same")
 
 
+SUN_ANGLES = ("sun_azimuth", "sun_elevation", "time_utc", "subsolar")
+"""Names of the values of `sun_angle_options`, in the order of `check_sun`."""
+
+
 def check_sun(
     azimuth: float | None,
     elevation: float | None,

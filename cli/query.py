@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,23 +28,68 @@ POINTS_SHOWN = 12
 """Rows of the table on a terminal."""
 
 
+def frame_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The frames of which is asked: a camera, or a trajectory."""
+    for option in reversed(_FRAME_OPTIONS):
+        command = option(command)
+    return command
+
+
+def accuracy_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What is known before about attitude, heights and map."""
+    for option in reversed(_ACCURACY_OPTIONS):
+        command = option(command)
+    return command
+
+
+_FRAME_OPTIONS = (
+    click.option(
+        "--camera",
+        "camera_path",
+        type=InputFile(),
+        metavar="CAMERA.json",
+        help="Camera file: CAMERA.json, USGS ISD or .tsai. With --trajectory FILE.csv: the camera without its place.",
+    ),
+    click.option(
+        "--trajectory",
+        "trajectory_path",
+        type=InputFile(),
+        metavar="FILE",
+        help="Frames in time: CSV with time_utc, x_m, y_m, z_m and qw, qx, qy, qz (or r11 ... r33), or a JSON list of "
+        "CAMERA.json objects.",
+    ),
+)
+
+_ACCURACY_OPTIONS = (
+    click.option(
+        "--attitude-sigma",
+        "attitude_deg",
+        type=Number(0.0, 90.0),
+        metavar="DEG",
+        help="Known attitude: 1 sigma about each axis; 0: exact. Default: unknown, solved with the position.",
+    ),
+    click.option(
+        "--height-sigma",
+        "height_sigma_m",
+        type=Number(0.0),
+        metavar="M",
+        help="1 sigma of the points' heights; default: that of the catalogue.",
+    ),
+    click.option(
+        "--map-sigma",
+        "map_sigma_m",
+        type=Number(0.0),
+        default=0.0,
+        show_default=True,
+        metavar="M",
+        help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's frame.",
+    ),
+)
+
+
 @click.command(cls=FileCommand)
 @options.catalog_argument
-@click.option(
-    "--camera",
-    "camera_path",
-    type=InputFile(),
-    metavar="CAMERA.json",
-    help="Camera file: CAMERA.json, USGS ISD or .tsai. With --trajectory FILE.csv: the camera without its place.",
-)
-@click.option(
-    "--trajectory",
-    "trajectory_path",
-    type=InputFile(),
-    metavar="FILE",
-    help="Frames in time: CSV with time_utc, x_m, y_m, z_m and qw, qx, qy, qz (or r11 ... r33), or a JSON list of "
-    "CAMERA.json objects.",
-)
+@frame_options
 @options.sun_angle_options
 @click.option(
     "--max",
@@ -53,29 +98,7 @@ POINTS_SHOWN = 12
     metavar="N",
     help="Only the N points of a frame that together determine the position best, the most informative first.",
 )
-@click.option(
-    "--attitude-sigma",
-    "attitude_deg",
-    type=Number(0.0, 90.0),
-    metavar="DEG",
-    help="Known attitude: 1 sigma about each axis; 0: exact. Default: unknown, solved with the position.",
-)
-@click.option(
-    "--height-sigma",
-    "height_sigma_m",
-    type=Number(0.0),
-    metavar="M",
-    help="1 sigma of the points' heights; default: that of the catalogue.",
-)
-@click.option(
-    "--map-sigma",
-    "map_sigma_m",
-    type=Number(0.0),
-    default=0.0,
-    show_default=True,
-    metavar="M",
-    help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's frame.",
-)
+@accuracy_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @options.output_option("OUT.csv|.geojson", required=False)
 @click.option(
@@ -109,8 +132,8 @@ def command(
     for name in (output, plot):
         if name is not None:
             check_output(name, overwrite)
-    query = _query(**flags)
-    frames = _frames(camera_path, trajectory_path, flags)
+    query = query_of(**flags)
+    frames = frames_of(camera_path, trajectory_path, flags)
     opened = open_catalog(catalog, check=False)
     if trajectory_path is None:
         _one(opened, frames[0], query, as_json, output, overwrite)
@@ -135,13 +158,10 @@ def _check(
         raise click.UsageError(f"-o {output}: the output must end in {' or '.join(endings)}")
     if plot is not None and Path(plot).suffix.lower() not in CHART_ENDINGS:
         raise click.UsageError(f"--plot {plot}: the chart must end in {' or '.join(CHART_ENDINGS)}")
-    options.check_sun(*(flags[name] for name in _SUN))
+    options.check_sun(*(flags[name] for name in options.SUN_ANGLES))
 
 
-_SUN = ("sun_azimuth", "sun_elevation", "time_utc", "subsolar")
-
-
-def _query(
+def query_of(
     most: int | None,
     attitude_deg: float | None,
     height_sigma_m: float | None,
@@ -154,13 +174,13 @@ def _query(
     return Query(most, attitude, height_sigma_m, map_sigma_m)
 
 
-def _frames(camera: str | None, trajectory: str | None, flags: dict[str, Any]) -> list[Frame]:
+def frames_of(camera: str | None, trajectory: str | None, flags: dict[str, Any]) -> list[Frame]:
     from lcp_catalog.cameras.camera_file import read_camera, read_sensor
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.navigation.frame_points import Frame
     from lcp_catalog.navigation.trajectory_file import read_trajectory
 
-    sun = SunChoice(*(flags[name] for name in _SUN))
+    sun = SunChoice(*(flags[name] for name in options.SUN_ANGLES))
     if trajectory is None:
         assert camera is not None
         return [Frame.lit(read_sensor(camera), sun)]

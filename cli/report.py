@@ -1,24 +1,86 @@
-"""``lcp report``: a catalogue as one self-contained HTML page."""
+"""``lcp report``: a catalogue, or the dossier for those who decide about it, as one HTML page."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import click
 
 from . import options
-from .files import FileCommand
-from .messages import say
+from .files import FileCommand, InputFile
+from .messages import EXIT_NO, say
+from .query import accuracy_options, frame_options, frames_of, query_of
 
 
 @click.command(cls=FileCommand)
 @options.catalog_argument
 @options.output_option("REPORT.html")
+@click.option(
+    "--dossier",
+    is_flag=True,
+    help="Write the error budget of points and positions, the verdict of --require and the evidence instead.",
+)
+@frame_options
+@options.sun_angle_options
+@accuracy_options
+@click.option(
+    "--require",
+    metavar="EXPR",
+    help='With --dossier: conditions on every frame and every image of the evidence, like "position_sigma_m<50 and '
+    'found_of_usable>=0.95". Exit code 4 if one is not met.',
+)
+@click.option(
+    "--evidence",
+    type=InputFile(),
+    multiple=True,
+    metavar="report.json",
+    help="With --dossier: report of lcp validate; may be repeated.",
+)
 @options.overwrite_option
-def command(catalog: str, output: str, overwrite: bool) -> None:
-    """Write a catalogue report: map of the points, their patches, and their usable Sun directions.
+def command(
+    catalog: str,
+    output: str,
+    dossier: bool,
+    overwrite: bool,
+    require: str | None,
+    evidence: tuple[str, ...],
+    camera_path: str | None,
+    trajectory_path: str | None,
+    **flags: Any,
+) -> int:
+    """Write a catalogue report: map of the points, the points under a chosen Sun, their patches.
 
-    The report is one HTML file without external references: it can be read offline.
+    The report is one HTML file without external references: it can be read offline. With --dossier: the page
+    for those who decide whether the catalogue is good enough.
     """
-    from lcp_catalog.catalog.report import write_report
+    if not dossier:
+        _refuse_dossier_options()
+        from lcp_catalog.catalog.report import write_report
 
-    write_report(catalog, output, overwrite=overwrite)
+        write_report(catalog, output, overwrite=overwrite)
+        say(f"{output}: written")
+        return 0
+
+    from lcp_catalog.validation.dossier import write_dossier
+
+    options.check_sun(*(flags[name] for name in options.SUN_ANGLES))
+    frames = (
+        frames_of(camera_path, trajectory_path, flags) if camera_path or trajectory_path else []
+    )
+    verdict = write_dossier(
+        catalog, output, frames, query_of(most=None, **flags), require, evidence, overwrite
+    )
+    for line in verdict.failures if verdict else ():
+        say(f"lcp: --require: {line}")
     say(f"{output}: written")
+    return EXIT_NO if verdict and verdict.failures else 0
+
+
+def _refuse_dossier_options() -> None:
+    """Usage error for an option that only a dossier uses."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        used = context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT
+        if used and name not in ("catalog", "output", "overwrite"):
+            raise click.UsageError(f"{parameter.opts[0]} needs --dossier")

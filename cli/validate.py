@@ -13,13 +13,11 @@ from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .files import FileCommand, InputFile, OutputFile
-from .messages import echo, say
+from .messages import EXIT_NO, echo, say
 from .value_types import CELL_SIZE, LAW, Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.validation.run import ImageFiles, Validation
-
-EXIT_NO = 4
 
 
 def _written(folder: str) -> Iterator[Path]:

@@ -73,6 +73,7 @@ def document(answer: Answer, catalog: Catalog) -> dict[str, Any]:
         "position_covariance_known_attitude_m2": _listed(position.known_attitude_m2),
         "covariance_6x6": _listed(cofactors),
         "dop": dop,
+        "budget_m": position.budget_m,
         "reason": position.reason or None,
     }
 

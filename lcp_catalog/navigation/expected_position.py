@@ -21,6 +21,11 @@ from ..matching.pose import jacobian
 from .frame_points import Frame, FramePoints, points_of_frames
 from .information import Information, best_points, dilution
 
+SOURCES = ("match", "place", "pixel", "height", "map", "attitude")
+"""Errors of a position: of the matches; of each point's place on the ground; of a pixel's least
+error; of the points' heights; of the place common to all points; of the attitude known before.
+"""
+
 LEAST_POINTS = 4
 """Least number of usable points of a position."""
 
@@ -52,6 +57,8 @@ class ExpectedPosition:
     to_enu: Array  # (3, 3) MCMF to east, north, up below the sensor
     expected_points: float  # sum of the detection probabilities
     reason: str = ""
+    budget_m: dict[str, float] | None = None
+    """`position_sigma_m` by the errors of `SOURCES` alone: their squares add up to its square."""
 
     @property
     def position_covariance_m2(self) -> Array | None:
@@ -142,13 +149,17 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         rotation, -1, -2
     )  # pixels per metre east, north, up
     level = on_ground[:, :, :2]
+    place = float(catalog.errors.get("position_sigma_m", 0.0)) ** 2 * (
+        level @ np.swapaxes(level, -1, -2)
+    )
     match = level @ points.claims.covariance_m2[usable] @ np.swapaxes(level, -1, -2)
-    match = match + LEAST_SIGMA_PX**2 * np.eye(2)
-    height = _heights(catalog, rows, query)
-    raised = on_ground[:, :, 2] * height[:, None]
+    pixel = np.broadcast_to(LEAST_SIGMA_PX**2 * np.eye(2), match.shape)
+    raised = on_ground[:, :, 2] * _heights(catalog, rows, query)[:, None]
+    height = raised[:, :, None] * raised[:, None, :]
+    errors = {"match": match - place, "place": place, "pixel": pixel, "height": height}
     information = Information(
         slopes,
-        match + raised[:, :, None] * raised[:, None, :],
+        match + pixel + height,
         points.claims.detection_probability[usable],
         query.attitude_sigma_rad,
     )
@@ -158,7 +169,8 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         distance = float(np.linalg.norm(places - middle, axis=-1).mean())
         listed = best_points(information, distance, query.most)
     chosen = usable[listed]
-    sigma, angle = error_ellipses(match[listed])
+    sigma, angle = error_ellipses((match + pixel)[listed])
+    errors = {name: part[listed] for name, part in errors.items()}
     lon, lat, _ = mcmf_to_lonlat(middle)
     to_enu = enu_rotation(lon, lat)
     of_sun, above = azimuth_elevation(to_enu @ points.frame.sun)
@@ -174,7 +186,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         np.stack([claims.sigma_major_m[chosen], claims.sigma_minor_m[chosen]], axis=-1),
         claims.sigma_angle_deg[chosen],
         points.counts,
-        _expected(information.some(listed), points.pixel_m[chosen], to_enu, query),
+        _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query),
         (float(of_sun), float(above)),
     )
 
@@ -187,21 +199,30 @@ def _heights(catalog: Catalog, rows: Index, query: Query) -> Array:
 
 
 def _expected(
-    information: Information, pixel_m: Array, to_enu: Array, query: Query
+    information: Information,
+    errors: dict[str, Array],
+    pixel_m: Array,
+    to_enu: Array,
+    query: Query,
 ) -> ExpectedPosition:
+    """``errors``: the parts of the covariances of the places in the image, by source."""
     count, expected = len(information), float(information.probability.sum())
     if count < LEAST_POINTS:
         few = "no usable point" if not count else f"{count} usable point{'s' * (count > 1)}"
         reason = f"{few}: a position needs {LEAST_POINTS}"
         return ExpectedPosition(None, None, None, to_enu, expected, reason)
     covariance, known = information.covariance(), information.covariance_known_attitude()
-    shared = query.map_sigma_m**2 * np.eye(3)
+    shared, budget = query.map_sigma_m**2 * np.eye(3), None
     if covariance is not None:
-        covariance = covariance + np.pad(shared, ((0, 3), (0, 3)))
+        parts = {name: information.part_of(part) for name, part in errors.items()}
+        parts |= {"map": np.pad(shared, ((0, 3), (0, 3))), "attitude": information.attitude_part()}
+        traces = {name: float(np.trace(parts[name][:3, :3])) for name in SOURCES}
+        budget = {name: math.sqrt(max(0.0, trace)) for name, trace in traces.items()}
+        covariance = covariance + parts["map"]
     known = None if known is None else known + shared
     spread = dilution(information.slopes, pixel_m, information.attitude_sigma_rad)
     reason = "" if covariance is not None else "the points do not determine position and attitude"
-    return ExpectedPosition(covariance, known, spread, to_enu, expected, reason)
+    return ExpectedPosition(covariance, known, spread, to_enu, expected, reason, budget)
 
 
 def _position(sensor: Sensor) -> Array:

@@ -62,6 +62,31 @@ class Information:
         """
         return _with_attitude(self.normal, self.attitude_sigma_rad)
 
+    def part_of(self, covariance_px2: Array) -> Array:
+        """Part (6, 6) of `covariance` by errors of the places whose covariances (n, 2, 2) are a part of
+        ``covariance_px2``. The parts of all errors and that of the attitude known before, which is
+        `attitude_part`, are the whole. LinAlgError if the points do not determine the corrections.
+        """
+        weight = np.linalg.inv(self.covariance_px2)
+        pull = np.swapaxes(self.slopes, -1, -2) @ weight  # (n, 6, 2)
+        inner = np.einsum("n,nia,nab,njb->ij", self.probability, pull, covariance_px2, pull)
+        gain = self._gain()
+        return np.asarray(gain @ inner @ gain)
+
+    def attitude_part(self) -> Array:
+        """Part (6, 6) of `covariance` by the errors of the attitude as it was known before."""
+        if not 0.0 < self.attitude_sigma_rad < math.inf:
+            return np.zeros((6, 6))
+        gain = self._gain()
+        return np.asarray(gain[:, 3:] @ gain[3:] / self.attitude_sigma_rad**2)
+
+    def _gain(self) -> Array:
+        """Inverse (6, 6) of the normal matrix with the attitude as known before."""
+        found = self.covariance()
+        if found is None:
+            raise np.linalg.LinAlgError("the points do not determine position and attitude")
+        return found
+
     def covariance_known_attitude(self) -> Array | None:
         """Covariance (3, 3), m^2, of the position if the attitude is exact."""
         return covariance_of(self.normal[:3, :3])

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,11 +100,11 @@ class Requirement:
     terms: tuple[Term, ...]
 
     @classmethod
-    def parse(cls, text: str) -> Requirement:
-        """Parse the text of a requirement. ConfigError for an invalid term and for an unknown or
-        ambiguous name.
+    def parse(cls, text: str, numbers: Sequence[str] = NUMBERS) -> Requirement:
+        """Parse the text of a requirement on the figures ``numbers``. ConfigError for an invalid term
+        and for an unknown or ambiguous name.
         """
-        return cls(tuple(_term(part) for part in _BETWEEN.split(text)))
+        return cls(tuple(_term(part, numbers) for part in _BETWEEN.split(text)))
 
     @property
     def needs_known_pose(self) -> bool:
@@ -123,7 +123,7 @@ class Requirement:
         return [line for line in told if line is not None]
 
 
-def _term(text: str) -> Term:
+def _term(text: str, numbers: Sequence[str]) -> Term:
     match = _TERM.fullmatch(text)
     if match is None:
         raise ConfigError(
@@ -131,17 +131,17 @@ def _term(text: str) -> Term:
             "like share_above_0_9>=0.85"
         )
     name, symbol, value = match.groups()
-    path = _path(name)
+    path = _path(name, numbers)
     said = f"{name}{symbol}{value}"
     return Term(
         path, symbol, _word(symbol, value) if path == VERDICT else _number(value, said), said
     )
 
 
-def _path(name: str) -> str:
+def _path(name: str, numbers: Sequence[str]) -> str:
     """The path that a name refers to."""
     wanted = name.removeprefix("images.")
-    known = (VERDICT, *NUMBERS)
+    known = (VERDICT, *numbers)
     ends = [path for path in known if path.endswith(f".{wanted}") and path not in _IN_FULL]
     fits = [wanted] if wanted in known else ends
     depth = min((path.count(".") for path in fits), default=0)

@@ -206,6 +206,42 @@ def test_attitude_known_better_gives_a_better_position(catalog: Catalog, taken: 
     assert sigmas[-1].dop["position"] < sigmas[0].dop["position"]
 
 
+def test_the_budget_is_that_of_each_error_alone(catalog: Catalog, taken: Camera) -> None:
+    """Each source drawn alone, 20 000 times, through the linear solution with the weights of all."""
+    sigma, height_m, map_m, place_m = 3e-4, 60.0, 11.0, 5.0
+    catalog = replace(catalog, errors=catalog.errors | {"position_sigma_m": place_m})
+    answer = asked(catalog, taken, Query(None, sigma, height_m, map_m))
+    places, dice = catalog.position_mcmf[answer.rows], np.random.default_rng(3)
+    slopes, frames = slopes_by_opencv(taken, places), catalog.rotation_mcmf_to_enu[answer.rows]
+    on_ground = -slopes[:, :, :3] @ np.swapaxes(frames, -1, -2)
+    spread = np.array([ground_covariance(*s, a) for s, a in zip(answer.sigma_m, answer.angle_deg, strict=True)])  # fmt: skip
+    place = place_m**2 * np.eye(2)
+    count, draws = len(places), 20_000
+    normal = dice.normal(size=(draws, count, 2))
+    pixels = {
+        "match": (on_ground[:, :, :2] @ np.linalg.cholesky(spread - place), normal),
+        "place": (on_ground[:, :, :2] * place_m, normal),
+        "pixel": (np.broadcast_to(0.02 * np.eye(2), (count, 2, 2)), normal),
+        "height": (on_ground[:, :, 2:] * height_m, normal[:, :, :1]),
+    }
+    whole = sum(part @ np.swapaxes(part, -1, -2) for part, _ in pixels.values())
+    pull = answer.probability[:, None, None] * np.swapaxes(slopes, -1, -2) @ np.linalg.inv(whole)
+    prior = np.diag(np.repeat([0.0, sigma**-2], 3))
+    gain = np.linalg.inv(np.einsum("nia,naj->ij", pull, slopes) + prior)
+    # a found point counts once: the variance of its error is over its probability
+    root = np.sqrt(answer.probability)[:, None, None]
+    budget = answer.position.budget_m
+    assert budget is not None
+    for name, (part, drawn) in pixels.items():
+        off = np.einsum("ij,nja,nab,dnb->di", gain, pull / root, part, drawn)[:, :3]
+        assert budget[name] == pytest.approx(np.sqrt((off**2).sum(axis=1).mean()), rel=0.03), name
+    tilt = dice.normal(0.0, sigma, (draws, 3)) @ (gain @ prior)[:3, 3:].T
+    assert budget["attitude"] == pytest.approx(np.sqrt((tilt**2).sum(axis=1).mean()), rel=0.03)
+    assert budget["map"] == pytest.approx(map_m * np.sqrt(3.0))
+    together = np.sqrt(sum(value**2 for value in budget.values()))
+    assert together == pytest.approx(answer.position.position_sigma_m, rel=1e-6)
+
+
 def test_heights_of_the_catalogue_count_unless_others_are_given(taken: Camera) -> None:
     known = everywhere_usable(elevation_sigma=np.full(60, 200.0))
     unknown = everywhere_usable(elevation_sigma=np.full(60, np.nan))

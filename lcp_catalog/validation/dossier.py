@@ -1,0 +1,306 @@
+"""The dossier of a catalogue: the error budget of its points and of the positions that frames are
+expected to give, a requirement on them, and validation reports as evidence. One HTML page for those
+who decide whether a catalogue flies. The template is ``dossier.html.j2``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..atomic_files import check_output, write_bytes
+from ..catalog.catalogue import Catalog
+from ..catalog.hdf5 import open_catalog
+from ..catalog.schema import usable
+from ..catalog.summary import Statistics, summary, summary_rows
+from ..constants import FRAME
+from ..errors import ConfigError
+from ..navigation.expected_position import SOURCES, Answer, Query, answers
+from ..navigation.frame_points import Frame
+from ..plots.html_page import page
+from ..plots.numbers import number
+from .requirement import NUMBERS, Requirement
+
+FRAME_NUMBERS = (
+    "in_view",
+    "usable",
+    "listed",
+    "expected_points",
+    "position_sigma_m",
+    "sigma_east_m",
+    "sigma_north_m",
+    "sigma_up_m",
+    "position_sigma_known_attitude_m",
+    "position_dop",
+)
+"""Figures of a frame that a requirement can name, beside those of a validation report."""
+
+MEANINGS = {
+    "match": "match of a patch with the image: noise of the sensor, errors of heights and brightness",
+    "place": "place of a patch on the ground, different for each point (errors.position_sigma_m)",
+    "pixel": "least error of a place in an image",
+    "height": "heights of the points (elevation_sigma, or --height-sigma)",
+    "map": "tie of the map to the Moon's frame, common to all points (--map-sigma)",
+    "attitude": "attitude of the camera as known before (--attitude-sigma)",
+}
+"""The sources of error of `navigation.expected_position.SOURCES` for readers."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A ``report.json`` of a validation, by its file's name."""
+
+    name: str
+    document: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: Path | str) -> Evidence:
+        """ConfigError for a file that is no report of ``lcp validate``."""
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+            images = document["images"]
+            sound = all(isinstance(image["image"], str) and image["verdict"] for image in images)
+        except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+            raise ConfigError(f"{path}: is not a report.json of lcp validate ({error})") from None
+        if not sound or not images:
+            raise ConfigError(f"{path}: is not a report.json of lcp validate, or has no image")
+        return cls(str(path), document)
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """A row of the table for each image."""
+        return [
+            [
+                image["image"],
+                image["verdict"],
+                f"{_shown(image, 'points_found')} of {_shown(image, 'points_in_view')}",
+                _shown(image, "pose.position_error_m"),
+                _shown(image, "pose.position_sigma_m"),
+                _shown(image, "pose.normalised_error"),
+                _shown(image, "claims.found_of_usable"),
+                _shown(image, "claims.normalised_squared_error"),
+                _shown(image, "windows.share_above_0_9"),
+            ]
+            for image in self.document["images"]
+        ]
+
+
+EVIDENCE_COLUMNS = (
+    "image",
+    "verdict",
+    "points found",
+    "position error, m",
+    "its sigma, m",
+    "error over sigma",
+    "found of usable",
+    "squared error of points",
+    "windows above 0.9",
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a requirement says about the frames and the evidence: failed terms, a line each."""
+
+    requirement: str
+    failures: tuple[str, ...]
+
+    @classmethod
+    def of(cls, text: str, frames: Sequence[Answer], evidence: Sequence[Evidence]) -> Verdict:
+        """Terms with a figure of a frame hold for every frame, others for every image of the evidence.
+        ConfigError for an invalid term, and for one about which no frame or evidence is given.
+        """
+        wanted = Requirement.parse(text, (*FRAME_NUMBERS, *NUMBERS))
+        of_frames = [term for term in wanted.terms if term.path in FRAME_NUMBERS]
+        of_images = [term for term in wanted.terms if term.path not in FRAME_NUMBERS]
+        images = [image for one in evidence for image in one.document["images"]]
+        for terms, what, there in (
+            (of_frames, "--camera or --trajectory", frames),
+            (of_images, "--evidence", images),
+        ):
+            if terms and not there:
+                raise ConfigError(f"--require: {terms[0].text} needs {what}")
+        documents = [frame_figures(answer, k) for k, answer in enumerate(frames, 1)]
+        lines = [
+            *(_frame_failure(term, found) for found in documents for term in of_frames),
+            *(term.failure(image) for image in images for term in of_images),
+        ]
+        return cls(text, tuple(line for line in lines if line))
+
+
+def _frame_failure(term: Any, found: Mapping[str, Any]) -> str | None:
+    if found[term.path] is None:
+        return f"{found['image']}: no {term.path} ({found['reason']}); required: {term.text}"
+    line: str | None = term.failure(found)
+    return line
+
+
+def frame_figures(answer: Answer, count: int) -> dict[str, Any]:
+    """The figures `FRAME_NUMBERS` of a frame, None where the points do not determine one; its name as
+    ``image``, and the ``reason`` of what is missing.
+    """
+    position = answer.position
+    enu, dop = position.sigma_enu_m, position.dop
+    east, north, up = (None, None, None) if enu is None else enu.tolist()
+    return {
+        "image": answer.frame.time_utc or f"frame {count}",
+        "reason": position.reason,
+        "in_view": answer.counts["in_view"],
+        "usable": answer.usable,
+        "listed": len(answer.rows),
+        "expected_points": position.expected_points,
+        "position_sigma_m": position.position_sigma_m,
+        "sigma_east_m": east,
+        "sigma_north_m": north,
+        "sigma_up_m": up,
+        "position_sigma_known_attitude_m": position.known_attitude_sigma_m,
+        "position_dop": None if dop is None else dop["position"],
+    }
+
+
+def write_dossier(
+    catalog_path: Path | str,
+    output: Path | str,
+    frames: Sequence[Frame] = (),
+    query: Query | None = None,
+    requirement: str | None = None,
+    evidence: Sequence[Path | str] = (),
+    overwrite: bool = False,
+) -> Verdict | None:
+    """Write the dossier and return the verdict on the requirement; None without one.
+
+    ``frames``: images to be taken, as for `navigation.expected_position.answers`; ``evidence``:
+    ``report.json`` files of validations. Raises CatalogError, ConfigError for a requirement or an
+    evidence that is not one, and the errors of `atomic_files.check_output`.
+    """
+    check_output(output, overwrite, [catalog_path, *evidence])
+    given = [Evidence.read(path) for path in evidence]
+    asked = query or Query()
+    catalog = open_catalog(catalog_path)
+    found = list(answers(catalog, frames, asked)) if frames else []
+    verdict = None if requirement is None else Verdict.of(requirement, found, given)
+    name = Path(catalog_path).name
+    write_bytes(output, render(catalog, name, found, asked, verdict, given).encode(), overwrite)
+    return verdict
+
+
+def render(
+    catalog: Catalog,
+    name: str,
+    found: Sequence[Answer],
+    query: Query,
+    verdict: Verdict | None,
+    evidence: Sequence[Evidence],
+) -> str:
+    """The dossier as HTML. Equal inputs give equal text."""
+    rows = summary_rows(summary(catalog, Statistics.of(catalog)))
+    return page(
+        "dossier.html.j2",
+        title=f"Dossier: {name}",
+        heading="Dossier of a catalogue of control points",
+        below=name,
+        verdict=verdict,
+        catalogue=[(title.strip(), text) for title, text in rows if not title.startswith(" ")],
+        of_a_point=point_budget(catalog, query),
+        frames=[_frame_row(answer, k) for k, answer in enumerate(found, 1)],
+        meanings=[MEANINGS[source] for source in SOURCES],
+        sources=SOURCES,
+        attitude=_attitude(query),
+        evidence=[(one.name, one.rows) for one in evidence],
+        evidence_columns=EVIDENCE_COLUMNS,
+        model=[(key, _text(value)) for key, value in catalog.errors.items()],
+        files=[
+            f"{source.get('name', '')}, {source.get('size', '')} bytes, sha256 {source.get('sha256', '')}"
+            for source in catalog.sources
+        ],
+        software=catalog.software_version,
+    )
+
+
+def point_budget(catalog: Catalog, query: Query) -> list[tuple[str, str, str]]:
+    """Rows of the error budget of a point: source; median and 95th percentile of its 1 sigma, metres,
+    over the usable conditions of all points.
+    """
+    place = float(catalog.errors.get("position_sigma_m", 0.0))
+    major = _sigmas(catalog)
+    match = np.sqrt(np.maximum(0.0, major**2 - place**2))
+    heights = np.asarray(catalog.elevation_sigma, np.float64)
+    if query.height_sigma_m is not None:
+        heights = np.full(len(catalog), query.height_sigma_m)
+    return [
+        ("match, along the major axis of its ellipse", *_spread(match)),
+        ("place on the ground, each axis (errors.position_sigma_m)", *_spread(np.array([place]))),
+        ("both together, as the catalogue states them", *_spread(major)),
+        ("height (elevation_sigma)", *_spread(heights[np.isfinite(heights)])),
+        ("tie of the map, common to all points, each axis (--map-sigma)", *_map_tie(query)),
+        (f"frame: {FRAME}; taken for MOON_PA, a point is 875 m off", "–", "–"),
+    ]
+
+
+def _map_tie(query: Query) -> tuple[str, str]:
+    if query.map_sigma_m <= 0.0:
+        return "not stated", "not stated"
+    return _spread(np.array([query.map_sigma_m]))
+
+
+def _sigmas(catalog: Catalog) -> Array:
+    """Major sigmas of the matches, metres, at the patch's scale in all usable conditions."""
+    found = []
+    for rows in np.array_split(np.arange(len(catalog)), max(1, len(catalog) // 500)):
+        works = usable(catalog.part("condition", rows))
+        found.append(np.asarray(catalog.part("sigma_major", rows, 0), np.float64)[works])
+    values = np.concatenate(found)
+    return values[np.isfinite(values)]
+
+
+def _spread(values: Array) -> tuple[str, str]:
+    if not len(values):
+        return "not known", "not known"
+    return number(float(np.median(values))), number(float(np.quantile(values, 0.95)))
+
+
+def _frame_row(answer: Answer, count: int) -> dict[str, Any]:
+    found, budget = frame_figures(answer, count), answer.position.budget_m
+    azimuth, elevation = answer.sun_deg
+    return {
+        "name": found["image"],
+        "sun": f"{azimuth:.1f}° / {elevation:.1f}°",
+        "points": f"{found['usable']} of {found['in_view']}",
+        "budget": [_text(None if budget is None else budget[source]) for source in SOURCES],
+        "sigma": _text(found["position_sigma_m"]),
+        "axes": ", ".join(
+            _text(found[name]) for name in ("sigma_east_m", "sigma_north_m", "sigma_up_m")
+        ),
+        "known": _text(found["position_sigma_known_attitude_m"]),
+        "reason": found["reason"],
+    }
+
+
+def _attitude(query: Query) -> str:
+    if math.isinf(query.attitude_sigma_rad):
+        return "The attitude is unknown before and solved with the position."
+    if query.attitude_sigma_rad == 0.0:
+        return "The attitude is exact."
+    degrees = math.degrees(query.attitude_sigma_rad)
+    return f"The attitude is known before to {number(degrees)}° about each axis (1 sigma)."
+
+
+def _shown(image: Mapping[str, Any], path: str) -> str:
+    found: Any = image
+    for part in path.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return _text(found)
+
+
+def _text(value: Any) -> str:
+    """A number with few digits; a dash for what is not known."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return "–" if value is None else str(value)
+    return str(value) if isinstance(value, int) else number(value)
