@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import AnyArray, Array, Index
+from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.hdf5 import Catalog, Coverage, new_catalog
 from ..catalog.packing import sigma_step_m
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
@@ -21,7 +22,7 @@ from ..dem.error_maps import ErrorMaps
 from ..dem.mosaic import DemSet
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.error_model import ErrorModel
-from ..landmarks.selection import select, stable_id
+from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, select, stable_id
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..rendering.plan import ScenePlan
@@ -30,11 +31,22 @@ from .checkpoints import Checkpoints
 from .config import BuildConfig, ErrorConfig
 from .evaluation import image_scales
 from .finished_area import record_type
+from .guarantee import Promise
 from .joined_areas import JoinedAreas
-from .region_maps import region_coverage, region_overview
+from .region_maps import has_heights, region_coverage, region_overview
 
 BLOCK_BYTES = 2**26
 """Records of points that are in memory together; the checks of their values take several times as much."""
+
+
+_SAMPLED = 256
+"""Records whose size in the file is measured for a limit of its size."""
+
+_FILE_BYTES = 260_000
+"""Bytes of a file without points (`estimate.FILE_BYTES`) and of its maps."""
+
+_BYTES_BESIDE = 350
+"""Bytes of a point beside its record: position, rotation, names, summaries."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +78,16 @@ class Assembly:
 
         AreaFailedError for an area that is lost or damaged; otherwise errors as `new_catalog`.
         """
-        areas = JoinedAreas.read(checkpoints, names)
-        table = areas.table
-        chosen = choose(table, self.config, self.gsd_m)
+        promise = Promise.of(self.region, self.config, self.gsd_m)
+        areas = JoinedAreas.read(checkpoints, names, promise.see if promise else _unseen)
+        table, stages = areas.table, areas.table["stage"]
+        if promise:
+            chosen, guarantee = promise.choose(
+                table, self._with_heights(promise), self._most(areas)
+            )
+            stages = np.where(stages == USABLE_STAGE, SPARE_STAGE, stages)
+        else:
+            chosen, guarantee = choose(table, self.config, self.gsd_m), None
         head, products = self._head(areas.plan), self.dems.products
         with new_catalog(head, len(chosen), products, output, overwrite) as file:
             kind = record_type(self.config, self.albedo is not None)
@@ -80,14 +99,35 @@ class Assembly:
                 self.dems,
                 self.region,
                 (table["lon_deg"], table["lat_deg"]),
-                table["stage"],
+                stages,
                 (table["lon_deg"][chosen], table["lat_deg"][chosen]),
                 file.condition,
                 _spacing_m(self.config, self.gsd_m),
             )
-            file.finish(coverage)
+            file.finish(coverage, guarantee)
             check()
         return len(chosen)
+
+    def _with_heights(self, promise: Promise) -> Mask:
+        """True for the places of a promise but those without candidates and without heights."""
+        held = np.ones(len(promise.best), np.bool_)
+        bare = np.flatnonzero(~promise.best.any(axis=1))
+        held[bare] = has_heights(
+            self.dems, promise.places.lon_deg[bare], promise.places.lat_deg[bare]
+        )
+        return held
+
+    def _most(self, areas: JoinedAreas) -> int | None:
+        """Most points that the configuration allows; None without a limit."""
+        points = self.config.points
+        limits = [] if points.max_points is None else [points.max_points]
+        if points.max_bytes is not None:
+            rows = np.flatnonzero(areas.table["usable"])
+            some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SAMPLED)).astype(np.int64)]
+            records = areas.records(some, record_type(self.config, self.albedo is not None))
+            each = _stored_bytes(records) / max(1, len(records)) + _BYTES_BESIDE
+            limits.append(max(1, int((points.max_bytes - _FILE_BYTES) / each)))
+        return min(limits, default=None)
 
     def _head(self, plan: ScenePlan) -> Catalog:
         """The catalogue without points and coverage."""
@@ -163,6 +203,20 @@ class Assembly:
         return sigma, resolution
 
 
+def _unseen(table: AnyArray, stages: Bytes) -> None:
+    """What a build without a promise does with the stages of an area."""
+
+
+def _stored_bytes(records: AnyArray) -> int:
+    """Bytes that records take in a file, where every variable is shuffled and deflated."""
+    total = 0
+    for name in records.dtype.names or ():
+        column = np.ascontiguousarray(records[name])
+        shuffled = column.view(np.uint8).reshape(-1, column.dtype.itemsize).T
+        total += len(zlib.compress(shuffled.tobytes(), 4))
+    return total
+
+
 def choose(table: AnyArray, config: BuildConfig, gsd_m: float) -> Index:
     """Rows of a table of candidates (`finished_area.TABLE`) that become points, evenly spread: those with
     the most usable conditions first, then those with the finest localisation.
@@ -193,7 +247,9 @@ def _resolved(
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
     search_m = config.points.search_nodes(gsd_m) * gsd_m
-    points = dataclasses.replace(config.points, spacing_m=spacing_m, search_m=search_m)
+    points = dataclasses.replace(config.points, search_m=search_m)
+    if not points.per_view:  # else it is the side of cells alone
+        points = dataclasses.replace(points, spacing_m=spacing_m)
     section = dataclasses.replace(config.model.portable, reflectance=model.name)
     known = ErrorConfig(**errors.to_dict())
     return dataclasses.replace(

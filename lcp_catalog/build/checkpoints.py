@@ -27,7 +27,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..arrays import AnyArray, Index
+from ..arrays import AnyArray, Bytes, Index
 from ..atomic_files import remove_leftovers, write_aside
 from ..errors import AreaFailedError, OutputExistsError
 from .finished_area import TABLE, FinishedArea, checksums
@@ -44,9 +44,10 @@ _LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
 _AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
 """Names of checkpoints (`areas.AreaTask.name`); other files in the folder are the user's."""
 
-_HEAD = struct.Struct("<8s64sQQQQ")
-"""Start of a checkpoint: `_MAGIC`, fingerprint, bytes of the plan, rows of the table, number of records,
-bytes of a record. The checksum of head, plan and table follows, then plan, table, records.
+_HEAD = struct.Struct("<8s64sQQQQQ")
+"""Start of a checkpoint: `_MAGIC`, fingerprint, bytes of the plan, rows of the table, stages of a row,
+number of records, bytes of a record. The checksum of head, plan, table and stages follows, then these
+and the records.
 """
 
 _MAGIC, _SUM = b"LCP-AREA", struct.Struct("<I")
@@ -57,11 +58,13 @@ _READ_BYTES = 2**24
 
 @dataclass(frozen=True)
 class StoredArea:
-    """A checkpoint without its records: the table of the candidates, the scene plan as JSON, and where
-    the records are: their number, the bytes of each, and the bytes before them.
+    """A checkpoint without its records: the table of the candidates, their stages
+    (`finished_area.FinishedArea`), the scene plan as JSON, and where the records are: their number,
+    the bytes of each, and the bytes before them.
     """
 
     table: AnyArray
+    stages: Bytes
     plan: str
     records: int
     record_bytes: int
@@ -171,9 +174,10 @@ class Checkpoints:
     def write(self, name: str, area: FinishedArea) -> None:
         """Store a finished area."""
         plan, records = str(area.plan).encode(), area.records
-        sizes = (len(plan), len(area.table), len(records), records.dtype.itemsize)
+        stages = np.zeros((len(area.table), 0), np.uint8) if area.stages is None else area.stages
+        sizes = (len(plan), len(area.table), stages.shape[1], len(records), records.dtype.itemsize)
         head = _HEAD.pack(_MAGIC, self._mark, *sizes)
-        checked = head + plan + area.table.tobytes()
+        checked = head + plan + area.table.tobytes() + stages.tobytes()
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
             stream.write(head + _SUM.pack(zlib.crc32(checked)) + checked[len(head) :])
             stream.write(np.ascontiguousarray(records).view(np.uint8).data)
@@ -196,18 +200,21 @@ class Checkpoints:
         head = stream.read(_HEAD.size + _SUM.size)
         if len(head) < _HEAD.size + _SUM.size:
             return None
-        magic, mark, plan_bytes, rows, records, each = _HEAD.unpack_from(head)
+        magic, mark, plan_bytes, rows, cells, records, each = _HEAD.unpack_from(head)
         table_bytes = rows * TABLE.itemsize
-        before = len(head) + plan_bytes + table_bytes
+        body_bytes = plan_bytes + table_bytes + rows * cells
+        before = len(head) + body_bytes
         if (magic, mark) != (_MAGIC, self._mark):
             return None
         if os.fstat(stream.fileno()).st_size != before + records * each:
             return None
-        body = stream.read(plan_bytes + table_bytes)
+        body = stream.read(body_bytes)
         if zlib.crc32(head[: _HEAD.size] + body) != _SUM.unpack_from(head, _HEAD.size)[0]:
             return None
         table = np.frombuffer(body, TABLE, rows, plan_bytes).copy()  # the plan's bytes can go
-        return StoredArea(table, body[:plan_bytes].decode(), records, each, before)
+        stages = np.frombuffer(body, np.uint8, rows * cells, plan_bytes + table_bytes)
+        plan = body[:plan_bytes].decode()
+        return StoredArea(table, stages.reshape(rows, cells), plan, records, each, before)
 
     def is_whole(self, name: str) -> bool:
         """True if the area is finished and its file undamaged, the records too."""

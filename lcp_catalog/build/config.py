@@ -179,6 +179,12 @@ CONDITIONS_MAX = 50_000
 AREA_NODES_MIN = 16
 """Least number of nodes along an area's side."""
 
+FOOTPRINT_NODES = 1024
+"""Default diameter of a camera's footprint: an image so many pixels wide at the scale of the cells."""
+
+FOOTPRINT_MAX_KM = 5000.0
+"""Greatest diameter of a footprint: about half the Moon."""
+
 SPACING_MAX_M = 8000.0
 """Greatest default spacing, unless half a patch is wider."""
 
@@ -188,7 +194,16 @@ class PointConfig:
     """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = 33
-    spacing_m: float | None = None  # two patch widths, at most `SPACING_MAX_M`
+    per_view: int = 0
+    """Usable points that a camera's footprint is promised under every view and Sun; 0: points are spread
+    evenly instead."""
+    footprint_km: float | None = None  # `FOOTPRINT_NODES`, at most the shorter side of the region
+    """Diameter of the ground that a camera sees."""
+    max_points: int | None = None
+    """Most points of the catalogue."""
+    max_bytes: int | None = None
+    """Size of the catalogue's file that the number of points is limited to, by estimate."""
+    spacing_m: float | None = None  # half a patch; without a promise two patch widths, at most 8 km
     search_m: float | None = None  # 64 nodes, at most `SEARCH_MAX_M`
     candidates_per_cell: int = 2
     min_detection: float = 0.9
@@ -207,6 +222,20 @@ class PointConfig:
             _require(
                 length is None or 0.0 < length <= LENGTH_MAX_M,
                 f"points.{name} must be above 0 and at most {LENGTH_MAX_M:g} m, not {length}",
+            )
+        _require(
+            0 <= self.per_view <= 200, f"points.per_view must lie in 0..200, not {self.per_view}"
+        )
+        _require(
+            self.footprint_km is None or 0.0 < self.footprint_km <= FOOTPRINT_MAX_KM,
+            f"points.footprint_km must be above 0 and at most {FOOTPRINT_MAX_KM:g} km, not {self.footprint_km}",
+        )
+        for name in ("max_points", "max_bytes"):
+            most = getattr(self, name)
+            _require(most is None or most >= 1, f"points.{name} must be at least 1, not {most}")
+            _require(
+                most is None or self.per_view > 0,
+                f"points.{name} needs points.per_view above 0: the choice is by what it promises",
             )
         _require(
             1 <= self.candidates_per_cell <= 100, "points.candidates_per_cell must lie in 1..100"
@@ -240,9 +269,16 @@ class PointConfig:
             f"{SEARCH_MAX_NODES} cells, {SEARCH_MAX_NODES * gsd_m:g} m",
         )
 
+    def least_distance_m(self, gsd_m: float) -> float:
+        """Least distance between two points, metres: the spacing, but half a patch if only a promise
+        is given.
+        """
+        nodes = self.half if self.per_view and self.spacing_m is None else self.spacing_nodes(gsd_m)
+        return nodes * gsd_m
+
     def spacing_nodes(self, gsd_m: float) -> int:
-        """Least distance between two points, in nodes; by default two patch widths, at most
-        `SPACING_MAX_M`, but not less than half a patch.
+        """Side of the cells in which candidates are looked for, in nodes; by default two patch widths,
+        at most `SPACING_MAX_M`, but not less than half a patch.
         """
         if self.spacing_m is not None:
             return max(1, round(self.spacing_m / gsd_m))

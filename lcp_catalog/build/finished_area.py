@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray, Array, Index
+from ..arrays import AnyArray, Array, Bytes, Index
 from ..catalog.packing import half_turn, packing, sigma_step_m
 from ..catalog.schema import (
     EVALUATED,
@@ -31,6 +31,7 @@ from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig
 from .evaluation import Evaluation, image_scales
+from .sun_stages import cell_stages
 
 TABLE = np.dtype(
     [
@@ -40,9 +41,13 @@ TABLE = np.dtype(
         ("usable", "<i4"),  # usable conditions; 0 for a candidate that cannot become a point
         ("checksum", "<u4"),  # CRC-32 of the record; 0 without one
         ("stage", "u1"),  # of `landmarks.selection.coverage`
+        ("information", "<f4"),  # mean over usable conditions of `_information`
     ]
 )
 """A candidate's row of the table."""
+
+_LEAST_CHANCE = 1e-6
+"""Detection probability that stands for 0 in a logarithm."""
 
 _FIGURES = (
     "elevation",
@@ -59,12 +64,14 @@ _FIGURES = (
 @dataclass(frozen=True)
 class FinishedArea:
     """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows with usable
-    conditions, in the same order; and the scene plan of the area's images.
+    conditions, in the same order; and the scene plan of the area's images. ``stages`` (n, cells): what
+    each row is good for between the Suns (`sun_stages.cell_stages`); None if nothing is promised.
     """
 
     table: AnyArray
     records: AnyArray
     plan: ScenePlan
+    stages: Bytes | None = None
 
 
 def record_type(config: BuildConfig, albedo: bool) -> np.dtype[np.void]:
@@ -91,7 +98,8 @@ def finished_area(result: AreaResult, config: BuildConfig, gsd_m: float) -> Fini
     for name, values in _record_columns(candidates, config, gsd_m).items():
         records[name] = values[some]
     table["checksum"][some] = checksums(records)
-    return FinishedArea(table, records, result.plan)
+    stages = cell_stages(candidates, config) if config.points.per_view else None
+    return FinishedArea(table, records, result.plan, stages)
 
 
 def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
@@ -103,6 +111,9 @@ def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     table["quality"] = _quality(evaluation)
     table["usable"] = np.where(usable >= least, usable, 0)
     table["stage"] = _stages(evaluation, usable >= least)
+    table["information"] = np.nan_to_num(
+        _over_usable(_information(evaluation), evaluation, np.nanmean)
+    )
     return table
 
 
@@ -116,6 +127,16 @@ def _quality(evaluation: Evaluation) -> Array:
     """Order of candidates with equally many usable conditions: minus the largest sigma."""
     largest = _over_usable(evaluation.sigma_major_m[:, 0], evaluation, np.nanmax)
     return -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
+
+
+def _information(evaluation: Evaluation) -> Array:
+    """Logarithm of the determinant of the information on the position east and north that a search
+    gives: the inverse covariance of the match times the detection probability; 0 where unknown.
+    """
+    chance = np.maximum(evaluation.detection[:, 0], _LEAST_CHANCE)
+    area = evaluation.sigma_major_m[:, 0] * evaluation.sigma_minor_m[:, 0]
+    known = np.isfinite(area) & (area > 0.0)
+    return 2.0 * np.log(chance / np.where(known, area, chance))
 
 
 def _stages(evaluation: Evaluation, enough: NDArray[np.bool_]) -> Index:

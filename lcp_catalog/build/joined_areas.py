@@ -5,12 +5,12 @@ them, read when they are asked for.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import AnyArray, Index
+from ..arrays import AnyArray, Bytes, Index
 from ..rendering.plan import ScenePlan
 from .checkpoints import Checkpoints, StoredArea, lost_area
 
@@ -30,8 +30,15 @@ class JoinedAreas:
     plan: ScenePlan
 
     @classmethod
-    def read(cls, checkpoints: Checkpoints, names: Sequence[str]) -> JoinedAreas:
-        """AreaFailedError for an area that is lost or damaged."""
+    def read(
+        cls,
+        checkpoints: Checkpoints,
+        names: Sequence[str],
+        seen: Callable[[AnyArray, Bytes], None] = lambda table, stages: None,
+    ) -> JoinedAreas:
+        """AreaFailedError for an area that is lost or damaged. ``seen``: called with the table and the
+        stages of each area in turn, which are not kept.
+        """
         tables: list[AnyArray] = []
         before: list[int] = []
 
@@ -40,6 +47,7 @@ class JoinedAreas:
                 found = _found(checkpoints, name)
                 tables.append(found.table)
                 before.append(found.before)
+                seen(found.table, found.stages)
                 yield name, ScenePlan.from_json(json.loads(found.plan))
 
         plan = ScenePlan.merged(plans())

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Coverage, Overview
 from ..constants import MOON_RADIUS_M
@@ -137,6 +137,11 @@ def _rings(box: tuple[float, float, float, float], step_m: float) -> tuple[Array
         lons.append(np.asarray(lon % 360.0))
         lats.append(np.full(len(lon), lat))
     return np.concatenate(lons), np.concatenate(lats)
+
+
+def has_heights(dems: DemSet, lon_deg: Array, lat_deg: Array) -> Mask:
+    """True for places (n,) at which a DEM has a height."""
+    return np.asarray(np.isfinite(_read(dems, lon_deg, lat_deg, 0.0)))
 
 
 def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Array:

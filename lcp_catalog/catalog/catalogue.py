@@ -74,6 +74,26 @@ class Coverage:
 
 
 @dataclass(frozen=True, eq=False)
+class Guarantee:
+    """How many usable points a camera over any place of the region sees, and why not as many as
+    promised; v views, e elevations and a azimuths of `sun_cells.SunCells`.
+    """
+
+    longitude: AnyArray  # (place,) degrees
+    latitude: AnyArray
+    demand: AnyArray  # (place,) uint8 points promised
+    points: AnyArray  # (place, v, e, a) uint8 usable within ``radius_m``; 255: nothing is promised
+    cause: AnyArray  # (place, v, e, a) uint8 `schema.Cause`; 255 likewise
+    size: AnyArray  # (step,) points in the order of the greedy choice
+    met: AnyArray  # (step,) share of places and conditions with as many points as candidates allow
+    served: AnyArray  # (step,) share of all points asked for
+    per_view: float
+    footprint_m: float  # diameter of the ground that a camera sees
+    radius_m: float  # around a place that every camera sees whose nearest place it is
+    lower_bound: float  # points that every choice with the same promise has at least; 0: unknown
+
+
+@dataclass(frozen=True, eq=False)
 class Catalog:
     """A catalogue in memory: the variables of the file under their own names, with their units.
 
@@ -135,6 +155,7 @@ class Catalog:
     errors: Any = None  # dict: the error model of the claims, and min_detection
     level: AnyArray | None = None  # (n,) index of the cell size, None: 0
     sigma_step_m: float | None = None  # step of stored sigmas, None: from the smallest cell
+    guarantee: Guarantee | None = None  # None: no promise was made
 
     def __post_init__(self) -> None:
         self._complete_claims()
@@ -224,7 +245,7 @@ class Catalog:
 
     def take(self, rows: Index, cells: Index | None = None) -> Catalog:
         """The catalogue in memory of the points ``rows`` and of these coverage cells (None: all), with
-        the whole overview.
+        the whole overview. What the whole catalogue promises is left out.
         """
         some = cells if cells is not None else np.arange(len(self.coverage.longitude))
         names = ["longitude", "latitude", "status", *(["usable"] if self.has_claims else [])]
@@ -244,7 +265,7 @@ class Catalog:
                 else getattr(self, field.name)
             )
             given[field.name] = value
-        return Catalog(**given | {"coverage": coverage})
+        return Catalog(**given | {"coverage": coverage, "guarantee": None})
 
     def within(self, west: float, south: float, east: float, north: float) -> Catalog:
         """The catalogue in memory of the points and coverage cells within a box, degrees; longitudes
@@ -298,10 +319,15 @@ class Catalog:
         found |= {"patch_row": centred(shape[1]), "patch_col": centred(shape[2])}
         found |= {name: np.arange(length) for name, length in FIXED.items()}
         found["coverage/cell"] = np.arange(len(self.coverage.longitude))
+        if self.guarantee is not None:
+            found["guarantee/place"] = np.arange(len(self.guarantee.longitude))
+            found["guarantee/step"] = np.arange(len(self.guarantee.size))
         if self.has_claims:
             found["coverage/usable"] = self._coverage_usable()
         for group, variables in GROUPS.items():
             owner = getattr(self, group) if group else self
+            if owner is None:
+                continue
             for short, variable in variables.items():
                 name = key(group, short)
                 if (name in OPTIONAL and getattr(self, name) is None) or (
@@ -358,6 +384,7 @@ class Catalog:
         found: dict[str, dict[str, float | str]] = {
             group: {name: float(getattr(getattr(self, group), name)) for name in names}
             for group, names in GROUP_ATTRIBUTES.items()
+            if getattr(self, group) is not None
         }
         if self.overview.projection != ORTHOGRAPHIC:
             found["overview"]["projection"] = self.overview.projection

@@ -22,10 +22,12 @@ from .schema import (
     COVERAGE_UNKNOWN,
     DETECTION_STEP,
     EVALUATED,
+    NO_CELL,
     PACKED,
     UNOCCLUDED,
     UNSHADOWED,
     USABLE,
+    Cause,
     evaluated,
     summarise_usable,
     universal,
@@ -167,7 +169,8 @@ def text_problems(
     if "sigma_step_m" in attributes:
         numbers["sigma_step_m"] = attributes["sigma_step_m"]
     for name, number in numbers.items():
-        low = -360.0 if "center" in name else np.nextafter(0.0, 1.0)
+        least = 0.0 if "lower_bound" in name else np.nextafter(0.0, 1.0)
+        low = -360.0 if "center" in name else least
         if not low <= number < 1e7:
             found.append(f"{name}: {number:g} is not in its range")
     return found
@@ -409,6 +412,29 @@ def _check_overview(values: Values) -> Iterator[Finding]:
     yield from _where("overview/height", np.isinf(values["overview/height"]), "infinite")
 
 
+def _check_guarantee(values: Values) -> Iterator[Finding]:
+    if "guarantee/place" not in values:
+        return
+    for name in ("guarantee/place", "guarantee/step"):
+        if not np.array_equal(values[name], np.arange(len(values[name]))):
+            yield Finding(name, "is not 0, 1, 2, ...")
+    yield from _outside(values, "guarantee/latitude", -90.0, 90.0)
+    yield from _outside(values, "guarantee/longitude", -360.0, 720.0)
+    for name in ("met", "served"):
+        yield from _outside(values, f"guarantee/{name}", 0.0, 1.0)
+    if not (np.diff(values["guarantee/size"]) > 0).all():
+        yield Finding("guarantee/size", "does not rise")
+    points, cause = values["guarantee/points"], values["guarantee/cause"]
+    nothing = cause == NO_CELL
+    yield from _where("guarantee/cause", (cause > max(Cause)) & ~nothing, "has no meaning")
+    yield from _where(
+        "guarantee/points", (points == NO_CELL) != nothing, "is not as the cause says"
+    )
+    enough = points >= values["guarantee/demand"][:, None, None, None]
+    wrong = ~nothing & (enough != (cause == Cause.MET))
+    yield from _where("guarantee/cause", wrong, "is not as demand and points say")
+
+
 def _check_scales(values: Values, least: float) -> Iterator[Finding]:
     scale = values["image_scale"]
     if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
@@ -465,7 +491,7 @@ _CLAIM_CHECKS = {
 }
 
 _CHECKS = {
-    "axes": (_check_axes,),
+    "axes": (_check_axes, _check_guarantee),
     "points": (
         _check_places,
         _check_rotations,

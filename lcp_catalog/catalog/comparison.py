@@ -222,7 +222,10 @@ def _maps(one: Catalog, other: Catalog, unequal: set[str]) -> Iterator[tuple[str
     """Variables of the groups that differ, and how."""
     skipped = {"cell"} if one.has_claims and other.has_claims else {"cell", "usable"}
     for group, members in GROUPS.items():
-        for short, variable in members.items() if group else ():
+        whose = [getattr(catalog, group) is not None for catalog in (one, other)] if group else []
+        if any(whose) and not all(whose):
+            yield group, "only one of the two has it"
+        for short, variable in members.items() if whose and all(whose) else ():
             name = key(group, short)
             if unequal & {*variable.dims} or short in skipped:
                 continue

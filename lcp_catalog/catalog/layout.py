@@ -28,10 +28,13 @@ from .schema import (
     COVERAGE_UNKNOWN,
     FLAG_MASKS,
     FLAG_MEANINGS,
+    GUARANTEE,
+    NO_CELL,
     OPTIONAL,
     OVERVIEW,
     PACKED,
     VARIABLES,
+    Cause,
     Variable,
 )
 
@@ -41,10 +44,15 @@ GROUPS: dict[str, dict[str, Variable]] = {
     "": COORDINATES | VARIABLES,
     "overview": OVERVIEW,
     "coverage": COVERAGE,
+    "guarantee": GUARANTEE,
 }
 """Every dataset of the file by group and name; the root group has no name."""
 
-GROUP_ATTRIBUTES = {"overview": ("center_lon", "center_lat"), "coverage": ("spacing_m",)}
+GROUP_ATTRIBUTES = {
+    "overview": ("center_lon", "center_lat"),
+    "coverage": ("spacing_m",),
+    "guarantee": ("per_view", "footprint_m", "radius_m", "lower_bound"),
+}
 
 OPTIONAL_GROUP_ATTRIBUTES = {"overview": "projection", "coverage": "step_m"}
 """Attributes of the groups of a region that no tangent plane shows (since schema 2.1)."""
@@ -80,6 +88,13 @@ GLOBAL_ATTRIBUTES = (
 
 FIXED = {"mcmf_axis": 3, "enu_axis": 3, "ellipse_axis": 2}
 """Lengths of the dimensions that all catalogues share."""
+
+_CODES = {
+    "status": COVERAGE_STATUS,
+    "cause": {cause.value: cause.name.lower() for cause in Cause},
+    "universal": {0: "no", 1: "yes"},
+}
+"""Meanings of the values of variables that stand for words."""
 
 _PIECE_BYTES = 2**23
 """Content that is digested together."""
@@ -167,13 +182,13 @@ def variable_attributes(
             "flag_masks": np.array(FLAG_MASKS, np.uint8),
             "flag_meanings": " ".join(FLAG_MEANINGS),
         }
-    if name == "status":
-        codes = np.array(list(COVERAGE_STATUS), np.uint8)
-        found |= {"flag_values": codes, "flag_meanings": " ".join(COVERAGE_STATUS.values())}
+    if name in _CODES:
+        codes = np.array(list(_CODES[name]), np.uint8)
+        found |= {"flag_values": codes, "flag_meanings": " ".join(_CODES[name].values())}
     if name in PACKED:
         found |= packing(name, sigma_step_m).attributes
-    if name == "universal":
-        found |= {"flag_values": np.array([0, 1], np.uint8), "flag_meanings": "no yes"}
+    if variable.dims[0] == "place" and len(variable.dims) > 1:
+        found["_FillValue"] = np.uint8(NO_CELL)
     if name == "usable":
         found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
     if group == "overview" and name == "height":

@@ -4,6 +4,7 @@ checks; and the flags of its conditions.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,9 @@ PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
 """Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
 
+OPTIONAL_GROUPS = ("guarantee",)
+"""Groups that a file has only if the catalogue was built with them."""
+
 OPTIONAL = ("albedo",)
 """Variables that a file has only if the catalogue was built with them (since schema 1.2)."""
 
@@ -52,7 +56,43 @@ DETECTION_STEP = 1.0 / 250.0
 COVERAGE_UNKNOWN = 255
 """Value of ``coverage/usable`` in conditions that were evaluated for no point."""
 
-COVERAGE_STATUS = {0: "point", 1: "featureless", 2: "ambiguous", 3: "dependent", 4: "nodata"}
+COVERAGE_STATUS = {
+    0: "point",
+    1: "featureless",
+    2: "ambiguous",
+    3: "dependent",
+    4: "nodata",
+    5: "spare",
+}
+
+
+class Cause(IntEnum):
+    """Why fewer points than promised are usable near a place under a view and the Suns of a cell; those
+    of several candidates: the last of the list.
+    """
+
+    MET = 0
+    """As many as promised."""
+    NODATA = 1
+    """No heights there."""
+    DARK = 2
+    """Too dark, or without any contrast."""
+    FEATURELESS = 3
+    """Too little texture to localise a point, or no candidate at all."""
+    AMBIGUOUS = 4
+    """Similar to other terrain within the search radius."""
+    DEPENDENT = 5
+    """Shadowed or hidden by terrain outside the patch."""
+    MARGINAL = 6
+    """Usable under the Suns that were evaluated, but not surely between them."""
+    FEW = 7
+    """Usable candidates, but fewer than promised."""
+    SIZE = 8
+    """Enough usable candidates, but the number of points is limited."""
+
+
+NO_CELL = 255
+"""Value of ``guarantee/points`` and ``guarantee/cause`` where nothing is promised."""
 
 
 class Variable(NamedTuple):
@@ -229,6 +269,30 @@ COVERAGE = {
         "u1",
         "1",
         "1 if a usable point is within one spacing of the cell's centre",
+    ),
+}
+
+_NEAR = ("place", "view", "sun_elevation", "sun_azimuth")
+
+GUARANTEE = {
+    "place": Variable(("place",), "i4", "1", "number of the place"),
+    "longitude": Variable(("place",), "f8", "degrees_east", "longitude of the place"),
+    "latitude": Variable(("place",), "f8", "degrees_north", "latitude of the place"),
+    "demand": Variable(("place",), "u1", "1", "usable points promised to a camera above the place"),
+    "points": Variable(
+        _NEAR,
+        "u1",
+        "1",
+        "points near the place that are usable under all Suns from this elevation and azimuth to the next",
+    ),
+    "cause": Variable(_NEAR, "u1", "1", "why there are fewer points than promised"),
+    "step": Variable(("step",), "i4", "1", "number of the step of the choice"),
+    "size": Variable(("step",), "i4", "1", "number of points chosen up to the step"),
+    "met": Variable(
+        ("step",), "f8", "1", "share of the places and conditions with as many points as possible"
+    ),
+    "served": Variable(
+        ("step",), "f8", "1", "share of all points that places and conditions ask for"
     ),
 }
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
-from .catalogue import BLOCK_BYTES, Catalog, Coverage, Overview
+from .catalogue import BLOCK_BYTES, Catalog, Coverage, Guarantee, Overview
 from .file_structure import HDF5_ERRORS, group_names, line_of, variables
 from .layout import (
     CLAIM_ATTRIBUTES,
@@ -30,7 +30,7 @@ from .layout import (
     key,
 )
 from .packing import packing
-from .schema import ADDED_IN_1_1, PACKED, Variable
+from .schema import ADDED_IN_1_1, OPTIONAL_GROUPS, PACKED, Variable
 
 _DEFAULTS = {name: np.nan for name in ADDED_IN_1_1} | {"level": np.int32(0)}
 """Values of per-point variables that files of older schemas lack."""
@@ -131,6 +131,8 @@ def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     """Attributes of the groups by group and name."""
     found: dict[str, dict[str, float | str]] = {}
     for group in GROUP_ATTRIBUTES:
+        if group in OPTIONAL_GROUPS and group not in file:
+            continue
         stored = {name: file[group].attrs[name] for name in group_names(file[group], group)}
         found[group] = {n: v if isinstance(v, str) else float(v) for n, v in stored.items()}
     return found
@@ -212,6 +214,9 @@ class StoredCatalog(Catalog):
             sigma_step_m=found.get("sigma_step_m"),
             overview=_stored(_StoredOverview, source, groups["overview"]),
             coverage=_stored(_StoredCoverage, source, groups["coverage"]),
+            guarantee=_stored(_StoredGuarantee, source, groups["guarantee"])
+            if "guarantee" in groups
+            else None,
             _source=source,
         )
         return catalog
@@ -275,6 +280,10 @@ class _StoredCoverage(Coverage):
     _source: _Source
 
 
+class _StoredGuarantee(Guarantee):
+    _source: _Source
+
+
 def _stored(cls: type[Any], source: _Source, numbers: dict[str, float | str]) -> Any:
     found = object.__new__(cls)
     found.__dict__.update(numbers, _source=source)
@@ -292,6 +301,7 @@ def _read_when_used(cls: type[Any], group: str) -> None:
 _read_when_used(StoredCatalog, "")
 _read_when_used(_StoredOverview, "overview")
 _read_when_used(_StoredCoverage, "coverage")
+_read_when_used(_StoredGuarantee, "guarantee")
 
 _ATTRIBUTES = (
     "config",

@@ -17,7 +17,7 @@ from ..arrays import AnyArray
 from ..atomic_files import write_aside
 from ..errors import CatalogError
 from ..held_signals import HeldSignals
-from .catalogue import Catalog, Coverage
+from .catalogue import Catalog, Coverage, Guarantee
 from .checks import first_few, lines, part_findings, shape_problems
 from .disk_stream import DiskStream
 from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
@@ -36,7 +36,7 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     products = values["dem_product"]
     with new_catalog(catalog, len(catalog), products, path, overwrite) as file:
         file.add(values)
-        file.finish(catalog.coverage)
+        file.finish(catalog.coverage, catalog.guarantee)
 
 
 @contextmanager
@@ -127,7 +127,7 @@ class NewCatalog:
         if problems:
             raise CatalogError(f"not a catalogue: {first_few(problems)}")
 
-    def finish(self, coverage: Coverage) -> None:
+    def finish(self, coverage: Coverage, guarantee: Guarantee | None = None) -> None:
         """Write the groups, the attributes and the digests of the content, which is read again.
         CatalogError if points are missing or have the same id.
         """
@@ -135,10 +135,10 @@ class NewCatalog:
             raise CatalogError(f"{self._added} points were added instead of {self._points}")
         if len(np.unique(self._file["point_id"][()])) < self._points:
             raise CatalogError("not a catalogue: point_id: numbers occur more than once")
-        head = dataclasses.replace(self._head, coverage=coverage)
+        head = dataclasses.replace(self._head, coverage=coverage, guarantee=guarantee)
         self._fixed = head.values()
         for group in GROUPS:
-            if group:
+            if group and getattr(head, group) is not None:
                 self._create_group(group, head.group_attributes().get(group, {}))
         attributes = head.attributes()
         more = digests(

@@ -35,10 +35,18 @@ class Status(IntEnum):
     AMBIGUOUS = 2
     DEPENDENT = 3
     NODATA = 4
+    SPARE = 5
+    """Candidates that would work, none of which is needed."""
 
+
+USABLE_STAGE, SPARE_STAGE = 3, 4
+"""Stages (`coverage`) of a usable candidate: where a point lies within the spacing of all of them, and
+where the choice leaves such candidates out.
+"""
 
 _BY_STAGE = np.array(
-    [Status.FEATURELESS, Status.AMBIGUOUS, Status.DEPENDENT, Status.POINT], dtype=np.uint8
+    [Status.FEATURELESS, Status.AMBIGUOUS, Status.DEPENDENT, Status.POINT, Status.SPARE],
+    dtype=np.uint8,
 )
 
 
@@ -157,7 +165,8 @@ def coverage(
     by their centres.
 
     ``has_heights``: True for cells with heights. ``stages`` of the candidates: 0 never localisable,
-    1 localisable but never unique as well, 2 both but never independent as well, 3 usable. A
+    1 localisable but never unique as well, 2 both but never independent as well, 3 usable, 4 usable
+    and perhaps far from every point (`SPARE_STAGE`). A
     candidate counts for the cell whose centre is nearest, within one spacing. POINT: a point lies
     within one spacing of the centre, or a usable candidate lies in the cell (`select` then has a
     point within one spacing of that candidate). Otherwise the furthest stage of the cell's

@@ -222,9 +222,7 @@ def _coverage(rng, frame, side, step_m, lon):
     cell_lon, cell_lat, _ = mcmf_to_lonlat(
         frame.to_mcmf(np.stack([xx, yy, np.zeros_like(xx)], axis=-1))
     )
-    status = rng.choice(list(COVERAGE_STATUS), len(xx), p=[0.6, 0.1, 0.1, 0.1, 0.1]).astype(
-        np.uint8
-    )
+    status = rng.choice(list(COVERAGE_STATUS), len(xx), p=[0.6, *[0.1] * 4, 0.0]).astype(np.uint8)
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
 
 

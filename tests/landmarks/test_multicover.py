@@ -1,0 +1,84 @@
+"""The fewest candidates that serve everything: against exact optima and linear programs of HiGHS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import Bounds, LinearConstraint, linprog, milp
+from scipy.sparse import csr_matrix
+
+from lcp_catalog.landmarks.multicover import Cover, choose_cover, least_size, packed
+
+
+def instance(
+    seed: int, n: int = 40, places: int = 5, conditions: int = 70, near: int = 2, most: int = 3
+):
+    """Random candidates near some places; what is wanted; and the same as a matrix (element, candidate)."""
+    rng = np.random.default_rng(seed)
+    rows = [np.sort(rng.choice(places, near, replace=False)) for _ in range(n)]
+    serves = rng.random((n, conditions)) < rng.uniform(0.0, 0.7, (n, 1))
+    first = near * np.arange(n + 1)
+    cover = Cover(first, np.concatenate(rows).astype(np.int32), packed(serves), places, conditions)
+    matrix = np.zeros((places, conditions, n))
+    for k, row in enumerate(rows):
+        matrix[row, :, k] = serves[k]
+    wanted = np.minimum(matrix.sum(axis=2), most).astype(np.int16)
+    return cover, wanted, matrix.reshape(-1, n)
+
+
+def test_counts_are_those_of_the_matrix() -> None:
+    cover, _, matrix = instance(1)
+    rows = np.array([3, 7, 31])
+    np.testing.assert_array_equal(cover.counts(rows).ravel(), matrix[:, rows].sum(axis=1))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_choice_is_near_the_optimum(seed: int) -> None:
+    """It serves all that is wanted, and is at most 1.15 times the exact optimum."""
+    cover, wanted, matrix = instance(seed)
+    choice = choose_cover(cover, wanted)
+    assert (matrix[:, choice.chosen].sum(axis=1) >= wanted.ravel()).all()
+    n = len(cover)
+    exact = milp(
+        np.ones(n),
+        constraints=LinearConstraint(csr_matrix(matrix), wanted.ravel(), np.inf),
+        integrality=np.ones(n),
+        bounds=Bounds(0, 1),
+    )
+    assert exact.status == 0
+    assert round(exact.fun) <= len(choice.chosen) <= 1.15 * exact.fun
+    unneeded = [np.delete(choice.chosen, k) for k in range(len(choice.chosen))]
+    assert not any((matrix[:, rest].sum(axis=1) >= wanted.ravel()).all() for rest in unneeded)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_bound_is_that_of_the_linear_program(seed: int) -> None:
+    """Never above the relaxed optimum, and less than 5 % below."""
+    cover, wanted, matrix = instance(seed, n=60, places=7, near=3)
+    size = len(choose_cover(cover, wanted).chosen)
+    bounds = {"A_ub": -csr_matrix(matrix), "b_ub": -wanted.ravel(), "bounds": (0, 1)}
+    relaxed = linprog(np.ones(len(cover)), method="highs", **bounds).fun
+    assert 0.95 * relaxed <= least_size(cover, wanted, size) <= relaxed * (1.0 + 1e-9)
+
+
+def test_a_limited_choice_is_the_greedy_start() -> None:
+    """Each candidate in turn serves the most that still lacks; the curve counts what is served."""
+    cover, wanted, matrix = instance(3)
+    choice = choose_cover(cover, wanted, 6)
+    lacking, taken = wanted.ravel().astype(int), []
+    for met, served in zip(choice.met, choice.served, strict=True):
+        gain = (matrix * (lacking > 0)[:, None]).sum(axis=0)
+        gain[taken] = -1
+        taken.append(int(gain.argmax()))
+        lacking = lacking - matrix[:, taken[-1]].astype(int) * (lacking > 0)
+        assert met == np.count_nonzero((lacking == 0) & (wanted.ravel() > 0))
+        assert served == pytest.approx(1.0 - lacking.sum() / wanted.sum())
+    assert choice.chosen.tolist() == sorted(taken)
+    with pytest.raises(ValueError, match="at least 1"):
+        choose_cover(cover, wanted, 0)
+
+
+def test_nothing_wanted_needs_nobody() -> None:
+    cover, wanted, _ = instance(4)
+    assert not len(choose_cover(cover, np.zeros_like(wanted)).chosen)
+    assert least_size(cover, np.zeros_like(wanted), 0) == 0.0
