@@ -11,8 +11,8 @@ from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
 from scipy.special import expit, logit
 
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.prediction import Prediction, predict
-from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.catalog.prediction import CAUSES, Prediction, predict
+from lcp_catalog.catalog.schema import UNOCCLUDED, UNSHADOWED, summarise_usable
 from lcp_catalog.catalog.view_mesh import ViewMesh, view_plane
 from lcp_catalog.geometry.frames import direction_enu
 
@@ -334,3 +334,44 @@ class TestViews:
             towards = [np.sin(t) * np.sin(a), np.sin(t) * np.cos(a), np.cos(t)]
             found = asked(catalog, 30.0, 100.0, view=towards)
             assert np.isfinite(found.detection_probability[0]) == known, (off, azimuth)
+
+
+def test_a_point_that_is_not_usable_has_a_cause() -> None:
+    given = catalogs.claims(1)
+    shape = given["detection_probability"].shape
+    condition = np.full(given["condition"].shape, 31, np.uint8)
+    condition[:, :, 1] &= 31 - UNSHADOWED  # a Sun at 10 degrees
+    condition[:, :, 2] &= 31 - UNOCCLUDED  # 15
+    condition[:, :, 3] = 0  # 20
+    detection = np.full(shape, 0.95)
+    detection[:, :, :, 3] = np.nan
+    detection[:, :, :, 4] = 0.5  # 30
+    condition[:, :, 4] &= 31 - 4
+    lowest, highest = summarise_usable(condition, given["sun_elevation"])
+    planes = {
+        name: np.where(np.isnan(detection), np.nan, value)
+        for name, value in (("sigma_major", 9.0), ("sigma_minor", 3.0), ("sigma_angle", 4.0))
+    }
+    summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest, "condition": condition}
+    catalog = Catalog(
+        **given
+        | planes
+        | summed
+        | {"detection_probability": detection, "coverage": catalogs.arrays(1)["coverage"]}
+    )
+    low, aside = np.radians([5.0, 60.0])
+    for elevation, scale, view, cause in (
+        (5.0, 1.0, NADIR, "usable"),
+        (10.0, 1.0, NADIR, "shadow"),
+        (15.0, 1.0, NADIR, "occlusion"),
+        (20.0, 1.0, NADIR, "not evaluated"),
+        (30.0, 1.0, NADIR, "detection"),
+        (3.0, 1.0, NADIR, "sun"),  # evaluated half a step down, but not usable there
+        (-5.0, 1.0, NADIR, "sun"),
+        (-5.0, 9.0, [0.0, np.sin(aside), np.cos(aside)], "sun"),
+        (5.0, 9.0, [0.0, np.sin(aside), np.cos(aside)], "view"),
+        (5.0, 9.0, [0.0, np.sin(low), np.cos(low)], "scale"),
+    ):
+        found = asked(catalog, elevation, 45.0, scale, view)
+        assert CAUSES[found.cause[0]] == cause
+        assert bool(found.usable[0]) == (cause == "usable")

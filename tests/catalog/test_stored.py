@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import catalogs, many_points
 
-from lcp_catalog.catalog import catalogue, summary, verification
+from lcp_catalog.catalog import catalogue, stored, summary, verification
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.errors import CatalogError
 
@@ -124,3 +124,20 @@ def test_a_window_of_many_points_needs_little_memory(tmp_path: Path) -> None:
         tracemalloc.stop()
     assert 10 < len(part) < 100
     assert peak < 6e6  # the claims of all points alone are 31 MB
+
+
+@pytest.mark.parametrize("block_bytes", [1, 200_000])
+def test_values_at_points_and_indices(
+    block_bytes: int, found: Catalog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Points in any order and more than once, in one block or in many."""
+    monkeypatch.setattr(stored, "BLOCK_BYTES", block_bytes)
+    whole, dice = catalogs.claimed(30), np.random.default_rng(5)
+    rows = dice.integers(0, 30, 50)
+    for name in ("condition", "sigma_major", "detection_probability"):
+        lengths = getattr(whole, name).shape[1:]
+        index = [dice.integers(0, length, (50, 6)) for length in lengths]
+        got = found.at(name, rows, *index)
+        np.testing.assert_array_equal(got, getattr(whole, name)[(rows[:, None], *index)])
+        none = found.at(name, rows[:0], *(along[:0] for along in index))
+        assert none.shape == (0, 6)
