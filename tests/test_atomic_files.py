@@ -11,7 +11,13 @@ import sys
 import pytest
 
 from lcp_catalog import atomic_files
-from lcp_catalog.atomic_files import check_output, depfile_rule, write_aside, write_bytes
+from lcp_catalog.atomic_files import (
+    check_output,
+    depfile_rule,
+    folder_aside,
+    write_aside,
+    write_bytes,
+)
 from lcp_catalog.errors import OutputError, OutputExistsError
 
 
@@ -194,3 +200,38 @@ def test_leftovers_of_killed_processes_are_removed_and_nothing_else(tmp_path):
     atomic_files.remove_leftovers(tmp_path / "a.h5")
     assert left not in names(tmp_path)
     assert len(names(tmp_path)) == 5
+
+
+def _files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_a_folder_appears_whole_and_replaces_only_its_own_kind(tmp_path):
+    out = tmp_path / "maps"
+    with folder_aside(out, [".lmk"]) as aside:
+        (aside / "one.lmk").write_bytes(b"1")
+        assert not out.exists()
+    assert _files(tmp_path) == ["maps", "maps/one.lmk"]
+    with pytest.raises(OutputExistsError, match="--overwrite"), folder_aside(out, [".lmk"]):
+        pass
+    with folder_aside(out, [".lmk"], overwrite=True) as aside:
+        (aside / "two.lmk").write_bytes(b"2")
+    assert _files(tmp_path) == ["maps", "maps/two.lmk"]
+    (out / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"holds notes\.txt"), folder_aside(out, [".lmk"], True):
+        pass
+    assert _files(out) == ["notes.txt", "two.lmk"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_a_failed_folder_leaves_nothing_and_keeps_the_old(tmp_path, error):
+    out = tmp_path / "maps"
+    for _ in range(2):
+        with pytest.raises(error), folder_aside(out, [".lmk"], overwrite=True) as aside:
+            (aside / "half.lmk").write_bytes(b"1")
+            raise error
+        assert _files(tmp_path) in ([], ["maps"])
+        out.mkdir(exist_ok=True)
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(OutputExistsError), folder_aside(tmp_path / "file", [".lmk"]):
+        pass

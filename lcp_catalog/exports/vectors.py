@@ -20,7 +20,7 @@ from ..constants import FRAME
 from ..geometry.bounds import Bounds
 from ..geometry.frames import mcmf_to_lonlat
 from .packages import package
-from .points import Points, cells, plain
+from .points import Points, cells, half_turn, plain
 
 _SIDE = 8
 """Most pieces of a footprint's side."""
@@ -62,29 +62,41 @@ def _footprints(points: Points, shapely: Any) -> AnyArray:
     rows = np.concatenate([low, go, high, back])
     columns = np.concatenate([go, high, back, low])[::-1]  # counter-clockwise seen from above
     rows = rows[::-1]
-    found: list[Any] = []
+    found = []
     for block, dem in points.blocks("dem"):
         lon, lat, _ = mcmf_to_lonlat(points.nodes_m(block, dem)[:, rows, columns])
-        found += [outline(*ring, shapely) for ring in zip(lon, lat, strict=True)]
-    return np.array(found, dtype=object)
+        lon = half_turn(lon)
+        whole = shapely.multipolygons(shapely.polygons(np.stack([lon, lat], -1))[:, None])
+        for k in np.flatnonzero(np.ptp(lon, axis=1) > 180.0):
+            whole[k] = outline(lon[k], lat[k], shapely)
+        found.append(whole)
+    return np.concatenate(found)
 
 
 def outline(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
-    """Multi-polygon within longitudes -180..180 of a ring of places (m,) on the sphere."""
+    """Multi-polygon within longitudes -180..180 of a convex ring of places (m,) on the sphere."""
     lon = np.unwrap(np.append(lon_deg, lon_deg[0]), period=360.0)
-    ring = np.stack([lon, np.append(lat_deg, lat_deg[0])], -1)
-    if abs(lon[-1] - lon[0]) > 180.0:  # once around a pole
-        pole = 90.0 if lat_deg.mean() > 0.0 else -90.0
-        ring = np.concatenate([ring, [[lon[-1], pole], [lon[0], pole]]])
-    whole = shapely.Polygon(ring)
-    first = np.floor((ring[:, 0].min() + 180.0) / 360.0)
-    last = np.ceil((ring[:, 0].max() + 180.0) / 360.0)
+    if abs(lon[-1] - lon[0]) > 180.0:
+        return shapely.MultiPolygon(
+            [shapely.orient_polygons(_around_pole(lon_deg, lat_deg, shapely))]
+        )
+    whole = shapely.Polygon(np.stack([lon, np.append(lat_deg, lat_deg[0])], -1))
+    first, last = np.floor((lon.min() + 180.0) / 360.0), np.ceil((lon.max() + 180.0) / 360.0)
     parts: list[Any] = []
-    for turn in np.arange(first, max(last, first + 1.0)) * 360.0:
+    for turn in np.arange(first, last) * 360.0:
         part = whole.intersection(shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0))
-        moved = shapely.transform(part, lambda xy, by=turn: xy - [by, 0.0])
-        parts += [one for one in shapely.get_parts(moved) if one.geom_type == "Polygon"]
+        parts.append(shapely.transform(part, lambda xy, by=turn: xy - [by, 0.0]))
     return shapely.MultiPolygon([shapely.orient_polygons(one) for one in parts])
+
+
+def _around_pole(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
+    """Polygon of a ring around a pole, from one edge of the map to the other and along the pole."""
+    order = np.argsort(half_turn(lon_deg))
+    lon, lat = half_turn(lon_deg)[order], lat_deg[order]
+    edge = np.interp(180.0, [lon[-1], lon[0] + 360.0], [lat[-1], lat[0]])
+    pole = 90.0 if lat.mean() > 0.0 else -90.0
+    ends = [(180.0, edge), (180.0, pole), (-180.0, pole), (-180.0, edge)]
+    return shapely.Polygon([*zip(lon, lat, strict=True), *ends])
 
 
 def write_geopackage(points: Points, path: Path, box: Bounds | None = None) -> None:

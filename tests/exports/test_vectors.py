@@ -137,3 +137,29 @@ def test_a_footprint_around_a_pole_reaches_the_pole(sign: float) -> None:
     shape = outline(lon, np.full(8, sign * 89.0), shapely)
     assert shape.area == pytest.approx(360.0)
     assert shape.bounds == (-180.0, min(sign * 89.0, sign * 90.0), 180.0, max(sign * 89.0, sign * 90.0))  # fmt: skip
+
+
+@pytest.mark.parametrize("center", [(180.0, 5.0), (0.0, -90.0)])
+def test_patches_at_the_edges_of_the_map(center, tmp_path: Path, monkeypatch) -> None:
+    """Footprints across the antimeridian and around the pole have the area of their patches, and stay on
+    the map.
+    """
+    monkeypatch.setattr(catalogs, "CENTER", center)
+    catalog = catalogs.claimed(9, 33)
+    write_geopackage(Points.chosen(catalog, frame_named("MOON_ME")), tmp_path / "c.gpkg")
+    shapes, _ = read(tmp_path / "c.gpkg", "footprints")
+    assert (np.abs(shapely.bounds(shapes)) <= 180.0).all()
+    assert shapely.is_valid(shapes).all()
+    cut = shapely.get_num_geometries(shapes) > 1
+    crossing = np.ptp(shapely.bounds(shapes)[:, [0, 2]], axis=1) > 300.0
+    assert crossing.any()
+    assert (cut == crossing).all() or center[1] == -90.0
+    plane = pyproj.Transformer.from_crs(
+        {"proj": "longlat", "R": 1737400},
+        {"proj": "laea", "R": 1737400, "lat_0": center[1], "lon_0": center[0]},
+        always_xy=True,
+    )
+    side = 32 * catalogs.GSD_M
+    for shape in shapely.segmentize(shapes, 1.0):
+        flat = shapely.transform(shape, lambda xy: np.stack(plane.transform(*xy.T), axis=-1))
+        assert abs(flat.area) == pytest.approx(side**2, rel=2e-2)
