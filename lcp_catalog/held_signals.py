@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -20,6 +21,10 @@ class HeldSignals:
         self._held: list[int] = []
 
     def __enter__(self) -> HeldSignals:
+        self._hold_all()
+        return self
+
+    def _hold_all(self) -> None:
         if threading.current_thread() is threading.main_thread():
             for name in _SIGNALS:
                 number = getattr(signal, name, None)  # Windows has no SIGHUP
@@ -27,9 +32,20 @@ class HeldSignals:
                 if number is not None and callable(handler):
                     self._handlers[number] = handler
                     signal.signal(number, self._hold)
-        return self
 
     def __exit__(self, *_: object) -> None:
+        self._hold_none()
+
+    @contextmanager
+    def let_through(self) -> Iterator[None]:
+        """A context within this one in which signals are handled at once: for long work without HDF5."""
+        self._hold_none()
+        try:
+            yield
+        finally:
+            self._hold_all()
+
+    def _hold_none(self) -> None:
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         self.release()

@@ -95,15 +95,16 @@ class Assembly:
             for start in range(0, len(chosen), step):
                 rows = chosen[start : start + step]
                 file.add(self._values(table[rows], areas.records(rows, kind)))
-            coverage = region_coverage(
-                self.dems,
-                self.region,
-                (table["lon_deg"], table["lat_deg"]),
-                stages,
-                (table["lon_deg"][chosen], table["lat_deg"][chosen]),
-                file.condition,
-                _spacing_m(self.config, self.gsd_m),
-            )
+            with file.flags() as condition:
+                coverage = region_coverage(
+                    self.dems,
+                    self.region,
+                    (table["lon_deg"], table["lat_deg"]),
+                    stages,
+                    (table["lon_deg"][chosen], table["lat_deg"][chosen]),
+                    condition,
+                    _spacing_m(self.config, self.gsd_m),
+                )
             file.finish(coverage, guarantee)
             check()
         return len(chosen)

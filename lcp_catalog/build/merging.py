@@ -195,7 +195,9 @@ class _Merge:
             for start in range(0, len(points), step):
                 file.add(self._values(points[start : start + step]))
             places = points["lon_deg"], points["lat_deg"]
-            file.finish(self.maps.coverage(places, file.condition))
+            with file.flags() as condition:
+                coverage = self.maps.coverage(places, condition)
+            file.finish(coverage)
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""

@@ -9,11 +9,12 @@ import io
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import cast
 
 import h5py
 import numpy as np
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Bytes
 from ..atomic_files import write_aside
 from ..errors import CatalogError
 from ..held_signals import HeldSignals
@@ -67,6 +68,20 @@ def _create(stream: io.RawIOBase) -> h5py.File:
     return h5py.File(stream, "w", driver="fileobj", libver=("earliest", "v110"), track_order=True)
 
 
+class _Flags:
+    """`Catalog.condition` in a file: each slice is read from it."""
+
+    def __init__(self, dataset: h5py.Dataset) -> None:
+        self._dataset, self.shape = dataset, dataset.shape
+
+    def __len__(self) -> int:
+        return int(self.shape[0])
+
+    def __getitem__(self, rows: slice) -> Bytes:
+        with HeldSignals():
+            return np.asarray(self._dataset[rows])
+
+
 class NewCatalog:
     """A catalogue file that is being written (`new_catalog`): `add` its points in order, then
     `finish` it.
@@ -93,13 +108,14 @@ class NewCatalog:
         ]
         self._create_group("")
 
-    @property
-    def condition(self) -> AnyArray:
-        """The flags of all points that were added, as `Catalog.condition`; each slice is read from the
-        file.
+    @contextmanager
+    def flags(self) -> Iterator[AnyArray]:
+        """The flags of all points that were added, for long work on them: it can be interrupted, but for
+        the reading.
         """
-        flags: AnyArray = self._file["condition"]
-        return flags
+        flags = _Flags(self._file["condition"])
+        with self._signals.let_through():
+            yield cast(AnyArray, flags)  # an array for whoever reads slices
 
     def add(self, points: Values) -> None:
         """Write the next points: their variables by name, in the types of the file. CatalogError for
