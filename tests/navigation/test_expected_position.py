@@ -19,7 +19,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.errors import CatalogError
-from lcp_catalog.geometry.frames import enu_rotation, mcmf_to_lonlat
+from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
 from lcp_catalog.navigation.frame_points import CAUSES, Frame
@@ -107,6 +107,29 @@ def test_the_points_are_those_of_a_loop_over_all(catalog: Catalog, taken: Camera
     assert {name: answer.counts[name] for name in CAUSES} == {n: causes.count(n) for n in CAUSES}
     assert answer.counts["view"] > 0
     np.testing.assert_allclose(answer.pixel, pixels[rows], atol=1e-6)
+
+
+def test_a_patch_that_the_image_cuts_at_any_side_is_not_usable() -> None:
+    """Patches of 3.8 km, and cameras around Hadley whose image is 16 km wide."""
+    catalog, half = everywhere_usable(60, 33), 16 * catalogs.GSD_M
+    sides = np.zeros(4, int)
+    for lon, lat in itertools.product((3.1, 3.4, 3.9), (25.7, 25.95, 26.1, 26.25)):
+        over = camera(EnuFrame(lon, lat), 80e3, 1024.0, 205)
+        wide = replace(over, image_size_px=(2005, 2005), principal_point_px=(1002.0, 1002.0))
+        cut = 0
+        for i in asked(catalog, wide).rows:
+            frame = catalog.rotation_mcmf_to_enu[i, :2]
+            corners = [
+                catalog.position_mcmf[i] + half * (np.array(s) @ frame)
+                for s in itertools.product((-1, 1), (-1, 1))
+            ]
+            at = by_opencv(over, np.array([catalog.position_mcmf[i], *corners]), np.zeros(6))
+            beyond = [*(at < -0.5).any(axis=0), *(at >= 204.5).any(axis=0)]
+            if (at[0] >= -0.5).all() and (at[0] < 204.5).all() and any(beyond):
+                cut += 1
+                sides += beyond
+        assert asked(catalog, over).counts["edge"] == cut
+    assert (sides > 0).all()
 
 
 def test_the_covariance_is_that_of_the_collinearity_equations(
