@@ -52,13 +52,9 @@ def region_coverage(
     most = min(COVERAGE_CELLS, COVERAGE_BYTES // max(1, math.prod(condition.shape[1:])))
     lon, lat, step_m = coverage_cells(region, spacing_m, most)
     cell_m = spacing_m / 8.0 if step_m is None else 0.0
-    found = coverage((lon, lat), np.ones(len(lon), bool), candidates, stages, points, spacing_m)
-    doubtful = np.flatnonzero(found == Status.FEATURELESS)  # nothing near, or nothing of use
-    held = np.ones(len(lon), bool)
-    held[doubtful] = np.isfinite(_read(dems, lon[doubtful], lat[doubtful], cell_m))
-    status = (
-        found if held.all() else coverage((lon, lat), held, candidates, stages, points, spacing_m)
-    )
+    status = coverage((lon, lat), np.zeros(len(lon), bool), candidates, stages, points, spacing_m)
+    bare = np.flatnonzero(status == Status.NODATA)  # nothing near: heights tell why
+    status[bare[np.isfinite(_read(dems, lon[bare], lat[bare], cell_m))]] = Status.FEATURELESS
     nearby = usable_nearby((lon, lat), points, condition, spacing_m)
     return Coverage(lon, lat, status, spacing_m, nearby, step_m)
 

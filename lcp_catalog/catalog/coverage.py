@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..arrays import AnyArray, Bytes
+from ..kernels.points import mark
 from ..landmarks.selection import Places, within
-from .schema import COVERAGE_UNKNOWN, evaluated, usable
+from .schema import COVERAGE_UNKNOWN, USABLE, evaluated
 
 _POINTS_AT_ONCE = 4096
 
@@ -19,19 +22,13 @@ def usable_nearby(cells: Places, points: Places, condition: AnyArray, spacing_m:
     ``points``: (longitudes, latitudes) in degrees; ``condition``: uint8 (point, view,
     sun_elevation, sun_azimuth), an array or a dataset, which is read in blocks of points.
     """
-    near = within(cells, points, spacing_m)
-    cell = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
-    point = np.array([row for rows in near for row in rows], dtype=np.int64)
-    order = np.argsort(point, kind="stable")
-    cell, point = cell[order], point[order]
-    shape = condition.shape[1:]
-    found, known = np.zeros((len(near), *shape), np.uint8), np.zeros(shape, np.bool_)
+    cell, point = within(cells, points, spacing_m)
+    count, shape = np.size(cells[0]), condition.shape[1:]
+    found, known = np.zeros((count, math.prod(shape)), np.uint8), np.zeros(shape, np.bool_)
     for start in range(0, len(condition), _POINTS_AT_ONCE):
-        flags = np.asarray(condition[start : start + _POINTS_AT_ONCE])
-        known |= evaluated(flags).any(axis=0)
-        first, last = np.searchsorted(point, (start, start + len(flags)))
-        works = usable(flags)
-        for c, p in zip(cell[first:last], point[first:last] - start, strict=True):
-            found[c] |= works[p]
-    found[:, ~known] = COVERAGE_UNKNOWN
-    return found
+        flags = np.ascontiguousarray(condition[start : start + _POINTS_AT_ONCE])
+        known |= evaluated(np.bitwise_or.reduce(flags, axis=0))
+        near = slice(*np.searchsorted(point, (start, start + len(flags))))
+        mark(found, cell[near], point[near] - start, flags.reshape(len(flags), -1), USABLE)
+    found[:, ~known.ravel()] = COVERAGE_UNKNOWN
+    return found.reshape(count, *shape)

@@ -26,6 +26,9 @@ from .schema import Variable
 
 _CHUNK_BYTES = 2**18
 
+_DEFLATE_LEVEL = 2
+"""Level of compression: 2 % more bytes than level 4 on the sample, a quarter less time."""
+
 
 def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:
     """Write the file; it appears under its name only when it is complete. Equal catalogues give
@@ -211,7 +214,7 @@ class NewCatalog:
                 length or None for length in shape
             ),  # HDF5 has no chunk for a fixed length of 0
             compression="gzip",
-            compression_opts=4,
+            compression_opts=_DEFLATE_LEVEL,
             shuffle=True,
             fletcher32=True,
             track_times=False,

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
-from .thinning import thinned
+from ..kernels.points import thinned
 
 Places = tuple[ArrayLike, ArrayLike]
 
@@ -102,13 +102,15 @@ def select(
     usable, quality = np.asarray(usable_count), np.asarray(quality, np.float64)
     if not len(lon):
         return np.zeros(0, dtype=np.int64)
-    ids = stable_id(lon, lat)
-    order = np.lexsort((lat, lon % 360.0, ids, -quality, -usable.astype(np.int64)))
-    order = order[(usable[order] > 0) & ~np.isnan(quality[order])]
+    some = np.flatnonzero((usable > 0) & ~np.isnan(quality))
+    lon, lat, usable, quality = lon[some], lat[some], usable[some], quality[some]
+    labels = np.unique(stable_id(lon, lat), return_inverse=True)[1]
+    order = np.lexsort((lat, lon % 360.0, labels, -quality, -usable.astype(np.int64)))
     places, chosen = _unit(lon, lat), np.zeros(0, dtype=np.int64)
     for distance_m in (spacing_m, fill * spacing_m) if fill < 1.0 else (spacing_m,):
-        chosen = thinned(places, order, _chord(distance_m), labels=ids, kept=chosen)
-    return chosen[np.argsort(ids[chosen], kind="stable")]
+        below = np.nextafter(_chord(distance_m), 0.0)
+        chosen = thinned(places, order, below, labels, chosen)
+    return some[chosen[np.argsort(labels[chosen])]]
 
 
 def _chord(distance_m: float) -> float:
@@ -141,16 +143,21 @@ def nearest(
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 
-def within(cells: Places, points: Places, distance_m: float) -> list[list[int]]:
-    """Indices of the points within a distance along the sphere of each cell's centre.
+def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Index]:
+    """Pairs of a cell and a point within a distance along the sphere of the cell's centre: their
+    indices, in the order of the points.
 
     ``cells`` and ``points``: (longitudes, latitudes) in degrees. ValueError for places that are not
     finite.
     """
     here, there = _unit(*cells).reshape(-1, 3), _unit(*points).reshape(-1, 3)
     if not len(here) or not len(there):
-        return [[] for _ in here]
-    return list(cKDTree(there).query_ball_point(here, _chord(distance_m), return_sorted=True))
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    near = cKDTree(there).sparse_distance_matrix(
+        cKDTree(here), _chord(distance_m), output_type="ndarray"
+    )
+    order = np.argsort(near["i"], kind="stable")
+    return near["j"][order], near["i"][order]
 
 
 def coverage(

@@ -214,7 +214,7 @@ def test_every_dataset_is_chunked_packed_and_checksummed(written: Path) -> None:
                 isinstance(item, h5py.Dataset) and item.shape
             ):  # HDF5 has no chunk for a single value
                 assert item.chunks, name
-                assert (item.compression, item.compression_opts) == ("gzip", 4), name
+                assert (item.compression, item.compression_opts) == ("gzip", 2), name
                 assert item.shuffle, name
                 assert item.fletcher32, name
 

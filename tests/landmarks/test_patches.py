@@ -1,12 +1,10 @@
-"""Patches cut from arrays, thinning of points, and images at half resolution."""
+"""Patches cut from arrays, and images at half resolution."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lcp_catalog.landmarks.patches import (
     _spread,
@@ -15,7 +13,6 @@ from lcp_catalog.landmarks.patches import (
     patches_of,
     through_optics,
 )
-from lcp_catalog.landmarks.thinning import thinned
 
 
 def cut(image, rows, cols, half):
@@ -78,27 +75,6 @@ def test_a_changed_patch_at_half_resolution_lies_on_the_images_pixels(half):
         expected = cut(halved(whole), *(a[k : k + 1] for a in coarse[:2]), half // 2)[0]
         np.testing.assert_allclose(found[k], expected, atol=1e-5)
     assert not halved_changes(np.zeros_like(seen), rows, cols).any()
-
-
-@given(st.integers(0, 10_000), st.floats(0.01, 0.6), st.sampled_from([1.0, 2.0, np.inf]))
-def test_thinning_is_greedy_in_the_given_order(seed, distance, norm):
-    """Against a loop over all pairs, with labels and places that were chosen before."""
-    rng = np.random.default_rng(seed)
-    places, labels = rng.random((60, 2)), rng.integers(0, 40, 60)
-    order, kept = rng.permutation(60)[:50], [3, 7]
-    chosen = list(kept)
-    for k in order:
-        away = [np.linalg.norm(places[k] - places[c], ord=norm) for c in chosen]
-        if min(away) >= distance and labels[k] not in labels[chosen]:
-            chosen.append(k)
-    found = thinned(places, order, distance, norm=norm, labels=labels, kept=kept)
-    assert found.tolist() == chosen
-    assert thinned(places, order[:0], distance).size == 0
-
-
-def test_places_at_exactly_the_distance_are_kept():
-    places = np.array([[0.0], [1.0], [1.5], [2.0]])
-    assert thinned(places, np.arange(4), 1.0).tolist() == [0, 1, 3]
 
 
 @pytest.mark.parametrize("scale", [1, 2, 4])
