@@ -11,7 +11,7 @@ CATALOG := build/hadley.h5
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-plan venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv
 
 all: catalog
 
@@ -75,6 +75,9 @@ bench-moon: $(READY)
 soak: $(READY)
 	$(BIN)/python benchmarks/kills.py --kills 200
 	$(BIN)/python benchmarks/faults.py
+
+bench-query: $(READY)
+	PYTHONPATH=tests $(BIN)/python benchmarks/query.py
 
 bench-merge: $(READY)
 	PYTHONPATH=tests $(BIN)/python benchmarks/merge.py
