@@ -40,11 +40,12 @@ MEMORIES_GB = (0.45, 0.6, 1.0)
 
 @dataclass(frozen=True)
 class Run:
-    """A command that has ended: wall seconds, standard output, and greatest memory of its process and of its
+    """A command that has ended: wall seconds, standard output and error, and greatest memory of its process and of its
     child processes, MB."""
 
     seconds: float
     output: str
+    said: str
     parent_mb: float
     worker_mb: float
 
@@ -69,7 +70,10 @@ def run(*words: str) -> Run:
     if process.returncode:
         raise SystemExit(said.decode(errors="replace"))
     workers = [peak for number, peak in peaks.items() if number != process.pid]
-    return Run(seconds, output.decode(), peaks.get(process.pid, 0.0), max(workers, default=0.0))
+    text = said.decode(errors="replace")
+    return Run(
+        seconds, output.decode(), text, peaks.get(process.pid, 0.0), max(workers, default=0.0)
+    )
 
 
 def _family(number: int) -> list[int]:
@@ -115,6 +119,7 @@ def plans(folder: Path) -> str:
                 f"{stated:.1f} / {found:.1f} = {stated / found:.2f}" for stated, found in pairs
             ]
             rows.append([name, str(planned["areas"]), jobs, *texts])
+            print(*rows[-1], sep=", ", file=sys.stderr, flush=True)
     heads = ["stated / measured", "areas", "jobs", "s", "MB of file", "worker, MB", "parent, MB"]
     return table(heads, rows)
 
@@ -181,20 +186,26 @@ def workers(folder: Path) -> str:
 def memory(folder: Path) -> str:
     """Greatest memory of two workers in cells of 59 m, by what was promised."""
     rows = []
-    few = ["--sun-azimuths", "0:315:45", "--sun-elevations", "10,30", "--view", "0"]
+    few = [
+        "--sun-azimuths",
+        "0,180" if SMALL else "0:315:45",
+        "--sun-elevations",
+        "30",
+        "--view",
+        "0",
+    ]
     config = folder / "large.toml"
     config.write_text("[model]\narea_nodes_max = 1024\ndirection_tolerance_deg = 2.0\n")
     for promise in (*MEMORIES_GB, None):
-        place = ["--center", "5", "25", "--size", "75" if SMALL else "120", "--gsd", "59"]
+        place = ["--center", "5", "25", "--size", "60" if SMALL else "120", "--gsd", "59"]
         words = [str(DEM), "--config", str(config), *place, *few, "--jobs", "2", "--overwrite"]
         words += ["--memory", f"{promise:g}"] if promise else []
         output = folder / "memory.h5"
         done = run("build-catalog", *words, "-o", str(output))
-        said = json.loads(run("build-catalog", *words, "--plan", "--json").output)
         rows.append(
             [
                 f"{promise:g} GB" if promise else "none",
-                str(said["areas"]),
+                done.said.split(" points from ")[1].split()[0],
                 f"{done.worker_mb:.0f}",
                 f"{done.parent_mb:.0f}",
                 f"{done.seconds:.0f}",
