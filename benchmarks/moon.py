@@ -91,7 +91,9 @@ def _mapped(files: list[Path], bounds: tuple[float, float, float, float]) -> lis
     condition = rng.choice(np.array([0, 1, 31], np.uint8), (POINTS, 1, 5, 8))
     places, stages = (lon, lat), np.full(POINTS, 3)
     start_coverage = time.process_time()
-    cells = region_coverage(dems, region, places, stages, places, condition, 3800.0)
+    cells = region_coverage(
+        dems, region, places, stages, places, condition, 3800.0, range(len(dems.dems))
+    )
     assert cells.step_m is not None
     return [
         f"{seen - start:.1f}",

@@ -16,6 +16,7 @@ from .build_options import (
     config_option,
     configuration,
     error_map_options,
+    level_options,
     point_options,
     sweep_options,
 )
@@ -54,6 +55,7 @@ _NAMES = 8
 @output_option("CATALOG.h5", required=False)
 @config_option
 @area_options
+@level_options
 @sweep_options
 @model_options
 @albedo_options
@@ -289,6 +291,11 @@ def _print_plan(inputs: Inputs, workers: int, as_json: bool) -> None:
         return
     echo(_plan_text(document, workers))
     if click.get_current_context().find_root().params.get("verbose"):
+        for level in document.get("levels", ()):
+            echo(
+                f"level of {level['gsd_m']:.5g} m: "
+                + _plan_text(level, workers).replace("\n", "; ")
+            )
         for decision in document["decisions"]:
             modelled = "modelled" if decision["modelled"] else "not modelled"
             echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")

@@ -59,6 +59,23 @@ class ViewParam(click.ParamType):
         return (*parts, *(0.0, math.inf)[len(parts) - 1 :])
 
 
+class Altitudes(click.ParamType):
+    """KM-KM, lowest and highest altitude."""
+
+    name = "altitudes"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        try:
+            low, high = (float(part) for part in str(value).split("-"))
+        except ValueError:
+            low, high = math.nan, math.nan
+        if not 0.0 < low <= high < math.inf:
+            self.fail(f"{value!r} is not KM-KM, lowest and highest, for example 5-100", param, ctx)
+        return low, high
+
+
 class PartParam(click.ParamType):
     """K/N."""
 
@@ -102,6 +119,32 @@ sweep_options = option_group(
         metavar="OFF:AZ[:KM]",
         help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). Repeat "
         "for more views. Default: 0, and 30 degrees from four azimuths.",
+    ),
+)
+
+level_options = option_group(
+    click.option(
+        "--levels",
+        "levels_m",
+        type=NumberList(),
+        metavar="M,M,...",
+        help="Several cell sizes in one catalogue, metres, at most a factor of 2 apart. Each has points only where a DEM "
+        "resolves it.",
+    ),
+    click.option(
+        "--altitudes",
+        "altitudes_km",
+        type=Altitudes(),
+        metavar="KM-KM",
+        help="Cell sizes for a camera at these altitudes: the size of its pixel (--ifov) on the ground, from the lowest to the "
+        "highest, without those that no DEM resolves.",
+    ),
+    click.option(
+        "--ifov",
+        "ifov_rad",
+        type=Number(0, 1, min_open=True),
+        metavar="RAD",
+        help="With --altitudes: angle of a pixel of the camera, radians.",
     ),
 )
 
@@ -171,11 +214,15 @@ def configuration(
     albedo_reference: float | None = None,
     sigma_map: str | None = None,
     resolution_map: str | None = None,
+    levels_m: tuple[float, ...] | None = None,
+    altitudes_km: tuple[float, ...] | None = None,
+    ifov_rad: float | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file, with the values of the options. UsageError for contradictory options."""
     from lcp_catalog.build.config import BuildConfig
 
     check_area(center, size_km, bounds)
+    _check_cells(gsd_m, levels_m, altitudes_km, ifov_rad)
     check_accuracy(accuracy, tolerance)
     config = BuildConfig.from_toml(Path(config_path)) if config_path else BuildConfig()
     check_albedo(albedo_path or config.model.albedo, albedo_encoding, albedo_reference)
@@ -188,10 +235,17 @@ def configuration(
             "size_km": size_km,
             "bounds_deg": tuple(bounds or ()),
         }
+    if gsd_m or levels_m or altitudes_km:  # they replace the file's
+        area |= {
+            "gsd_m": gsd_m,
+            "levels_m": levels_m or (),
+            "altitudes_km": altitudes_km or (),
+            "ifov_rad": ifov_rad,
+        }
     columns = list(zip(*views, strict=True))
     return dataclasses.replace(
         config,
-        area=_over(config.area, gsd_m=gsd_m, **area),
+        area=dataclasses.replace(config.area, **area),
         dem=_over(
             config.dem,
             product_order=product_order,
@@ -221,14 +275,26 @@ def configuration(
     )
 
 
+def _check_cells(
+    gsd_m: float | None,
+    levels_m: tuple[float, ...] | None,
+    altitudes_km: tuple[float, ...] | None,
+    ifov_rad: float | None,
+) -> None:
+    """UsageError for options that state the cells twice, or half."""
+    given = {"--gsd": gsd_m, "--levels": levels_m, "--altitudes": altitudes_km}
+    if len(names := [name for name, value in given.items() if value]) > 1:
+        raise click.UsageError(f"{' and '.join(names)} exclude each other")
+    if (altitudes_km is None) != (ifov_rad is None):
+        raise click.UsageError("--altitudes and --ifov go together")
+
+
 def _undecided(model: Any) -> Any:
     """The file's model without tier and tolerance: an option for one of them replaces both."""
     return dataclasses.replace(model, accuracy=None, tolerance=None)
 
 
 def _over(section: Any, **values: Any) -> Any:
-    """A section with the values that were given; a given area replaces the file's area."""
-    given = {
-        name: value for name, value in values.items() if value is not None or name == "size_km"
-    }
+    """A section with the values that were given."""
+    given = {name: value for name, value in values.items() if value is not None}
     return dataclasses.replace(section, **given) if given else section

@@ -83,6 +83,8 @@ def command(
     folder = Path(output)
     check_trade_folder(folder, overwrite)
     build = Build.plan(tuple(Path(path) for path in dem), config)
+    if build.levels:
+        raise click.UsageError("the configuration has several levels: give one cell size, --gsd")
     with progress("tiers") as update:
         trade = measure_trade(build, areas or AREAS, rounds or ROUNDS, progress=update)
     write_trade(trade, folder, overwrite)

@@ -36,6 +36,7 @@ from ..terrain.terrain import Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, evaluate, image_scales
+from .levels import sources
 from .place_errors import PlaceErrors
 from .sweep import Conditions, Sweep, plan_area
 
@@ -185,6 +186,11 @@ class _Core:
         edge = np.ones_like(mine)
         edge[halo:-halo, halo:-halo] = False
         self.mine = mine & ~edge
+        self.sources = sources(job.config, job.dems, job.gsd_m)
+        """Indices of the DEMs that points may come from."""
+        self.useful = np.isfinite(self.z) & np.isin(
+            terrain.product_index[r0:r1, c0:c1], self.sources
+        )
 
     def _places(self, window: Window) -> tuple[Array, Array]:
         """Longitude and latitude of every node of the window; without a height those on the sphere."""
@@ -218,7 +224,7 @@ def _find(
         spacing_px=config.points.spacing_nodes(gsd_m),
         per_cell=config.points.candidates_per_cell,
         border=core.halo,
-        valid=core.mine & np.isfinite(core.z),
+        valid=core.mine & core.useful,
         origin=core.origin,
     )
 
@@ -232,11 +238,11 @@ def _evaluated(
 ) -> Candidates:
     """Evaluate the candidates in groups of similar convergence, each with Suns turned to its own north."""
     half = job.config.points.half
-    whole = _has_whole_patch(core.z, rows, cols, half)
+    whole = _has_whole_patch(core.useful, rows, cols, half)
     rows, cols = rows[whole], cols[whole]
     found = _patches(core.lon[rows, cols], core.lat[rows, cols], job)
     # the nodes of a patch, in its own frame, are not quite those of the area
-    kept: Mask = np.all(np.isfinite(found.z_m), axis=(1, 2))
+    kept: Mask = np.all(np.isfinite(found.z_m), axis=(1, 2)) & np.isin(found.product, core.sources)
     if found.albedo is not None and sweep.brightness is not None:
         kept &= _known_alike(sweep.brightness, rows, cols, half, found.albedo)
     rows, cols, found = rows[kept], cols[kept], found.rows(kept)
@@ -267,11 +273,10 @@ def _place_errors(job: AreaJob, lon: Array, lat: Array, product: NDArray[np.int1
 
 
 def _has_whole_patch(
-    z: NDArray[np.float32], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
+    useful: NDArray[np.bool_], rows: NDArray[np.int64], cols: NDArray[np.int64], half: int
 ) -> NDArray[np.bool_]:
-    finite = np.isfinite(z)
     whole = [
-        finite[r - half : r + half + 1, c - half : c + half + 1].all()
+        useful[r - half : r + half + 1, c - half : c + half + 1].all()
         for r, c in zip(rows, cols, strict=True)
     ]
     return np.array(whole, dtype=np.bool_)

@@ -82,17 +82,21 @@ class AreaGrid:
 
 @dataclass(frozen=True)
 class AreaTask:
-    """One area of a build: its place in the grid, its frame's centre, and the window of nodes that the region needs of it."""
+    """One area of a build: its place in the grid, its frame's centre, and the window of nodes that the region
+    needs of it. ``level``: number of its cell size in a build of several.
+    """
 
     row: int
     column: int
     lon_deg: float
     lat_deg: float
     window: NodeWindow
+    level: int | None = None
 
     @property
     def name(self) -> str:
-        return f"r{self.row:05d}c{self.column:05d}"
+        level = "" if self.level is None else f"l{self.level:02d}"
+        return f"{level}r{self.row:05d}c{self.column:05d}"
 
     @property
     def frame(self) -> EnuFrame:
@@ -117,11 +121,11 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
     for row in sorted(touched):
         columns = np.array(touched[row])
         whole = _wholly_inside(grid, row, columns, region)
-        full = _window(grid, row, 0, _samples(grid, row, 0), True, gsd_m)
+        full = _window(grid, row, 0, sample_places(grid, row, 0), True, gsd_m)
         for column, inside in zip(columns.tolist(), whole.tolist(), strict=True):
             window = full
             if not inside:
-                lon, lat = _samples(grid, row, column)
+                lon, lat = sample_places(grid, row, column)
                 mine = region.contains(lon, lat)
                 edge = outline.get((row, column), nothing)
                 places = np.concatenate([lon[mine], edge[0]]), np.concatenate([lat[mine], edge[1]])
@@ -204,7 +208,7 @@ def _wholly_inside(
     return np.asarray(region.contains(lon, lat).all(axis=1))
 
 
-def _samples(grid: AreaGrid, row: int, column: int) -> tuple[Array, Array]:
+def sample_places(grid: AreaGrid, row: int, column: int) -> tuple[Array, Array]:
     """Longitudes and latitudes of the sample points in an area's box."""
     west, south, east, north = grid.box(row, column)
     lon, lat = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))

@@ -33,6 +33,7 @@ from .evaluation import image_scales
 from .finished_area import record_type
 from .guarantee import Promise
 from .joined_areas import JoinedAreas
+from .levels import sources
 from .region_maps import has_heights, region_coverage, region_overview
 
 BLOCK_BYTES = 2**26
@@ -104,17 +105,24 @@ class Assembly:
                     (table["lon_deg"][chosen], table["lat_deg"][chosen]),
                     condition,
                     _spacing_m(self.config, self.gsd_m),
+                    self._sources,
                 )
             file.finish(coverage, guarantee)
             check()
         return len(chosen)
 
+    @property
+    def _sources(self) -> tuple[int, ...]:
+        return sources(self.config, self.dems, self.gsd_m)
+
     def _with_heights(self, promise: Promise) -> Mask:
-        """True for the places of a promise but those without candidates and without heights."""
+        """True for the places of a promise but those without candidates and without heights from the DEMs
+        that points may come from.
+        """
         held = np.ones(len(promise.best), np.bool_)
         bare = np.flatnonzero(~promise.best.any(axis=1))
         held[bare] = has_heights(
-            self.dems, promise.places.lon_deg[bare], promise.places.lat_deg[bare]
+            self.dems, promise.places.lon_deg[bare], promise.places.lat_deg[bare], self._sources
         )
         return held
 

@@ -6,6 +6,9 @@ the scene plan, the table of the area's candidates with the checksum of each rec
 (`finished_area`). The table is read without the records, and some records without the others. NumPy's
 .npz could not: it opens in milliseconds, and a part of an array cannot be read and checked.
 
+The areas of several levels lie in one folder, with the number of the level in their names, and while the
+catalogue is written, one of each level beside them.
+
 ``run.json`` in the folder names the run too. ``run.lock`` is locked while a run uses the folder: by one
 build, or by any number of parts of the same build. These files, and the folder if nothing else is in
 it, are removed when the catalogue has been written.
@@ -42,7 +45,10 @@ log = logging.getLogger(__name__)
 _ENDING = ".parts"
 _LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
 _AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
-"""Names of checkpoints (`areas.AreaTask.name`); other files in the folder are the user's."""
+_OF_LEVEL, _LEVEL = f"l[0-9][0-9]{_AREAS}", "level[0-9][0-9].h5"
+"""Names of checkpoints (`areas.AreaTask.name`), also of a level, and of the catalogues of levels; other
+files in the folder are the user's.
+"""
 
 _HEAD = struct.Struct("<8s64sQQQQQ")
 """Start of a checkpoint: `_MAGIC`, fingerprint, bytes of the plan, rows of the table, stages of a row,
@@ -171,6 +177,10 @@ class Checkpoints:
         """The file of an area."""
         return self.folder / f"{name}{_AREA}"
 
+    def level_file(self, number: int) -> Path:
+        """The catalogue of a level, which exists while that of all levels is written."""
+        return self.folder / f"level{number:02d}.h5"
+
     def write(self, name: str, area: FinishedArea) -> None:
         """Store a finished area."""
         plan, records = str(area.plan).encode(), area.records
@@ -256,9 +266,10 @@ class Checkpoints:
 
     def _remove_files(self) -> None:
         """Remove the run's files, also those that a killed process left half-written."""
-        for pattern in (_NOTE, f".{_NOTE}.*.part", _AREAS, f".{_AREAS}.*.part"):
-            for file in self.folder.glob(pattern):
-                file.unlink(missing_ok=True)
+        for name in (_NOTE, _AREAS, _OF_LEVEL, _LEVEL):
+            for pattern in (name, f".{name}.*.part"):
+                for file in self.folder.glob(pattern):
+                    file.unlink(missing_ok=True)
 
 
 def _lock(stream: int, shared: bool) -> None:

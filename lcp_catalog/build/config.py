@@ -17,6 +17,7 @@ from typing import Any, get_type_hints
 import tomli_w
 
 from ..accuracy import Accuracy, accuracy
+from ..catalog.cell_levels import LEVEL_RATIO
 from ..choices import ENCODINGS, GSD_MAX_M
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
@@ -38,14 +39,50 @@ def _require(condition: bool, text: str) -> None:
         raise ConfigError(text)
 
 
+LEVELS_MAX = 32
+"""Most levels of a catalogue."""
+
+LEVEL_FACTOR_MAX = 2.0
+"""Greatest ratio of neighbouring levels; a greater one of up to 1 % is taken for rounding."""
+
+
+def _check_levels(name: str, cells_m: tuple[float, ...]) -> None:
+    """ConfigError for cell sizes, rising, that cannot be the levels of a catalogue."""
+    _require(
+        len(cells_m) <= LEVELS_MAX, f"{name} are {len(cells_m)} cell sizes, at most {LEVELS_MAX}"
+    )
+    _require(
+        all(0.0 < cell <= GSD_MAX_M for cell in cells_m),
+        f"{name} must be above 0 and at most {GSD_MAX_M:g} m",
+    )
+    for fine, coarse in itertools.pairwise(cells_m):
+        _require(
+            coarse > LEVEL_RATIO * fine,
+            f"{name}: {fine:g} and {coarse:g} m are too close for two levels: at least a factor of {LEVEL_RATIO:g}",
+        )
+        _require(
+            coarse <= 1.01 * LEVEL_FACTOR_MAX * fine,
+            f"{name}: {fine:g} and {coarse:g} m are more than a factor of {LEVEL_FACTOR_MAX:g} apart; "
+            f"add {math.sqrt(fine * coarse):.4g} m",
+        )
+
+
 @dataclass(frozen=True)
 class AreaConfig:
-    """The region: a centre and a size, or bounds; the whole DEM by default."""
+    """The region: a centre and a size, or bounds; the whole DEM by default. Its cell size, or several
+    (levels), given or derived from the altitudes of a camera.
+    """
 
     center_deg: tuple[float, ...] = ()
     size_km: float | None = None
     bounds_deg: tuple[float, ...] = ()
     gsd_m: float | None = None  # by the effective resolution of the DEM
+    levels_m: tuple[float, ...] = ()
+    """Cell sizes, kept in rising order."""
+    altitudes_km: tuple[float, ...] = ()
+    """Lowest and highest altitude of the camera."""
+    ifov_rad: float | None = None
+    """Angle of a pixel of the camera, radians."""
 
     def __post_init__(self) -> None:
         _require(
@@ -66,6 +103,42 @@ class AreaConfig:
             self.gsd_m is None or 0.0 < self.gsd_m <= GSD_MAX_M,
             f"area.gsd_m must be above 0 and at most {GSD_MAX_M:g} m, not {self.gsd_m}",
         )
+        cells = [name for name in ("gsd_m", "levels_m", "altitudes_km") if getattr(self, name)]
+        _require(
+            len(cells) < 2, " and ".join(f"area.{name}" for name in cells) + " exclude each other"
+        )
+        _require(
+            bool(self.altitudes_km) == (self.ifov_rad is not None),
+            "area.altitudes_km and area.ifov_rad go together",
+        )
+        object.__setattr__(self, "levels_m", tuple(sorted(self.levels_m)))
+        _check_levels("area.levels_m", self.levels_m)
+        if self.altitudes_km:
+            _check_levels("area.altitudes_km times area.ifov_rad", self.derived_levels_m)
+
+    @property
+    def derived_levels_m(self) -> tuple[float, ...]:
+        """Cell sizes from `altitudes_km` times `ifov_rad`, metres, rising: both ends, and between
+        them in equal ratios of at most `LEVEL_FACTOR_MAX`. ConfigError for altitudes or an angle out
+        of range.
+        """
+        _require(
+            len(self.altitudes_km) == 2 and 0.0 < self.altitudes_km[0] <= self.altitudes_km[1],
+            "area.altitudes_km must be the lowest and the highest altitude, above 0",
+        )
+        low, high = (altitude * 1e3 * (self.ifov_rad or 0.0) for altitude in self.altitudes_km)
+        _require(
+            low > 0.0 and high <= GSD_MAX_M,
+            f"area.altitudes_km times area.ifov_rad are cells of {low:g} to {high:g} m; they must be "
+            f"above 0 and at most {GSD_MAX_M:g} m",
+        )
+        steps = math.ceil(math.log2(high) - math.log2(low) - 1e-9)
+        _require(
+            steps < LEVELS_MAX, f"{steps + 1} levels of cells are too many: at most {LEVELS_MAX}"
+        )
+        if high <= LEVEL_RATIO * low:
+            return (high,)
+        return tuple(low * (high / low) ** (k / steps) for k in range(steps + 1))
 
     @property
     def region(self) -> Area | None:
@@ -86,6 +159,10 @@ class DemConfig:
     """Map of the 1 sigma of heights, metres, relative to the folder of the BUILD.toml."""
     resolution_map: str | None = None
     """Map of the effective resolution, metres, relative to the folder of the BUILD.toml."""
+    only_resolving: bool = False
+    """True: points only where the DEM resolves the cells (`terrain.useful_cell.resolves`). So is every
+    level of several.
+    """
 
     def beside(self, folder: Path) -> DemConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""
@@ -410,6 +487,14 @@ class BuildConfig:
             f"{CONDITIONS_MAX} can be evaluated",
         )
 
+    def at_level(self, gsd_m: float) -> BuildConfig:
+        """The configuration of one level: this cell size, points only from DEMs that resolve it."""
+        area = dataclasses.replace(
+            self.area, gsd_m=gsd_m, levels_m=(), altitudes_km=(), ifov_rad=None
+        )
+        dem = dataclasses.replace(self.dem, only_resolving=True)
+        return dataclasses.replace(self, area=area, dem=dem)
+
     @property
     def files(self) -> tuple[Path, ...]:
         """The maps and the file of the reflectance model that the configuration names."""
@@ -481,6 +566,9 @@ def _value(name: str, hint: Any, value: object) -> object:
         if not isinstance(value, list) or not all(is_number(v) for v in value):
             raise ConfigError(f"{name} must be a list of numbers")
         return tuple(float(v) for v in value)
+    if "bool" in kinds:
+        _require(isinstance(value, bool), f"{name} must be true or false")
+        return value
     if "float" in kinds:
         _require(is_number(value), f"{name} must be a number")
         return float(value)  # type: ignore[arg-type]  # checked on the line above

@@ -58,8 +58,11 @@ _CLAIM_BYTES = 6
 def estimate(build: Build, workers: int) -> dict[str, Any]:
     """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a computed
     area the memory, time, file size and scene plan; a second one, the smallest, counts for the time.
-    Areas that no configured Sun reaches are not among the two.
+    Areas that no configured Sun reaches are not among the two. Of a build of several levels the sums,
+    and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
     """
+    if build.levels:
+        return _together(build, [estimate(level, workers) for level in build.levels], workers)
     config = build.config
     conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
     halo = config.points.search_nodes(build.gsd_m) + config.points.half
@@ -110,6 +113,26 @@ def _merge_mb(build: Build, points: float, candidates: float) -> float:
         + CANDIDATE_BYTES * candidates
         + COVERAGE_COPIES * min(cells * conditions, COVERAGE_BYTES)
     )
+
+
+def _together(build: Build, levels: list[dict[str, Any]], workers: int) -> dict[str, Any]:
+    """The document of a build from those of its levels: one start, one file, processes for the largest."""
+    again = len(levels) - 1
+    start_s = START_S + (WORKER_START_S if workers > 1 else 0.0)
+    total = {
+        key: max(level[key] for level in levels)
+        if key in ("suns", "views") or key.startswith("memory")
+        else sum(level[key] for level in levels)
+        for key, value in levels[0].items()
+        if isinstance(value, int | float)
+    }
+    cells = [level.gsd_m for level in build.levels]
+    return total | {
+        "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
+        "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
+        "decisions": levels[0]["decisions"],
+        "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
+    }
 
 
 def _seconds(build: Build, indices: tuple[int, int], measured: list[float], workers: int) -> float:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Int16, Mask
 from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Coverage, Overview
 from ..constants import MOON_RADIUS_M
@@ -42,8 +42,10 @@ def region_coverage(
     points: Places,
     condition: NDArray[np.uint8],
     spacing_m: float,
+    sources: Sequence[int],
 ) -> Coverage:
-    """Status of the region's spacing cells and their coverage by condition.
+    """Status of the region's spacing cells and their coverage by condition. A cell whose height comes from
+    none of the DEMs ``sources`` (indices) counts as one without heights.
 
     ``candidates``, ``points``: (longitudes, latitudes) in degrees; ``stages``: result for each candidate
     (`landmarks.selection.coverage`); ``condition``: flags of the points, uint8 (point, view,
@@ -54,7 +56,8 @@ def region_coverage(
     cell_m = spacing_m / 8.0 if step_m is None else 0.0
     status = coverage((lon, lat), np.zeros(len(lon), bool), candidates, stages, points, spacing_m)
     bare = np.flatnonzero(status == Status.NODATA)  # nothing near: heights tell why
-    status[bare[np.isfinite(_read(dems, lon[bare], lat[bare], cell_m))]] = Status.FEATURELESS
+    held = np.isin(_read(dems, lon[bare], lat[bare], cell_m)[1], sources)
+    status[bare[held]] = Status.FEATURELESS
     nearby = usable_nearby((lon, lat), points, condition, spacing_m)
     return Coverage(lon, lat, status, spacing_m, nearby, step_m)
 
@@ -135,18 +138,18 @@ def _rings(box: tuple[float, float, float, float], step_m: float) -> tuple[Array
     return np.concatenate(lons), np.concatenate(lats)
 
 
-def has_heights(dems: DemSet, lon_deg: Array, lat_deg: Array) -> Mask:
-    """True for places (n,) at which a DEM has a height."""
-    return np.asarray(np.isfinite(_read(dems, lon_deg, lat_deg, 0.0)))
+def has_heights(dems: DemSet, lon_deg: Array, lat_deg: Array, sources: Sequence[int]) -> Mask:
+    """True for places (n,) that have a height from one of the DEMs ``sources`` (indices)."""
+    return np.isin(_read(dems, lon_deg, lat_deg, 0.0)[1], sources)
 
 
-def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Array:
-    """Heights at places (n,), metres, some at a time."""
-    height = np.full(len(lon_deg), np.nan)
+def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> tuple[Array, Int16]:
+    """Heights at places (n,), metres, and the index of each one's DEM (-1: none), some at a time."""
+    height, index = np.full(len(lon_deg), np.nan), np.full(len(lon_deg), -1, np.int16)
     for start in range(0, len(height), _READ_AT_ONCE):
         part = slice(start, start + _READ_AT_ONCE)
-        height[part], _ = dems.heights(lon_deg[part], lat_deg[part], gsd_m)
-    return height
+        height[part], index[part] = dems.heights(lon_deg[part], lat_deg[part], gsd_m)
+    return height, index
 
 
 def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
@@ -164,7 +167,7 @@ def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
         lon, lat = plane.lonlat(x, np.full(len(x), north))
         inside = np.isfinite(lon)
         inside[inside] = region.contains(lon[inside], lat[inside])
-        height[row, inside] = _read(dems, lon[inside], lat[inside], 0.0)
+        height[row, inside], _ = _read(dems, lon[inside], lat[inside], 0.0)
     return Overview(height, x, y, plane.center_lon, plane.center_lat, plane.projection)
 
 

@@ -41,6 +41,8 @@ from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
 from .input_files import InputFiles
+from .levels import level_cells, sources, with_sources
+from .merging import merge_catalogs
 from .sweep import Conditions, law_of_build
 from .worker_memory import caches_mb, divided
 
@@ -54,7 +56,9 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Build:
-    """A planned build: its region, divided into areas."""
+    """A planned build: its region, divided into areas. ``levels``: of a catalogue of several cell sizes, the
+    build of each, from fine to coarse; ``cell`` is the finest, and ``jobs`` are those of all.
+    """
 
     config: BuildConfig
     dems: DemSet
@@ -66,6 +70,7 @@ class Build:
     albedo: AlbedoMap | None = None
     maps: ErrorMaps | None = None
     inputs: InputFiles = field(default_factory=InputFiles, compare=False)
+    levels: tuple[Build, ...] = ()
 
     @classmethod
     def plan(
@@ -74,7 +79,8 @@ class Build:
         config: BuildConfig,
         memory_gb: float | None = None,
     ) -> Build:
-        """Cut the region into areas. AreaError if the region has none.
+        """Cut the region into areas, for each level of a configuration with several. AreaError if the
+        region has none, or for a level that no DEM resolves.
 
         memory_gb: greatest memory of a process that computes areas (GB); areas are made smaller for it,
         which the build's ``config`` says (`worker_memory.divided`).
@@ -84,27 +90,48 @@ class Build:
         inputs.add(dems.files)
         region = region_of(dems, config)
         warn_of_disagreements(dems, region.bounds)
-        cell = _cell(config, dems, region)
-        gsd_m = cell.gsd_m
-        config.points.check_cells(gsd_m)
-        config, grid, tasks = divided(region, gsd_m, config, memory_gb)
-        if not tasks:
-            raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
-        _require_sunlight(tasks, config)
+        cells = level_cells(config, dems, region)
+        cell = cells[0] if cells else _cell(config, dems, region)
         law = law_file(config.model.reflectance)
         choice = law_of_build(config, region.lat_deg)
         inputs.add([law] if law else ())
         albedo = _albedo_map(config.model)
         if albedo:
             inputs.add(albedo.files)
-            albedo.check_cover(albedo.cover_of(region, gsd_m), region.bounds)
+            albedo.check_cover(albedo.cover_of(region, cell.gsd_m), region.bounds)
         maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
         inputs.add(maps.files if maps else ())
         errors = error_model(config, dems, region, maps)
-        given = (grid, region, gsd_m, config, dems, choice, errors, albedo, maps)
-        caches = caches_mb(memory_gb)
-        jobs = tuple(AreaJob(task, *given, caches_mb=caches) for task in tasks)
-        return cls(config, dems, region, cell, jobs, choice, errors, albedo, maps, inputs)
+        build = cls(config, dems, region, cell, (), choice, errors, albedo, maps, inputs)
+        if len(cells) < 2:
+            own = config.at_level(cell.gsd_m) if cells else config
+            build = replace(build, config=own)._with_areas(memory_gb)
+        else:
+            levels = [
+                replace(build, config=config.at_level(c.gsd_m), cell=c)._with_areas(
+                    memory_gb, number
+                )
+                for number, c in enumerate(cells)
+            ]
+            jobs = tuple(job for level in levels for job in level.jobs)
+            build = replace(build, jobs=jobs, levels=tuple(levels))
+        _require_sunlight([job.task for job in build.jobs], config)
+        return build
+
+    def _with_areas(self, memory_gb: float | None, level: int | None = None) -> Build:
+        """The build with its areas, as the ``level`` of several."""
+        gsd_m = self.gsd_m
+        self.config.points.check_cells(gsd_m)
+        config, grid, tasks = divided(self.region, gsd_m, self.config, memory_gb)
+        if not tasks:
+            raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
+        tasks = with_sources(tasks, grid, self.dems, sources(config, self.dems, gsd_m))
+        if not tasks:
+            raise AreaError(f"no DEM that resolves cells of {gsd_m:g} m reaches into the region")
+        given = (grid, self.region, gsd_m, config, self.dems, self.choice, self.errors)
+        maps = (self.albedo, self.maps, caches_mb(memory_gb))
+        jobs = tuple(AreaJob(replace(task, level=level), *given, *maps) for task in tasks)
+        return replace(self, config=config, jobs=jobs)
 
     @property
     def gsd_m(self) -> float:
@@ -123,8 +150,10 @@ class Build:
         """
         self.inputs.digest()
         sources = self.dems.sources()
-        own = replace(self.config, model=self.config.model.portable, dem=self.config.dem.portable)
-        config = own.to_toml()
+        config = "".join(
+            replace(c, model=c.model.portable, dem=c.dem.portable).to_toml()
+            for c in (build.config for build in self.levels or (self,))
+        )
         facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
         facts += [self.albedo.provenance()] if self.albedo else []
         facts += [self.maps.provenance()] if self.maps else []
@@ -271,6 +300,18 @@ def finish(
         raise AreaFailedError(
             f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
         )
+    if build.levels:
+        points = _write_levels(build, output, checkpoints, names, overwrite)
+    else:
+        points = _write(build, output, checkpoints, names, overwrite)
+    checkpoints.remove()
+    return BuildReport(points, len(names), failed, tuple(build.files))
+
+
+def _write(
+    build: Build, output: Path, checkpoints: Checkpoints, names: Sequence[str], overwrite: bool
+) -> int:
+    """Write the catalogue of the areas ``names``; the number of points."""
     assembly = Assembly(
         build.config,
         build.dems,
@@ -281,9 +322,20 @@ def finish(
         build.albedo,
         build.maps,
     )
-    points = assembly.write(checkpoints, names, output, overwrite, build.inputs.require_unchanged)
-    checkpoints.remove()
-    return BuildReport(points, len(names), failed, tuple(build.files))
+    return assembly.write(checkpoints, names, output, overwrite, build.inputs.require_unchanged)
+
+
+def _write_levels(
+    build: Build, output: Path, checkpoints: Checkpoints, names: Sequence[str], overwrite: bool
+) -> int:
+    """Write a catalogue of each level beside the checkpoints, and join them; the number of points."""
+    finished, files = set(names), []
+    for number, level in enumerate(build.levels):
+        own = [job.task.name for job in level.jobs if job.task.name in finished]
+        if own:
+            files.append(checkpoints.level_file(number))
+            _write(level, files[-1], checkpoints, own, overwrite=True)
+    return merge_catalogs(files, output, overwrite).points
 
 
 def compute_areas(

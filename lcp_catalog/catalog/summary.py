@@ -139,6 +139,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "spacing_m": catalog.coverage.spacing_m,
         "patch_nodes": catalog.patch_nodes,
         "gsd_m": _range(catalog.gsd),
+        "levels": _levels(catalog),
         "products": dict(sorted(_products(catalog).items())),
         "elevation_sigma_m": _known(catalog.elevation_sigma),
         "dem_resolution_m": _known(catalog.dem_resolution),
@@ -170,6 +171,20 @@ def _by_elevation(catalog: Catalog, statistics: Statistics) -> list[dict[str, An
         }
         for elevation, share, counts in columns
         if counts[0]
+    ]
+
+
+def _levels(catalog: Catalog) -> list[dict[str, Any]]:
+    """Cell sizes and numbers of points of each level, from fine to coarse."""
+    level = np.asarray(catalog.level)
+    return [
+        {
+            "level": number,
+            "gsd_m": _range(catalog.gsd[level == number]),
+            "points": int(np.count_nonzero(level == number)),
+            "universal_points": int(catalog.universal[level == number].sum()),
+        }
+        for number in np.unique(level).tolist()
     ]
 
 
@@ -297,9 +312,10 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         lon = "all around" if around else f"{box['west']:.4f} to {box['east']:.4f}° E"
         text = f"{lon}, {latitude_name(box['south'])} to {latitude_name(box['north'])}"
         rows.append(("points within", text))
-    cell = "" if gsd is None else f" of {' to '.join(dict.fromkeys(number(g, 4) for g in gsd))} m"
+    cell = "" if gsd is None else f" of {_metres(gsd, 4)}"
     rows += [
         ("patches", f"{found['patch_nodes']} x {found['patch_nodes']} nodes{cell}"),
+        *_level_rows(found["levels"]),
         ("spacing", f"{number(found['spacing_m'], 4)} m"),
         ("DEM", ", ".join(f"{name} ({count})" for name, count in found["products"].items()) or "–"),
         (
@@ -333,10 +349,22 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _metres(span: list[float] | None) -> str:
+def _level_rows(levels: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """A row for each level; none for a single one."""
+    return [
+        (
+            f"  level {one['level']}",
+            f"cells of {_metres(one['gsd_m'], 4)}: {one['points']} points, {one['universal_points']} universal",
+        )
+        for one in levels
+        if len(levels) > 1
+    ]
+
+
+def _metres(span: list[float] | None, digits: int = 3) -> str:
     if span is None:
         return "unknown"
-    return f"{' to '.join(dict.fromkeys(number(value, 3) for value in span))} m"
+    return f"{' to '.join(dict.fromkeys(number(value, digits) for value in span))} m"
 
 
 def _albedo_rows(albedo: dict[str, Any] | None) -> list[tuple[str, str]]:

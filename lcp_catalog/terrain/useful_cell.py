@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ..dem.dem import Dem
 from ..dem.mosaic import DemSet
 from .area import Area
 from .terrain import native_dem
@@ -23,13 +24,19 @@ class Cell:
     reason: str
 
 
-def useful_cell(dems: DemSet, area: Area) -> Cell:
-    """Cell for the patches of an area: at most about half of the effective resolution of the DEM
-    that is used at its centre, as its posting times a power of 2, at least the posting.
+_SLACK_OCTAVES = 0.1
+"""By how much a cell may miss the rule: 7 %."""
 
-    AreaError if the area has no height.
+
+def useful_cell(dems: DemSet, area: Area) -> Cell:
+    """`finest_cell` of the DEM that is used at an area's centre. AreaError if the area has no height."""
+    return finest_cell(native_dem(dems, area))
+
+
+def finest_cell(dem: Dem) -> Cell:
+    """Finest useful cell of a DEM: at most about half of its effective resolution, as its posting times
+    a power of 2, at least the posting.
     """
-    dem = native_dem(dems, area)
     posting = f"posting of {dem.path.name}"
     resolution = dem.resolution_m
     if resolution is None:
@@ -41,9 +48,14 @@ def useful_cell(dems: DemSet, area: Area) -> Cell:
     return Cell(cell_m, f"{what}, which resolves {resolution:.0f} m {how}")
 
 
+def resolves(dem: Dem, cell_m: float) -> bool:
+    """True if a cell is not finer than the `finest_cell` of a DEM by more than 7 %."""
+    return math.log2(cell_m / finest_cell(dem).gsd_m) >= -_SLACK_OCTAVES
+
+
 def cell_for(posting_m: float, resolution_m: float) -> float:
     """Posting times the greatest power of 2 that is at most `CELL_PER_RESOLUTION` of the resolution
     (or up to 7 % above it); at least the posting.
     """
     octaves = math.log2(CELL_PER_RESOLUTION * resolution_m / posting_m)
-    return posting_m * 2.0 ** max(0, math.floor(octaves + 0.1))
+    return posting_m * 2.0 ** max(0, math.floor(octaves + _SLACK_OCTAVES))
