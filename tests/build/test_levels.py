@@ -320,3 +320,14 @@ def test_wrong_options(
     assert command(["build-catalog", str(dems[0]), "-o", str(output), *options]) in (1, 2)
     assert says in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_less_memory_divides_every_level(dems: tuple[Path, Path]) -> None:
+    """The areas then are others, and none of a build with more memory is kept for them."""
+    model = dataclasses.replace(CONFIG.model, area_nodes_max=512)
+    wide = Build.plan(dems, config := dataclasses.replace(CONFIG, model=model))
+    tight = Build.plan(dems, config, memory_gb=0.388)
+    for less, level in zip(tight.levels, wide.levels, strict=True):
+        assert less.config.model.area_nodes_max < level.config.model.area_nodes_max
+        assert len(less.jobs) > len(level.jobs)
+    assert tight.fingerprint() != wide.fingerprint()
