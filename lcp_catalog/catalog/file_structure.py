@@ -129,6 +129,7 @@ def _crs_problems(place: h5py.Group, group: str) -> Iterator[str]:
         if not isinstance(found, h5py.Dataset):
             yield f"{key(group, CRS)}: the variable is {_kind(found)}"
             return
+        h5py.h5o.get_info(found.id)
         for fault in _attribute_faults(found, CRS, expected):
             yield f"{key(group, CRS)}: {fault}"
     except HDF5_ERRORS as error:
