@@ -58,6 +58,9 @@ and the records.
 
 _MAGIC, _SUM = b"LCP-AREA", struct.Struct("<I")
 
+_SMALL_BYTES = 2**14
+"""Checkpoints up to this size are checked in a single read."""
+
 _READ_BYTES = 2**24
 """Records that are read together when a checkpoint is checked."""
 
@@ -229,7 +232,8 @@ class Checkpoints:
     def is_whole(self, name: str) -> bool:
         """True if the area is finished and its file undamaged, the records too."""
         try:
-            with open(self.path(name), "rb", buffering=0) as stream:
+            file = f"{self.folder}{os.sep}{name}{_AREA}"  # pathlib would cost as much as a read
+            with open(file, "rb", buffering=_SMALL_BYTES) as stream:
                 area = self._read(stream)
                 return area is not None and _are_whole(stream, area)
         except (OSError, ValueError):  # ValueError: it was cut short meanwhile
