@@ -1,6 +1,6 @@
 """Every figure of the page "Claims": simulated searches, simulated frames, photographs, navigation, sizes of cells and patches.
 
-    .venv/bin/python benchmarks/claims.py [simulated frames photographs navigation sizes sample] [-o build/claims]
+    .venv/bin/python benchmarks/claims.py [simulated frames photographs navigation positions sizes sample] [-o build/claims]
 
 Without a section: all. The shared lunar data are needed (see `tests/conftest.py`). Each section writes `SECTION.md`,
 `SECTION.json` and its diagrams; finished parts of an interrupted run are kept and used. `--cases`, `--draws` and `--frames` make
@@ -37,7 +37,7 @@ def main(argv: list[str] | None = None) -> None:
         "--draws", type=int, default=25, help="simulated: draws of the noise of a case"
     )
     parser.add_argument(
-        "--frames", type=int, default=200, help="frames and navigation: number of frames"
+        "--frames", type=int, default=200, help="frames, navigation and positions: number of frames"
     )
     parser.add_argument(
         "--set", choices=("fit", "kept"), default="fit", help="photographs: which ones"
@@ -116,6 +116,13 @@ def navigation(asked: argparse.Namespace) -> Section:
     return section.report(found, asked.output / "navigation.png")
 
 
+def positions(asked: argparse.Namespace) -> Section:
+    import claims_positions as section
+
+    folders = asked.output / "positions", asked.output / "frames"
+    return section.report(section.work(*folders, asked.data, asked.frames))
+
+
 def sizes(asked: argparse.Namespace) -> Section:
     import claims_photographs as section
 
@@ -140,6 +147,7 @@ SECTIONS: dict[str, Callable[[argparse.Namespace], Section]] = {
     "frames": frames,
     "photographs": photographs,
     "navigation": navigation,
+    "positions": positions,
     "sizes": sizes,
     "sample": sample,
 }
