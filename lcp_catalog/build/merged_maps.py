@@ -18,7 +18,7 @@ from ..landmarks.selection import Places, Status, nearest
 from ..terrain.area import Area
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES, middles, ring_cells
 
-_RANK = np.array([5, 2, 3, 4, 1])
+_RANK = np.array([6, 2, 3, 4, 1, 5])
 """Order of the codes of `Status`: of several reports on a cell the highest holds."""
 
 _CODE = np.array([Status.NODATA, *np.argsort(_RANK)], np.uint8)
@@ -65,10 +65,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class MergedMaps:
-    """The maps of catalogues together; ``spacing_m``: of the merged catalogue's coverage."""
+    """The maps of catalogues together."""
 
     parts: Sequence[Part]
-    spacing_m: float
+
+    @property
+    def spacing_m(self) -> float:
+        """Spacing of the coverage: the largest of the parts."""
+        return max(part.catalog.coverage.spacing_m for part in self.parts)
 
     @property
     def regions(self) -> list[Area]:

@@ -99,18 +99,14 @@ class _Input:
 
     @cached_property
     def configs(self) -> list[BuildConfig]:
-        """The configurations of the builds. CatalogError for one without region, cell size, spacing or
-        search radius.
-        """
+        """The configurations of the builds. CatalogError for one without region or cell size."""
         try:
             found = [BuildConfig.from_dict(build.config) for build in self.builds]
         except ConfigError as error:
             raise CatalogError(f"{self.path}: its configuration is invalid: {error}") from error
         for config in found:
-            points = config.points
-            if not (config.area.gsd_m and points.spacing_m and points.search_m):
-                what = "cell size, spacing and search radius"
-                raise CatalogError(f"{self.path}: its configuration does not state {what}")
+            if config.area.gsd_m is None:
+                raise CatalogError(f"{self.path}: its configuration does not state the cell size")
             if config.area.region is None:
                 raise CatalogError(f"{self.path}: its configuration states no region")
         other = ~np.isin(self.catalog.gsd, [config.area.gsd_m or 0.0 for config in found])
@@ -145,13 +141,13 @@ def merge_catalogs(
 
     Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
-    one. Coverage and overview are joined (`MergedMaps`).
+    one. Coverage and overview are joined (`MergedMaps`); what single builds promise (`Guarantee`) is left out.
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
     errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
-    check_output(output, overwrite)
+    check_output(output, overwrite, paths)
     inputs = [_Input.of(path) for path in paths]
     for other in inputs[1:]:
         _require_compatible(inputs[0], other)
@@ -176,9 +172,7 @@ class _Merge:
         single = every[_best_of_each(every)]
         spread = [_spread(single, level, away_m) for level, away_m in enumerate(self.spacing_m)]
         self.chosen = single[np.sort(np.concatenate(spread))]
-        self.maps = MergedMaps(
-            [Part(one.catalog, one.regions) for one in inputs], max(self.spacing_m)
-        )
+        self.maps = MergedMaps([Part(one.catalog, one.regions) for one in inputs])
         self.report = MergeReport(
             points=len(self.chosen),
             inputs=tuple(len(catalog) for catalog in self.catalogs),
@@ -228,7 +222,7 @@ class _Merge:
             errors=_merged_errors([one.errors for one in all_]),
             sigma_step_m=_sigma_step_m(all_),
             overview=self.maps.overview(),
-            coverage=Coverage(none, none, none.astype(np.uint8), max(self.spacing_m)),
+            coverage=Coverage(none, none, none.astype(np.uint8), self.maps.spacing_m),
         )
 
     def _values(self, points: AnyArray) -> dict[str, AnyArray]:
@@ -257,15 +251,21 @@ class _Merge:
 
 
 def _spacings_m(configs: Sequence[BuildConfig]) -> tuple[list[float], Sizes]:
-    """For each level the least spacing of its builds, and their cell sizes, metres."""
+    """For each level the least distance of points of its builds, and their cell sizes, metres."""
     sizes = np.array([config.area.gsd_m for config in configs], np.float64)
-    spacing = np.array([config.points.spacing_m for config in configs], np.float64)
+    least = np.array([_lengths_m(config)[0] for config in configs])
     level = levels(sizes)
     numbers = range(int(level.max()) + 1)
     return (
-        [float(spacing[level == k].min()) for k in numbers],
+        [float(least[level == k].min()) for k in numbers],
         tuple(tuple(np.unique(sizes[level == k]).tolist()) for k in numbers),
     )
+
+
+def _lengths_m(config: BuildConfig) -> tuple[float, float]:
+    """Least distance of points, and search radius, metres."""
+    gsd_m = config.area.gsd_m or 0.0  # `_Input.configs` has them all
+    return config.points.least_distance_m(gsd_m), config.points.search_nodes(gsd_m) * gsd_m
 
 
 def _best_of_each(points: AnyArray) -> Index:
@@ -300,10 +300,10 @@ def _require_compatible(first: _Input, other: _Input) -> None:
         pairs.append((f"errors.{name}", one.errors.get(name), two.errors.get(name)))
     mine, its = first.configs[0].points, other.configs[0].points
     pairs += [(f"points.{name}", getattr(mine, name), getattr(its, name)) for name in _OF_FLAGS]
-    searches = {config.area.gsd_m: config.points.search_m for config in first.configs}
+    searches = {config.area.gsd_m: _lengths_m(config)[1] for config in first.configs}
     for config in other.configs:
-        radius_m = searches.get(config.area.gsd_m, config.points.search_m)
-        pairs.append(("points.search_m", radius_m, config.points.search_m))
+        radius_m = _lengths_m(config)[1]
+        pairs.append(("points.search_m", searches.get(config.area.gsd_m, radius_m), radius_m))
     for name, a, b in pairs:
         if a != b:
             text = f"{name} is {_short(b)}, not {_short(a)} as in {first.path}"

@@ -192,6 +192,11 @@ def _facts(catalog: Catalog) -> Iterator[tuple[str, Any]]:
     view = catalog.overview
     yield "overview", [view.projection, view.center_lon, view.center_lat]
     yield "sigma_step_m", catalog.sigma_step_m
+    promise = catalog.guarantee
+    numbers = (
+        None if promise is None else [promise.per_view, promise.footprint_m, promise.lower_bound]
+    )
+    yield "guarantee", numbers
     for name in ("title", "product_version", "sources", "albedo_map", "scene_plan"):
         yield name, getattr(catalog, name)
     yield "config", tomllib.loads(catalog.config)
@@ -220,7 +225,8 @@ def _finite(value: Any) -> Any:
 
 def _maps(one: Catalog, other: Catalog, unequal: set[str]) -> Iterator[tuple[str, str]]:
     """Variables of the groups that differ, and how."""
-    skipped = {"cell"} if one.has_claims and other.has_claims else {"cell", "usable"}
+    skipped = {"cell", "place", "step"}  # numbers of rows
+    skipped |= set() if one.has_claims and other.has_claims else {"usable"}
     for group, members in GROUPS.items():
         whose = [getattr(catalog, group) is not None for catalog in (one, other)] if group else []
         if any(whose) and not all(whose):

@@ -23,10 +23,10 @@ from lcp_catalog.catalog.origins import Origin, origins
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import usable
 from lcp_catalog.catalog.summary import describe
-from lcp_catalog.errors import CatalogError, OutputExistsError
+from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.validation.claim_trials import search_radius_m
 
-STATUS_ORDER = [4, 1, 2, 3, 0]
+STATUS_ORDER = [4, 1, 2, 3, 5, 0]
 """Codes of a cell's status: of several reports the one that comes last here holds."""
 
 
@@ -70,7 +70,7 @@ def test_a_merged_catalogue_is_intact_and_read_as_any(inputs: list[Catalog], mer
     assert verify(merged) == []
     facts = describe(merged)
     assert facts["intact"]
-    assert facts["schema_version"] == "2.1"
+    assert facts["schema_version"] == "2.2"
     assert "</html>" in render_report(open_catalog(merged), "m.h5")
     builds = origins(open_catalog(merged).config)
     assert {one.name for one in builds} == {"a.h5", "b.h5"}
@@ -99,7 +99,7 @@ def test_coverage_is_that_of_the_points_and_of_the_nearest_cells(
         order = np.array([STATUS_ORDER.index(code) for code in status])
         best = np.maximum(best, np.where(mine, order, -1))
     near = merges.distances_m(places, merges.places(found)) <= merges.SPACING_M
-    best[near.any(axis=1)] = 4
+    best[near.any(axis=1)] = 5
     assert cells.status.tolist() == [STATUS_ORDER[k] for k in best]
     assert len(np.unique(cells.status)) == 5
     works = usable(found.condition)
@@ -270,7 +270,7 @@ def test_albedo_of_one_input(inputs: list[Catalog], tmp_path: Path) -> None:
         ),
         ({"config": merges.config(3.2, 4.9) + "max_dependence = 0.5\n"}, "points.max_dependence"),
         ({"config": merges.config(3.2, 4.9).replace("7552.0", "9000.0")}, "points.search_m"),
-        ({"config": "[points]\npatch_nodes = 9\n"}, "does not state cell size"),
+        ({"config": "[points]\npatch_nodes = 9\n"}, "does not state the cell size"),
         ({"config": merges.config(3.2, 4.9, 60.0)}, "cells of 118 m"),
         ({"config": merges.config(3.2, 4.9).replace("bounds_deg", "#")}, "states no region"),
         ({"config": "merged = 3\n"}, "does not say what it was merged from"),
@@ -315,6 +315,8 @@ def test_other_refusals(inputs: list[Catalog], tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError):
         merge_catalogs([a, a], tmp_path / "m.h5")
     assert (tmp_path / "m.h5").read_text() == "mine"
+    with pytest.raises(OutputError, match="is read, too"):
+        merge_catalogs([a, a], a, overwrite=True)
 
 
 def test_ids_of_the_same_ground(tmp_path: Path) -> None:
