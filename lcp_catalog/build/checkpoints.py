@@ -232,7 +232,7 @@ class Checkpoints:
     def is_whole(self, name: str) -> bool:
         """True if the area is finished and its file undamaged, the records too."""
         try:
-            file = f"{self.folder}{os.sep}{name}{_AREA}"  # pathlib would cost as much as a read
+            file = f"{self.folder}{os.sep}{name}{_AREA}"  # a path of pathlib takes longer to make
             with open(file, "rb", buffering=_SMALL_BYTES) as stream:
                 area = self._read(stream)
                 return area is not None and _are_whole(stream, area)
