@@ -15,6 +15,7 @@ from ..cameras.sensor import Sensor, pixel_size_m
 from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import DETECTION_STEP, usable
+from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..geometry.frames import direction_enu
 from ..images.image import Image
@@ -26,6 +27,8 @@ _WIDEST_PX = 48
 """Largest useful side of a template; wider ones give no more information than ones half as wide."""
 _NARROWEST_PX = 16
 """Least side of a template to which an image is reduced for the sake of the DEM's resolution."""
+_LOWEST_M = MOON_RADIUS_M - 20e3
+"""Radius below all points of the Moon's surface."""
 _CONE_MARGIN = 0.02
 """Margin of the cosine of the cone around an image, for what lies between the rays that it is made of."""
 
@@ -35,9 +38,8 @@ def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
     Moon that faces it.
     """
     places = catalog.position_mcmf
-    near = np.flatnonzero(_in_cone(places, sensor)) if isinstance(sensor, Camera) else slice(None)
-    rows = np.arange(len(places))[near]
-    pixels = sensor.project(places[near])
+    rows = _in_cone(places, sensor) if isinstance(sensor, Camera) else np.arange(len(places))
+    pixels = sensor.project(places[rows])
     return facing(catalog, sensor, rows[sensor.in_image(pixels)])
 
 
@@ -47,23 +49,25 @@ def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     return np.asarray(rows[(sensor.towards(places) * places).sum(-1) > 0.0])
 
 
-def _in_cone(places: Array, camera: Camera) -> Mask:
-    """True (n,) for points (n, 3) above whose horizontal plane the camera lies, and within the cone
-    around the rays of its image: few are left to project.
+def _in_cone(places: Array, camera: Camera) -> Index:
+    """Rows (m,), ascending, of the points (n, 3) above whose horizontal plane the camera lies, and
+    within the cone around the rays of its image: few are left to project.
     """
     looking = camera.focal_plane.directions(border_and_inside(camera.shape, 9))
     rays = looking @ camera.rotation_mcmf_to_camera
     axis = rays.mean(axis=0)
     axis /= np.linalg.norm(axis)
     cosine = float((rays @ axis).min()) - _CONE_MARGIN
-    from_centre = np.einsum("ij,j->i", places, camera.position_mcmf_m)  # one thread; it is short
-    square = np.einsum("ij,ij->i", places, places)
-    seen = from_centre > square
-    if not cosine > 0.0:  # a wide image, or a lens without an inverse
-        return np.asarray(seen)
-    ahead = np.einsum("ij,j->i", places, axis) - camera.position_mcmf_m @ axis
-    away = square - 2.0 * from_centre + camera.position_mcmf_m @ camera.position_mcmf_m
-    return np.asarray(seen & (ahead > 0.0) & (ahead**2 >= cosine**2 * away))
+    # einsum takes one thread, which is enough here
+    rows = np.flatnonzero(np.einsum("ij,j->i", places, camera.position_mcmf_m) > _LOWEST_M**2)
+    places = places[rows]
+    away = places - camera.position_mcmf_m
+    near = np.einsum("ij,ij->i", away, places) < 0.0
+    if cosine > 0.0:  # not for a wide image, or a lens without an inverse
+        ahead = np.einsum("ij,j->i", away, axis)
+        square = np.einsum("ij,ij->i", away, away)
+        near &= (ahead > 0.0) & (ahead**2 >= cosine**2 * square)
+    return np.asarray(rows[near])
 
 
 def choose_points(

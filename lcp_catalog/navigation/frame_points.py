@@ -23,7 +23,7 @@ CAUSES = (*prediction.CAUSES, "edge")
 not show as a whole.
 """
 
-PAIRS_AT_ONCE = 50_000
+PAIRS_AT_ONCE = 100_000
 """About the number of points, over all frames, whose claims are read at once."""
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -44,13 +45,13 @@ class Information:
             self.attitude_sigma_rad,
         )
 
-    @property
+    @cached_property
     def whitened(self) -> Array:
         """Derivatives (n, 2, 6) in sigmas, times the square root of the probability."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance_px2))
         return np.asarray(np.sqrt(self.probability)[:, None, None] * (root @ self.slopes))
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """Normal matrix (6, 6) of the points alone."""
         rows = self.whitened.reshape(-1, 6)
