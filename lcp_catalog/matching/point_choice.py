@@ -70,6 +70,26 @@ def _in_cone(places: Array, camera: Camera) -> Index:
     return np.asarray(rows[near])
 
 
+def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:
+    """Those rows whose level works at one scale of the image: the cell is not larger than the pixel, and
+    the pixel not larger than the greatest `Catalog.gsd_max` of the level. Scales are the image's own and,
+    for levels of larger cells, reduced ones; the finest is taken at which at least half as many points
+    work as at the best. All rows if they are of one level, or if no level works.
+    """
+    level = np.asarray(catalog.level)[rows]
+    of_level = [level == number for number in np.unique(level)]
+    if len(of_level) < 2:
+        return rows
+    pixel_m = float(np.nanmedian(pixel_size_m(sensor, catalog.position_mcmf[rows])))
+    cell_m = np.array([catalog.gsd[rows[own]].max() for own in of_level])
+    coarsest_m = np.array([catalog.gsd_max[rows[own]].max() for own in of_level])
+    scale_m = np.unique(np.maximum(pixel_m, cell_m))[:, None]
+    works = ((cell_m <= scale_m) & (scale_m <= coarsest_m)) @ np.array(of_level)
+    count = works.sum(axis=1)
+    best = works[np.argmax(2 * count >= count.max())]
+    return rows[best] if best.any() else rows
+
+
 def choose_points(
     catalog: Catalog,
     sensor: Sensor,
@@ -178,11 +198,14 @@ def working_image(
 
     Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution
     of their DEM (the DEM's cell where that is coarser, or where the true resolution is unknown);
-    templates become at most 48 pixels wide, and a coarse resolution leaves them at least 16.
+    templates become at most 48 pixels wide, and a coarse resolution leaves them at least 16. Of
+    several levels (`at_one_scale`) the coarsest counts.
     """
     rows = np.asarray(points, dtype=np.int64)
     if not len(rows):
         return image
+    level = np.asarray(catalog.level)[rows]
+    rows = rows[level == level.max()]
     pixel = float(np.nanmedian(pixel_size_m(image.sensor, catalog.position_mcmf[rows])))
     gsd = float(np.median(catalog.gsd[rows]))
     resolution = np.asarray(catalog.dem_resolution, dtype=np.float64)[rows]

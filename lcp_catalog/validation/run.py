@@ -29,7 +29,7 @@ from ..images.image_file import ImageOptions, open_image
 from ..images.pixels import image_shape
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
-from ..matching.point_choice import points_in_view
+from ..matching.point_choice import at_one_scale, points_in_view
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import (
@@ -233,11 +233,12 @@ def _one(request: Validation, catalog: Catalog, files: ImageFiles, name: str) ->
 
 
 def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: Options) -> Catalog:
-    """The points that may be in the image, with twice the reach of the largest correction, in memory;
-    the catalogue as it is if there is none.
+    """The points that may be in the image, with twice the reach of the largest correction, and of several
+    levels those that work at its scale, in memory; the catalogue as it is if there is none.
     """
     reach = 2.0 * options.most_sigmas
     rows = perhaps_in_view(catalog, image.sensor, request.uncertainty, reach).points
+    rows = at_one_scale(catalog, rows, image.sensor)
     return catalog.take(rows, cells=np.zeros(0, np.int64)) if len(rows) else catalog
 
 
