@@ -84,6 +84,14 @@ def read_camera(path: Path) -> None:
     sensor.project(np.array([[1737400.0, 0.0, 0.0], [0.0, 0.0, 1737400.0]]))
 
 
+def read_way(path: Path) -> None:
+    from lcp_catalog.cameras.camera_file import read_camera as framing
+    from lcp_catalog.navigation.trajectory_file import read_trajectory
+
+    camera = framing(SAMPLE / "AS15-M-0414_camera.json") if path.suffix == ".csv" else None
+    read_trajectory(path, camera)
+
+
 def read_build(path: Path) -> None:
     from lcp_catalog.build.config import BuildConfig
 
@@ -190,6 +198,21 @@ def cameras(folder: Path) -> Iterator[Path]:
     yield folder / "camera.tsai"
 
 
+def ways(folder: Path) -> Iterator[Path]:
+    camera = json.loads((SAMPLE / "AS15-M-0414_camera.json").read_text())
+    (folder / "way.json").write_text(json.dumps([camera | {"time_utc": "2026-01-01T00:00:00"}] * 2))
+    yield folder / "way.json"
+    place = ",".join(map(repr, camera["position_mcmf_m"]))
+    numbers = ",".join(repr(n) for row in camera["rotation_mcmf_to_camera"] for n in row)
+    heads = ",".join(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+    row = f"2026-01-01T00:00:00,{place}"
+    (folder / "matrix.csv").write_text(f"time_utc,x_m,y_m,z_m,{heads}\n{row},{numbers}\n")
+    yield folder / "matrix.csv"
+    heads = "# a pass\ntime_utc,x_m,y_m,z_m,qw,qx,qy,qz\n"
+    (folder / "turn.csv").write_text(heads + f"{row},0.6,0.8,0,0\n" * 3)
+    yield folder / "turn.csv"
+
+
 def isds(folder: Path) -> Iterator[Path]:
     makers = (
         "orbital_framer",
@@ -268,6 +291,7 @@ PARSERS = {
     "image-label-beside": Parser(read_image_beside, labels_beside),
     "image-pds4": Parser(read_image, pds4_labels),
     "camera": Parser(read_camera, cameras),
+    "trajectory": Parser(read_way, ways),
     "isd": Parser(read_camera, isds),
     "build": Parser(read_build, builds),
     "facet": Parser(read_facet, facets),

@@ -87,9 +87,11 @@ def timed(name: str, path: Path, cameras: list[Camera], query: Query) -> None:
         document(answer, catalog)
         points, usable = points + answer.counts["in_view"], usable + answer.usable
     seconds = time.perf_counter() - start
+    used = processor_s() - before
     print(
-        f"{name}: {seconds:.2f} s, {processor_s() - before:.2f} s of a processor; {points / len(cameras):.0f} points in view of a frame, "
-        f"{usable / len(cameras):.0f} usable; peak memory {peak_mb():.0f} MB"
+        f"{name}: {seconds:.2f} s, {used:.2f} s of a processor; {points / len(cameras):.0f} points in view "
+        f"of a frame, {usable / len(cameras):.0f} usable; peak memory {peak_mb():.0f} MB",
+        flush=True,
     )
 
 
