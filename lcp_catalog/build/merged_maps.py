@@ -76,8 +76,8 @@ class MergedMaps:
 
     @property
     def regions(self) -> list[Area]:
-        """Every region once."""
-        return list(dict.fromkeys(region for part in self.parts for region in part.regions))
+        """Every region once, in an order that does not depend on that of the parts."""
+        return sorted({region for part in self.parts for region in part.regions}, key=repr)
 
     def coverage(self, points: Places, condition: AnyArray) -> Coverage:
         """Coverage on latitude rings (`region_maps.ring_cells`): whether a point, a longitude and a latitude

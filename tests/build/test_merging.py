@@ -247,6 +247,15 @@ def test_nearly_equal_cells_are_one_level(inputs: list[Catalog], tmp_path: Path)
     assert (away + 1e9 * np.eye(len(found))).min() >= merges.SPACING_M
 
 
+def test_a_catalogue_without_points(inputs: list[Catalog], tmp_path: Path) -> None:
+    none = inputs[1].take(np.zeros(0, np.int64))
+    merge_catalogs(written(tmp_path, [inputs[0], none]), tmp_path / "m.h5")
+    assert verify(tmp_path / "m.h5") == []
+    found = open_catalog(tmp_path / "m.h5")
+    assert len(found) == len(merges.chosen_by_search(inputs[:1], merges.SPACING_M))
+    assert found.coverage.longitude.max() > 4.5
+
+
 def test_albedo_of_one_input(inputs: list[Catalog], tmp_path: Path) -> None:
     """Points of the other have none: they were tested with 1."""
     albedo = np.full(inputs[1].dem.shape, 1.25, np.float32)
