@@ -122,18 +122,24 @@ def _crs_problems(place: h5py.Group, group: str) -> Iterator[str]:
         names = group_names(place, group)
         if any(_attribute_fault(place, name) for name in names):
             return  # named already
-        expected = grid_mapping(group, {name: place.attrs[name] for name in names})
-        if not expected:
-            return
-        found = _member(place, CRS)
-        if not isinstance(found, h5py.Dataset):
-            yield f"{key(group, CRS)}: the variable is {_kind(found)}"
-            return
+        numbers = {name: place.attrs[name] for name in names}
+        try:
+            expected = grid_mapping(group, numbers)
+        except ValueError:
+            return  # a plane that does not exist is named with the values
+        yield from _crs_faults(place, group, expected)
+    except HDF5_ERRORS as error:
+        yield f"{key(group, CRS)}: is damaged: {line_of(error)}"
+
+
+def _crs_faults(place: h5py.Group, group: str, expected: Mapping[str, Any]) -> Iterator[str]:
+    found = _member(place, CRS) if expected else None
+    if isinstance(found, h5py.Dataset):
         h5py.h5o.get_info(found.id)
         for fault in _attribute_faults(found, CRS, expected):
             yield f"{key(group, CRS)}: {fault}"
-    except HDF5_ERRORS as error:
-        yield f"{key(group, CRS)}: is damaged: {line_of(error)}"
+    elif expected:
+        yield f"{key(group, CRS)}: the variable is {_kind(found)}"
 
 
 def variables(file: h5py.File) -> dict[str, Variable]:

@@ -45,8 +45,8 @@ def export(
     if choice.sun_deg is not None and ending != ".lmk":
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
     frame = frame_named(choice.frame)
-    points = Points.chosen(open_catalog(catalog), frame, choice.box, choice.level)
     with _aside(output, ending, overwrite) as path:
+        points = Points.chosen(open_catalog(catalog), frame, choice.box, choice.level)
         _write(points, path, ending, choice)
     return len(points)
 
