@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,6 +30,21 @@ def test_points_far_from_the_image_stay_in_the_file(tmp_path: Path) -> None:
     assert len(part) < 100
     np.testing.assert_array_equal(part.dem, whole.part("dem", part.point_id))
     assert not {"dem", "condition", "sigma_major"} & set(vars(whole))
+
+
+def test_of_several_levels_those_that_suit_the_pixel_are_read(tmp_path: Path) -> None:
+    """Pixels of 600 m: the finest level is too fine, and the coarsest too coarse."""
+    made = many_points.catalog(4000)
+    level = (np.arange(len(made)) % 3).astype(np.int32)
+    cell_m = np.array([100.0, 500.0, 1000.0])[level]
+    cells = {"level": level, "gsd": cell_m, "gsd_min": cell_m, "gsd_max": 2.0 * cell_m}
+    write_catalog(replace(made, **cells), tmp_path / "c.h5")
+    whole = open_catalog(tmp_path / "c.h5")
+    camera = looking_at(EnuFrame(10.0, 5.0), 300e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
+    request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
+    part = _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options())
+    assert len(part) > 0
+    assert set(part.level) == {1}
 
 
 def test_a_catalogue_without_points_in_view_stays_as_it_is(tmp_path: Path) -> None:
