@@ -60,11 +60,22 @@ def _check_levels(name: str, cells_m: tuple[float, ...]) -> None:
             coarse > LEVEL_RATIO * fine,
             f"{name}: {fine:g} and {coarse:g} m are too close for two levels: at least a factor of {LEVEL_RATIO:g}",
         )
+        missing = ", ".join(f"{cell:.4g}" for cell in _between(fine, coarse)[1:-1])
         _require(
             coarse <= 1.01 * LEVEL_FACTOR_MAX * fine,
             f"{name}: {fine:g} and {coarse:g} m are more than a factor of {LEVEL_FACTOR_MAX:g} apart; "
-            f"add {math.sqrt(fine * coarse):.4g} m",
+            f"add {missing} m",
         )
+
+
+def _between(fine_m: float, coarse_m: float) -> tuple[float, ...]:
+    """Both cell sizes and those between them in equal ratios of at most `LEVEL_FACTOR_MAX`. ConfigError
+    for more than `LEVELS_MAX`.
+    """
+    octaves = math.log2(coarse_m) - math.log2(fine_m)
+    steps = math.ceil(octaves / math.log2(LEVEL_FACTOR_MAX) - 1e-9)
+    _require(steps < LEVELS_MAX, f"{steps + 1} levels of cells are too many: at most {LEVELS_MAX}")
+    return tuple(fine_m * 2.0 ** (octaves * k / max(1, steps)) for k in range(steps + 1))
 
 
 @dataclass(frozen=True)
@@ -132,13 +143,7 @@ class AreaConfig:
             f"area.altitudes_km times area.ifov_rad are cells of {low:g} to {high:g} m; they must be "
             f"above 0 and at most {GSD_MAX_M:g} m",
         )
-        steps = math.ceil(math.log2(high) - math.log2(low) - 1e-9)
-        _require(
-            steps < LEVELS_MAX, f"{steps + 1} levels of cells are too many: at most {LEVELS_MAX}"
-        )
-        if high <= LEVEL_RATIO * low:
-            return (high,)
-        return tuple(low * (high / low) ** (k / steps) for k in range(steps + 1))
+        return _between(low, high) if high > LEVEL_RATIO * low else (high,)
 
     @property
     def region(self) -> Area | None:

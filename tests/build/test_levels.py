@@ -86,6 +86,7 @@ def test_levels_derive_from_the_pixel_at_both_altitudes(
             {"levels_m": (60.0, 10.0, 20.0)},
             "20 and 60 m are more than a factor of 2 apart; add 34.64 m",
         ),
+        ({"levels_m": (474.0, 2000.0)}, "more than a factor of 2 apart; add 765.9, 1238 m"),
         ({"levels_m": (10.0, 10.5)}, "10 and 10.5 m are too close for two levels"),
         ({"levels_m": (10.0, -1.0)}, "above 0"),
         ({"levels_m": (10.0, float("inf"))}, "at most 50000 m"),
@@ -306,7 +307,7 @@ def test_the_command_builds_the_same(
         (["--ifov", "1e-3"], "--altitudes and --ifov go together"),
         (["--altitudes", "2-1", "--ifov", "1e-3"], "'2-1' is not KM-KM"),
         (["--altitudes", "1", "--ifov", "1e-3"], "'1' is not KM-KM"),
-        (["--levels", "10,60"], "add 24.49 m"),
+        (["--levels", "10,60"], "add 18.17, 33.02 m"),
     ],
 )
 def test_wrong_options(
