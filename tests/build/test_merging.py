@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 
 from lcp_catalog.build import merging
 from lcp_catalog.build.config import AreaConfig, SunConfig, ViewConfig
+from lcp_catalog.build.merged_maps import MergedMaps, Part
 from lcp_catalog.build.merging import merge_catalogs
 from lcp_catalog.build.run import build_catalog
 from lcp_catalog.catalog.comparison import compare
@@ -24,6 +25,7 @@ from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import usable
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
+from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claim_trials import search_radius_m
 
 STATUS_ORDER = [4, 1, 2, 3, 5, 0]
@@ -42,7 +44,8 @@ def inputs() -> list[Catalog]:
     """Two neighbours that overlap by a third, with other points and flags in the second."""
     every = merges.whole()
     east = merges.disturbed(merges.part(every, 3.2, 4.9), seed=5)
-    return [merges.part(every, 2.1, 3.9), east]
+    cells = replace(east.coverage, status=np.roll(east.coverage.status, 3))
+    return [merges.part(every, 2.1, 3.9), replace(east, coverage=cells)]
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +104,7 @@ def test_coverage_is_that_of_the_points_and_of_the_nearest_cells(
     near = merges.distances_m(places, merges.places(found)) <= merges.SPACING_M
     best[near.any(axis=1)] = 5
     assert cells.status.tolist() == [STATUS_ORDER[k] for k in best]
-    assert len(np.unique(cells.status)) == 5
+    assert len(np.unique(cells.status)) > 2
     works = usable(found.condition)
     expected = np.array([works[row].any(axis=0) for row in near]).astype(np.uint8)
     never = ~(found.condition > 0).any(axis=0)
@@ -123,6 +126,26 @@ def test_overview_is_that_of_the_inputs(inputs: list[Catalog], merged: Path) -> 
     np.testing.assert_allclose(found.height[inside], expected[inside], atol=0.01)
     far = (np.abs(x) > view.x[-1] + 225.0) | (np.abs(y) > view.y[0] + 225.0)
     assert np.isnan(found.height[far]).all()
+
+
+def test_of_two_overviews_the_finer_one_holds(inputs: list[Catalog]) -> None:
+    """A coarser one that says other heights is shown where the finer one knows none."""
+    fine, view = inputs[0], inputs[0].overview
+    coarse = replace(view, height=view.height[::2, ::2] + 1e5, x=view.x[::2], y=view.y[::2])
+    west, whole = Area.from_bounds(2.1, 24.9, 3.5, 27.1), Area.from_bounds(2.1, 24.9, 4.9, 27.1)
+    half = view.height.copy()
+    half[:, view.x > 0.0] = np.nan
+    one = Part(replace(fine, overview=replace(view, height=half)), [west])
+    other = Part(replace(fine, overview=coarse), [whole])
+    for parts in ([one, other], [other, one]):
+        found = MergedMaps(parts).overview()
+        lon, lat = found.plane.lonlat(*np.meshgrid(found.x, found.y))
+        x, y = view.plane.at(lon, lat)
+        known = np.isfinite(found.height) & (np.abs(x) < view.x[-1]) & (np.abs(y) < view.y[0])
+        assert (found.height[known & (x < -450.0)] < 5e4).all()
+        assert (found.height[known & (x > 450.0)] > 5e4).all()
+        assert known[x < -450.0].any()
+        assert known[x > 450.0].any()
 
 
 def test_the_order_of_the_inputs_does_not_matter(inputs: list[Catalog], tmp_path: Path) -> None:
