@@ -27,8 +27,6 @@ _WIDEST_PX = 48
 """Largest useful side of a template; wider ones give no more information than ones half as wide."""
 _NARROWEST_PX = 16
 """Least side of a template to which an image is reduced for the sake of the DEM's resolution."""
-_LOWEST_M = MOON_RADIUS_M - 20e3
-"""Radius below all points of the Moon's surface."""
 _CONE_MARGIN = 0.02
 """Margin of the cosine of the cone around an image, for what lies between the rays that it is made of."""
 
@@ -38,7 +36,7 @@ def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
     Moon that faces it.
     """
     places = catalog.position_mcmf
-    rows = _in_cone(places, sensor) if isinstance(sensor, Camera) else np.arange(len(places))
+    rows = _in_cone(catalog, sensor) if isinstance(sensor, Camera) else np.arange(len(places))
     pixels = sensor.project(places[rows])
     return facing(catalog, sensor, rows[sensor.in_image(pixels)])
 
@@ -49,25 +47,25 @@ def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     return np.asarray(rows[(sensor.towards(places) * places).sum(-1) > 0.0])
 
 
-def _in_cone(places: Array, camera: Camera) -> Index:
-    """Rows (m,), ascending, of the points (n, 3) above whose horizontal plane the camera lies, and
-    within the cone around the rays of its image: few are left to project.
+def _in_cone(catalog: Catalog, camera: Camera) -> Index:
+    """Rows (n,), ascending, of the points above whose horizontal plane the camera lies, and within the
+    cone around the rays of its image: few are left to project.
     """
     looking = camera.focal_plane.directions(border_and_inside(camera.shape, 9))
     rays = looking @ camera.rotation_mcmf_to_camera
     axis = rays.mean(axis=0)
     axis /= np.linalg.norm(axis)
     cosine = float((rays @ axis).min()) - _CONE_MARGIN
+    origin = camera.position_mcmf_m
     # einsum takes one thread, which is enough here
-    rows = np.flatnonzero(np.einsum("ij,j->i", places, camera.position_mcmf_m) > _LOWEST_M**2)
-    places = places[rows]
-    away = places - camera.position_mcmf_m
-    near = np.einsum("ij,ij->i", away, places) < 0.0
+    along, ahead = (np.einsum("ij,j->i", catalog.position_mcmf, one) for one in (origin, axis))
+    square = (MOON_RADIUS_M + catalog.elevation) ** 2
+    near = along > square
     if cosine > 0.0:  # not for a wide image, or a lens without an inverse
-        ahead = np.einsum("ij,j->i", away, axis)
-        square = np.einsum("ij,ij->i", away, away)
-        near &= (ahead > 0.0) & (ahead**2 >= cosine**2 * square)
-    return np.asarray(rows[near])
+        ahead -= origin @ axis
+        away = square - 2.0 * along + origin @ origin
+        near &= (ahead > 0.0) & (ahead**2 >= cosine**2 * away)
+    return np.flatnonzero(near)
 
 
 def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:
