@@ -124,7 +124,7 @@ def grid_mapping(group: str, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes of `CRS` of a group with the attributes ``numbers``; empty for a group without. ValueError
     for a plane that does not exist.
     """
-    if group == "coverage":
+    if group in ("coverage", "guarantee"):
         return {
             "grid_mapping_name": "latitude_longitude",
             "longitude_of_prime_meridian": 0.0,
@@ -199,22 +199,26 @@ def variable_attributes(
 _VIEWS = "view_off_nadir view_azimuth view_altitude"
 """Coordinates of variables that depend on the view."""
 
-_PLACES = {"": "point_id longitude latitude", "coverage": "longitude latitude"}
-"""Coordinates of the points and of the cells."""
+_PLACES = {
+    "": ("point", "point_id longitude latitude"),
+    "coverage": ("cell", "longitude latitude"),
+    "guarantee": ("place", "longitude latitude"),
+}
+"""Dimension of a group's places, and their coordinates."""
 
 
 def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
     """Attributes that say where the values of a variable lie."""
-    if group == "overview" and name in ("x", "y"):
-        return {"standard_name": f"projection_{name}_coordinate", "axis": name.upper()}
-    found = {CRS_ATTRIBUTE: CRS} if group and variable.dims != (name,) else {}
-    own = _PLACES.get(group, "")
-    if name in own.split():
+    if group == "overview":
+        if name in variable.dims:
+            return {"standard_name": f"projection_{name}_coordinate", "axis": name.upper()}
+        return {CRS_ATTRIBUTE: CRS}
+    dim, own = _PLACES[group]
+    if variable.dims[0] != dim or name in (dim, *own.split()):
         return {}
-    if variable.dims[0] not in ("point", "cell") or variable.dims == (name,):
-        return found
-    by_view = not group and "view" in variable.dims
-    return found | {"coordinates": f"{own} {_VIEWS}" if by_view else own}
+    if group:
+        return {"coordinates": own, CRS_ATTRIBUTE: CRS}
+    return {"coordinates": f"{own} {_VIEWS}" if "view" in variable.dims else own}
 
 
 def former_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
