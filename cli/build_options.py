@@ -154,7 +154,34 @@ point_options = option_group(
         "spacing_km",
         type=POSITIVE,
         metavar="KM",
-        help="Least distance between two points; default: two patch widths, at most 8 km.",
+        help="Least distance between two points, which are then spread evenly (unless --per-view is given, too). "
+        "Default: as --per-view asks for, at least half a patch.",
+    ),
+    click.option(
+        "--per-view",
+        type=click.IntRange(0, 200),
+        metavar="N",
+        help="Usable points that every camera's footprint in the region is promised under every Sun and view that can "
+        "happen; the fewest points are chosen that keep it. 0: points are spread evenly. Default: 8, with --spacing 0.",
+    ),
+    click.option(
+        "--footprint",
+        "footprint_km",
+        type=POSITIVE,
+        metavar="KM",
+        help="Diameter of the ground that a camera sees; default: 1024 cells, at most the shorter side of the region.",
+    ),
+    click.option(
+        "--max-points",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Most points: the catalogue of this size that does most for the promise.",
+    ),
+    click.option(
+        "--max-bytes",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="The same by the estimated size of the file, bytes.",
     ),
     click.option(
         "--search",
@@ -203,6 +230,10 @@ def configuration(
     sun_elevations: tuple[float, ...] | None,
     views: tuple[tuple[float, ...], ...],
     spacing_km: float | None,
+    per_view: int | None,
+    footprint_km: float | None,
+    max_points: int | None,
+    max_bytes: int | None,
     search_km: float | None,
     sensor_noise: float | None,
     reflectance: str | None,
@@ -260,6 +291,10 @@ def configuration(
         points=_over(
             config.points,
             spacing_m=spacing_km and spacing_km * 1e3,
+            per_view=per_view,
+            footprint_km=footprint_km,
+            max_points=max_points,
+            max_bytes=max_bytes,
             search_m=search_km and search_km * 1e3,
         ),
         errors=_over(config.errors, sensor_noise=sensor_noise),

@@ -256,8 +256,9 @@ def _resolved(
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
     search_m = config.points.search_nodes(gsd_m) * gsd_m
-    points = dataclasses.replace(config.points, search_m=search_m)
-    if not points.per_view:  # else it is the side of cells alone
+    promised = config.points.promised
+    points = dataclasses.replace(config.points, search_m=search_m, per_view=promised)
+    if not promised:  # else it is the side of cells alone
         points = dataclasses.replace(points, spacing_m=spacing_m)
     section = dataclasses.replace(config.model.portable, reflectance=model.name)
     known = ErrorConfig(**errors.to_dict())

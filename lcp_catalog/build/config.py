@@ -261,6 +261,9 @@ CONDITIONS_MAX = 50_000
 AREA_NODES_MIN = 16
 """Least number of nodes along an area's side."""
 
+PER_VIEW, PER_VIEW_MAX = 8, 200
+"""Usable points promised in a camera's footprint by default, and at most."""
+
 FOOTPRINT_NODES = 1024
 """Default diameter of a camera's footprint: an image so many pixels wide at the scale of the cells."""
 
@@ -276,9 +279,9 @@ class PointConfig:
     """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = 33
-    per_view: int = 0
+    per_view: int | None = None  # 8; 0 if a spacing is given
     """Usable points that a camera's footprint is promised under every view and Sun; 0: points are spread
-    evenly instead."""
+    evenly at the spacing instead."""
     footprint_km: float | None = None  # `FOOTPRINT_NODES`, at most the shorter side of the region
     """Diameter of the ground that a camera sees."""
     max_points: int | None = None
@@ -306,7 +309,8 @@ class PointConfig:
                 f"points.{name} must be above 0 and at most {LENGTH_MAX_M:g} m, not {length}",
             )
         _require(
-            0 <= self.per_view <= 200, f"points.per_view must lie in 0..200, not {self.per_view}"
+            self.per_view is None or 0 <= self.per_view <= PER_VIEW_MAX,
+            f"points.per_view must lie in 0..{PER_VIEW_MAX}, not {self.per_view}",
         )
         _require(
             self.footprint_km is None or 0.0 < self.footprint_km <= FOOTPRINT_MAX_KM,
@@ -316,7 +320,7 @@ class PointConfig:
             most = getattr(self, name)
             _require(most is None or most >= 1, f"points.{name} must be at least 1, not {most}")
             _require(
-                most is None or self.per_view > 0,
+                most is None or self.promised > 0,
                 f"points.{name} needs points.per_view above 0: the choice is by what it promises",
             )
         _require(
@@ -325,6 +329,13 @@ class PointConfig:
         _require(self.min_usable_conditions >= 1, "points.min_usable_conditions must be at least 1")
         for name in ("min_detection", "min_lit_share", "max_dependence"):
             _require(0.0 <= getattr(self, name) <= 1.0, f"points.{name} must lie in 0..1")
+
+    @property
+    def promised(self) -> int:
+        """Usable points promised in a camera's footprint; 0: none, points are spread evenly."""
+        if self.per_view is None:
+            return PER_VIEW if self.spacing_m is None else 0
+        return self.per_view
 
     @property
     def half(self) -> int:
@@ -355,7 +366,7 @@ class PointConfig:
         """Least distance between two points, metres: the spacing, but half a patch if only a promise
         is given.
         """
-        nodes = self.half if self.per_view and self.spacing_m is None else self.spacing_nodes(gsd_m)
+        nodes = self.half if self.promised and self.spacing_m is None else self.spacing_nodes(gsd_m)
         return nodes * gsd_m
 
     def spacing_nodes(self, gsd_m: float) -> int:

@@ -98,7 +98,7 @@ def finished_area(result: AreaResult, config: BuildConfig, gsd_m: float) -> Fini
     for name, values in _record_columns(candidates, config, gsd_m).items():
         records[name] = values[some]
     table["checksum"][some] = checksums(records)
-    stages = cell_stages(candidates, config) if config.points.per_view else None
+    stages = cell_stages(candidates, config) if config.points.promised else None
     return FinishedArea(table, records, result.plan, stages)
 
 

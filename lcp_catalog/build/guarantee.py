@@ -15,6 +15,7 @@ from ..catalog.catalogue import Guarantee
 from ..catalog.schema import NO_CELL, Cause
 from ..catalog.sun_cells import SunCells
 from ..constants import MOON_RADIUS_M
+from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
 from ..landmarks.multicover import Cover, choose_cover, least_size, packed
@@ -32,8 +33,8 @@ candidates.
 _LINKS = 4e7
 """Pairs of candidates and places near them that are held in memory."""
 
-_DISC = 256
-"""Places in a footprint at which its share in the region is taken."""
+_DISC, _DISCS = 128, 2048
+"""Places in a footprint at which its share in the region is taken, and footprints taken together."""
 
 _LATTICE_MAX = 1200
 """Longest side of the lattice on which the distance to the nearest place is measured."""
@@ -59,20 +60,28 @@ class Places:
     @classmethod
     def of(cls, region: Area, points: PointConfig, gsd_m: float, conditions: int) -> Places:
         """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
-        of the points is promised as of the footprint lies in it, rounded down.
+        of the points is promised as of the footprint lies in it, rounded down. ConfigError for a
+        footprint that is small beside the distance of as many places as can be kept.
         """
         x0, x1, y0, y1 = region.extent_m
-        footprint_m = min(FOOTPRINT_NODES * gsd_m, x1 - x0, y1 - y0)
+        most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
+        ground_m2 = (x1 - x0) * (y1 - y0) if region.is_local else region.bounds_m2
+        least_m = _COARSEST * math.sqrt(ground_m2 / most)
+        footprint_m = min(max(FOOTPRINT_NODES * gsd_m, least_m), x1 - x0, y1 - y0)
         if points.footprint_km is not None:
             footprint_m = 1e3 * points.footprint_km
         cell_m = points.spacing_nodes(gsd_m) * gsd_m
         near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
-        most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
         lon, lat = _lattice(region, footprint_m, near, most)
         reach_m = _reach_m(region, (lon, lat))
+        if reach_m > 0.4 * footprint_m:
+            raise ConfigError(
+                f"points.footprint_km of {footprint_m / 1e3:g} km is too small for this region: the "
+                f"promise needs at least {math.ceil(reach_m / 400.0)} km (a smaller region, or per_view 0)"
+            )
         share = _shares(region, (lon, lat), footprint_m / 2.0)
-        demand = np.floor(points.per_view * share + 1e-9).astype(np.uint8)
-        return cls(lon, lat, demand, footprint_m, max(footprint_m / 2.0 - reach_m, 0.0))
+        demand = np.floor(points.promised * share + 1e-9).astype(np.uint8)
+        return cls(lon, lat, demand, footprint_m, footprint_m / 2.0 - reach_m)
 
 
 def _lattice(region: Area, footprint_m: float, near: float, most: int) -> tuple[Array, Array]:
@@ -105,9 +114,11 @@ def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array
     part = [np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away)]
     offsets = np.stack(part, axis=1)
     share = np.empty(len(places[0]))
-    for k, axes in enumerate(enu_rotation(*places)):
-        lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * offsets @ axes)
-        share[k] = region.contains(lon, lat).mean()
+    axes = enu_rotation(*places)
+    for start in range(0, len(share), _DISCS):
+        some = slice(start, start + _DISCS)
+        lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * offsets @ axes[some])
+        share[some] = region.contains(lon, lat).mean(axis=1)
     return share
 
 
@@ -138,8 +149,10 @@ class Promise:
 
     @classmethod
     def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> Promise | None:
-        """None for a build that promises nothing."""
-        if not config.points.per_view:
+        """None for a build that promises nothing, or with Suns that all are outside what can happen.
+        ConfigError for a footprint that is too small.
+        """
+        if not config.points.promised:
             return None
         views = len(config.view)
         grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
@@ -148,6 +161,8 @@ class Promise:
         latitudes, own = np.unique(rounded, return_inverse=True)
         can = np.array([_cells(grid, float(lat), config).ravel() for lat in latitudes])
         used = np.flatnonzero(can.any(axis=0))
+        if not len(used):
+            return None
         exists = np.tile(can[:, used], (1, views))[own]
         columns = (np.arange(views)[:, None] * can.shape[1] + used).ravel()
         return cls(config, gsd_m, places, exists, columns)
@@ -182,7 +197,7 @@ class Promise:
         choice = choose_cover(cover, wanted, most)
         found = cover.counts(choice.chosen)
         complete = bool((found >= wanted).all())
-        bound = least_size(cover, wanted, len(choice.chosen)) if complete else math.nan
+        bound = least_size(cover, wanted, len(choice.chosen)) if complete else 0.0
         cause = self._causes(found, wanted, demand, has_heights)
         steps = np.unique(np.linspace(0, len(choice.met) - 1, _CURVE_STEPS).astype(np.int64))
         steps = steps[: len(choice.met)]
@@ -195,7 +210,7 @@ class Promise:
             size=steps.astype(np.int32) + 1,
             met=choice.met[steps] / max(1, int(np.count_nonzero(wanted))),
             served=choice.served[steps],
-            per_view=float(self.config.points.per_view),
+            per_view=float(self.config.points.promised),
             footprint_m=self.places.footprint_m,
             radius_m=self.places.radius_m,
             lower_bound=bound,

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from ..arrays import AnyArray
 from ..atomic_files import check_output, write_bytes
 from ..geometry.map_plane import EQUIRECTANGULAR, ORTHOGRAPHIC, POLAR_STEREOGRAPHIC, MapPlane
+from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.png import data_uri
@@ -29,6 +30,7 @@ from .charts import (
 )
 from .claim_map import claim_map
 from .hdf5 import Catalog, open_catalog
+from .promise import worst_text
 from .schema import COVERAGE_STATUS
 from .summary import (
     Statistics,
@@ -93,6 +95,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         points_shown=_points_sentence(catalog),
         elevations=found["usable_by_sun_elevation"],
         elevation_chart=_elevation_chart(found),
+        promise=_promise(catalog, found),
         claims=_claims(catalog, statistics, disc),
         views=_views(statistics, found, disc),
         distributions=_distributions(catalog),
@@ -158,6 +161,30 @@ def _elevation_chart(found: dict[str, Any]) -> Markup | None:
     ]
     title = "usable share by Sun elevation"
     return categories(names, bars, "Sun elevation", "usable, %", title, highest=100.0)
+
+
+def _promise(catalog: Catalog, found: dict[str, Any]) -> dict[str, Any] | None:
+    """The section of the promise: its figures, its worst Suns, and its chart against the number of
+    points; None without one.
+    """
+    told, stored = found["promise"], catalog.guarantee
+    if told is None or stored is None:
+        return None
+    chart = None
+    if len(stored.size) > 1:
+        last = float(stored.size[-1])
+        axes = Axes(
+            Axis(0.0, last, round_ticks(0.0, last, 6), "points"),
+            Axis(0.0, 100.0, round_ticks(0.0, 100.0, 4), "conditions, %", grid=True),
+            height=180.0,
+            top=10.0,
+        )
+        sizes = [0, *stored.size.tolist()]
+        line = axes.line(sizes, [0.0, *(100.0 * stored.met).tolist()], "line")
+        chart = axes.draw(
+            line, "share of the conditions that are served, against the number of points"
+        )
+    return told | {"chart": chart, "worst": [worst_text(sun) for sun in told["worst_suns"]]}
 
 
 def _figures(found: dict[str, Any]) -> list[tuple[str, str]]:

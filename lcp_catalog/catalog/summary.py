@@ -15,6 +15,7 @@ from ..constants import FRAME
 from ..errors import CatalogError
 from ..plots.numbers import number
 from .catalogue import Catalog
+from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, evaluated, usable
 from .stored import StoredCatalog, StoredFile
 from .verification import all_problems, apart
@@ -150,6 +151,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "localization_sigma_m": _percentiles(catalog.localization_sigma[:, 0]),
         "second_peak": _percentiles(catalog.second_peak),
         "coverage": coverage_counts(catalog),
+        "promise": kept_promise(catalog),
     }
 
 
@@ -346,6 +348,7 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(
         ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
     )
+    rows += promise_rows(found["promise"])
     return rows
 
 

@@ -87,7 +87,8 @@ class SunCells:
         weight, happens = self._samples(lat_deg, cells)
         own = weight * corners[:, row, column][..., None]
         total = own.sum(axis=0)
-        happens |= (weight[0] == 1.0).all(axis=1)[:, None]  # a direction alone, which is evaluated
+        alone = (self.above[row] == row) | (self.after[column] == column)
+        happens |= alone[:, None]  # it stands for its surroundings, as where it is evaluated
         happens &= total >= 0.5  # else nothing is claimed
         margin = BETWEEN_MARGIN * (1.0 - (own**2).sum(axis=0)) + BEYOND_MARGIN * (1.0 - total)
         exists, counts = np.zeros(self.shape, np.bool_), np.zeros((4, *self.shape), np.bool_)

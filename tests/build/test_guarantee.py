@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.small_build import CONFIG, DEM
 
-from lcp_catalog.build.config import AreaConfig, SunConfig, ViewConfig
-from lcp_catalog.build.run import Build, run_build
+from lcp_catalog.build.area_job import run_area
+from lcp_catalog.build.checkpoints import Checkpoints
+from lcp_catalog.build.config import AreaConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.build.finished_area import FinishedArea, finished_area
+from lcp_catalog.build.guarantee import Places, Promise
+from lcp_catalog.build.run import Build, finish
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog, verify
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.errors import ConfigError
+from lcp_catalog.landmarks.selection import stable_id
+from lcp_catalog.terrain.area import Area
 
 PROMISED = dataclasses.replace(
     CONFIG,
@@ -34,9 +42,22 @@ def plan() -> Build:
 
 
 @pytest.fixture(scope="module")
-def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def areas(plan: Build) -> dict[str, FinishedArea]:
+    return {
+        job.task.name: finished_area(run_area(job), plan.config, plan.gsd_m) for job in plan.jobs
+    }
+
+
+@pytest.fixture(scope="module")
+def built(
+    plan: Build, areas: dict[str, FinishedArea], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     output = tmp_path_factory.mktemp("promise") / "promise.h5"
-    run_build(plan, output)
+    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints.folder.mkdir()
+    for name, area in areas.items():
+        checkpoints.write(name, area)
+    finish(plan, output, checkpoints, {}, overwrite=False)
     return output
 
 
@@ -105,3 +126,99 @@ def test_what_is_not_kept_has_a_cause(catalog: Catalog, built: Path) -> None:
     assert (told.cause[~short & (told.points != NO_CELL)] == Cause.MET).all()
     assert len(catalog) <= 1.5 * told.lower_bound
     assert told.met[-1] == told.served[-1] == 1.0
+
+
+def chosen(
+    plan: Build, areas: list[FinishedArea], most: int | None = None
+) -> tuple[list[int], Any]:
+    """Ids of the points chosen among areas in this order, and the promise."""
+    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    assert promise is not None
+    for area in areas:
+        promise.see(area.table, area.stages)
+    table = np.concatenate([area.table for area in areas])
+    rows, told = promise.choose(table, np.ones(len(promise.best), bool), most)
+    return stable_id(table["lon_deg"][rows], table["lat_deg"][rows]).tolist(), told
+
+
+def shuffled(area: FinishedArea) -> FinishedArea:
+    order = np.random.default_rng(3).permutation(len(area.table))
+    assert area.stages is not None
+    return dataclasses.replace(area, table=area.table[order], stages=area.stages[order])
+
+
+def test_the_order_of_areas_and_candidates_does_not_matter(
+    plan: Build, areas: dict[str, FinishedArea], catalog: Catalog
+) -> None:
+    ids, told = chosen(plan, [shuffled(area) for area in reversed(areas.values())])
+    assert ids == catalog.point_id.tolist()
+    np.testing.assert_array_equal(told.points, catalog.guarantee.points)
+    np.testing.assert_array_equal(told.cause, catalog.guarantee.cause)
+
+
+def test_a_limited_size_is_the_start_of_the_curve(
+    plan: Build, areas: dict[str, FinishedArea], catalog: Catalog
+) -> None:
+    """And what the limit leaves out has that cause."""
+    ids, told = chosen(plan, list(areas.values()), 5)
+    assert len(ids) == told.size[-1] == 5
+    np.testing.assert_array_equal(told.met, catalog.guarantee.met[:5])
+    assert (told.cause == Cause.SIZE).any()
+    assert not (catalog.guarantee.cause == Cause.SIZE).any()
+    assert told.lower_bound == 0.0
+
+
+def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, FinishedArea]) -> None:
+    """The furthest stage of the candidates near; nothing near is featureless, or off the DEM."""
+    for stage in (Cause.DARK, Cause.AMBIGUOUS, Cause.DEPENDENT, Cause.MARGINAL):
+        poor = [
+            dataclasses.replace(area, stages=np.where(area.stages > 0, stage, 0).astype(np.uint8))
+            for area in areas.values()
+        ]
+        ids, told = chosen(plan, poor)
+        assert ids == []
+        assert stage in np.unique(told.cause)
+        assert set(np.unique(told.cause)) <= {stage, Cause.FEATURELESS, NO_CELL}
+    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    assert promise is not None
+    none = areas[plan.jobs[0].task.name].table[:0]
+    promise.see(none, np.zeros((0, 1 + promise.columns.max()), np.uint8))
+    rows, told = promise.choose(none, np.arange(len(promise.best)) % 2 > 0, None)
+    known = told.demand > 0
+    assert not len(rows)
+    assert set(np.unique(told.cause[0::2][known[0::2]])) == {Cause.NODATA, NO_CELL}
+    assert set(np.unique(told.cause[1::2][known[1::2]])) == {Cause.FEATURELESS, NO_CELL}
+
+
+def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
+    """8 in the middle, half of it at an edge, a quarter in a corner; the step is added to the radius."""
+    region = Area(10.0, 0.0, 100.0)
+    places = Places.of(region, PointConfig(footprint_km=20.0), 100.0, 1)
+    x = (places.lon_deg - 10.0) * 30.3234
+    y = places.lat_deg * 30.3234
+    middle = np.hypot(x, y) < 30.0
+    assert (places.demand[middle] == 8).all()
+    corner, edge = np.hypot(abs(x) - 50.0, abs(y) - 50.0).argmin(), np.hypot(x - 50.0, y).argmin()
+    assert 2 <= places.demand[corner] <= 3
+    assert 4 <= places.demand[edge] <= 5
+    nearest = [
+        arcs_m(a, b, places.lon_deg, places.lat_deg).min()
+        for a, b in zip(*region.lattice(40), strict=True)
+    ]
+    assert max(nearest) <= places.footprint_m / 2.0 - places.radius_m < 1.3 * max(nearest)
+
+
+def test_what_cannot_be_promised_is_refused() -> None:
+    with pytest.raises(
+        ConfigError, match=r"footprint_km of 0\.5 km is too small .* at least \d+ km"
+    ):
+        Places.of(Area(10.0, 0.0, 1000.0), PointConfig(footprint_km=0.5), 100.0, 960)
+    for wrong in ({"per_view": -1}, {"footprint_km": 0.0}, {"max_points": 0}, {"max_bytes": 0}):
+        with pytest.raises(ConfigError, match=f"points.{next(iter(wrong))}"):
+            PointConfig(**wrong)
+    for given in ({"per_view": 0}, {"spacing_m": 5000.0}):
+        assert PointConfig(**given).promised == 0
+        with pytest.raises(ConfigError, match=r"needs points\.per_view above 0"):
+            PointConfig(**given, max_points=10)
+    assert PointConfig().promised == 8
+    assert PointConfig(spacing_m=5000.0, per_view=3).promised == 3
