@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
 from ..catalog.catalogue import Guarantee
@@ -16,10 +15,10 @@ from ..catalog.schema import NO_CELL, Cause
 from ..catalog.sun_cells import SunCells
 from ..constants import MOON_RADIUS_M
 from ..errors import ConfigError
-from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
 from ..landmarks.multicover import Cover, choose_cover, least_size, packed
-from ..landmarks.selection import select, stable_id
+from ..landmarks.selection import Nearby, nearest, select, stable_id
 from ..sun.reachable import reachable_suns
 from ..terrain.area import Area
 from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
@@ -101,9 +100,9 @@ def _reach_m(region: Area, places: tuple[Array, Array]) -> float:
     x0, x1, y0, y1 = region.extent_m
     step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places[0]))
     side = min(_LATTICE_MAX, 8 + math.ceil(4.0 * max(x1 - x0, y1 - y0) / step_m))
-    chord, _ = cKDTree(_unit(*places)).query(_unit(*region.lattice(side)))
+    _, away_m = nearest(*region.lattice(side), *places)
     beside_m = max(x1 - x0, y1 - y0) / (side - 1) / math.sqrt(2.0)
-    return float(_arc_m(chord.max(initial=0.0))) + beside_m
+    return float(away_m.max(initial=0.0)) + beside_m
 
 
 def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array:
@@ -122,14 +121,6 @@ def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array
     return share
 
 
-def _unit(lon_deg: Array, lat_deg: Array) -> Array:
-    return lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M
-
-
-def _arc_m(chord: float) -> float:
-    return 2.0 * MOON_RADIUS_M * math.asin(min(1.0, chord / 2.0))
-
-
 @dataclass
 class Promise:
     """The promise of a build, and what its candidates do for it: `see` the areas in turn, then `choose`."""
@@ -140,12 +131,12 @@ class Promise:
     exists: Mask  # (place, cell): Suns that can happen, of those in ``columns``
     columns: Index  # of the whole grid of conditions, flat
     best: Bytes = field(init=False)
-    _tree: cKDTree = field(init=False)
+    _nearby: Nearby = field(init=False)
     _bits: list[AnyArray] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         self.best = np.zeros((len(self.places.lon_deg), len(self.columns)), np.uint8)
-        self._tree = cKDTree(_unit(self.places.lon_deg, self.places.lat_deg))
+        self._nearby = Nearby((self.places.lon_deg, self.places.lat_deg))
 
     @classmethod
     def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> Promise | None:
@@ -175,12 +166,7 @@ class Promise:
 
     def _links(self, lon_deg: Array, lat_deg: Array) -> tuple[Index, AnyArray]:
         """The places within the radius of each candidate: where they start, and their numbers."""
-        chord = 2.0 * math.sin(self.places.radius_m / (2.0 * MOON_RADIUS_M))
-        near = self._tree.query_ball_point(_unit(lon_deg, lat_deg), chord, return_sorted=True)
-        first = np.concatenate([[0], np.cumsum([len(rows) for rows in near], dtype=np.int64)])
-        if not len(near):
-            return first, np.zeros(0, np.int32)
-        return first, np.concatenate(near).astype(np.int32)
+        return self._nearby.around((lon_deg, lat_deg), self.places.radius_m)
 
     def choose(
         self, table: AnyArray, has_heights: Mask, most: int | None

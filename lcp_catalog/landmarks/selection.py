@@ -160,6 +160,24 @@ def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Ind
     return near["j"][order], near["i"][order]
 
 
+class Nearby:
+    """Places, (longitudes, latitudes) in degrees, that are looked up around others."""
+
+    def __init__(self, places: Places) -> None:
+        self._tree = cKDTree(_unit(*places).reshape(-1, 3))
+
+    def around(self, others: Places, distance_m: float) -> tuple[Index, NDArray[np.int32]]:
+        """The places within a distance along the sphere of each of the others: where they start, (n + 1,),
+        and their numbers, rising for each.
+        """
+        here = _unit(*others).reshape(-1, 3)
+        near = self._tree.query_ball_point(here, _chord(distance_m), return_sorted=True)
+        first = np.concatenate([[0], np.cumsum([len(rows) for rows in near], dtype=np.int64)])
+        if not len(near):
+            return first, np.zeros(0, np.int32)
+        return first, np.concatenate(near).astype(np.int32)
+
+
 def coverage(
     cells: Places,
     has_heights: Mask,
