@@ -18,10 +18,19 @@ from lcp_catalog.catalog.cell_levels import levels
 from lcp_catalog.catalog.comparison import compare, compare_catalogs
 from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
 from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.catalog.stored import StoredCatalog, StoredFile
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CatalogError
 
 FIGURES = ("elevation", "second_peak", "dem_resolution", "harris_response", "shadow_dependence")
+
+
+@pytest.fixture(autouse=True)
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that a test wrote are not checked: a check takes a process, and has tests of its own."""
+    monkeypatch.setattr(
+        comparison, "open_catalog", lambda path, check=True: StoredCatalog.of(StoredFile.of(path))
+    )
 
 
 def edited(catalog: Catalog, seed: int = 3) -> Catalog:
