@@ -61,12 +61,12 @@ def decoded(address: str) -> np.ndarray:
 
 
 def logged(page: Path, word: str, folder: Path) -> str:
-    """The line with the word that the page's scripts log, in Chromium; empty if none comes in a minute."""
+    """The line with the word that the page's scripts log, in Chromium; empty if none comes in two minutes."""
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
     command = ["chromium", *options, "--remote-debugging-port=0", f"--user-data-dir={folder}"]
     with subprocess.Popen([*command, page.as_uri()], stderr=subprocess.PIPE, text=True) as browser:
         assert browser.stderr is not None
-        late = threading.Timer(60.0, browser.kill)
+        late = threading.Timer(120.0, browser.kill)
         late.start()
         found = next((line for line in browser.stderr if f'"{word} ' in line), "")
         late.cancel()
