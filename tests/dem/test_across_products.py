@@ -24,7 +24,21 @@ AT_90 = ["--sun-azimuths", "0:330:30", "--sun-elevations", "0.6,1.2,1.8"]
 
 def build(out: Path, labels: list[Path], *area: object, suns: list[str]) -> Catalog:
     """By one command, as a user would."""
-    words = ["build-catalog", *labels, "-o", out, *area, "--gsd", GSD_M, "--jobs", 2, *VIEWS, *suns]
+    words = [
+        "build-catalog",
+        *labels,
+        "-o",
+        out,
+        *area,
+        "--gsd",
+        GSD_M,
+        "--jobs",
+        2,
+        *VIEWS,
+        *suns,
+        "--per-view",
+        0,
+    ]
     assert run([str(word) for word in words]) == 0
     return open_catalog(out)
 

@@ -29,7 +29,7 @@ NET_M = (803.0, -194.0)
 """Median displacement (east, north) of the frames that single points locate; robust spread 259 and
 180 m."""
 
-BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0, 55.0", spacing="")
+BUILD = SWEEP.format(elevations="10.0, 20.0, 35.0, 55.0", spacing="per_view = 0")
 BOUNDS_DEG = (0, -13, 16, -5)
 
 

@@ -1,0 +1,126 @@
+"""The promise of a catalogue in its file and in words."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.catalogs import catalog as made
+
+from lcp_catalog.catalog.catalogue import Catalog, Guarantee
+from lcp_catalog.catalog.comparison import compare
+from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
+from lcp_catalog.catalog.promise import kept_promise
+from lcp_catalog.catalog.report import render_report
+from lcp_catalog.catalog.schema import NO_CELL, Cause
+from lcp_catalog.catalog.summary import describe, summary_rows
+from lcp_catalog.errors import CatalogError
+
+
+def promised(plain: Catalog) -> Guarantee:
+    """Random counts at 7 places; in the first view the second elevation is the worst, as it is dark."""
+    rng = np.random.default_rng(1)
+    shape = (7, *np.shape(plain.condition)[1:])
+    points = rng.integers(0, 6, shape).astype(np.uint8)
+    cause = np.where(points >= 2, Cause.MET, Cause.FEW).astype(np.uint8)
+    points[:, 0, 1, 2], cause[:, 0, 1, 2] = 0, Cause.DARK
+    points[rng.random(shape) < 0.2] = NO_CELL
+    cause[points == NO_CELL] = NO_CELL
+    return Guarantee(
+        longitude=np.linspace(1.0, 2.0, 7),
+        latitude=np.linspace(10.0, 11.0, 7),
+        demand=np.full(7, 2, np.uint8),
+        points=points,
+        cause=cause,
+        size=np.array([1, 2, 3], np.int32),
+        met=np.array([0.25, 0.75, 1.0]),
+        served=np.array([0.5, 0.75, 1.0]),
+        per_view=2.0,
+        footprint_m=40_000.0,
+        radius_m=17_000.0,
+        lower_bound=2.5,
+    )
+
+
+@pytest.fixture(scope="module")
+def plain() -> Catalog:
+    return made()
+
+
+@pytest.fixture(scope="module")
+def catalog(plain: Catalog) -> Catalog:
+    return dataclasses.replace(plain, guarantee=promised(plain))
+
+
+@pytest.fixture(scope="module")
+def path(catalog: Catalog, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("promise") / "p.h5"
+    write_catalog(catalog, found)
+    return found
+
+
+def test_it_is_read_as_it_was_written(catalog: Catalog, path: Path) -> None:
+    assert verify(path) == []
+    found = open_catalog(path).guarantee
+    for field in dataclasses.fields(Guarantee):
+        np.testing.assert_array_equal(
+            getattr(found, field.name), getattr(catalog.guarantee, field.name)
+        )
+
+
+def test_the_figures_are_those_of_a_count(catalog: Catalog, path: Path) -> None:
+    facts = describe(path)["promise"]
+    told = catalog.guarantee
+    real = told.cause[told.cause != NO_CELL]
+    assert facts["conditions"] == len(real)
+    assert facts["kept_share"] == pytest.approx(np.mean(real == Cause.MET))
+    assert facts["causes"] == {
+        name: pytest.approx(np.mean(real == cause))
+        for name, cause in (("dark", Cause.DARK), ("few", Cause.FEW))
+    }
+    assert facts["size_over_bound"] == len(catalog) / 2.5
+    assert facts["curve"] == [[1, 0.25], [2, 0.75], [3, 1.0]]
+    worst = facts["worst_suns"][0]
+    elevation, azimuth = catalog.sun_elevation, catalog.sun_azimuth
+    assert worst["view"] == 0
+    assert worst["sun_elevation_deg"] == elevation[1:3].tolist()
+    assert worst["sun_azimuth_deg"] == azimuth[2:4].tolist()
+    assert (worst["kept_share"], worst["cause"]) == (0.0, "dark")
+    assert worst["places"] == np.count_nonzero(told.cause[:, 0, 1, 2] != NO_CELL)
+
+
+def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> None:
+    lines = dict(summary_rows(describe(path)))
+    assert lines["promise"].startswith("2 usable points in every footprint of 40 km: kept in ")
+    page = render_report(catalog, "p.h5")
+    assert "What is promised" in page
+    assert "(dark)" in page
+    assert "What is promised" not in render_report(plain, "p.h5")
+    assert kept_promise(plain) is None
+
+
+def test_a_part_of_a_catalogue_promises_nothing(
+    catalog: Catalog, plain: Catalog, path: Path, tmp_path: Path
+) -> None:
+    assert catalog.take(np.arange(2)).guarantee is None
+    write_catalog(plain, tmp_path / "plain.h5")
+    assert compare(path, tmp_path / "plain.h5").maps == {"guarantee": "only one of the two has it"}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("demand", np.full(7, 3, np.uint8), "guarantee/cause: is not as demand and points say"),
+        ("met", np.array([0.25, 0.75, 1.5]), r"guarantee/met: not in 0\.\.1"),
+        ("size", np.array([1, 3, 2], np.int32), "guarantee/size: does not rise"),
+        ("lower_bound", -1.0, "lower_bound: -1 is not in its range"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(
+    catalog: Catalog, name: str, value: object, says: str
+) -> None:
+    wrong = dataclasses.replace(catalog.guarantee, **{name: value})
+    with pytest.raises(CatalogError, match=says):
+        dataclasses.replace(catalog, guarantee=wrong)
