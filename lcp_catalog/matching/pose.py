@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
+from ..cameras.frame_camera import Camera
 from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
 
@@ -125,12 +126,30 @@ def jacobian(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
     corrections, pixels per metre and per radian; NaN for points that the sensor cannot see.
     """
     points = np.asarray(points_mcmf_m, dtype=np.float64)
+    if isinstance(sensor, Camera):
+        return _frame_jacobian(sensor, points)
     here = sensor.project(points)
     columns = []
     for step in np.diag(_steps(sensor, points)):
         ahead, behind = (sensor.moved(sign * step).project(points) for sign in (1.0, -1.0))
         columns.append(mean_step(ahead - here, here - behind) / step.sum())
     return np.stack(columns, axis=-1)
+
+
+def _frame_jacobian(camera: Camera, points: Array) -> Array:
+    """`jacobian` of a framing camera, whose pixel depends on the place v of the point in camera axes
+    alone: a shift of the camera by d moves v by -R d, a turn t by t x v.
+    """
+    rotation = camera.rotation_mcmf_to_camera
+    places = (points - camera.position_mcmf_m) @ rotation.T
+    step = STEP_PX / camera.focal_length_px * np.linalg.norm(places, axis=-1, keepdims=True)
+    pixels = camera.focal_plane.pixels
+    by_place = np.stack(
+        [(pixels(places + step * e) - pixels(places - step * e)) / (2.0 * step) for e in np.eye(3)],
+        axis=-1,
+    )
+    turns = np.stack([np.cross(e, places) for e in np.eye(3)], axis=-1)
+    return np.concatenate([-by_place @ rotation, by_place @ turns], axis=-1)
 
 
 def spread_px2(sensor: Sensor, points_mcmf_m: ArrayLike, covariance: ArrayLike) -> Array:
