@@ -77,7 +77,7 @@ soak: $(READY)
 	$(BIN)/python benchmarks/faults.py
 
 bench-query: $(READY)
-	PYTHONPATH=tests $(BIN)/python benchmarks/query.py
+	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/query.py
 
 bench-merge: $(READY)
 	PYTHONPATH=tests $(BIN)/python benchmarks/merge.py

@@ -1,6 +1,8 @@
 """Time of `lcp query`: one frame, and a trajectory of 1000 frames, on a catalogue of 100 000 points.
 
-    python benchmarks/query.py [POINTS]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/query.py [POINTS]
+
+(`lcp query` sets this itself.)
 
 Writes a synthetic catalogue (`tests/helpers/many_points.py`: the whole Moon between 60 S and 60 N, every
 point usable everywhere) and one of the same points within 300 km, so that every frame sees thousands,

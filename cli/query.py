@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from lcp_catalog.navigation.expected_position import Answer, Query
     from lcp_catalog.navigation.frame_points import Frame
     from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
 
 POINTS_SHOWN = 12
 """Rows of the table on a terminal."""

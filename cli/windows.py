@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from .value_types import AZIMUTH, CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Inst
 if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
     from lcp_catalog.sun.times import Instants
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
 
 DEFAULT_SIZE_KM = 20.0
 
