@@ -20,8 +20,10 @@ chosen ones near each."""
 BOUND_WORK = 2_000_000_000
 """Prices that the ascent to the lower bound adds up: some seconds."""
 
-BOUND_STEPS = 300
-"""Most steps of the ascent."""
+BOUND_STEPS = 150, 300
+"""Steps of the ascent, at least and at most: where the work does not allow as many, the bound is that
+of every so many-th place alone.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,15 @@ class Cover:
         found = np.zeros((self.places, self.conditions), np.int16)
         kernels.count(found, self.first, self.place, self.bits, np.asarray(rows, np.int64))
         return found
+
+    def at_places(self, some: Index) -> Cover:
+        """The same candidates at some of the places, which are numbered anew."""
+        number = np.full(self.places, -1, np.int32)
+        number[some] = np.arange(len(some), dtype=np.int32)
+        place = number[self.place]
+        candidate = np.repeat(np.arange(len(self)), np.diff(self.first))[place >= 0]
+        first = np.concatenate([[0], np.cumsum(np.bincount(candidate, minlength=len(self)))])
+        return Cover(first, place[place >= 0], self.bits, len(some), self.conditions)
 
     @cached_property
     def _at_places(self) -> tuple[Index, Index]:
@@ -110,14 +121,18 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
 
     For prices y >= 0 of the conditions the bound is sum(wanted y) - sum(max(0, s - 1)) over the
     candidates' sums s of what they serve; every step's prices give a valid one (Caprara, Fischetti
-    and Toth 1999, Oper. Res. 47, 730). The prices of each step are scaled to the best bound.
+    and Toth 1999, Oper. Res. 47, 730). The prices of each step are scaled to the best bound. Many
+    candidates and places: the bound is that of a part of the places, a lower and valid one.
     """
-    need = wanted.astype(np.float64)
-    if not size or not need.any():
+    if not size or not wanted.any():
         return 0.0
+    least, most = BOUND_STEPS
+    every = max(1, -(-_work(cover) * least // BOUND_WORK))
+    if every > 1:
+        cover, wanted = cover.at_places(np.arange(0, cover.places, every)), wanted[::every]
+    steps = max(least, min(most, BOUND_WORK // max(1, _work(cover))))
+    need = wanted.astype(np.float64)
     everyone = np.arange(len(cover))
-    work = int((np.diff(cover.first) * np.bitwise_count(cover.bits).sum(axis=1)).sum())
-    steps = max(10, min(BOUND_STEPS, BOUND_WORK // max(1, 2 * work)))
     shared = cover.counts(everyone).astype(np.float64)
     price = np.where(need > 0.0, 1.0 / np.maximum(shared, 1.0), 0.0)
     best, pace, since = 0.0, 1.0, 0
@@ -139,6 +154,12 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
             break
         price = np.maximum(0.0, price + pace * max(size - bound, 0.05 * size) / length * slope)
     return best
+
+
+def _work(cover: Cover) -> int:
+    """Prices that a step of the ascent adds up."""
+    bits = np.bitwise_count(cover.bits).sum(axis=1, dtype=np.int64)
+    return 2 * int((np.diff(cover.first) * bits).sum())
 
 
 def _scaled(sums: Array, worth: float) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import csr_matrix
 
+from lcp_catalog.landmarks import multicover
 from lcp_catalog.landmarks.multicover import Cover, choose_cover, least_size, packed
 
 
@@ -59,6 +60,18 @@ def test_the_bound_is_that_of_the_linear_program(seed: int) -> None:
     bounds = {"A_ub": -csr_matrix(matrix), "b_ub": -wanted.ravel(), "bounds": (0, 1)}
     relaxed = linprog(np.ones(len(cover)), method="highs", **bounds).fun
     assert 0.95 * relaxed <= least_size(cover, wanted, size) <= relaxed * (1.0 + 1e-9)
+
+
+def test_the_bound_of_a_part_of_the_places_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the work is limited; it is that of the linear program of these places."""
+    cover, wanted, matrix = instance(2, n=60, places=8, near=3)
+    monkeypatch.setattr(multicover, "BOUND_WORK", multicover._work(cover) * 150 // 3)
+    some = np.arange(0, 8, 3)
+    part = matrix.reshape(8, -1, 60)[some].reshape(-1, 60)
+    bounds = {"A_ub": -csr_matrix(part), "b_ub": -wanted[some].ravel(), "bounds": (0, 1)}
+    relaxed = linprog(np.ones(60), method="highs", **bounds).fun
+    size = len(choose_cover(cover, wanted).chosen)
+    assert 0.9 * relaxed <= least_size(cover, wanted, size) <= relaxed * (1.0 + 1e-9)
 
 
 def test_a_limited_choice_is_the_greedy_start() -> None:
