@@ -34,7 +34,7 @@ from .finished_area import record_type
 from .guarantee import Promise
 from .joined_areas import JoinedAreas
 from .levels import sources
-from .region_maps import has_heights, region_coverage, region_overview
+from .region_maps import OVERVIEW_NODES, has_heights, region_coverage, region_overview
 
 BLOCK_BYTES = 2**26
 """Records of points that are in memory together; the checks of their values take several times as much."""
@@ -135,8 +135,15 @@ class Assembly:
             some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SAMPLED)).astype(np.int64)]
             records = areas.records(some, record_type(self.config, self.albedo is not None))
             each = _stored_bytes(records) / max(1, len(records)) + _BYTES_BESIDE
-            limits.append(max(1, int((points.max_bytes - _FILE_BYTES) / each)))
+            beside = _FILE_BYTES + self._overview_bytes()
+            limits.append(max(1, int((points.max_bytes - beside) / each)))
         return min(limits, default=None)
+
+    def _overview_bytes(self) -> float:
+        """Bytes of the heights of the overview, which hardly compress."""
+        x0, x1, y0, y1 = self.region.extent_m
+        step_m = max(self.gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+        return 4.0 * (x1 - x0) * (y1 - y0) / step_m**2
 
     def _head(self, plan: ScenePlan) -> Catalog:
         """The catalogue without points and coverage."""
