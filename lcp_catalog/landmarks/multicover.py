@@ -13,17 +13,20 @@ from numpy.typing import ArrayLike
 from ..arrays import AnyArray, Array, Index, Int16, Mask
 from ..kernels import multicover as kernels
 
-EXCHANGE_MAX = 100_000
+EXCHANGE_MAX = 30_000
 """Most candidates among which exchanges are tried: their time grows with the candidates and with the
 chosen ones near each."""
 
-BOUND_WORK = 2_000_000_000
+BOUND_WORK = 6_000_000_000
 """Prices that the ascent to the lower bound adds up: some seconds."""
 
 BOUND_STEPS = 150, 300
 """Steps of the ascent, at least and at most: where the work does not allow as many, the bound is that
-of every so many-th place alone.
+of every so many-th place and condition alone.
 """
+
+_PLACES_LEFT = 2
+"""Places near a candidate that are left in such a part."""
 
 
 @dataclass(frozen=True)
@@ -122,14 +125,16 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
     For prices y >= 0 of the conditions the bound is sum(wanted y) - sum(max(0, s - 1)) over the
     candidates' sums s of what they serve; every step's prices give a valid one (Caprara, Fischetti
     and Toth 1999, Oper. Res. 47, 730). The prices of each step are scaled to the best bound. Many
-    candidates and places: the bound is that of a part of the places, a lower and valid one.
+    candidates: the bound is that of a part of the places and conditions, a lower and valid one.
     """
     if not size or not wanted.any():
         return 0.0
     least, most = BOUND_STEPS
-    every = max(1, -(-_work(cover) * least // BOUND_WORK))
-    if every > 1:
-        cover, wanted = cover.at_places(np.arange(0, cover.places, every)), wanted[::every]
+    too_much = -(-_work(cover) * least // BOUND_WORK)
+    if too_much > 1:
+        near = len(cover.place) // max(1, len(cover))  # places of a candidate
+        every = max(1, min(too_much, near // _PLACES_LEFT))
+        cover, wanted = _part(cover, wanted, every, -(-too_much // every))
     steps = max(least, min(most, BOUND_WORK // max(1, _work(cover))))
     need = wanted.astype(np.float64)
     everyone = np.arange(len(cover))
@@ -154,6 +159,16 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
             break
         price = np.maximum(0.0, price + pace * max(size - bound, 0.05 * size) / length * slope)
     return best
+
+
+def _part(cover: Cover, wanted: Int16, places: int, conditions: int) -> tuple[Cover, Int16]:
+    """The problem at every so many-th place, in every so many-th condition."""
+    part = cover.at_places(np.arange(0, cover.places, places))
+    asked = np.arange(cover.conditions) % conditions == 0
+    fewer = Cover(
+        part.first, part.place, part.bits & packed(asked[None]), part.places, part.conditions
+    )
+    return fewer, np.where(asked, wanted[::places], 0).astype(np.int16)
 
 
 def _work(cover: Cover) -> int:
