@@ -53,9 +53,10 @@ def main() -> None:
             rows = [[name, *_apart(_planned, files, box)] for name, box in REGIONS.items()]
             print(table(["region", "areas", "plan, s", "peak memory, MB"], rows))
         if "maps" in words:
-            rows = [[name, *_apart(_mapped, files, box)] for name, box in REGIONS.items()]
             heads = ["region", "overview, s", "cells", "step, km", "coverage, s", "peak memory, MB"]
-            print(table(heads, rows))
+            print(table(heads, []))
+            for name, box in REGIONS.items():
+                print(f"| {' | '.join([name, *_apart(_mapped, files, box)])} |", flush=True)
         if "areas" in words:
             _areas(files, count)
 

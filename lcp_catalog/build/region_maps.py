@@ -17,6 +17,7 @@ from ..catalog.coverage import usable_nearby
 from ..catalog.hdf5 import Coverage, Overview
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
+from ..dem.nearest_pixels import nearest_heights
 from ..geometry.frames import mcmf_to_lonlat
 from ..geometry.map_plane import MapPlane
 from ..landmarks.selection import Places, Status, coverage
@@ -154,7 +155,8 @@ def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> tuple[A
 
 def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     """A coarse raster of the region: heights above the reference sphere. Those of a region that no
-    tangent plane shows are of single places: means would need every pixel of the DEM.
+    tangent plane shows are of single pixels, of the coarsest product whose pixels are not wider than
+    the nodes' distance: means would need every pixel of the DEM.
     """
     if region.is_local:
         return _local_overview(dems, region, gsd_m)
@@ -162,12 +164,11 @@ def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     x0, x1, y0, y1 = plane.extent_m(region.bounds)
     step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
     x, y = middles(x0, x1, step), middles(y0, y1, step)[::-1]
-    height = np.full((len(y), len(x)), np.nan, np.float32)
-    for row, north in enumerate(y):
-        lon, lat = plane.lonlat(x, np.full(len(x), north))
-        inside = np.isfinite(lon)
-        inside[inside] = region.contains(lon[inside], lat[inside])
-        height[row, inside], _ = _read(dems, lon[inside], lat[inside], 0.0)
+    lon, lat = plane.lonlat(*np.meshgrid(x, y))
+    inside = np.isfinite(lon)
+    inside[inside] = region.contains(lon[inside], lat[inside])
+    height = np.full(lon.shape, np.nan, np.float32)
+    height[inside] = nearest_heights(dems.for_cells(step), lon[inside], lat[inside])
     return Overview(height, x, y, plane.center_lon, plane.center_lat, plane.projection)
 
 
