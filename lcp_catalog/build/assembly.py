@@ -16,6 +16,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.hdf5 import Catalog, Coverage, new_catalog
+from ..catalog.map_levels import overview_levels
 from ..catalog.packing import sigma_step_m
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..dem.error_maps import ErrorMaps
@@ -34,7 +35,7 @@ from .finished_area import record_type
 from .guarantee import Promise
 from .joined_areas import JoinedAreas
 from .levels import sources
-from .region_maps import OVERVIEW_NODES, has_heights, region_coverage, region_overview
+from .region_maps import has_heights, overview_bytes, region_coverage, region_overview
 
 BLOCK_BYTES = 2**26
 """Records of points that are in memory together; the checks of their values take several times as much."""
@@ -135,20 +136,15 @@ class Assembly:
             some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SAMPLED)).astype(np.int64)]
             records = areas.records(some, record_type(self.config, self.albedo is not None))
             each = _stored_bytes(records) / max(1, len(records)) + _BYTES_BESIDE
-            beside = _FILE_BYTES + self._overview_bytes()
+            beside = _FILE_BYTES + overview_bytes(self.region, self.gsd_m)
             limits.append(max(1, int((points.max_bytes - beside) / each)))
         return min(limits, default=None)
-
-    def _overview_bytes(self) -> float:
-        """Bytes of the heights of the overview, which hardly compress."""
-        x0, x1, y0, y1 = self.region.extent_m
-        step_m = max(self.gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
-        return 4.0 * (x1 - x0) * (y1 - y0) / step_m**2
 
     def _head(self, plan: ScenePlan) -> Catalog:
         """The catalogue without points and coverage."""
         config, sun, view = self.config, self.config.sun, self.config.view
         spacing_m = _spacing_m(config, self.gsd_m)
+        overview = region_overview(self.dems, self.region, self.gsd_m)
         none = np.zeros(0, record_type(config, self.albedo is not None))
         empty = self._values(np.zeros(0, [("lon_deg", "<f8"), ("lat_deg", "<f8")]), none)
         columns: dict[str, Any] = {
@@ -171,7 +167,8 @@ class Assembly:
             scene_plan=str(plan),
             errors=self.errors.to_dict() | {"min_detection": config.points.min_detection},
             sigma_step_m=sigma_step_m(np.array([self.gsd_m])),
-            overview=region_overview(self.dems, self.region, self.gsd_m),
+            overview=overview,
+            overview_levels=overview_levels(overview),
             coverage=Coverage(np.zeros(0), np.zeros(0), np.zeros(0, np.uint8), spacing_m),
         )
 

@@ -16,7 +16,7 @@ from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose
 from .evaluation import image_scales
 from .finished_area import record_type, table_of
-from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES
+from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build
 
 FILE_BYTES = 180_000
@@ -100,7 +100,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         ),
         "bytes_estimate": int(
             FILE_BYTES
-            + STORED_SHARE * (points * patch + _overview_bytes(build))
+            + STORED_SHARE * (points * patch + int(overview_bytes(build.region, build.gsd_m)))
             + STORED_CLAIMS * points * claims
         ),
         "decisions": [_cell_decision(build), *result.plan.to_json()["decisions"]],
@@ -180,9 +180,3 @@ def _measured(build: Build, *indices: int) -> tuple[list[float], list[AreaResult
             results.append(run_area(build.jobs[index]))
             seconds.append(time.perf_counter() - start)
     return seconds, results
-
-
-def _overview_bytes(build: Build) -> int:
-    x0, x1, y0, y1 = build.region.extent_m
-    step = max(build.gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
-    return int((x1 - x0) / step * (y1 - y0) / step) * 4

@@ -17,6 +17,7 @@ from ..atomic_files import check_output, printable
 from ..catalog.catalogue import BLOCK_BYTES, Catalog, Coverage
 from ..catalog.cell_levels import levels
 from ..catalog.hdf5 import new_catalog, open_catalog
+from ..catalog.map_levels import overview_levels
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.packing import packing
 from ..catalog.schema import PACKED, usable
@@ -211,6 +212,7 @@ class _Merge:
     def head(self) -> Catalog:
         """The catalogue without points and coverage."""
         all_, none = self.catalogs, np.zeros(0, np.int64)
+        overview = self.maps.overview()
         return dataclasses.replace(
             self._widest.take(none, none),
             title=_shared([one.title for one in all_], Catalog.title),
@@ -221,7 +223,8 @@ class _Merge:
             scene_plan=_merged_plan([one.scene_plan for one in all_]),
             errors=_merged_errors([one.errors for one in all_]),
             sigma_step_m=_sigma_step_m(all_),
-            overview=self.maps.overview(),
+            overview=overview,
+            overview_levels=overview_levels(overview),
             coverage=Coverage(none, none, none.astype(np.uint8), self.maps.spacing_m),
         )
 

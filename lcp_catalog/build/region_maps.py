@@ -25,7 +25,10 @@ from ..terrain.area import Area, NodeWindow
 from ..terrain.terrain import build_terrain
 
 OVERVIEW_NODES = 480
-"""Longer side of the overview raster."""
+"""Longer side of the overview raster of a region that a tangent plane shows."""
+
+LARGE_NODES = 1920
+"""Longer side of that of a larger region, whose coarser levels stand beside it."""
 
 COVERAGE_CELLS = 100_000
 COVERAGE_BYTES = 64_000_000
@@ -153,6 +156,14 @@ def _read(dems: DemSet, lon_deg: Array, lat_deg: Array, gsd_m: float) -> tuple[A
     return height, index
 
 
+def overview_bytes(region: Area, gsd_m: float) -> float:
+    """Bytes of the heights of a region's overview and its levels, which hardly compress."""
+    nodes, levels = (OVERVIEW_NODES, 1.0) if region.is_local else (LARGE_NODES, 4.0 / 3.0)
+    x0, x1, y0, y1 = region.extent_m
+    step_m = max(gsd_m, max(x1 - x0, y1 - y0) / nodes)
+    return 4.0 * levels * (x1 - x0) * (y1 - y0) / step_m**2
+
+
 def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
     """A coarse raster of the region: heights above the reference sphere. Those of a region that no
     tangent plane shows are of single pixels, of the coarsest product whose pixels are not wider than
@@ -162,7 +173,7 @@ def region_overview(dems: DemSet, region: Area, gsd_m: float) -> Overview:
         return _local_overview(dems, region, gsd_m)
     plane = MapPlane.showing(region.bounds)
     x0, x1, y0, y1 = plane.extent_m(region.bounds)
-    step = max(gsd_m, max(x1 - x0, y1 - y0) / OVERVIEW_NODES)
+    step = max(gsd_m, max(x1 - x0, y1 - y0) / LARGE_NODES)
     x, y = middles(x0, x1, step), middles(y0, y1, step)[::-1]
     lon, lat = plane.lonlat(*np.meshgrid(x, y))
     inside = np.isfinite(lon)

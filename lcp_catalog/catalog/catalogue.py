@@ -24,9 +24,11 @@ from .schema import (
     ADDED_IN_1_1,
     CLAIMS,
     COVERAGE_UNKNOWN,
+    LEVELS_VERSION,
     OPTIONAL,
     PACKED,
     SCHEMA_VERSION,
+    UNCLAIMED_LEVELS_VERSION,
     UNCLAIMED_VERSION,
     universal,
 )
@@ -94,6 +96,47 @@ class Guarantee:
 
 
 @dataclass(frozen=True, eq=False)
+class OverviewLevels:
+    """The overview of a large region in levels: means of 2 x 2, 4 x 4 and 8 x 8 of its nodes, without NaN;
+    x and y of each as in `Overview`.
+    """
+
+    height_2: AnyArray  # (y_2, x_2) float32 metres above the reference sphere; NaN: none
+    x_2: AnyArray
+    y_2: AnyArray
+    height_4: AnyArray
+    x_4: AnyArray
+    y_4: AnyArray
+    height_8: AnyArray
+    x_8: AnyArray
+    y_8: AnyArray
+    center_lon: float
+    center_lat: float
+    projection: str
+
+    def level(self, factor: int) -> Overview:
+        """The level whose nodes are means of ``factor`` x ``factor`` nodes (2, 4 or 8)."""
+        height, x, y = (getattr(self, f"{name}_{factor}") for name in ("height", "x", "y"))
+        return Overview(height, x, y, self.center_lon, self.center_lat, self.projection)
+
+
+@dataclass(frozen=True, eq=False)
+class CoverageLevels:
+    """The coverage of a large region in cells that are 2, 4 and 8 times as wide and high, on latitude rings of
+    their own.
+    """
+
+    factor: AnyArray  # (block,) 2, 4 or 8
+    longitude: AnyArray  # (block,) degrees, of the centre
+    latitude: AnyArray
+    cells: AnyArray  # (block, status) number of cells of the coverage whose centre lies in it
+    usable_share: AnyArray  # (block,) of their known conditions, NaN: none is known
+    step_m: (
+        float  # distance of the cells of the coverage; that of these is ``factor`` times as long
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class Catalog:
     """A catalogue in memory: the variables of the file under their own names, with their units.
 
@@ -156,6 +199,8 @@ class Catalog:
     level: AnyArray | None = None  # (n,) index of the cell size, None: 0
     sigma_step_m: float | None = None  # step of stored sigmas, None: from the smallest cell
     guarantee: Guarantee | None = None  # None: no promise was made
+    overview_levels: OverviewLevels | None = None  # None: a region that a tangent plane shows
+    coverage_levels: CoverageLevels | None = None
 
     def __post_init__(self) -> None:
         self._complete_claims()
@@ -187,14 +232,20 @@ class Catalog:
         absent = [name for name in wanted if getattr(self, name) is None]
         _require("" if len(absent) in (0, len(wanted)) else f"{absent[0]}: missing beside others")
         if not self.schema_version:
-            version = SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION
-            object.__setattr__(self, "schema_version", version)
+            object.__setattr__(self, "schema_version", self._written_version)
         if self.level is None:
             object.__setattr__(self, "level", np.zeros(len(self.point_id), np.int32))
         if self.has_claims and self.sigma_step_m is None:
             object.__setattr__(self, "sigma_step_m", sigma_step_m(self.gsd))
         if self.sigma_angle is not None:
             object.__setattr__(self, "sigma_angle", half_turn(self.sigma_angle))
+
+    @property
+    def _written_version(self) -> str:
+        """Schema of the file that is written."""
+        if self.overview_levels is not None:
+            return LEVELS_VERSION if self.has_claims else UNCLAIMED_LEVELS_VERSION
+        return SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION
 
     def _packing(self, name: str) -> Packing:
         return packing(name, self.sigma_step_m or 1.0)
@@ -265,7 +316,7 @@ class Catalog:
                 else getattr(self, field.name)
             )
             given[field.name] = value
-        return Catalog(**given | {"coverage": coverage, "guarantee": None})
+        return Catalog(**given | {"coverage": coverage, "guarantee": None, "coverage_levels": None})
 
     def within(self, west: float, south: float, east: float, north: float) -> Catalog:
         """The catalogue in memory of the points and coverage cells within a box, degrees; longitudes
@@ -322,6 +373,9 @@ class Catalog:
         if self.guarantee is not None:
             found["guarantee/place"] = np.arange(len(self.guarantee.longitude))
             found["guarantee/step"] = np.arange(len(self.guarantee.size))
+        if self.coverage_levels is not None:
+            found["coverage_levels/block"] = np.arange(len(self.coverage_levels.factor))
+            found["coverage_levels/code"] = np.arange(np.shape(self.coverage_levels.cells)[1])
         if self.has_claims:
             found["coverage/usable"] = self._coverage_usable()
         for group, variables in GROUPS.items():
@@ -353,7 +407,7 @@ class Catalog:
             "Conventions": CONVENTIONS,
             "title": self.title,
             "product_version": self.product_version,
-            "schema_version": SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION,
+            "schema_version": self._written_version,
             "software": SOFTWARE,
             "software_version": self.software_version,
             "body": "MOON",
@@ -382,7 +436,7 @@ class Catalog:
     def group_attributes(self) -> dict[str, dict[str, float | str]]:
         """Attributes of the groups by group and name."""
         found: dict[str, dict[str, float | str]] = {
-            group: {name: float(getattr(getattr(self, group), name)) for name in names}
+            group: {name: _plain(getattr(getattr(self, group), name)) for name in names}
             for group, names in GROUP_ATTRIBUTES.items()
             if getattr(self, group) is not None
         }
@@ -402,6 +456,11 @@ def _inside(
     width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
     inside = ((lon_deg - west) % 360.0 <= width) & (lat_deg >= south) & (lat_deg <= north)
     return np.flatnonzero(inside)
+
+
+def _plain(value: Any) -> float | str:
+    """An attribute of a group: a text or a number."""
+    return value if isinstance(value, str) else float(value)
 
 
 def _require(problem: str) -> None:

@@ -33,7 +33,7 @@ _FEW_VALUES = 6
 _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
 """Direction to the light (east, north, up): north-west, 45 deg high."""
 
-_MAP_PX = 960.0
+MAP_PX = 960.0
 _MARGIN_PX = (84.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
 _DISC_PX = 100.0
 _GRATICULE_DEG = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
@@ -294,7 +294,7 @@ class Map:
     def scale(self) -> float:
         """SVG units per metre."""
         left, right, _, _ = _MARGIN_PX
-        return (_MAP_PX - left - right) / max(self._width_m, 1e-9)
+        return (MAP_PX - left - right) / max(self._width_m, 1e-9)
 
     @property
     def _cell_m(self) -> float:
@@ -320,7 +320,7 @@ class Map:
     def size_px(self) -> tuple[float, float]:
         """Width and height of the drawing, SVG units."""
         _, _, bottom, top = _MARGIN_PX
-        return _MAP_PX, round(self._height_m * self.scale + top + bottom, 1)
+        return MAP_PX, round(self._height_m * self.scale + top + bottom, 1)
 
     def draw(self, marks: Iterable[Mark], label: str) -> Markup:
         """The map with graticule, marks and scale bar."""
@@ -395,7 +395,7 @@ class Map:
         length_m = nice_step(self._width_m / 5.0, 1) if self._width_m > 0 else 1.0
         length_m = length_m / 2.0 if length_m > self._width_m / 3.0 else length_m
         px = length_m * self.scale
-        right = _MAP_PX - _MARGIN_PX[1]
+        right = MAP_PX - _MARGIN_PX[1]
         text = f"{length_m / 1e3:g} km" if length_m >= 1e3 else f"{length_m:g} m"
         return (
             f'<g class="scale"><path d="M{right - px:.1f} {base + 52:.1f}v7h{px:.1f}v-6"/>'

@@ -22,6 +22,7 @@ from .schema import (
     COVERAGE_UNKNOWN,
     DETECTION_STEP,
     EVALUATED,
+    LEVEL_FACTORS,
     NO_CELL,
     PACKED,
     UNOCCLUDED,
@@ -160,6 +161,8 @@ def text_problems(
         and (problem := json_problem(texts[name]) or check(json.loads(texts[name])))
     ]
     found += _plane_problems(**groups["overview"])
+    if groups.get("overview_levels", groups["overview"]) != groups["overview"]:
+        found.append("overview_levels: is in another plane than the overview")
     numbers: dict[str, float] = {
         f"{group}: {name}": n
         for group in groups
@@ -412,6 +415,30 @@ def _check_overview(values: Values) -> Iterator[Finding]:
     yield from _where("overview/height", np.isinf(values["overview/height"]), "infinite")
 
 
+def _check_map_levels(values: Values) -> Iterator[Finding]:
+    if "overview_levels/x_2" in values:
+        for factor in LEVEL_FACTORS:
+            for name, sign in (("x", 1), ("y", -1)):
+                axis = values[f"overview_levels/{name}_{factor}"]
+                if not (np.isfinite(axis).all() and (np.diff(axis) * sign > 0).all()):
+                    text = f"is not strictly {'rising' if sign > 0 else 'falling'}"
+                    yield Finding(f"overview_levels/{name}_{factor}", text)
+            height = f"overview_levels/height_{factor}"
+            yield from _where(height, np.isinf(values[height]), "infinite")
+    if "coverage_levels/block" not in values:
+        return
+    for name in ("coverage_levels/block", "coverage_levels/code"):
+        if not np.array_equal(values[name], np.arange(len(values[name]))):
+            yield Finding(name, "is not 0, 1, 2, ...")
+    unknown = ~np.isin(values["coverage_levels/factor"], LEVEL_FACTORS)
+    yield from _where("coverage_levels/factor", unknown, "is no level")
+    yield from _outside(values, "coverage_levels/latitude", -90.0, 90.0)
+    yield from _outside(values, "coverage_levels/longitude", 0.0, 360.0)
+    yield from _where("coverage_levels/cells", values["coverage_levels/cells"] < 0, "below 0")
+    share = values["coverage_levels/usable_share"]
+    yield from _where("coverage_levels/usable_share", (share < 0) | (share > 1), "not in 0..1")
+
+
 def _check_guarantee(values: Values) -> Iterator[Finding]:
     if "guarantee/place" not in values:
         return
@@ -491,7 +518,7 @@ _CLAIM_CHECKS = {
 }
 
 _CHECKS = {
-    "axes": (_check_axes, _check_guarantee),
+    "axes": (_check_axes, _check_guarantee, _check_map_levels),
     "points": (
         _check_places,
         _check_rotations,

@@ -225,7 +225,7 @@ def _finite(value: Any) -> Any:
 
 def _maps(one: Catalog, other: Catalog, unequal: set[str]) -> Iterator[tuple[str, str]]:
     """Variables of the groups that differ, and how."""
-    skipped = {"cell", "place", "step"}  # numbers of rows
+    skipped = {"cell", "place", "step", "block", "code"}  # numbers of rows
     skipped |= set() if one.has_claims and other.has_claims else {"usable"}
     for group, members in GROUPS.items():
         whose = [getattr(catalog, group) is not None for catalog in (one, other)] if group else []

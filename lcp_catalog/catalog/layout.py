@@ -24,6 +24,7 @@ from .schema import (
     CLAIMS,
     COORDINATES,
     COVERAGE,
+    COVERAGE_LEVELS,
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,
     FLAG_MASKS,
@@ -32,6 +33,7 @@ from .schema import (
     NO_CELL,
     OPTIONAL,
     OVERVIEW,
+    OVERVIEW_LEVELS,
     PACKED,
     VARIABLES,
     Cause,
@@ -45,6 +47,8 @@ GROUPS: dict[str, dict[str, Variable]] = {
     "overview": OVERVIEW,
     "coverage": COVERAGE,
     "guarantee": GUARANTEE,
+    "overview_levels": OVERVIEW_LEVELS,
+    "coverage_levels": COVERAGE_LEVELS,
 }
 """Every dataset of the file by group and name; the root group has no name."""
 
@@ -52,6 +56,8 @@ GROUP_ATTRIBUTES = {
     "overview": ("center_lon", "center_lat"),
     "coverage": ("spacing_m",),
     "guarantee": ("per_view", "footprint_m", "radius_m", "lower_bound"),
+    "overview_levels": ("center_lon", "center_lat", "projection"),
+    "coverage_levels": ("step_m",),
 }
 
 OPTIONAL_GROUP_ATTRIBUTES = {"overview": "projection", "coverage": "step_m"}
@@ -116,6 +122,9 @@ def is_claim(path: str) -> bool:
     return path in CLAIMS
 
 
+_RASTERS = ("overview", "overview_levels")
+"""Groups of rasters in the plane of the overview."""
+
 CRS, CRS_ATTRIBUTE = "crs", "grid_mapping"
 """Variable of a group for maps that holds its CRS, as attributes for CF readers and GDAL."""
 
@@ -124,14 +133,14 @@ def grid_mapping(group: str, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes of `CRS` of a group with the attributes ``numbers``; empty for a group without. ValueError
     for a plane that does not exist.
     """
-    if group in ("coverage", "guarantee"):
+    if group in ("coverage", "guarantee", "coverage_levels"):
         return {
             "grid_mapping_name": "latitude_longitude",
             "longitude_of_prime_meridian": 0.0,
             "earth_radius": MOON_RADIUS_M,
             "crs_wkt": GEOGRAPHIC_WKT,
         }
-    if group != "overview":
+    if group not in _RASTERS:
         return {}
     plane = MapPlane(
         str(numbers.get("projection", ORTHOGRAPHIC)),
@@ -191,7 +200,7 @@ def variable_attributes(
         found["_FillValue"] = np.uint8(NO_CELL)
     if name == "usable":
         found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
-    if group == "overview" and name == "height":
+    if group in _RASTERS and name.startswith("height"):
         found["_FillValue"] = np.float32(np.nan)  # GDAL reads NaN as 0 without it
     return found | _places(group, name, variable)
 
@@ -203,15 +212,16 @@ _PLACES = {
     "": ("point", "point_id longitude latitude"),
     "coverage": ("cell", "longitude latitude"),
     "guarantee": ("place", "longitude latitude"),
+    "coverage_levels": ("block", "longitude latitude"),
 }
 """Dimension of a group's places, and their coordinates."""
 
 
 def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
     """Attributes that say where the values of a variable lie."""
-    if group == "overview":
+    if group in _RASTERS:
         if name in variable.dims:
-            return {"standard_name": f"projection_{name}_coordinate", "axis": name.upper()}
+            return {"standard_name": f"projection_{name[0]}_coordinate", "axis": name[0].upper()}
         return {CRS_ATTRIBUTE: CRS}
     dim, own = _PLACES[group]
     if variable.dims[0] != dim or name in (dim, *own.split()):

@@ -17,6 +17,7 @@ from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.png import data_uri
 from .charts import (
+    MAP_PX,
     STEPS,
     Distribution,
     Map,
@@ -31,7 +32,7 @@ from .charts import (
 from .claim_map import claim_map
 from .hdf5 import Catalog, open_catalog
 from .promise import worst_text
-from .schema import COVERAGE_STATUS
+from .schema import COVERAGE_STATUS, LEVEL_FACTORS
 from .summary import (
     Statistics,
     coverage_counts,
@@ -113,6 +114,10 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
 
 def _chart(catalog: Catalog) -> Map:
     view = catalog.overview
+    if catalog.overview_levels is not None:
+        levels = (catalog.overview_levels.level(factor) for factor in LEVEL_FACTORS)
+        finest_first = (view, *levels)
+        view = next((one for one in finest_first if max(one.height.shape) <= MAP_PX), view)
     return Map(view.height, view.x, view.y, view.plane)
 
 

@@ -18,6 +18,9 @@ SCHEMA_VERSION = "2.2"
 UNCLAIMED_VERSION = "1.3"
 """Version of files without claims: readers of schema 1 open them."""
 
+LEVELS_VERSION, UNCLAIMED_LEVELS_VERSION = "2.3", "1.4"
+"""Versions of files of large regions, with and without claims: those with levels of the maps."""
+
 WITHOUT_PLACES = ("1.0", "1.1", "1.2", "2.0", "2.1")
 """Versions whose variables do not name their coordinates and their CRS."""
 
@@ -36,7 +39,7 @@ PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
 """Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
 
-OPTIONAL_GROUPS = ("guarantee",)
+OPTIONAL_GROUPS = ("guarantee", "overview_levels", "coverage_levels")
 """Groups that a file has only if the catalogue was built with them."""
 
 OPTIONAL = ("albedo",)
@@ -259,6 +262,24 @@ OVERVIEW = {
     "y": Variable(("y",), "f8", "m", "north of the centre, orthographic"),
 }
 
+LEVEL_FACTORS = (2, 4, 8)
+"""Nodes of the overview along the side of one of a level; cells of the coverage likewise."""
+
+OVERVIEW_LEVELS = {
+    f"{name}_{factor}": variable
+    for factor in LEVEL_FACTORS
+    for name, variable in {
+        "height": Variable(
+            (f"y_{factor}", f"x_{factor}"),
+            "f4",
+            "m",
+            f"mean height of {factor} x {factor} nodes of the overview",
+        ),
+        "x": Variable((f"x_{factor}",), "f8", "m", "east of the centre, orthographic"),
+        "y": Variable((f"y_{factor}",), "f8", "m", "north of the centre, orthographic"),
+    }.items()
+}
+
 COVERAGE = {
     "cell": Variable(("cell",), "i4", "1", "number of the spacing cell"),
     "longitude": Variable(("cell",), "f8", "degrees_east", "longitude of the cell's centre"),
@@ -269,6 +290,18 @@ COVERAGE = {
         "u1",
         "1",
         "1 if a usable point is within one spacing of the cell's centre",
+    ),
+}
+
+COVERAGE_LEVELS = {
+    "block": Variable(("block",), "i4", "1", "number of the wider cell"),
+    "code": Variable(("code",), "i4", "1", "status of a cell of the coverage"),
+    "factor": Variable(("block",), "i4", "1", "width over that of the cells of the coverage"),
+    "longitude": Variable(("block",), "f8", "degrees_east", "longitude of the cell's centre"),
+    "latitude": Variable(("block",), "f8", "degrees_north", "latitude of the cell's centre"),
+    "cells": Variable(("block", "code"), "i4", "1", "number of cells of the coverage by status"),
+    "usable_share": Variable(
+        ("block",), "f4", "1", "share of cells and conditions with a usable point near"
     ),
 }
 

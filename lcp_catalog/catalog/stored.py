@@ -17,7 +17,15 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
-from .catalogue import BLOCK_BYTES, Catalog, Coverage, Guarantee, Overview
+from .catalogue import (
+    BLOCK_BYTES,
+    Catalog,
+    Coverage,
+    CoverageLevels,
+    Guarantee,
+    Overview,
+    OverviewLevels,
+)
 from .file_structure import HDF5_ERRORS, group_names, line_of, variables
 from .layout import (
     CLAIM_ATTRIBUTES,
@@ -214,9 +222,10 @@ class StoredCatalog(Catalog):
             sigma_step_m=found.get("sigma_step_m"),
             overview=_stored(_StoredOverview, source, groups["overview"]),
             coverage=_stored(_StoredCoverage, source, groups["coverage"]),
-            guarantee=_stored(_StoredGuarantee, source, groups["guarantee"])
-            if "guarantee" in groups
-            else None,
+            **{
+                group: _stored(kind, source, groups[group]) if group in groups else None
+                for group, kind in _SOMETIMES.items()
+            },
             _source=source,
         )
         return catalog
@@ -284,6 +293,22 @@ class _StoredGuarantee(Guarantee):
     _source: _Source
 
 
+class _StoredOverviewLevels(OverviewLevels):
+    _source: _Source
+
+
+class _StoredCoverageLevels(CoverageLevels):
+    _source: _Source
+
+
+_SOMETIMES = {
+    "guarantee": _StoredGuarantee,
+    "overview_levels": _StoredOverviewLevels,
+    "coverage_levels": _StoredCoverageLevels,
+}
+"""Classes of the groups that only some catalogues have."""
+
+
 def _stored(cls: type[Any], source: _Source, numbers: dict[str, float | str]) -> Any:
     found = object.__new__(cls)
     found.__dict__.update(numbers, _source=source)
@@ -301,7 +326,8 @@ def _read_when_used(cls: type[Any], group: str) -> None:
 _read_when_used(StoredCatalog, "")
 _read_when_used(_StoredOverview, "overview")
 _read_when_used(_StoredCoverage, "coverage")
-_read_when_used(_StoredGuarantee, "guarantee")
+for _group, _kind in _SOMETIMES.items():
+    _read_when_used(_kind, _group)
 
 _ATTRIBUTES = (
     "config",

@@ -16,7 +16,7 @@ from ..errors import CatalogError
 from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
-from .schema import COVERAGE_STATUS, evaluated, usable
+from .schema import COVERAGE_STATUS, LEVEL_FACTORS, evaluated, usable
 from .stored import StoredCatalog, StoredFile
 from .verification import all_problems, apart
 
@@ -138,6 +138,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "bounds": bounds(catalog.longitude, catalog.latitude),
         "region": _region(catalog),
         "spacing_m": catalog.coverage.spacing_m,
+        "map_levels": [] if catalog.overview_levels is None else [1, *LEVEL_FACTORS],
         "patch_nodes": catalog.patch_nodes,
         "gsd_m": _range(catalog.gsd),
         "levels": _levels(catalog),
@@ -348,6 +349,9 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(
         ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
     )
+    if found["map_levels"]:
+        factors = ", ".join(str(factor) for factor in found["map_levels"])
+        rows.append(("map levels", f"overview and coverage in cells {factors} times as wide"))
     rows += promise_rows(found["promise"])
     return rows
 

@@ -22,6 +22,7 @@ from .catalogue import Catalog, Coverage, Guarantee
 from .checks import first_few, lines, part_findings, shape_problems
 from .disk_stream import DiskStream
 from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
+from .map_levels import coverage_levels
 from .schema import Variable
 
 _CHUNK_BYTES = 2**18
@@ -154,7 +155,12 @@ class NewCatalog:
             raise CatalogError(f"{self._added} points were added instead of {self._points}")
         if len(np.unique(self._file["point_id"][()])) < self._points:
             raise CatalogError("not a catalogue: point_id: numbers occur more than once")
-        head = dataclasses.replace(self._head, coverage=coverage, guarantee=guarantee)
+        head = dataclasses.replace(
+            self._head,
+            coverage=coverage,
+            guarantee=guarantee,
+            coverage_levels=coverage_levels(coverage) if self._head.overview_levels else None,
+        )
         self._fixed = head.values()
         for group in GROUPS:
             if group and getattr(head, group) is not None:

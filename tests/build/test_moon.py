@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import rasterio
 import xarray
 from helpers.pages import parsed
 from helpers.virtual_moon import virtual_moon
@@ -16,7 +17,11 @@ from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig, SunCo
 from lcp_catalog.build.estimate import estimate
 from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.catalog.layout import grid_mapping
+from lcp_catalog.catalog.map_levels import overview_levels
 from lcp_catalog.catalog.report import render_report
+from lcp_catalog.catalog.schema import LEVEL_FACTORS
+from lcp_catalog.catalog.summary import describe
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.landmarks.selection import Status, nearest
 
@@ -61,7 +66,7 @@ def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
 ) -> None:
     assert verify(polar) == []
     found = open_catalog(polar)
-    assert found.schema_version == "2.2"
+    assert found.schema_version == "2.3"
     assert found.overview.projection == "polar stereographic"
     lon, lat = found.overview.plane.lonlat(*np.meshgrid(found.overview.x, found.overview.y))
     assert (np.isfinite(found.overview.height) == (lat >= 66.0)).mean() > 0.999
@@ -76,6 +81,55 @@ def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
     with xarray.open_dataset(polar, engine="h5netcdf", group="overview") as raster:
         assert raster.attrs["projection"] == "polar stereographic"
         assert raster.x.attrs["long_name"] == "east of the centre, polar stereographic"
+
+
+def test_a_catalogue_of_a_polar_cap_has_levels_of_its_maps(polar: Path) -> None:
+    found = open_catalog(polar)
+    levels, cells = found.overview_levels, found.coverage_levels
+    assert levels is not None
+    assert cells is not None
+    expected = overview_levels(found.overview)
+    assert expected is not None
+    for factor in LEVEL_FACTORS:
+        one, other = levels.level(factor), expected.level(factor)
+        np.testing.assert_array_equal(one.height, other.height)
+        assert one.plane == found.overview.plane
+        of_level = np.asarray(cells.factor) == factor
+        assert cells.cells[of_level].sum() == len(found.coverage.longitude)
+    with rasterio.open(f"netcdf:{polar}:/overview_levels/height_2") as raster:
+        np.testing.assert_array_equal(raster.read(1), levels.height_2)
+    assert describe(polar)["map_levels"] == [1, 2, 4, 8]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("overview_levels/x_4", -1e9, "overview_levels/x_4: is not strictly rising"),
+        ("overview_levels/height_8", np.inf, "overview_levels/height_8: infinite"),
+        ("coverage_levels/factor", 3, "coverage_levels/factor: is no level"),
+        ("coverage_levels/cells", -1, "coverage_levels/cells: below 0"),
+        ("coverage_levels/usable_share", 1.5, "coverage_levels/usable_share: not in 0..1"),
+        ("coverage_levels/block", 7, "coverage_levels/block: is not 0, 1, 2, ..."),
+    ],
+)
+def test_levels_that_are_wrong_are_problems_of_the_file(
+    name: str, value: float, problem: str, polar: Path, tmp_path: Path
+) -> None:
+    forged = tmp_path / "forged.h5"
+    forged.write_bytes(polar.read_bytes())
+    with h5py.File(forged, "r+") as file:
+        file[name][(-1,) * file[name].ndim] = value
+    assert any(line.startswith(problem) for line in verify(forged))
+
+
+def test_levels_in_another_plane_are_a_problem_of_the_file(polar: Path, tmp_path: Path) -> None:
+    forged = tmp_path / "forged.h5"
+    forged.write_bytes(polar.read_bytes())
+    with h5py.File(forged, "r+") as file:
+        numbers = dict(file["overview_levels"].attrs) | {"center_lat": -90.0}
+        file["overview_levels"].attrs.update(numbers)
+        file["overview_levels/crs"].attrs.update(grid_mapping("overview_levels", numbers))
+    assert "overview_levels: is in another plane than the overview" in verify(forged)
 
 
 def test_the_report_of_a_polar_cap_shows_its_map(polar: Path) -> None:
