@@ -173,7 +173,7 @@ def test_noise_is_the_sensors(
     """
     seen: list[BuildConfig] = []
 
-    def stop(paths: object, given: BuildConfig) -> None:
+    def stop(paths: object, given: BuildConfig, *_: object) -> None:
         seen.append(given)
         raise ConfigError("enough")
 
