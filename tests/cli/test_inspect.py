@@ -35,7 +35,7 @@ def test_json_has_the_fields_of_the_contract(path: Path, capsys: pytest.CaptureF
 def test_text_is_for_people(path: Path, capsys: pytest.CaptureFixture) -> None:
     assert run(["inspect", str(path)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith(f"{path}: intact, schema 1.2")
+    assert out.startswith(f"{path}: intact, schema 1.3")
     for text in (
         "points         5\n",
         "9000 m",
