@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from helpers.archive_files import Product
 
 HERE = Path(__file__).resolve().parent
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job of a shell
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # the workers share the processor: one thread each
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -100,8 +104,8 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-settings.register_profile(
-    "ci", derandomize=True
-)  # a landing never hangs on the day's dice; people's runs explore
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+settings.register_profile("people", deadline=None)  # times are for benchmarks; machines are busy
+settings.register_profile("ci", deadline=None, derandomize=True)
+"""A landing never hangs on the day's dice; people's runs explore."""
+
+settings.load_profile("ci" if os.environ.get("CI") else "people")
