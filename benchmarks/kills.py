@@ -263,7 +263,7 @@ def run(kills: int, ways: Sequence[str], seed: int) -> Result:
         while (left := kills - len(result.kills)) > 0:
             for way, site in sites.items():
                 result.kills += chain(site, way, whole, times[way], dice, min(left, 10))
-            print(f"{len(result.kills)} kills", file=sys.stderr)
+            print(result.text(), file=sys.stderr, flush=True)
     return result
 
 
