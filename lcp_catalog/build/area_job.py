@@ -38,12 +38,9 @@ from .config import BuildConfig
 from .evaluation import Evaluation, evaluate, image_scales
 from .levels import sources
 from .place_errors import PlaceErrors
-from .sweep import Conditions, Sweep, plan_area
+from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 
 log = logging.getLogger(__name__)
-
-_CORNER_BORDER = 4
-"""Nodes by which the corner detector's window extends beyond the search region."""
 
 
 @dataclass(frozen=True)
@@ -120,14 +117,14 @@ def run_area(job: AreaJob) -> AreaResult:
     """Evaluate one area. Raises the library's errors; an area without heights has no candidates."""
     limit_caches(int(job.caches_mb * 1e6))
     sweep = area_sweep(job)
-    core = _Core(job, sweep.terrain, halo_nodes(job.config, job.gsd_m))
+    core = _Core(job, sweep.terrain, job.config.points.halo_nodes(job.gsd_m))
     rows, cols = _find(sweep, core, job.config, job.gsd_m)
     return AreaResult(_evaluated(job, core, sweep, rows, cols), sweep.plan)
 
 
 def area_sweep(job: AreaJob) -> Sweep:
     """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
-    terrain, beyond = _terrain(job, halo_nodes(job.config, job.gsd_m))
+    terrain, beyond = _terrain(job, job.config.points.halo_nodes(job.gsd_m))
     conditions = Conditions.at(job.task.lat_deg, job.config)
     brightness = job.albedo.known_nodes(terrain) if job.albedo else None
     albedo = _albedo_decision(job.albedo, terrain, brightness)
@@ -147,18 +144,13 @@ def _albedo_decision(
     return decisions.albedo(albedo, Cover.of(brightness.astype(np.float64), known))
 
 
-def halo_nodes(config: BuildConfig, gsd_m: float) -> int:
-    """Width, in nodes, of the margin around an area that the evaluation of its points uses."""
-    return config.points.search_nodes(gsd_m) + config.points.half + _CORNER_BORDER
-
-
 def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
     """The terrain, its core the area with its halo, with the terrain around that can hide it from a view
     or shadow it under the lowest Sun, up to the configured distance; and the decision about that.
     """
     place = (job.dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
     limit_m = job.config.model.ring_max_km * 1e3
-    view_rad = np.radians(90.0 - max(job.config.view.off_nadir_deg))
+    view_rad = np.radians(90.0 - lowest_off_nadir_deg(job.config, job.gsd_m))
     view_m = (
         ring_for_rays_m(*place, float(np.tan(view_rad)), limit_m) if view_rad < np.pi / 2 else 0.0
     )

@@ -270,6 +270,9 @@ FOOTPRINT_NODES = 1024
 FOOTPRINT_MAX_KM = 5000.0
 """Greatest diameter of a footprint: about half the Moon."""
 
+CORNER_BORDER = 4
+"""Nodes by which the corner detector's window extends beyond the search region."""
+
 SPACING_MAX_M = 8000.0
 """Greatest default spacing, unless half a patch is wider."""
 
@@ -347,6 +350,10 @@ class PointConfig:
         if self.search_m is None:
             return min(SEARCH_NODES, max(1, round(SEARCH_MAX_M / gsd_m)))
         return max(1, round(self.search_m / gsd_m))
+
+    def halo_nodes(self, gsd_m: float) -> int:
+        """Width, in nodes, of the margin around a point that its evaluation uses."""
+        return self.search_nodes(gsd_m) + self.half + CORNER_BORDER
 
     def check_cells(self, gsd_m: float) -> None:
         """ConfigError for a spacing of too few cells or a search radius of too many."""

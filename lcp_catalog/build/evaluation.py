@@ -76,13 +76,16 @@ class Evaluation:
         rest = [np.full((count, *shape), np.nan, dtype=np.float32) for _ in range(5)]
         return cls(condition, *scaled, *rest)
 
-    def share_views(self, first: NDArray[np.int64]) -> None:
-        """Give each view the results of view ``first``; parallel rays from equal directions see the
-        same.
-        """
+    def share_views(self, views: Index, first: Index) -> None:
+        """Give each of the views the results of view ``first``, which sees the same."""
         for f in dataclasses.fields(self):
             values = np.moveaxis(getattr(self, f.name), -3, 0)
-            values[:] = values[first]
+            values[views] = values[first]
+
+    def one(self, row: int) -> Evaluation:
+        """The results of one candidate, as views of the same memory."""
+        fields = dataclasses.fields(self)
+        return Evaluation(*(getattr(self, f.name)[row : row + 1] for f in fields))
 
     def with_rows(self, rows: NDArray[np.int64], other: Evaluation) -> Evaluation:
         """A copy in which the given candidates are taken from ``other``."""
@@ -103,7 +106,8 @@ def evaluate(
     errors: ErrorModel | PlaceErrors,
 ) -> Evaluation:
     """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur;
-    ``errors``: one model for all, or those of their places.
+    ``errors``: one model for all, or those of their places. Views with parallel rays are rendered
+    once for all candidates, near views for each candidate with its own camera.
     """
     if isinstance(errors, ErrorModel):
         errors = PlaceErrors.alike(errors, len(rows))
@@ -111,27 +115,53 @@ def evaluate(
     result = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     if not len(rows):
         return result
-    light = PatchLight(sweep, rows, cols, config.points.half)
-    for view in range(len(sweep.conditions.off_nadir_deg)):
-        hidden = light.occlusion_dependence(view)
-        result.occlusion_dependence[:, view, sweep.conditions.reachable] = hidden[:, None]
     known = sweep.conditions.reachable
     result.detection[..., known] = 0.0
     result.sigma_major_m[..., known] = result.sigma_minor_m[..., known] = np.inf
-    judge = _Judge(light, config, gsd_m, errors, result)
-    together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
-    first = _first_alike(sweep.view_directions)
-    images = sweep.images(tuple(np.unique(first).tolist()), sensitivity=True)
-    while batch := list(islice(images, together)):
-        judge.images(batch)
-    result.share_views(first)
+    near = np.flatnonzero(sweep.near_views)
+    _evaluate_views(
+        sweep, np.flatnonzero(~sweep.near_views), (rows, cols), config, gsd_m, errors, result
+    )
+    if len(near):
+        for azimuth, _ in sweep.suns:
+            sweep.dark(azimuth)  # once for all candidates
+    for k in range(len(rows)) if len(near) else ():
+        own, row0, col0 = sweep.over(int(rows[k]), int(cols[k]), config.points.halo_nodes(gsd_m))
+        at, one = (rows[k : k + 1] - row0, cols[k : k + 1] - col0), np.array([k])
+        _evaluate_views(own, near, at, config, gsd_m, errors.rows(one), result.one(k))
     return result
 
 
-def _first_alike(directions: Array) -> Index:
-    """The number of the first of equal directions (n, 3), for each."""
+def _evaluate_views(
+    sweep: Sweep,
+    views: Index,
+    where: tuple[NDArray[np.int64], NDArray[np.int64]],
+    config: BuildConfig,
+    gsd_m: float,
+    errors: PlaceErrors,
+    result: Evaluation,
+) -> None:
+    """Write the results of the given views for candidates at nodes ``where`` (rows, cols)."""
+    if not len(views):
+        return
+    light = PatchLight(sweep, *where, config.points.half)
+    for view in views.tolist():
+        hidden = light.occlusion_dependence(view)
+        result.occlusion_dependence[:, view, sweep.conditions.reachable] = hidden[:, None]
+    judge = _Judge(light, config, gsd_m, errors, result)
+    together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
+    ranges_m = np.where(sweep.near_views, sweep.conditions.view_ranges_m, np.inf)
+    first = _first_alike(sweep.view_directions, ranges_m)
+    images = sweep.images(tuple(np.unique(first[views]).tolist()), sensitivity=True)
+    while batch := list(islice(images, together)):
+        judge.images(batch)
+    result.share_views(views, first[views])
+
+
+def _first_alike(directions: Array, ranges_m: Array) -> Index:
+    """The number of the first of equal directions (n, 3) with equal ranges (n,), for each."""
     apart = np.abs(directions[:, None] - directions).max(axis=2)
-    return np.argmax(apart < 1e-9, axis=1)
+    return np.argmax((apart < 1e-9) & (ranges_m[:, None] == ranges_m), axis=1)
 
 
 class _Judge:

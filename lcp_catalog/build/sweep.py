@@ -7,7 +7,7 @@ converges with the centre's.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,14 @@ from ..cameras.view import View, slant_range_m
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
 from ..photometry.law_choice import Choice, choose, named
-from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
+from ..photometry.laws import (
+    SLOPE_STEP,
+    NearLight,
+    Reflectance,
+    planes_of,
+    radiance_of_nodes,
+    steeper,
+)
 from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, is_vertical, plan_scene
@@ -28,6 +35,7 @@ from ..sun.reachable import reachable_suns
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
+from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .config import BuildConfig
 
@@ -38,6 +46,7 @@ class Conditions:
 
     off_nadir_deg: Array
     view_azimuth_deg: Array
+    view_altitude_km: Array  # inf: parallel rays
     sun_elevation_deg: Array
     sun_azimuth_deg: Array
     reachable: Mask  # (elevation, azimuth)
@@ -50,10 +59,17 @@ class Conditions:
         return cls(
             off_nadir_deg=np.array(config.view.off_nadir_deg),
             view_azimuth_deg=np.array(config.view.azimuth_deg),
+            view_altitude_km=np.array(config.view.altitude_km),
             sun_elevation_deg=elevations,
             sun_azimuth_deg=azimuths,
             reachable=reachable_suns(lat_deg, azimuths, elevations),
         )
+
+    @property
+    def view_ranges_m(self) -> Array:
+        """Distances from a point to the cameras of the views, (view,); inf for parallel rays."""
+        views = zip(self.off_nadir_deg, self.view_altitude_km, strict=True)
+        return np.array([view_range_m(off, km) for off, km in views])
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -126,7 +142,8 @@ def plan_area(
     """
     lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
     sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
-    view = View(direction=conditions.view_directions()[conditions.off_nadir_deg.argmax()])
+    off_nadir_deg = lowest_off_nadir_deg(config, terrain.field.gsd_m)
+    view = View(direction=direction_enu(0.0, 90.0 - off_nadir_deg))
     plan = plan_scene(
         terrain,
         sun,
@@ -139,23 +156,50 @@ def plan_area(
         lowest=True,
     )
     own = decisions.of_a_build(config.model.direction_tolerance_deg)
-    patch_rad = _patch_angle_rad(config, terrain.field.gsd_m)
+    angle_rad = max(view_angles_rad(config, terrain.field.gsd_m))
     return replace(
         plan,
-        perspective=decisions.perspective_of_patches(patch_rad),
+        perspective=decisions.perspective_of_patches(angle_rad, _tolerance_rad(config)),
         others=(*plan.others, *own),
     )
 
 
-def _patch_angle_rad(config: BuildConfig, gsd_m: float) -> float:
-    """Greatest angle between the directions to a camera from a patch's nodes and from its point,
-    slopes not considered; 0 where all views are at infinity.
-    """
-    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
-    near = [slant_range_m(off, 1e3 * km) for off, km in views if math.isfinite(km)]
-    half_m = config.points.half * gsd_m * math.sqrt(2.0)
-    return max((math.asin(min(1.0, half_m / away_m)) for away_m in near), default=0.0)
+def view_range_m(off_nadir_deg: float, altitude_km: float) -> float:
+    """Distance from a point to a camera ``altitude_km`` above it; inf for parallel rays."""
+    if math.isinf(altitude_km):
+        return math.inf
+    return slant_range_m(off_nadir_deg, 1e3 * altitude_km)
 
+
+def view_angles_rad(config: BuildConfig, gsd_m: float) -> list[float]:
+    """For each view the greatest angle between the directions to its camera from a point and from a
+    node of its patch or search region, heights not considered; 0 for parallel rays.
+    """
+    points = config.points
+    reach_m = (points.half + points.search_nodes(gsd_m)) * gsd_m * math.sqrt(2.0)
+    views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
+    return [math.asin(min(1.0, reach_m / view_range_m(off, km))) for off, km in views]
+
+
+_LOWEST_VIEW_DEG = 89.0
+"""Greatest angle from the vertical of rays to near cameras for which terrain around an area is read."""
+
+
+def lowest_off_nadir_deg(config: BuildConfig, gsd_m: float) -> float:
+    """Greatest angle from the vertical, degrees, of a direction from a node to the camera of a view."""
+    pairs = zip(config.view.off_nadir_deg, view_angles_rad(config, gsd_m), strict=True)
+    tolerance = _tolerance_rad(config)
+    return max(
+        off if angle <= tolerance else max(off, min(off + math.degrees(angle), _LOWEST_VIEW_DEG))
+        for off, angle in pairs
+    )
+
+
+def _tolerance_rad(config: BuildConfig) -> float:
+    return math.radians(config.model.direction_tolerance_deg)
+
+
+Shading = Callable[[NDArray[np.float32], NDArray[np.uint8], Mask], NDArray[np.float32]]
 
 PART_STEP = 16
 """Nodes between possible first rows and columns of a part of a sweep: a multiple of every image scale
@@ -176,10 +220,13 @@ class Sweep:
     turn_rad: float = 0.0
     brightness: NDArray[np.float32] | None = None
     """Relative albedo of the core's nodes, NaN where it is not known; None without a map."""
+    point_m: Array | None = None
+    """ENU position (3,) of the point over which the cameras of near views are; None: all views have
+    parallel rays."""
 
     def __post_init__(self) -> None:
-        if self.plan.solar_disc.modelled or self.plan.perspective.modelled:
-            raise ValueError("a sweep has a point Sun and parallel views")
+        if self.plan.solar_disc.modelled:
+            raise ValueError("a sweep has a point Sun")
 
     @property
     def field(self) -> Heightfield:
@@ -223,6 +270,44 @@ class Sweep:
             sweep._masks.update((azimuth, np.ascontiguousarray(mask)) for azimuth, mask in masks)
         return sweep, row0, col0
 
+    def over(self, row: int, col: int, margin: int) -> tuple[Sweep, int, int]:
+        """`around` one node of the core, with the cameras of near views over that node."""
+        at = np.array([row]), np.array([col])
+        sweep, row0, col0 = self.around(*at, margin, self.turn_rad)
+        top, left = self.window[0] + row, self.window[2] + col
+        point = nodes_enu(self.field, (top, top + 1, left, left + 1))[0, 0]
+        own = replace(sweep, point_m=point)
+        own._masks.update(sweep._masks)
+        return own, row0, col0
+
+    @cached_property
+    def near_views(self) -> Mask:
+        """True for views whose rays are not parallel, (view,)."""
+        finite = np.isfinite(self.conditions.view_altitude_km)
+        return finite & self.plan.perspective.modelled
+
+    def camera_m(self, view: int) -> Array | None:
+        """ENU position (3,) of the camera of a near view; None for parallel rays."""
+        if self.point_m is None or not self.near_views[view]:
+            return None
+        away_m = self.conditions.view_ranges_m[view]
+        return np.asarray(self.point_m + away_m * self.view_directions[view])
+
+    def towards_camera(self, view: int) -> NDArray[np.float32] | None:
+        """Components (3, rows, cols) of the core's nodes' directions to the camera of a near view;
+        None for parallel rays. Computed once and kept.
+        """
+        camera = self.camera_m(view)
+        if camera is not None and view not in self._towards:
+            nodes = nodes_enu(self.field, self.window)
+            towards = View(position_m=camera).directions(nodes).astype(np.float32)
+            self._towards[view] = planes_of(towards)
+        return self._towards.get(view)
+
+    @cached_property
+    def _towards(self) -> dict[int, NDArray[np.float32]]:
+        return {}
+
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Unit normals of the core's nodes, (rows, cols, 3)."""
@@ -243,12 +328,20 @@ class Sweep:
         """Unit ENU vectors to the cameras, (view, 3)."""
         return self.conditions.view_directions(self.turn_rad)
 
-    @cached_property
-    def unseen(self) -> list[Mask]:
-        """For each view the nodes that terrain hides."""
-        return [self._hidden(direction) for direction in self.view_directions]
+    def unseen(self, view: int) -> Mask:
+        """The nodes that terrain hides in a view. Computed once and kept."""
+        if view not in self._unseen:
+            self._unseen[view] = self._hidden(view)
+        return self._unseen[view]
 
-    def _hidden(self, direction: Array) -> Mask:
+    @cached_property
+    def _unseen(self) -> dict[int, Mask]:
+        return {}
+
+    def _hidden(self, view: int) -> Mask:
+        direction, camera = self.view_directions[view], self.camera_m(view)
+        if camera is not None and self.plan.occlusion.modelled:
+            return self.field.occluded_nodes_from(camera, self.window)
         if not self.plan.occlusion.modelled or is_vertical(direction):
             return np.zeros(self.normals.shape[:2], dtype=np.bool_)
         return occluded(self.field, direction, self.accuracy, self.window)
@@ -295,24 +388,23 @@ class Sweep:
         """`planes` of the same terrain with larger slopes (`photometry.laws.steeper`)."""
         return steeper(self.planes)
 
-    def shaded(
-        self,
-        planes: NDArray[np.float32],
-        condition: tuple[int, int, int],
-        dark: NDArray[np.uint8],
-        unseen: Mask,
-    ) -> NDArray[np.float32]:
-        """Radiance factor of nodes in a condition (view, elevation, azimuth); the other arguments as
-        in `photometry.laws.radiance_of_nodes`.
+    def shading(self, condition: tuple[int, int, int]) -> Shading:
+        """The function of normals and masks that gives the radiance factor of nodes in a condition
+        (view, elevation, azimuth); arguments as in `photometry.laws.NearLight.radiance`.
         """
         view, elevation, azimuth = condition
-        sun, camera = self.sun_directions[elevation, azimuth], self.view_directions[view]
-        return radiance_of_nodes(planes, sun, camera, dark, unseen, self.model)
+        sun, towards = self.sun_directions[elevation, azimuth], self.towards_camera(view)
+        if towards is not None:
+            return NearLight(sun, towards, self.model).radiance
+        camera, model = self.view_directions[view], self.model
+        return lambda planes, dark, unseen: radiance_of_nodes(
+            planes, sun, camera, dark, unseen, model
+        )
 
     def unshadowed(self, condition: tuple[int, int, int]) -> NDArray[np.float32]:
         """The image of a condition without cast shadows."""
         none = np.zeros(self.planes.shape[1:], np.uint8)
-        radiance = self.shaded(self.planes, condition, none, self.unseen[condition[0]])
+        radiance = self.shading(condition)(self.planes, none, self.unseen(condition[0]))
         return radiance if self.factors is None else radiance * self.factors
 
     def images(
@@ -328,10 +420,10 @@ class Sweep:
             for slot, elevation in enumerate(elevations):
                 for view in wanted:
                     condition = (view, int(elevation), azimuth)
-                    hidden = (dark[slot], self.unseen[view])
-                    bands = [self.shaded(self.planes, condition, *hidden)]
+                    hidden, shaded = (dark[slot], self.unseen(view)), self.shading(condition)
+                    bands = [shaded(self.planes, *hidden)]
                     for planes in self.steeper_planes if sensitivity else ():
-                        change = self.shaded(planes, condition, *hidden) - bands[0]
+                        change = shaded(planes, *hidden) - bands[0]
                         bands.append(change * np.float32(1.0 / SLOPE_STEP))
                     if factors is not None:
                         bands = [band * factors for band in bands]

@@ -20,10 +20,11 @@ from ..dem.cache_limits import CACHES_BYTES
 from ..errors import ConfigError
 from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import most_nodes
-from .area_job import conditions_at, halo_nodes
+from .area_job import conditions_at
 from .areas import AreaGrid, AreaTask, plan_areas
 from .config import AREA_NODES_MIN, BuildConfig
 from .evaluation import _BATCH_NODES, image_scales
+from .sweep import lowest_off_nadir_deg
 
 log = logging.getLogger(__name__)
 
@@ -68,9 +69,9 @@ def area_mb(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfi
     """Greatest memory of a process that computes an area of such a window, MB, without what it keeps of the
     DEM's files.
     """
-    core = window.grown(halo_nodes(config, gsd_m))
+    core = window.grown(config.points.halo_nodes(gsd_m))
     lowest = math.tan(math.radians(min(config.sun.elevations_deg)))
-    view = math.radians(90.0 - max(config.view.off_nadir_deg))
+    view = math.radians(90.0 - lowest_off_nadir_deg(config, gsd_m))
     around = math.inf if view >= math.pi / 2 else math.tan(view)
     limit_m = config.model.ring_max_km * 1e3
     nodes, terrain = math.prod(core.shape), most_nodes(core, gsd_m, lowest, around, limit_m)

@@ -203,6 +203,19 @@ class Uncertainty:
         return np.repeat([self.position_m, self.attitude_rad], 3)
 
 
+def altitude_km(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
+    """Heights (n,) of the sensor above points (n, 3) when it sees them: differences of the distances
+    from the Moon's centre, km. inf where it is not known: for an image on a map, and for points
+    that are not seen.
+    """
+    points = np.asarray(points_mcmf_m, dtype=np.float64).reshape(-1, 3)
+    if sensor.corrections == ON_MAP or not len(points):
+        return np.full(len(points), np.inf)
+    origins, _ = sensor.looks(sensor.project(points))
+    above_m = np.linalg.norm(origins, axis=-1) - np.linalg.norm(points, axis=-1)
+    return np.where(np.isfinite(above_m), 1e-3 * above_m, np.inf)
+
+
 def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
     """Ground sample distance in metres, (...,), at points (..., 3) of the surface: the square root of
     the area of one pixel across the line of sight.

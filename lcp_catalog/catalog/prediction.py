@@ -4,6 +4,7 @@ under a Sun, a view and an image scale between those that were evaluated.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,13 +101,22 @@ class _Weights:
 
 
 def predict(
-    catalog: Catalog, rows: ArrayLike, sun_enu: ArrayLike, view_enu: ArrayLike, pixel_m: ArrayLike
+    catalog: Catalog,
+    rows: ArrayLike,
+    sun_enu: ArrayLike,
+    view_enu: ArrayLike,
+    pixel_m: ArrayLike,
+    altitude_km: ArrayLike = math.inf,
 ) -> Prediction:
     """Claims of the points ``rows`` (n,) under directions to the Sun and to the camera, (n, 3) unit
-    vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground.
+    vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground
+    and a camera at ``altitude_km`` (n,) or () above the points.
 
     Weights are linear in the Sun's elevation and azimuth, in the logarithm of pixel over cell, and
-    barycentric between views in the azimuthal equidistant plane. Only evaluated conditions count,
+    barycentric between views in the azimuthal equidistant plane. Where a catalogue has views at
+    several altitudes, weights are linear in one over the altitude, to which the effects of
+    perspective are proportional; beyond the lowest and the highest those of the nearest hold, and
+    an altitude without a view in reach of the direction leaves its weight to the other. Only evaluated conditions count,
     and at least half of the weight must be theirs. Probabilities are averaged as logits, ellipses as
     logarithms of their covariance matrices (log-Euclidean mean: Arsigny et al. 2006, SIAM J.
     Matrix Anal. Appl. 29, 328). A pixel below the cell counts as the cell: the image is reduced to
@@ -127,7 +137,7 @@ def predict(
         return _none(len(rows))
     axes = (
         _scale_weights(catalog, pixel / catalog.gsd[rows]),
-        _view_weights(catalog, view),
+        _view_weights(catalog, view, np.broadcast_to(altitude_km, len(rows))),
         *_sun_weights(catalog, sun),
     )
     scale, at_view, elevation, azimuth = (axis.weight.sum(axis=1) <= 0.0 for axis in axes)
@@ -262,14 +272,45 @@ def _scale_weights(catalog: Catalog, scale: Array) -> _Weights:
     return _linear(grid, at, 0.0, 1e-9)
 
 
-def _view_weights(catalog: Catalog, view: Array) -> _Weights:
-    mesh = ViewMesh.of(view_plane(catalog.view_off_nadir, catalog.view_azimuth))
+def _view_weights(catalog: Catalog, view: Array, altitude_km: Array) -> _Weights:
+    heights = np.asarray(catalog.view_altitude, np.float64)
+    levels = np.unique(heights)[::-1]  # one over the altitude rises
+    parts = [_directions_at(catalog, view, np.flatnonzero(heights == level)) for level in levels]
+    with np.errstate(divide="ignore"):
+        between = _linear(1.0 / levels, 1.0 / altitude_km, math.inf, math.inf)
+    share = np.zeros((len(view), len(levels)))
+    np.put_along_axis(share, between.index, between.weight, axis=1)
+    reached = np.stack([part.weight.sum(axis=1) > 0.0 for part in parts], axis=1)
+    share = _given_over(share, reached)
+    weights = [part.weight * share[:, k : k + 1] for k, part in enumerate(parts)]
+    return _Weights(
+        np.concatenate([part.index for part in parts], axis=1), np.concatenate(weights, axis=1)
+    )
+
+
+def _given_over(share: Array, reached: Mask) -> Array:
+    """Shares (n, k) of neighbours along an axis, of which the ones that are not ``reached`` give theirs to
+    the nearest that is.
+    """
+    out = np.where(reached, share, 0.0)
+    numbers = np.arange(share.shape[1])
+    for k in numbers:
+        others = numbers[np.argsort(np.abs(numbers - k), kind="stable")]
+        left = np.flatnonzero(~reached[:, k] & (share[:, k] > 0.0) & reached.any(axis=1))
+        nearest = others[np.argmax(reached[np.ix_(left, others)], axis=1)]
+        out[left, nearest] += share[left, k]
+    return out
+
+
+def _directions_at(catalog: Catalog, view: Array, which: Index) -> _Weights:
+    """Weights of the views ``which``, by their directions alone."""
+    places = view_plane(catalog.view_off_nadir[which], catalog.view_azimuth[which])
     off = np.degrees(np.arctan2(np.hypot(view[:, 0], view[:, 1]), view[:, 2]))
     azimuth = np.degrees(np.arctan2(view[:, 0], view[:, 1]))
-    corners, weights, away = mesh.weights(view_plane(off, azimuth))
+    corners, weights, away = ViewMesh.of(places).weights(view_plane(off, azimuth))
     weights *= np.clip(1.0 - 0.5 * away / VIEW_REACH_DEG, 0.0, 1.0)[:, None]
     weights[(away > VIEW_REACH_DEG) | (off >= 90.0)] = 0.0
-    return _Weights(corners, weights)
+    return _Weights(which[corners], weights)
 
 
 def _sun_weights(catalog: Catalog, sun: Array) -> tuple[_Weights, _Weights]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
-from ..cameras.sensor import Sensor, mean_step, pixel_size_m
+from ..cameras.sensor import Sensor, altitude_km, mean_step, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
 
@@ -57,7 +57,7 @@ def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: Array
     sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, np.float64))
     view = np.einsum("nij,nj->ni", rotation, sensor.towards(places))
     pixel = pixel_size_m(sensor, places) if len(rows) else np.zeros(0)
-    return predict(catalog, rows, sun, view, pixel)
+    return predict(catalog, rows, sun, view, pixel, altitude_km(sensor, places))
 
 
 def ground_slopes(sensor: Sensor, points_mcmf_m: Array, rotation: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Index, Mask
-from ..cameras.sensor import Sensor, pixel_size_m
+from ..cameras.sensor import Sensor, altitude_km, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog import prediction
 from ..catalog.catalogue import Catalog
@@ -116,7 +116,8 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         sun[part] = rotation[part] @ one.frame.sun
         view[part] = np.einsum("nij,nj->ni", rotation[part], one.frame.sensor.towards(one.places))
     sizes = np.concatenate([one.pixel_m for one in seen] or [np.zeros(0)])
-    claims = predict(catalog, rows, sun, view, sizes)
+    heights = [altitude_km(one.frame.sensor, one.places) for one in seen]
+    claims = predict(catalog, rows, sun, view, sizes, np.concatenate([*heights, np.zeros(0)]))
     for one, part in zip(seen, parts, strict=True):
         own = _part(claims, part)
         cause, usable = own.cause.copy(), np.flatnonzero(own.usable)

@@ -277,5 +277,42 @@ def radiance_of_nodes(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class NearLight:
+    """Nodes under one distant point source, seen by a camera so near that every node has its own
+    direction to it.
+
+    sun (3,): unit vector; cameras (3, rows, cols), float32: components of the nodes' unit vectors.
+    """
+
+    sun: Array
+    cameras: NDArray[np.float32]
+    model: Reflectance = DEFAULT_MODEL
+
+    @cached_property
+    def _terms(self) -> NDArray[np.float32]:
+        return np.asarray(
+            images.terms_of_nodes(self.sun, self.cameras, self.model.code, self.model.numbers)
+        )
+
+    def radiance(
+        self,
+        planes: NDArray[np.float32],
+        dark: NDArray[np.uint8],
+        unseen: NDArray[np.bool_],
+    ) -> NDArray[np.float32]:
+        """Radiance factor (rows, cols); arguments and result as in `radiance_of_nodes`."""
+        if self.model.code <= kernel.LUNAR_LAMBERT:
+            values = images.shade_nodes_from(
+                planes, self.sun, self.cameras, dark, unseen, self._terms
+            )
+            return np.asarray(values)
+        normals, cameras = (np.moveaxis(v, 0, -1) for v in (planes, self.cameras))
+        cameras = cameras / np.linalg.norm(cameras.astype(np.float64), axis=-1, keepdims=True)
+        values = radiance_under(normals, self.sun, cameras, dark == 0, self.model)
+        hidden = unseen | ~(np.sum(normals * cameras, axis=-1) > 0.0)
+        return np.where(hidden, np.nan, values).astype(np.float32)
+
+
 def _flat(vectors: NDArray[np.floating]) -> Array:
     return np.ascontiguousarray(vectors, dtype=np.float64).reshape(-1, 3)

@@ -216,14 +216,25 @@ def perspective(angle_rad: float, error: float, accuracy: Accuracy) -> Decision:
     return Decision(PERSPECTIVE, True, reason, 0.0, PERSPECTIVE_UNIT)
 
 
-def perspective_of_patches(angle_rad: float) -> Decision:
+def perspective_of_patches(angle_rad: float, tolerance_rad: float) -> Decision:
     """Decision about perspective in a build; ``angle_rad``: by how much the directions to a camera
-    vary over a patch.
+    vary around a point, over its patch and search region; ``tolerance_rad``: what the build
+    permits of a direction.
     """
-    reason = "each view has parallel rays, in the direction from the point to the camera"
-    if angle_rad > 0.0:
-        reason += f"; over a patch the true directions vary by up to {_small(angle_rad)}"
-    return Decision(PERSPECTIVE, False, reason, angle_rad, "rad of the angles")
+    unit = "rad of the angles"
+    if angle_rad == 0.0:
+        reason = "each view has parallel rays, in the direction from the point to the camera"
+        return Decision(PERSPECTIVE, False, reason, 0.0, unit)
+    turned = f"directions to a camera vary by up to {_small(angle_rad)} around a point"
+    limit = f"direction tolerance of {_small(tolerance_rad)}"
+    if angle_rad <= tolerance_rad:
+        reason = f"{turned}, within the {limit}: parallel rays"
+        return Decision(PERSPECTIVE, False, reason, angle_rad, unit)
+    reason = (
+        f"{turned}, more than the {limit}: at views of finite altitude every point is rendered for its "
+        "own camera, every node with its own direction to it"
+    )
+    return Decision(PERSPECTIVE, True, reason, 0.0, unit)
 
 
 def surface(

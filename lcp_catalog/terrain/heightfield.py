@@ -134,6 +134,13 @@ class Heightfield:
             raise ValueError(f"window {window} is not inside {self.shape}")
         return row0, row1, col0, col1
 
+    def part(self, window: Window) -> Heightfield:
+        """The heightfield of a window's nodes alone; ValueError for a window outside the raster."""
+        row0, row1, col0, col1 = self.checked_window(window)
+        z = np.ascontiguousarray(self.z_m[row0:row1, col0:col1])
+        corner = self.x0_m + col0 * self.gsd_m, self.y0_m - row0 * self.gsd_m
+        return Heightfield(z, self.gsd_m, *corner)
+
     def ray_in_cells(self, direction: ArrayLike) -> tuple[float, float, float]:
         """A direction (3,) in cell units with max(|du|, |dv|) = 1; (0, 0, dz) if vertical.
         ValueError for a direction that is zero or not finite.

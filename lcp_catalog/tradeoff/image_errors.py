@@ -105,7 +105,8 @@ def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], P
             if images[REFERENCE].view < len(jobs[REFERENCE].config.view):
                 _judge_radiance(images, changes)
     for tier, sweep in sweeps.items():
-        for hidden, exact in zip(sweep.unseen, sweeps[REFERENCE].unseen, strict=True):
+        for view in range(len(sweep.view_directions)):
+            hidden, exact = sweep.unseen(view), sweeps[REFERENCE].unseen(view)
             changes[tier].looked += exact.size
             changes[tier].misseen += int((hidden != exact).sum())
     return changes, shown.picture()
@@ -123,6 +124,7 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
             conditions,
             off_nadir_deg=np.append(conditions.off_nadir_deg, 0.0),
             view_azimuth_deg=np.append(conditions.view_azimuth_deg, 0.0),
+            view_altitude_km=np.append(conditions.view_altitude_km, np.inf),
         )
     return {
         tier: dataclasses.replace(

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.random_scenes import make
+from helpers.random_scenes import ground, make
 
 from lcp_catalog.build import evaluation
 from lcp_catalog.build.config import BuildConfig, PointConfig, SunConfig, ViewConfig
@@ -36,15 +36,6 @@ CONFIG = BuildConfig(
     points=PointConfig(patch_nodes=17, search_m=12 * CELL_M),
 )
 ERRORS = ErrorModel(0.03, 0.6, 40.0, 0.05, 100.0)
-
-
-def ground(seed: int, nodes: int = 81, length: float = 3.0, sigma: float = 6.0) -> np.ndarray:
-    """Heights with the autocorrelation exp(-r^2 / 2 l^2), l in nodes."""
-    k = 2.0 * np.pi * np.fft.fftfreq(nodes)
-    shape = np.exp(-0.25 * length**2 * (k[:, None] ** 2 + k**2))
-    white = np.fft.fft2(np.random.default_rng(seed).normal(size=(nodes, nodes)))
-    z = np.fft.ifft2(shape * white).real
-    return sigma * z / z.std()
 
 
 def swept(z: np.ndarray, turn_rad: float = 0.0, config: BuildConfig = CONFIG) -> Sweep:

@@ -375,3 +375,46 @@ def test_a_point_that_is_not_usable_has_a_cause() -> None:
         found = asked(catalog, elevation, 45.0, scale, view)
         assert CAUSES[found.cause[0]] == cause
         assert bool(found.usable[0]) == (cause == "usable")
+
+
+def altitudes() -> Catalog:
+    """The same direction from 15 km, 60 km and from infinity; straight down from infinity alone."""
+    views = {
+        "view_off_nadir": np.array([0.0, 40.0, 40.0, 40.0]),
+        "view_azimuth": np.array([0.0, 90.0, 90.0, 90.0]),
+        "view_altitude": np.array([np.inf, np.inf, 15.0, 60.0]),
+    }
+    return everywhere(**views)
+
+
+def seen_at(catalog: Catalog, altitude_km: Any, off_nadir: float) -> np.ndarray:
+    heights = np.atleast_1d(altitude_km)
+    many = np.ones((len(heights), 1))
+    found = predict(
+        catalog, np.zeros(len(heights), int), many * direction_enu(45.0, 30.0),
+        many * direction_enu(90.0, 90.0 - off_nadir), np.full(len(heights), catalogs.GSD_M), heights,
+    )  # fmt: skip
+    return found.detection_probability
+
+
+def test_between_altitudes_weights_are_linear_in_one_over_the_altitude() -> None:
+    """Logits at the grid's Sun, against numpy's interpolation; constant below the lowest."""
+    catalog = altitudes()
+    elevation, azimuth = (
+        list(values).index(v)
+        for values, v in ((catalog.sun_elevation, 30.0), (catalog.sun_azimuth, 45.0))
+    )
+    p = np.asarray(catalog.detection_probability[0, 0, :, elevation, azimuth], np.float64)
+    heights = np.array([1.0, 15.0, 20.0, 40.0, 60.0, 100.0, 3000.0, np.inf])
+    expected = expit(np.interp(1.0 / heights, [0.0, 1 / 60.0, 1 / 15.0], logit(p[[1, 3, 2]])))
+    np.testing.assert_allclose(seen_at(catalog, heights, 40.0), expected, atol=0.005)
+    assert np.ptp(expected) > 0.05
+
+
+def test_an_altitude_without_a_view_in_that_direction_leaves_it_to_the_others() -> None:
+    """Straight down only parallel rays were evaluated: their claims hold at all altitudes."""
+    catalog = altitudes()
+    found = seen_at(catalog, [1.0, 15.0, 60.0, np.inf], 0.0)
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found, found[-1], rtol=1e-12)
+    assert np.isnan(seen_at(catalog, [15.0], 55.0)).all()  # 15 deg from all views

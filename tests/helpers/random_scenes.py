@@ -32,6 +32,15 @@ def make(z, core=None, gsd=GSD):
     )
 
 
+def ground(seed: int, nodes: int = 81, length: float = 3.0, sigma: float = 6.0) -> np.ndarray:
+    """Heights with the autocorrelation exp(-r^2 / 2 l^2), l in nodes."""
+    k = 2.0 * np.pi * np.fft.fftfreq(nodes)
+    shape = np.exp(-0.25 * length**2 * (k[:, None] ** 2 + k**2))
+    white = np.fft.fft2(np.random.default_rng(seed).normal(size=(nodes, nodes)))
+    z = np.fft.ifft2(shape * white).real
+    return sigma * z / z.std()
+
+
 @st.composite
 def terrains(draw, smallest=1, holes=False):
     """Random nodes, rough or smooth, sometimes with a core inside, one row wide, or with holes."""

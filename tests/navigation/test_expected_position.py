@@ -90,7 +90,8 @@ def test_the_points_are_those_of_a_loop_over_all(catalog: Catalog, taken: Camera
         sine = np.linalg.norm(np.cross(flat[0] - catalog.position_mcmf[i], flat[1] - catalog.position_mcmf[i]))  # fmt: skip
         pixel_m = np.sqrt(sine / abs(np.linalg.det(around)))
         sun = frame @ SUN.direction_mcmf(HADLEY, None)
-        claim = predict(catalog, [i], sun, view, pixel_m)
+        high_m = np.linalg.norm(taken.position_mcmf_m) - np.linalg.norm(catalog.position_mcmf[i])
+        claim = predict(catalog, [i], sun, view, pixel_m, 1e-3 * high_m)
         half = 4 * catalogs.GSD_M
         corners = [
             catalog.position_mcmf[i] + half * (a * frame[0] + b * frame[1])

@@ -64,6 +64,45 @@ def shade_nodes(planes, sun, camera, dark, unseen, code, law):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def terms_of_nodes(sun, cameras, code, law):
+    """`phase_terms` float32 (2, rows, cols) of nodes with their own directions to the camera, float32
+    (3, rows, cols), for the laws up to LUNAR_LAMBERT.
+    """
+    _, rows, cols = cameras.shape
+    out = np.empty((2, rows, cols), np.float32)
+    for row in range(rows):
+        x, y, z = cameras[0, row], cameras[1, row], cameras[2, row]
+        for k in range(cols):
+            # by the chord: near opposition the rounding of the directions would change their product
+            dx, dy, dz = sun[0] - x[k], sun[1] - y[k], sun[2] - z[k]
+            cos_g = max(-1.0, 1.0 - 0.5 * (dx * dx + dy * dy + dz * dz))
+            out[0, row, k], out[1, row, k] = phase_terms(code, law, cos_g)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def shade_nodes_from(planes, sun, cameras, dark, unseen, terms):
+    """`shade_nodes` of nodes with their own directions to the camera, float32 (3, rows, cols), and
+    their own ``terms`` (`terms_of_nodes`).
+    """
+    _, rows, cols = planes.shape
+    out = np.empty((rows, cols), np.float32)
+    sx, sy, sz = sun[0], sun[1], sun[2]
+    for row in range(rows):
+        x, y, z = planes[0, row], planes[1, row], planes[2, row]
+        cx, cy, cz = cameras[0, row], cameras[1, row], cameras[2, row]
+        seeliger, lambert = terms[0, row], terms[1, row]
+        shadow, hidden, run = dark[row], unseen[row], out[row]
+        for k in range(cols):
+            mu0 = _F(x[k] * sx + y[k] * sy + z[k] * sz)
+            mu = x[k] * cx[k] + y[k] * cy[k] + z[k] * cz[k]
+            lit = seeliger[k] * (mu0 / (mu0 + mu)) + lambert[k] * mu0
+            lit = lit if (mu0 > _ZERO) & (not shadow[k]) else _ZERO
+            run[k] = lit if (mu > _ZERO) & (not hidden[k]) else _NAN
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_light(radiance, planes, sun, camera, weight, code, law):
     """Add to radiance (rows, cols) float32 the radiance factor times weight (rows, cols) float32:
     the light's irradiance, and the share of it that arrives. Nodes that face away from the light or
