@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import options, render_options
+from . import options, pointing_options, render_options
 from .files import FileCommand, OutputFile
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 @options.sun_options
 @render_options.light_options
 @render_options.view_options
+@pointing_options.pointing_options
 @render_options.surface_option
 @options.model_options
 @options.albedo_options
@@ -55,7 +56,8 @@ def command(
 
     The area is taken from --center and --size or from --bounds; without them it is what the camera sees, else
     the whole DEM. The Sun is given by --sun-azimuth and --sun-elevation, by --time or by --subsolar; without
-    them it is the camera file's. Without view options the view is straight down.
+    them it is the camera file's. Without view options the view is straight down. With --fov, --altitude and
+    --look the image is that of a camera above --center.
 
     Bands of OUT.tif: radiance, sunlit, visible, incidence, emission, phase (degrees), and height (metres). With
     --frame camera, x, y and z (metres, MCMF) take the place of height.
@@ -82,11 +84,16 @@ def command(
 
 def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     """The library's request for the options; usage errors for options that exclude each other."""
-    options.check_area(flags["center"], flags["size_km"], flags["bounds"])
+    pointing_options.check_pointing(flags)
+    pointed = flags["fov_deg"] is not None
+    center = None if pointed else flags["center"]
+    options.check_area(center, flags["size_km"], flags["bounds"])
     angles = (flags["sun_azimuth"], flags["sun_elevation"])
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
-    oblique = (flags["off_nadir"], flags["view_azimuth"], flags["altitude_km"])
-    render_options.check_view(flags["camera_path"], *oblique, flags["frame"])
+    altitude_km = None if pointed else flags["altitude_km"]
+    oblique = (flags["off_nadir"], flags["view_azimuth"], altitude_km)
+    frame = flags["frame"] or ("camera" if pointed else "enu")
+    render_options.check_view(flags["camera_path"] or pointed, *oblique, frame)
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)
@@ -95,10 +102,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     how = {name: flags[name] for name in ENVIRONMENT}
     render_options.check_light(sun_stated, flags["sun_model"], flags["earthshine"], panorama, **how)
     behind = (flags["catcher_m"], flags["background_path"], flags["background_white"])
-    render_options.check_composite(*behind, panorama, flags["frame"])
+    render_options.check_composite(*behind, panorama, frame)
 
     from lcp_catalog.accuracy import accuracy
-    from lcp_catalog.cameras.camera_file import read_camera
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.photometry.law_choice import named
@@ -107,21 +113,17 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.rendering.sphere_extent import SphereArea
     from lcp_catalog.terrain.area import Area
 
-    camera = read_camera(flags["camera_path"]) if flags["camera_path"] else None
+    camera = pointing_options.camera_of(flags)
     if not sun_stated and panorama is None and (camera is None or not camera.has_sun):
         raise click.UsageError(
             "no Sun: give --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
-            + (f" ({flags['camera_path']} has none)" if camera else "")
+            + (f" ({flags['camera_path']} has none)" if flags["camera_path"] else "")
         )
     area: Area | SphereArea | None = None
-    if flags["center"]:
+    if center:
         size_km = flags["size_km"]
         sphere = flags["surface"] == "sphere"
-        area = (
-            SphereArea(*flags["center"], (size_km, size_km))
-            if sphere
-            else Area(*flags["center"], size_km)
-        )
+        area = SphereArea(*center, (size_km, size_km)) if sphere else Area(*center, size_km)
     elif flags["bounds"]:
         area = Area.from_bounds(*flags["bounds"])
     return Request(
@@ -130,7 +132,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         gsd_m=flags["gsd_m"],
         sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
         view=ViewChoice(camera, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
-        in_camera_plane=flags["frame"] == "camera",
+        in_camera_plane=frame == "camera",
         model=named(flags["reflectance"] or "auto"),
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",

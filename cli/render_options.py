@@ -107,9 +107,8 @@ view_options = option_group(
     click.option(
         "--frame",
         type=click.Choice(["enu", "camera"]),
-        default="enu",
-        show_default=True,
-        help="Output raster: nodes of the area's ENU plane, or pixels of the camera.",
+        default=None,
+        help="Output raster: nodes of the area's ENU plane, or pixels of the camera; default: enu, with --fov camera.",
     ),
 )
 
@@ -163,22 +162,26 @@ def check_composite(
 
 
 def check_view(
-    camera_path: str | None,
+    camera: object,
     off_nadir: float | None,
     view_azimuth: float | None,
     altitude_km: float | None,
     frame: str,
 ) -> None:
-    """Raise a usage error for contradictory or incomplete view options."""
+    """Raise a usage error for contradictory or incomplete view options. ``camera``: true if one is given,
+    by a file or by ``--fov``.
+    """
     oblique = any(value is not None for value in (off_nadir, view_azimuth, altitude_km))
-    if camera_path and oblique:
+    if camera and oblique:
         raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
     if off_nadir and view_azimuth is None:
         raise click.UsageError("--off-nadir needs --view-azimuth")
     if view_azimuth is not None and off_nadir is None:
         raise click.UsageError("--view-azimuth needs --off-nadir")
-    if frame == "camera" and not camera_path and altitude_km is None:
-        raise click.UsageError("--frame camera needs --camera, or --altitude (with --off-nadir)")
+    if frame == "camera" and not camera and altitude_km is None:
+        raise click.UsageError(
+            "--frame camera needs --camera, --fov, or --altitude (with --off-nadir)"
+        )
 
 
 def check_surface(surface: str, dems: tuple[str, ...], size_km: float | None) -> None:

@@ -11,9 +11,9 @@ import click
 
 from lcp_catalog.choices import PNG, TIFF
 
-from . import options
+from . import options, pointing_options
 from .files import FileCommand, InputFile, raster_files
-from .value_types import CELL_SIZE, POSITIVE, Number
+from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.simulation.detector import Detector
@@ -48,10 +48,24 @@ def _written(frame: str) -> Iterator[Path]:
 @click.option(
     "--camera",
     "camera_path",
-    required=True,
     type=InputFile(),
     metavar="CAMERA.json",
-    help="Camera of the frame.",
+    help="Camera of the frame; or one without a file: --fov.",
+)
+@pointing_options.pointing_options
+@click.option(
+    "--center",
+    nargs=2,
+    type=click.Tuple([LONGITUDE, LATITUDE]),
+    metavar="LON LAT",
+    help="With --fov: the point under the camera, degrees.",
+)
+@click.option(
+    "--altitude",
+    "altitude_km",
+    type=POSITIVE,
+    metavar="KM",
+    help="With --fov: altitude of the camera above the reference sphere.",
 )
 @options.sun_options
 @options.model_options
@@ -121,16 +135,16 @@ def command(
     sun, albedo = _checked(output, flags)
 
     from lcp_catalog.atomic_files import check_output
-    from lcp_catalog.cameras.camera_file import read_camera
     from lcp_catalog.simulation.detector import Detector
     from lcp_catalog.simulation.frame import frame
     from lcp_catalog.simulation.output import camera_path
 
-    camera = read_camera(flags["camera_path"])
+    camera = pointing_options.camera_of(flags)
+    assert camera is not None
     if all(value is None for value in sun) and not camera.has_sun:
         raise click.UsageError(
-            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar "
-            f"({flags['camera_path']} has none)"
+            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar"
+            + (f" ({flags['camera_path']} has none)" if flags["camera_path"] else "")
         )
     chosen = ("blur_px", "noise", "shot_share", "full_scale", "seed")
     detector = Detector(bits=int(flags["bits"]), **{name: flags[name] for name in chosen})
@@ -140,11 +154,17 @@ def command(
             check_output(name, replaced)
     surface = _surface(source, camera, detector, sun, albedo, flags)
     taken = frame(surface, camera, detector, flags["samples"])
-    _write(taken, output, beside, depfile, overwrite, [flags["camera_path"]])
+    read = [flags["camera_path"]] if flags["camera_path"] else []
+    _write(taken, output, beside, depfile, overwrite, read)
 
 
 def _checked(output: str, flags: dict[str, Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Values of the Sun and albedo options; usage errors for options that exclude each other."""
+    pointing_options.check_pointing(flags)
+    if flags["camera_path"] is None and flags["fov_deg"] is None:
+        raise click.UsageError("no camera: give --camera CAMERA.json, or --fov DEG")
+    if flags["camera_path"] and (flags["center"] is not None or flags["altitude_km"] is not None):
+        raise click.UsageError("--center and --altitude need --fov DEG")
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
     options.check_sun(*sun)

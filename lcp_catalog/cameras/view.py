@@ -163,6 +163,48 @@ def looking_camera(
     )
 
 
+def pointed_camera(
+    place_deg: tuple[float, float],
+    altitude_m: float,
+    look_deg: tuple[float, float],
+    fov_deg: float,
+    image_size_px: tuple[int, int],
+) -> Camera:
+    """A camera above a place (longitude, latitude), ``altitude_m`` above the reference sphere.
+
+    ``look_deg``: azimuth of the optical axis, clockwise from north, and its elevation above the
+    horizontal at the place; -90 is straight down. The image's rows are level, and its upper edge is
+    up; straight down, the azimuth is that of the upper edge. ``fov_deg``: angle between the left and
+    the right edge of the image, in its middle row. Pixels are square, the optical axis is in the
+    image's middle. CameraError for a field of view outside 0..180 deg (excluded), an elevation outside
+    -90..90 deg, and an altitude that is not positive or beyond `frame_camera.FARTHEST_M`.
+    """
+    azimuth_deg, elevation_deg = look_deg
+    name = (
+        f"camera {1e-3 * altitude_m:g} km above {place_deg[0]:g}, {place_deg[1]:g}, looking to azimuth "
+        f"{azimuth_deg:g}, elevation {elevation_deg:g} deg"
+    )
+    if not 0.0 < fov_deg < 180.0:
+        raise CameraError(f"{name}: a field of view of {fov_deg:g} deg is not within 0..180")
+    if not (-90.0 <= elevation_deg <= 90.0 and math.isfinite(azimuth_deg)):
+        raise CameraError(f"{name}: the elevation is not within -90..90, or no number")
+    if not 0.0 < altitude_m <= FARTHEST_M:
+        raise CameraError(f"{name}: the altitude is not within 0..{FARTHEST_M / 1e3:g} km")
+    frame = EnuFrame(*place_deg)
+    ahead = direction_enu(azimuth_deg, elevation_deg)
+    right = direction_enu(azimuth_deg + 90.0, 0.0)
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
+    width, height = image_size_px
+    return Camera(
+        position_mcmf_m=frame.to_mcmf([0.0, 0.0, altitude_m]),
+        rotation_mcmf_to_camera=rotation @ frame.rotation,
+        focal_length_px=0.5 * width / math.tan(math.radians(0.5 * fov_deg)),
+        principal_point_px=((width - 1) / 2, (height - 1) / 2),
+        image_size_px=(width, height),
+        name=name,
+    )
+
+
 def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
     where the centre shows sky.
@@ -200,13 +242,26 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     pole_seen = sensor.in_image(sensor.project(poles)) & above
     points = np.concatenate([*seen, poles[pole_seen]])
     if not len(points):
-        raise CameraError(f"{sensor.name}: the camera does not see the Moon")
+        raise sees_nothing(sensor)
     lon, lat, _ = mcmf_to_lonlat(points)
     if pole_seen.any():
         return Bounds(-180.0, float(lat.min()), 180.0, float(lat.max()))
     west, east = enclosing_arc(lon, lon)
     west, east = (west + 360.0, east + 360.0) if west < 0.0 else (west, east)
     return Bounds(west, float(lat.min()), east, float(lat.max()))
+
+
+def sees_nothing(sensor: Sensor) -> CameraError:
+    """The error for a sensor that sees none of the Moon; for a camera above the sphere it states where
+    the horizon is.
+    """
+    where = ""
+    if isinstance(sensor, Camera):
+        away_m = float(np.linalg.norm(sensor.position_mcmf_m))
+        if away_m > MOON_RADIUS_M:
+            dip_deg = math.degrees(math.acos(MOON_RADIUS_M / away_m))
+            where = f": from its height the Moon's limb is {dip_deg:.4g} deg below the horizontal"
+    return CameraError(f"{sensor.name}: the camera does not see the Moon{where}")
 
 
 def border_and_inside(shape: tuple[int, int], samples: int) -> Array:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from ..cameras.view import View
+from ..cameras.view import View, sees_nothing
 from ..errors import CameraError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
@@ -74,6 +74,8 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
     """The result itself; CameraError if nothing is visible and there is no background."""
     if not result.visible.any() and scene.request.backdrop is None:
         camera = scene.view.camera
+        if camera is not None and scene.request.area is None and not scene.request.dem_paths:
+            raise sees_nothing(camera)
         raise CameraError(
             f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"
         )
