@@ -43,6 +43,7 @@ def _image(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
     """Everything the page shows of an image."""
     return {
         "name": image.facts.name,
+        "opened": image.facts.opened,
         "result": image.verdict,
         "reason": image.reason,
         "overview": _overview_cells(image),

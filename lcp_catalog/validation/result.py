@@ -39,8 +39,8 @@ processors.
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """Properties of an image before the search. ``name`` has no folder; angles refer to the image
-    centre; NaN: unknown.
+    """Properties of an image before the search; an image that could not be opened has no pixels.
+    ``name`` is no absolute path; angles refer to the image centre; NaN: unknown.
     """
 
     name: str
@@ -56,8 +56,13 @@ class ImageFacts:
     missing_share: float = math.nan
 
     def __post_init__(self) -> None:
-        if Path(self.name).name != self.name:
-            raise ValueError(f"{self.name}: the name must not contain a folder")
+        if Path(self.name).is_absolute():
+            raise ValueError(f"{self.name}: the name must not be an absolute path")
+
+    @property
+    def opened(self) -> bool:
+        """False for an image that could not be opened, or whose camera or Sun is unknown."""
+        return self.width_px > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,6 +387,8 @@ def image_lines(image: ImageVerdict) -> list[str]:
     """Lines on the result, points, offsets, windows and pose of an image, as far as available."""
     found: dict[str, Any] = plain(image.figures())
     lines = [f"{image.facts.name}: {image.verdict}" + (f": {image.reason}" if image.reason else "")]
+    if not image.facts.opened:
+        return lines
     lines.append(f"  points   {found['points_found']} of {found['points_in_view']} in view found")
     if found["not_found"]:
         lines[-1] += "; " + ", ".join(f"{n} {reason}" for reason, n in found["not_found"].items())

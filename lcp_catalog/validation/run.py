@@ -159,19 +159,29 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
 
     Raises the library's errors for a catalogue or DEM that cannot be read, for missing files, and
     ImageError for a DEM among the images and for a fit of errors to too few points.
-    Errors in an image, its camera file or its Sun are results of that image.
+    Errors in an image, its camera file or its Sun are results of that image; raised if no image could
+    be opened.
     """
     for files in request.files:
         files.require()
     _ = request.dems  # a file that is no DEM ends it before any image is read
     catalog = open_catalog(request.catalog_path)
     done_with: list[_Done] = []
+    refused: list[LcpError] = []
     for done, (files, name) in enumerate(
         zip(request.files, told_apart(request.files), strict=True)
     ):
         if progress:
             progress(done, len(request.files))
-        done_with.append(_one(request, catalog, files, name))
+        try:
+            image = _opened(request, files)
+        except (ImageError, CameraError, SunError) as error:
+            refused.append(error)
+            done_with.append(_Done(_untried(files, name, str(error)), Pictures(), files.paths))
+        else:
+            done_with.append(_one(request, catalog, files, image, name))
+    if len(refused) == len(request.files):
+        raise refused[0]
     if progress:
         progress(len(request.files), len(request.files))
     facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
@@ -186,13 +196,14 @@ def told_apart(files: Sequence[ImageFiles]) -> list[str]:
     """Unique names of images: file names, with as many of their folders as needed; repeated files
     are numbered.
     """
-    names = [file.image.name for file in files]
-    for depth in range(2, max(len(file.image.parts) for file in files) + 1):
-        twice = {name for name, count in Counter(names).items() if count > 1}
-        tails = [Path(*file.image.parts[-depth:]).as_posix() for file in files]
-        names = [tail if name in twice else name for name, tail in zip(names, tails, strict=True)]
-    before = [names[:k].count(name) for k, name in enumerate(names)]
-    return [f"{name} ({n + 1})" if n else name for name, n in zip(names, before, strict=True)]
+    names = {file.image: file.image.name for file in files}
+    for depth in range(2, max(len(path.parts) for path in names) + 1):
+        twice = {name for name, count in Counter(names.values()).items() if count > 1}
+        tails = {path: Path(*path.parts[-depth:]).as_posix().lstrip("/") for path in names}
+        names = {path: tails[path] if name in twice else name for path, name in names.items()}
+    each = [names[file.image] for file in files]
+    before = [each[:k].count(name) for k, name in enumerate(each)]
+    return [f"{name} ({n + 1})" if n else name for name, n in zip(each, before, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,11 +218,9 @@ class _Done:
     residuals: Residuals | None = None
 
 
-def _one(request: Validation, catalog: Catalog, files: ImageFiles, name: str) -> _Done:
-    try:
-        image = _opened(request, files)
-    except (ImageError, CameraError, SunError) as error:
-        return _Done(_untried(files, name, str(error)), Pictures(), files.paths)
+def _one(
+    request: Validation, catalog: Catalog, files: ImageFiles, image: Image, name: str
+) -> _Done:
     options = FAINT if request.faint else Options()
     catalog = _perhaps_seen(request, catalog, image, options)
     located = locate(catalog, image, request.uncertainty, request.law, options)

@@ -204,7 +204,8 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
     assert "is the same file as" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     rule = tmp_path / "out" / "rule.d"
-    assert run(["validate", *files, "--depfile", str(rule)]) == 4  # no camera: missing geometry
+    camera = ["--camera", str(place / "true.json"), "--position-sigma", "0.1"]
+    assert run(["validate", *files, *camera, "--depfile", str(rule)]) == 0
     assert rule.read_text().startswith(str(tmp_path / "out" / "report.json"))
 
 
@@ -216,6 +217,7 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
         (["frame.png", "b/frame.png"], ["frame.png", "b/frame.png"]),
         (["x/a/f.png", "y/a/f.png", "z/f.png"], ["x/a/f.png", "y/a/f.png", "z/f.png"]),
         (["frame.png", "frame.png", "frame.png"], ["frame.png", "frame.png (2)", "frame.png (3)"]),
+        (["/a/b/f.png", "/a/b/f.png", "/a/c/f.png"], ["b/f.png", "b/f.png (2)", "c/f.png"]),
     ],
 )
 def test_images_of_one_name_are_told_apart(given, called) -> None:
@@ -223,32 +225,50 @@ def test_images_of_one_name_are_told_apart(given, called) -> None:
     assert told_apart([ImageFiles(Path(name)) for name in given]) == called
 
 
-def test_what_cannot_be_tried_says_what_is_missing(place, tmp_path, capsys) -> None:
-    """Invalid images are results in the report beside a valid one: without geometry, of another
-    size than the camera, empty.
+def test_a_single_image_that_cannot_be_opened_ends_it(place, tmp_path, capsys) -> None:
+    """Exit code 1, one line, and no page: without geometry, of another size than the camera, a
+    camera file that is none.
     """
     other = json.loads((place / "true.json").read_text()) | {"image_size_px": [640, 480]}
     (tmp_path / "other.json").write_text(json.dumps(other))
-    said = []
-    for name, flags in (
-        ("none", []),
-        ("size", ["--camera", str(tmp_path / "other.json")]),
-        ("broken", ["--camera", str(DEM)]),
+    for flags, says in (
+        ([], "missing geometry"),
+        (["--camera", str(tmp_path / "other.json")], "640 x 480"),
+        (["--camera", str(DEM)], "not JSON"),
     ):
-        files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / name)]
-        assert run(["validate", *files, *flags]) == 4
-        text = (tmp_path / name / "report.json").read_text()
-        image = json.loads(text)["images"][0]
+        files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
+        assert run(["validate", *files, *flags]) == 1
+        error = capsys.readouterr().err.strip().splitlines()
+        assert says in error[-1]
+        assert "Traceback" not in error
+        assert not (tmp_path / "out").exists()
+
+
+def test_beside_an_image_the_broken_ones_are_results(place, tmp_path, capsys) -> None:
+    """Their reason is all that the report and the terminal say of them."""
+    other = json.loads((place / "true.json").read_text()) | {"image_size_px": [640, 480]}
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "frame.png").write_bytes((place / "frame.png").read_bytes())
+    images = [str(folder / "frame.png") for folder in (place, place, tmp_path)]
+    cameras = [place / "true.json", tmp_path / "other.json", tmp_path / "broken.json"]
+    flags = [word for camera in cameras for word in ("--camera", str(camera))]
+    out = tmp_path / "out"
+    assert run(["validate", str(place / "points.h5"), *images, *flags, "-o", str(out)]) == 4
+    text = (out / "report.json").read_text()
+    good, *bad = json.loads(text)["images"]
+    assert good["verdict"] == "located"
+    names = [f"{place.name}/frame.png", f"{place.name}/frame.png (2)", f"{tmp_path.name}/frame.png"]
+    assert [image["image"] for image in (good, *bad)] == names
+    for image, says in zip(bad, ("640 x 480", "not JSON"), strict=True):
         assert image["verdict"] == "cannot say"
+        assert says in image["reason"]
         assert image["pose"] is None
         assert image["points_found"] == 0
-        assert str(tmp_path) not in text  # no folder in a result
-        assert str(place) not in text
-        said.append(image["reason"])
-    assert "missing geometry" in said[0]
-    assert "640 x 480" in said[1]
-    assert "not JSON" in said[2]
-    assert "Traceback" not in capsys.readouterr().err
+    assert str(tmp_path) not in text  # no folder in a result
+    assert str(place) not in text
+    assert " 0 x 0 " not in (out / "report.html").read_text()
+    assert "0 of 0" not in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")
@@ -375,7 +395,8 @@ def test_too_few_points_for_a_fit_leave_no_file(place, tmp_path, capsys) -> None
     """An image that is not located has no points found."""
     out, errors = tmp_path / "out", tmp_path / "errors.toml"
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(out)]
-    assert run(["validate", *files, "--fit-errors", str(errors)]) == 1  # no camera
+    night = ["--camera", str(place / "true.json"), "--sun-azimuth", "90", "--sun-elevation", "-30"]
+    assert run(["validate", *files, *night, "--fit-errors", str(errors)]) == 1
     assert capsys.readouterr().err.startswith("lcp: 0 points were found in the images, ")
     assert not errors.exists()
     assert not out.exists()

@@ -188,8 +188,15 @@ def nothing(name: str = "blank.png") -> result.ImageVerdict:
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
     )  # fmt: skip
     said = PositionFix(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
-    facts, points = result.ImageFacts(name), result.PointFigures.none()
+    facts, points = result.ImageFacts(name, WIDTH, HEIGHT), result.PointFigures.none()
     return result.ImageVerdict(facts, said, points, Claims.none(reason="no point is in view"))
+
+
+def unopened(name: str = "lost.png") -> result.ImageVerdict:
+    """An image without a camera."""
+    said = PositionFix(result.CANNOT_SAY, "missing geometry", Matches.none(), None, 0.0, 0.0, None)
+    claims = Claims.none(reason="the image was not searched")
+    return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none(), claims)
 
 
 def whole() -> result.Verdict:

@@ -280,7 +280,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
         lambda: replace(located, located=replace(located.located, pose=None)),
         lambda: replace(elsewhere, located=replace(elsewhere.located, pose=located.located.pose)),
         lambda: replace(located, points=result.PointFigures.none()),
-        lambda: replace(located.facts, name="folder/frame.png"),
+        lambda: replace(located.facts, name="/folder/frame.png"),
     ):
         with pytest.raises(ValueError, match=r"frame\.png|perhaps"):
             wrong()
@@ -318,6 +318,7 @@ def test_a_few_lines_say_it(whole: result.Verdict) -> None:
     ]
     assert lines[-1] == f"all images: claims: {result.claims_text(whole.scores)}"
     assert not any("nan" in line for line in lines)
+    assert result.image_lines(verdicts.unopened()) == ["lost.png: cannot say: missing geometry"]
 
 
 def test_a_removed_offset_is_said() -> None:
