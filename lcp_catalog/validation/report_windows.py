@@ -22,7 +22,7 @@ from ..plots.png import data_uri
 from . import report_marks
 from .report_marks import Arrows, Frame
 from .result import ImageVerdict, Pictures, WindowFigures
-from .window_correlation import WindowComparison
+from .window_correlation import BIN, WindowComparison
 
 ARROWS_MAX = 1200
 """Most windows whose offsets are drawn; of more, every second, third ... one."""
@@ -62,10 +62,8 @@ COLOURS = (
 `LIMITS`.
 """
 
-BINS_BELOW, BINS_ABOVE, BIN = 10, 50, 0.02
-"""Bins of the histogram below and above 0, and their width: from -0.2 to 1."""
-
-LOWEST = -BINS_BELOW * BIN
+LOWEST = -0.2
+"""Lower end of the histogram; its first bar includes all windows below."""
 
 
 def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
@@ -149,6 +147,7 @@ def _histogram_caption(windows: WindowFigures) -> str:
         f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} exceed 0.9.",
         f"Windows without contrast, whose correlation is set to 0: {flat}." if flat else "",
         f"Windows below {LOWEST:g}, which the first bar includes: {low}." if low else "",
+        f"The mode is the centre of the fullest of the bins of {BIN:g} that are shown.",
         f"Offset: {windows.offset_sentence}.",
     ]
     return " ".join(filter(None, sentences))
@@ -167,12 +166,23 @@ def _window_quiver(frame: Frame, w: WindowComparison) -> dict[str, Any] | None:
     offsets = w.offset_px[chosen]
     titles = [f"{number(dx)} cells right, {number(dy)} down" for dx, dy in offsets]
     arrows = Arrows(corners + (w.size - 1) / 2.0, offsets, [""] * len(chosen), titles)
-    text = (
-        f"Offset of each window’s image from its render: {len(chosen)} of {int(sure.sum())} windows that "
-        f"correlate above {OFFSET_CORRELATION:g}."
-    )
+    text = _offsets_caption(w, int(sure.sum()), len(chosen))
     drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells")
     return {"drawing": drawn, "text": text}
+
+
+def _offsets_caption(w: WindowComparison, known: int, drawn: int) -> str:
+    """The windows whose offset the arrows show, counted from all of them down."""
+    above = int((w.correlation > OFFSET_CORRELATION).sum())
+    sentences = [
+        "Offset of each window’s image from its render, drawn where the correlation is above "
+        f"{OFFSET_CORRELATION:g}: {above} of {w.count} windows.",
+        f"Offsets of {above - known} of these lie beyond the search and are not drawn."
+        if above > known
+        else "",
+        f"Drawn: {drawn} of {known}." if drawn < known else "",
+    ]
+    return " ".join(filter(None, sentences))
 
 
 # -- map of the correlation
@@ -232,28 +242,27 @@ def colour_scale() -> Markup:
 # -- histogram of the correlation
 
 
-def bin_shares(correlation: ArrayLike) -> Array:
-    """Share of all values in each bin (a, b] from -0.2 to 1. The first bin includes lower values;
-    NaN is in no bin.
+def bars_shown(windows: WindowComparison) -> tuple[Array, Array]:
+    """Shares (m,) of the windows in the bins of their histogram from `LOWEST` to 1, and the edges of
+    the bins (m + 1,). The first bin includes lower values.
     """
-    values = np.asarray(correlation, dtype=np.float64)
-    known = values[np.isfinite(values)]
-    index = np.ceil(known / BIN).astype(np.int64) + BINS_BELOW - 1
-    counts = np.bincount(
-        np.clip(index, 0, BINS_BELOW + BINS_ABOVE - 1), minlength=BINS_BELOW + BINS_ABOVE
-    )
-    return counts / max(len(values), 1)
+    counts, edges = windows.histogram()
+    first = int(np.searchsorted(edges, LOWEST + 1e-9, side="right")) - 1
+    shown = counts[first:].astype(np.float64)
+    shown[0] += counts[:first].sum()
+    return shown / max(windows.count, 1), np.round(edges[first:], 9)
 
 
 def correlation_histogram(windows: WindowComparison) -> Markup:
     """Share of the windows over their correlation, with the mode and the shares above 0.9 and 0.7."""
-    shares = 100.0 * bin_shares(windows.correlation)
+    shares, edges = bars_shown(windows)
+    shares = 100.0 * shares
     step = nice_step(max(float(shares.max()), 1e-3), 5)
     top = max(step * math.ceil(float(shares.max()) / step * (1 - 1e-9)), step)
     axes = Axes(
         Axis(
             LOWEST,
-            BINS_ABOVE * BIN,
+            1.0,
             [(k / 5, f"{k / 5:g}") for k in range(-1, 6)],
             f"correlation of image and render in {windows.size} x {windows.size} cells",
         ),
@@ -263,7 +272,7 @@ def correlation_histogram(windows: WindowComparison) -> Markup:
         f"histogram of the correlation of {windows.count} windows: {_percent(windows, 0.9)} above 0.9, "
         f"{_percent(windows, 0.7)} above 0.7, mode {windows.mode:.3f}"
     )
-    inside = _bars(axes, shares) + _mode_line(axes, windows.mode) + _shares_text(windows)
+    inside = _bars(axes, shares, edges) + _mode_line(axes, windows.mode) + _shares_text(windows)
     return axes.draw(inside, label)
 
 
@@ -271,14 +280,14 @@ def _percent(windows: WindowComparison, limit: float) -> str:
     return f"{100.0 * windows.share_above(limit):.1f} %"
 
 
-def _bars(axes: Axes, shares: Array) -> Markup:
+def _bars(axes: Axes, shares: Array, edges: Array) -> Markup:
     def bar(k: int) -> tuple[float, float, float, str, str]:
-        low, high = ((k + d - BINS_BELOW) / BINS_ABOVE for d in (0, 1))
+        low, high = float(edges[k]), float(edges[k + 1])
         css = "h9" if low >= 0.9 else "h7" if low >= 0.7 else "h0"
         limits = f"below {high:.2f}" if k == 0 else f"{low:.2f} to {high:.2f}"
         return low, high, float(shares[k]), css, f"{limits}: {shares[k]:.2f} % of the windows"
 
-    return axes.bars(bar(int(k)) for k in np.flatnonzero(shares))
+    return axes.bars((bar(int(k)) for k in np.flatnonzero(shares)), gap=0.2)
 
 
 def _mode_line(axes: Axes, mode: float) -> Markup:

@@ -27,8 +27,8 @@ STEP = 16
 LEAST_VALID = 0.9
 """Least valid share of the weight of a window that counts."""
 
-MODE_BIN = 0.005
-"""Bin width of the mode; it resolves the value 0.985 of the paper."""
+BIN = 0.01
+"""Bin width of the histogram and of its mode; the value 0.985 of the paper is the centre of a bin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,14 @@ class WindowComparison:
 
     @property
     def mode(self) -> float:
-        """Centre of the fullest bin of width `MODE_BIN`, the highest of several; NaN without
-        windows.
-        """
+        """Centre of the fullest bin of `histogram`, the highest of several; NaN without windows."""
         if not self.count:
             return float("nan")
-        counts, edges = self.histogram(MODE_BIN)
+        counts, edges = self.histogram()
         last = len(counts) - 1 - int(counts[::-1].argmax())
         return float(0.5 * (edges[last] + edges[last + 1]))
 
-    def histogram(self, width: float = 0.01) -> tuple[NDArray[np.int64], Array]:
+    def histogram(self, width: float = BIN) -> tuple[NDArray[np.int64], Array]:
         """Counts (m,) in bins of ``width`` from -1 to 1, and the edges of the bins (m + 1,)."""
         edges = np.linspace(-1.0, 1.0, round(2.0 / width) + 1)
         counts, _ = np.histogram(np.clip(self.correlation, -1.0, 1.0), edges)

@@ -122,9 +122,20 @@ def test_windows_that_correlate_say_where_they_lie() -> None:
     assert 5 < np.count_nonzero(sure) < w.count
     for (x, y), (to_x, to_y), drawn in zip(start, ends, sure, strict=True):
         assert (f'd="M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}' in html) == drawn
+    above = np.count_nonzero(w.correlation > 0.7)
+    assert f"is above 0.7: {above} of {w.count} windows." in html
+
+
+def test_the_caption_counts_all_windows_and_those_without_an_offset() -> None:
+    image = verdicts.image()
+    w = image.windows.compared
+    offsets, correlation = np.full_like(w.offset_px, np.nan), np.full(w.count, 0.2)
+    correlation[3:7], offsets[5] = 0.8, 0.5
+    odd = replace(w, offset_px=offsets, correlation=correlation)
+    html = alone(replace(image, windows=replace(image.windows, compared=odd)))
     assert (
-        f"{np.count_nonzero(sure)} of {np.count_nonzero(sure)} windows that correlate above 0.7."
-        in html
+        f"is above 0.7: 4 of {w.count} windows. Offsets of 3 of these lie beyond the search and are"
+        " not drawn." in html
     )
 
 

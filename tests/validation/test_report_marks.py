@@ -161,24 +161,28 @@ def test_marks_stand_in_the_image_alone() -> None:
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=200))
-def test_bins_hold_every_window(values: list[float]) -> None:
-    shares = report_windows.bin_shares(values)
+def test_bars_hold_every_window(values: list[float]) -> None:
+    shares, edges = report_windows.bars_shown(comparison(np.array(values)))
     assert shares.sum() == pytest.approx(1.0)
-    assert len(shares) == 60
-    above = sum(value > 0.9 for value in values) / len(values)
-    assert shares[55:].sum() == pytest.approx(above)
-    assert shares[45:].sum() == pytest.approx(sum(value > 0.7 for value in values) / len(values))
-    assert report_windows.bin_shares([*values, np.nan]).sum() == pytest.approx(
-        len(values) / (len(values) + 1)
-    )
-    low = sum(value <= -0.18 for value in values) / len(values)
-    assert shares[0] == pytest.approx(low)
+    assert edges.tolist() == [round(-0.2 + k / 100, 2) for k in range(121)]
+    low = sum(value < edges[1] for value in values) / len(values)
+    assert shares[0] == pytest.approx(low, abs=1e-9 + np.isin(edges[1], values))
 
 
-def test_bins_are_numpys_away_from_their_edges() -> None:
+def test_bars_are_numpys_away_from_their_edges() -> None:
     values = np.random.default_rng(2).uniform(-0.19, 1.0, 5000)
-    counts, _ = np.histogram(values, np.linspace(-0.2, 1.0, 61))
-    np.testing.assert_allclose(report_windows.bin_shares(values), counts / 5000)
+    counts, _ = np.histogram(values, np.linspace(-0.2, 1.0, 121))
+    shares, _ = report_windows.bars_shown(comparison(values))
+    np.testing.assert_allclose(shares, counts / 5000)
+
+
+@given(st.lists(st.floats(-0.19, 1.0), min_size=1, max_size=40))
+def test_the_mode_is_the_middle_of_the_highest_bar(values: list[float]) -> None:
+    found = comparison(np.array(values))
+    shares, edges = report_windows.bars_shown(found)
+    (fullest,) = np.flatnonzero((edges[:-1] < found.mode) & (found.mode < edges[1:]))
+    assert shares[fullest] == shares.max()
+    assert found.mode == pytest.approx((edges[fullest] + edges[fullest + 1]) / 2)
 
 
 def test_the_histogram_shows_its_shares() -> None:
@@ -190,7 +194,7 @@ def test_the_histogram_shows_its_shares() -> None:
         r'<rect class="(h\d)" x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"><title>(.*?) to ([\d.]+): ([\d.]+) %',
         drawn,
     )
-    shares = 100.0 * report_windows.bin_shares(found.correlation)
+    shares = 100.0 * report_windows.bars_shown(found)[0]
     assert len(bars) == np.count_nonzero(shares)
     assert sum(float(bar[-1]) for bar in bars) == pytest.approx(100.0, abs=0.3)
     tallest = max(bars, key=lambda bar: float(bar[-1]))
@@ -216,7 +220,7 @@ def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
     assert 110.0 <= max(heights) <= 220.1
     lines = re.findall(r'M0 ([\d.]+)H420"/><text class="end" x="-7" y="[\d.]+">([\d.e+]+)<', drawn)
     top = max(float(name) for _, name in lines)
-    share = 100.0 * report_windows.bin_shares(values).max()
+    share = 100.0 * report_windows.bars_shown(comparison(np.array(values)))[0].max()
     assert top >= share * (1 - 1e-6)
     assert max(heights) == pytest.approx(220.0 * share / top, abs=0.06)
     assert 3 <= len(lines) <= 7
