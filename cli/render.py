@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options, pointing_options, render_options
+from .environment_options import check_environment, environment, environment_options
 from .files import FileCommand, OutputFile
 
 if TYPE_CHECKING:
-    from lcp_catalog.light.environment import Environment
     from lcp_catalog.rendering.request import Request
 
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 @options.output_option("OUT.tif", required=False)
 @options.area_options
 @options.sun_options
-@render_options.light_options
+@render_options.earthshine_option
+@environment_options
 @render_options.view_options
 @pointing_options.pointing_options
 @render_options.surface_option
@@ -99,8 +100,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     options.check_albedo(*albedo)
     render_options.check_surface(flags["surface"], dem, flags["size_km"])
     panorama = flags["environment_path"]
-    how = {name: flags[name] for name in ENVIRONMENT}
-    render_options.check_light(sun_stated, flags["sun_model"], flags["earthshine"], panorama, **how)
+    check_environment(flags, sun_stated)
+    if panorama is not None and flags["earthshine"]:
+        raise click.UsageError("--environment excludes --earthshine")
     behind = (flags["catcher_m"], flags["background_path"], flags["background_white"])
     render_options.check_composite(*behind, panorama, frame)
 
@@ -139,27 +141,10 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         product_order=flags["product_order"] or (),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         surface=flags["surface"],
-        environment=_environment(panorama, **how) if panorama else None,
+        environment=environment(flags),
         earthshine=flags["earthshine"],
         backdrop=Backdrop.open(*behind) if behind != (None, None, None) else None,
     )
-
-
-ENVIRONMENT = ("environment_azimuth", "environment_sources", "sun_sky_ratio")
-"""Options about the use of an environment map."""
-
-
-def _environment(
-    path: str,
-    environment_azimuth: float | None,
-    environment_sources: tuple[float, float, float] | None,
-    sun_sky_ratio: float | None,
-) -> Environment:
-    from lcp_catalog.light.environment import Environment
-    from lcp_catalog.light.environment_sources import SourceSearch
-
-    search = SourceSearch(*(environment_sources or ()))
-    return Environment.open(path, environment_azimuth or 0.0, search, sun_sky_ratio)
 
 
 def _write(

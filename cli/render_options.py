@@ -4,8 +4,6 @@ combinations.
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from lcp_catalog.choices import HEIGHTFIELD_SIZE_MAX_KM, SURFACES
@@ -14,42 +12,11 @@ from .files import InputFile
 from .options import RASTER, option_group
 from .value_types import AZIMUTH, POSITIVE, Finite, Number
 
-light_options = option_group(
-    click.option(
-        "--earthshine",
-        is_flag=True,
-        help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
-        "longitude 0, latitude 0.",
-    ),
-    click.option(
-        "--environment",
-        "environment_path",
-        type=RASTER,
-        metavar="PANORAMA",
-        help="Light the scene with an environment map instead of the Sun: an equirectangular image of all directions "
-        "(.hdr, .pfm, .tif or .png), twice as wide as high, with north at its centre.",
-    ),
-    click.option(
-        "--environment-azimuth",
-        type=AZIMUTH,
-        metavar="DEG",
-        help="Azimuth of the environment map's centre, degrees clockwise from north; default: 0.",
-    ),
-    click.option(
-        "--environment-sources",
-        nargs=3,
-        type=click.Tuple([POSITIVE] * 3),
-        metavar="T R M",
-        help="Bright sources in the environment map: peak above T times the mean of its 45 x 45 deg segment, pixels "
-        "within R degrees of it and above M times that mean; default: 6 5 2.",
-    ),
-    click.option(
-        "--sun-sky-ratio",
-        type=POSITIVE,
-        metavar="RATIO",
-        help="Scale the strongest source so that its irradiance on a horizontal plane is RATIO times that of the rest "
-        "of the environment map (CIE clear sky: 4); default: not scaled.",
-    ),
+earthshine_option = click.option(
+    "--earthshine",
+    is_flag=True,
+    help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
+    "longitude 0, latitude 0.",
 )
 
 composite_options = option_group(
@@ -120,27 +87,6 @@ surface_option = click.option(
     help="Surface: heights of the DEM, or a sphere of 1737.4 km (needs no DEM). auto: the heights, or "
     "the sphere if relief changes the image by less than the accuracy permits.",
 )
-
-
-def check_light(
-    sun_stated: bool,
-    sun_model: str | None,
-    earthshine: bool,
-    environment: str | None,
-    **how: Any,
-) -> None:
-    """Raise a usage error for lights that exclude each other, and for options about an environment map
-    (``how``, by name) without one.
-    """
-    if environment is not None and (sun_stated or sun_model is not None):
-        raise click.UsageError(
-            "--environment replaces the Sun: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar and --sun"
-        )
-    if environment is not None and earthshine:
-        raise click.UsageError("--environment excludes --earthshine")
-    for name, value in how.items():
-        if environment is None and value is not None:
-            raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
 
 
 def check_composite(

@@ -105,7 +105,19 @@ class Step(click.ParamType):
             self.fail(f"{error}.", param, ctx)
 
 
+class NumberOr(Number):
+    """A number within bounds, or one of some words."""
+
+    def __init__(self, *words: str, **bounds: Any) -> None:
+        super().__init__(**bounds)
+        self.words = words
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if value in self.words else super().convert(value, param, ctx)
+
+
 POSITIVE = Number(min=0.0, min_open=True)
+SUN_SKY_RATIO = NumberOr("auto", "found", min=0.0, min_open=True)
 CELL_SIZE = Number(min=0.0, max=GSD_MAX_M, min_open=True)
 LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
 AZIMUTH = Number(-360, 360)

@@ -12,6 +12,7 @@ from ..errors import ImageError
 from .environment_map import Panorama, read_panorama
 from .environment_sources import SourceSearch, Split, report, split_sources
 from .sources import Lighting
+from .sun_sky_ratio import RatioChoice, SunOverSky, sun_over_sky
 
 log = logging.getLogger(__name__)
 
@@ -19,12 +20,12 @@ log = logging.getLogger(__name__)
 @dataclass(frozen=True, eq=False)
 class Environment:
     """An environment map (panorama) that lights a scene. ``split``: its sources and remainder as
-    found; ``used``: the same after the strongest source was scaled, if that was requested.
+    found; ``ratio``: the same as used, with the reason why its strongest source is scaled or not.
     """
 
     panorama: Panorama
     split: Split
-    used: Split
+    ratio: SunOverSky
     files: tuple[Path, ...] = ()
 
     @classmethod
@@ -33,7 +34,7 @@ class Environment:
         path: Path | str,
         azimuth_deg: float = 0.0,
         search: SourceSearch | None = None,
-        sun_sky_ratio: float | None = None,
+        sun_sky_ratio: RatioChoice = "auto",
     ) -> Environment:
         """Read a panorama and find its sources; ImageError for a file that is not a panorama, or
         has no source to scale.
@@ -45,17 +46,24 @@ class Environment:
         cls,
         panorama: Panorama,
         search: SourceSearch | None = None,
-        sun_sky_ratio: float | None = None,
+        sun_sky_ratio: RatioChoice = "auto",
         files: tuple[Path, ...] = (),
     ) -> Environment:
         """Find the sources of a panorama in memory. ImageError for one without light above the horizon."""
         if panorama.power_above < sys.float_info.min:
             raise ImageError(f"{panorama.name}: the panorama is black above the horizon")
         split = split_sources(panorama, search)
-        used = split if sun_sky_ratio is None else split.with_ratio(sun_sky_ratio)
-        found = cls(panorama, split, used, files)
+        found = cls(panorama, split, sun_over_sky(split, sun_sky_ratio), files)
         log.info("%s", found.sentence)
+        if found.ratio.clipped and sun_sky_ratio == "auto":
+            other = "found to keep it" if found.ratio.scaled else "RATIO to scale it"
+            log.warning("%s: %s (--sun-sky-ratio %s)", panorama.name, found.ratio.reason, other)
         return found
+
+    @property
+    def used(self) -> Split:
+        """Sources and remainder that light the scene."""
+        return self.ratio.split
 
     @property
     def lighting(self) -> Lighting:

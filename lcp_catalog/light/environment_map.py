@@ -23,6 +23,12 @@ from .hdr_image import read_picture
 
 log = logging.getLogger(__name__)
 
+DARKEST_SHARE = 0.01
+"""Share of the solid angle with light that a dynamic range leaves out at its dark end: the darkest
+pixels are noise (1e-15 in recorded panoramas), and one of them must not decide the range."""
+
+_RANGE_PIXELS = 1 << 20
+
 
 @dataclass(frozen=True, eq=False)
 class Panorama:
@@ -149,15 +155,33 @@ class Panorama:
         length = float(np.linalg.norm(found))
         return found / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
-    @property
+    @cached_property
     def dynamic_range(self) -> float:
-        """Greatest luminance over the least luminance above 0."""
-        return _range(self.luminance)
+        """Greatest luminance over the least, of the luminance above 0 without the darkest
+        `DARKEST_SHARE` of its solid angle.
+        """
+        return self._range(self.rows)
 
-    @property
+    @cached_property
     def dynamic_range_above(self) -> float:
         """Dynamic range above the horizon; NaN if all of that is black."""
-        return _range(self.luminance[: self.rows // 2])
+        return self._range(self.rows // 2)
+
+    def _range(self, rows: int) -> float:
+        """Dynamic range of the first rows; of a large panorama the dark end is that of a sample."""
+        light = self.luminance[:rows]
+        if not light.any():
+            return math.nan
+        step = max(1, math.isqrt(light.size // _RANGE_PIXELS))
+        solid = np.broadcast_to(self.solid_angles[:rows, None], light.shape)[::step, ::step]
+        values = light[::step, ::step]
+        lit = values > 0.0
+        if not lit.any():
+            values, solid, lit = light, np.ones_like(light), light > 0.0
+        order = np.argsort(values[lit])
+        sums = np.cumsum(solid[lit][order])
+        least = values[lit][order[np.searchsorted(sums, DARKEST_SHARE * sums[-1])]]
+        return float(light.max() / least)
 
     def at(self, directions: ArrayLike) -> Array:
         """Luminance (...) in directions (..., 3), linear between pixel centres; constant beyond the
@@ -192,8 +216,3 @@ def read_panorama(path: Path | str, azimuth_deg: float = 0.0) -> Panorama:
             picture.name,
         )
     return Panorama(picture.luminance, azimuth_deg, picture.name, picture.encoded)
-
-
-def _range(luminance: Array) -> float:
-    lit = luminance[luminance > 0.0]
-    return float(lit.max() / lit.min()) if lit.size else math.nan

@@ -36,6 +36,9 @@ SEGMENT_DEG = 45.0
 
 _SHIFTS = 20
 
+_FLAT = 1e-3
+_FLAT_PIXELS = 4
+
 
 @dataclass(frozen=True)
 class SourceSearch:
@@ -67,13 +70,26 @@ class BrightSource:
     power, and its power, i.e. the irradiance of a surface perpendicular to it.
 
     ``width_rad``: radius of a disc with the region's solid angle; ``pixels``: number of pixels of
-    the region.
+    the region; ``peak_pixels``: number of pixels that have its greatest luminance, to 0.1 %, in
+    ``bright_pixels`` above half of it; ``peak_rad``: radius of a disc with the solid angle of the
+    former.
     """
 
     direction: Array
     power: float
     width_rad: float
     pixels: int
+    peak_pixels: int = 1
+    bright_pixels: int = 1
+    peak_rad: float = 0.0
+
+    @property
+    def is_flat(self) -> bool:
+        """True if most of the bright pixels have one luminance, as where a camera's range ends: a
+        Sun whose luminance is cut off, or a lamp of uniform luminance. The image of a Sun with limb
+        darkening is not flat.
+        """
+        return self.peak_pixels >= max(_FLAT_PIXELS, 0.5 * self.bright_pixels)
 
     @property
     def horizontal_irradiance(self) -> float:
@@ -233,9 +249,11 @@ class _Search:
         for k, (down, across) in enumerate(self.segments):
             if down.start < band.stop and band.start < down.stop and near[:, across].any():
                 self.state[k] = self._look((down, across))
-        solid = panorama.solid_angles[rows]
-        width = math.sqrt(float(solid.sum()) / math.pi)
-        return BrightSource(direction, float(excess @ solid), width, len(rows))
+        solid, light = panorama.solid_angles[rows], excess + floor
+        flat, bright = light >= (1.0 - _FLAT) * light.max(), light > 0.5 * light.max()
+        width, peak_rad = (math.sqrt(float(part.sum()) / math.pi) for part in (solid, solid[flat]))
+        counts = len(rows), int(flat.sum()), int(bright.sum())
+        return BrightSource(direction, float(excess @ solid), width, *counts, peak_rad)
 
     def _near(self, centre: Array) -> tuple[slice, Mask]:
         """A range of rows, and a mask of their pixels within the radius of a direction."""

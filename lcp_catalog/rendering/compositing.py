@@ -68,6 +68,15 @@ class Backdrop:
         lit = radiance[radiance > 0.0]
         return float(np.percentile(lit, WHITE_PERCENTILE)) if lit.size else 1.0
 
+    def resolution(self, camera: Camera, panorama: Panorama | None) -> tuple[str, float]:
+        """Name of the background and the width of its pixel at the middle of a camera's image, in
+        pixels of the camera; ``panorama``: the background without a picture.
+        """
+        if self.picture is not None:
+            return self.picture.name, camera.shape[1] / self.picture.luminance.shape[1]
+        assert panorama is not None
+        return panorama.name, panorama.pixel_rad * camera.focal_length_px
+
 
 def composite(
     photo: Rendering,

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from ..accuracy import Accuracy
 from ..atomic_files import file_facts
 from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from ..light.environment import Environment
+from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import Choice
 from ..terrain.far_terrain import FarTerrain
@@ -28,6 +30,33 @@ class Decision:
     reason: str
     error_bound: float | None
     unit: str
+
+
+@dataclass(frozen=True)
+class LightWords:
+    """The light of a scene in the words of its plan. ``first``: the first source; ``rest``: what
+    lights ground that the first source does not reach; ``at_infinity``: True for a panorama.
+    """
+
+    first: str = "the Sun"
+    rest: str = "surfaces out of sunlight are black"
+    at_infinity: bool = False
+
+    @classmethod
+    def of(cls, light: Lighting) -> LightWords:
+        """Words for sources and sky."""
+        if light.sky is None:
+            names = " and ".join(f"the {source.name}'s" for source in light.others)
+            return cls(rest=f"surfaces out of sunlight have {names} light") if names else cls()
+        sky = light.sky.power_above
+        if light.first.irradiance == 0.0:
+            return cls(f"the {light.first.name}", "all light is the sky's", True)
+        others = "the other sources' light and " if light.others else ""
+        rest = f"surfaces that {light.first.name} does not reach have {others}the sky's ({sky:.2%} of all light)"
+        return cls(light.first.name, rest, True)
+
+
+SUN_ALONE = LightWords()
 
 
 @dataclass
@@ -141,11 +170,16 @@ def straight_down() -> Decision:
 
 
 def solar_disc(
-    asked: bool, slope: Steepness | None, limb: float, width_px: float, accuracy: Accuracy
+    asked: bool,
+    slope: Steepness | None,
+    limb: float,
+    width_px: float,
+    accuracy: Accuracy,
+    point: str = "a point Sun",
 ) -> Decision:
     """Decision between the Sun's disc and a point at its centre. ``limb``: tangent of the lower
     limb's elevation; ``width_px``: width of the widest penumbra on level terrain
-    (`error_bounds.penumbra_px`).
+    (`error_bounds.penumbra_px`); ``point``: the source that is no disc.
 
     The two differ only at nodes whose horizon cuts the disc.
     """
@@ -166,7 +200,7 @@ def solar_disc(
         "centre are exact"
     )
     if not asked:
-        return Decision(effect, False, f"a point Sun; {widest}; {exact}", 1.0, unit)
+        return Decision(effect, False, f"{point}; {widest}; {exact}", 1.0, unit)
     if width_px <= _penumbra_limit(accuracy):
         reason = f"{widest}, less than {PENUMBRA_PX}; {exact}"
         return Decision(effect, False, reason, 1.0, unit)
@@ -374,14 +408,17 @@ def _left_out(missing: float, gap_m: float, limit_m: float | None) -> str:
     return text
 
 
-def always(half_m: float) -> tuple[Decision, ...]:
+def always(half_m: float, words: LightWords = SUN_ALONE) -> tuple[Decision, ...]:
     """Decisions that are the same in every scene; ``half_m``: from an area's centre to its corners."""
     parallax = math.degrees(half_m / ASTRONOMICAL_UNIT_M)
+    one = "one direction for the whole area"
+    if words.at_infinity:
+        parallax, one = 0.0, "a panorama's light comes from infinity"
     unit = "radiance factor"
     return (
         Decision("curvature", True, "heights are ENU z of the area's frame", 0.0, "m"),
-        Decision("parallax of the Sun", False, "one direction for the whole area", parallax, "deg"),
-        Decision("scattered light", False, "surfaces out of sunlight are black", None, unit),
+        Decision("parallax of the Sun", False, one, parallax, "deg"),
+        Decision("scattered light", False, words.rest, None, unit),
     )
 
 
@@ -408,6 +445,27 @@ def sky_light(name: str, share: float, samples: tuple[int, int], rms: float) -> 
         f"{elevations} elevations, each with the shadow of the terrain; measured rms on natural terrain"
     )
     return Decision("sky light", True, reason, rms, "share of the sky's mean radiance")
+
+
+def sun_over_sky(environment: Environment) -> Decision:
+    """Decision about the strength of a panorama's strongest source."""
+    scaled, reason = environment.ratio.scaled, environment.ratio.reason
+    name, unit = environment.panorama.name, "ratio on a horizontal plane"
+    return Decision("Sun over sky", scaled, f"{name}: {reason}", None, unit)
+
+
+BACKGROUND_PX = 2.0
+"""Size of a background's pixel, in pixels of the camera, above which the background looks blurred."""
+
+
+def background(name: str, pixel_px: float) -> Decision:
+    """Decision about the resolution of the picture behind the terrain: ``pixel_px``, the width of its
+    pixel at the middle of the camera's image, in pixels of the camera.
+    """
+    told = f"a pixel of {name} is {pixel_px:.3g} pixels of the camera wide"
+    if pixel_px > BACKGROUND_PX:
+        told += "; a sharper picture from the same place: --background IMAGE"
+    return Decision("background", True, told, pixel_px, "camera pixels")
 
 
 def several_sources(count: int, rays: Rays) -> Decision:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import build_surrounded, surroundings
 from ..terrain.terrain import Terrain, native_gsd_m, require_room, terrain_from_area
 from . import decisions
-from .compositing import composite
+from .compositing import Backdrop, composite
 from .decisions import Decision
 from .extent import (
     RING_MAX_M,
@@ -46,6 +47,8 @@ from .request import Request
 from .scene import Scene, require_visible
 from .sphere_pipeline import SphereScene, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +164,9 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         choice=choice,
         albedo=_albedo_decision(request.albedo, terrain),
         sphere_may_do=request.surface == "auto" and _sun_alone(light) and not request.backdrop,
+        words=decisions.LightWords.of(light),
     )
-    plan = replace(plan, others=(*plan.others, *_of_light(request, light)))
+    plan = replace(plan, others=(*plan.others, *_of_light(request, light, view)))
     files = _files(request, dems, choice.model)
     return HeightfieldScene(request, terrain, light, choice.model, view, plan, files)
 
@@ -221,7 +225,9 @@ def _prepare_sphere(request: Request) -> SphereScene:
             request = replace(request, area=area_of(request, dems)[0])
         gsd_m = min(dem.gsd_m for dem in dems.dems)
     scene = prepare_sphere(request, gsd_m)
-    plan = replace(scene.plan, others=(*scene.plan.others, *_of_light(request, scene.light)))
+    plan = replace(
+        scene.plan, others=(*scene.plan.others, *_of_light(request, scene.light, scene.view))
+    )
     return replace(scene, plan=plan, sources=(*files, *scene.sources))
 
 
@@ -230,8 +236,8 @@ def _sun_alone(light: Lighting) -> bool:
     return light.sky is None and not light.others
 
 
-def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
-    """Decisions about light besides the first source."""
+def _of_light(request: Request, light: Lighting, view: View) -> Iterator[Decision]:
+    """Decisions about light besides the first source, and about the background."""
     if light.others:
         plane = request.in_camera_plane
         rays = decisions.EVERY_PIXEL if plane else decisions.Rays.of(request.accuracy)
@@ -241,6 +247,18 @@ def _of_light(request: Request, light: Lighting) -> Iterator[Decision]:
         rms = sky_rms(request.accuracy, request.in_camera_plane)
         name = request.environment.panorama.name
         yield decisions.sky_light(name, light.sky.power_above, samples, rms)
+        yield decisions.sun_over_sky(request.environment)
+    if request.backdrop is not None and view.camera is not None:
+        yield _background(request, request.backdrop, view.camera)
+
+
+def _background(request: Request, backdrop: Backdrop, camera: Camera) -> Decision:
+    """The decision about the background; a warning if it is much coarser than the camera."""
+    panorama = request.environment.panorama if request.environment else None
+    found = decisions.background(*backdrop.resolution(camera, panorama))
+    if found.error_bound is not None and found.error_bound > decisions.BACKGROUND_PX:
+        log.warning("the background is blurred: %s", found.reason)
+    return found
 
 
 def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | None:

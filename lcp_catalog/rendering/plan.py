@@ -33,7 +33,15 @@ from ..terrain.relief_bounds import (
 from ..terrain.surroundings import REACH_MAX_M
 from ..terrain.terrain import Terrain
 from . import decisions as effects
-from .decisions import EVERY_NODE, EVERY_PIXEL, Decision, MergedDecision, Rays
+from .decisions import (
+    EVERY_NODE,
+    EVERY_PIXEL,
+    SUN_ALONE,
+    Decision,
+    LightWords,
+    MergedDecision,
+    Rays,
+)
 from .error_bounds import (
     horizon_beyond_rad,
     limb_tangent,
@@ -117,6 +125,7 @@ def plan_scene(
     everything: bool = False,
     sphere_may_do: bool = False,
     lowest: bool = False,
+    words: LightWords = SUN_ALONE,
 ) -> ScenePlan:
     """The plan for a terrain, a direction to the Sun (ENU unit vector (3,), to its centre) and a view.
 
@@ -124,7 +133,7 @@ def plan_scene(
     terrain beyond the area (`ring_decision`). disc: True for a Sun of radius ``disc_radius_rad``.
     choice: how ``model`` was chosen, if it was compared with others. albedo: decision about an albedo
     map; None without a map. everything: model all effects (the disc only with ``disc``).
-    sphere_may_do: True if the plain sphere may replace the heightfield.
+    sphere_may_do: True if the plain sphere may replace the heightfield. words: the light, in words.
 
     lowest: True if the Sun and the view are the lowest of several. Every decision depends only on
     their elevations, monotonically, so the plan holds for the higher ones too.
@@ -138,13 +147,14 @@ def plan_scene(
     limb = limb_tangent(sun, disc_radius_rad)
     finest_m = pixel_m(found, view, in_camera_plane)
     width_px = math.inf if disc and everything else penumbra_px(found, sun, finest_m)
-    solar_disc = effects.solar_disc(disc, disc_slope, limb, width_px, accuracy)
+    point = f"{words.first} is a point" if words.at_infinity else "a point Sun"
+    solar_disc = effects.solar_disc(disc, disc_slope, limb, width_px, accuracy, point)
     if everything:
         accuracy = replace(accuracy, tolerance=0.0)
-    which = "the lowest" if lowest else "the"
-    what, light = f"{which} Sun's elevation", tangent_of(sun)
+    source = "the lowest Sun" if lowest else words.first
+    what, light = f"{source}'s elevation", tangent_of(sun)
     if solar_disc.modelled:
-        what, light = f"the elevation of {which} Sun's lower limb", limb
+        what, light = f"the elevation of {source}'s lower limb", limb
     rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
     shadows = effects.hiding("cast shadows", what, light, light_slope, rays)
     nothing_hidden = not shadows.modelled and found.slope.clears(least_view)
@@ -164,7 +174,7 @@ def plan_scene(
         float_width=effects.float_width(),
         reflectance=law,
         albedo=albedo or effects.albedo(),
-        others=(*((ring,) if ring is not None else ()), *effects.always(half_m)),
+        others=(*((ring,) if ring is not None else ()), *effects.always(half_m, words)),
     )
 
 

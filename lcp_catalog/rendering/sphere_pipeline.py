@@ -245,7 +245,7 @@ def _plan(
         albedo=albedo or decisions.albedo(),
         others=(
             Decision("curvature", True, "the surface is the sphere itself", 0.0, "m"),
-            *decisions.always(half_m)[1:],
+            *decisions.always(half_m, decisions.LightWords.of(light))[1:],
         ),
     )
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
-from helpers.environment_maps import Lamp, cie_sky, room, uniform, with_lamps
+from helpers.environment_maps import Lamp, cie_sky, recorded, room, uniform, with_lamps
 from helpers.renders import read, rolling, write_dem
 from lcp_cli.main import run
 
@@ -230,3 +230,49 @@ def test_a_mock_up_of_centimetres(skies, tmp_path):
     # seen aslant, terrain beyond the area could hide it: none is looked for where the DEM has ended
     aslant = [*how, "--off-nadir", "35", "--overwrite"]
     assert run(["render", str(path), "-o", str(out), *map(str, aslant)]) == 0
+
+
+def test_the_plan_says_what_lights_and_what_was_made_of_the_sun(
+    dem, skies, tmp_path, capsys, caplog
+):
+    """The line about the Sun over the sky, words without a Sun, and a Sun that is cut off."""
+    image = recorded(cut_at=200.0).luminance.astype(np.float32)
+    path = tmp_path / "weak.hdr"
+    cv2.imwrite(str(path), np.repeat(image[:, :, None], 3, axis=2))
+
+    def said(panorama, *how):
+        assert run(["render", dem, *AREA, "--environment", str(panorama), "--explain", *how]) == 0
+        found = json.loads(capsys.readouterr().out)["decisions"]
+        return {one["effect"]: one for one in found}
+
+    effects = said(path)
+    assert effects["Sun over sky"]["modelled"]
+    assert "scaled to 4" in effects["Sun over sky"]["reason"]
+    assert "one luminance" in caplog.text
+    caplog.clear()
+    for effect in ("cast shadows", "solar disc"):
+        assert "source 1" in effects[effect]["reason"]
+    assert "source 1 does not reach have the sky's" in effects["scattered light"]["reason"]
+    assert effects["parallax of the Sun"]["error_bound"] == 0.0
+    assert not any("sunlight" in one["reason"] for one in effects.values())
+    effects = said(path, "--sun-sky-ratio", "found")
+    assert not effects["Sun over sky"]["modelled"]
+    assert not caplog.text
+    effects = said(skies / "overcast.hdr")
+    assert effects["scattered light"]["reason"] == "all light is the sky's"
+
+
+def test_a_background_coarser_than_the_camera(dem, skies, tmp_path, caplog, capsys):
+    how = [*CAMERA, "--environment", skies / "overcast.hdr", "--shadow-catcher", "300", "--explain"]
+    render(dem, tmp_path / "a.tif", *how)
+    said = {one["effect"]: one for one in json.loads(capsys.readouterr().out)["decisions"]}
+    camera = json.loads(read(tmp_path / "a.tif")[2]["camera"])
+    expected = np.pi / 32 * camera["focal_length_px"]
+    assert said["background"]["error_bound"] == pytest.approx(expected)
+    assert expected > 2.0
+    assert "the background is blurred: a pixel of overcast.hdr is" in caplog.text
+    caplog.clear()
+    rows, cols = camera["image_size_px"][::-1]
+    cv2.imwrite(str(tmp_path / "fine.png"), np.full((rows, cols), 128, np.uint8))
+    render(dem, tmp_path / "b.tif", *how[:-1], "--background", tmp_path / "fine.png")
+    assert "blurred" not in caplog.text

@@ -91,6 +91,22 @@ def cie_sky(
     return Panorama(light, name="CIE sky")
 
 
+def recorded(
+    elevation: float = 50.0, over: float = 6.0, cut_at: float = math.inf, rows: int = 512
+) -> Panorama:
+    """CIE clear sky with a Sun and its glare, 2 deg wide, of which a camera records luminances up
+    to ``cut_at`` times the zenith's. The Sun gives ``over`` times the sky on a horizontal plane
+    before it is cut off.
+    """
+    sky = cie_sky(rows, 120.0, elevation)
+    looking = directions(rows) @ Lamp(120.0, elevation, 1.0).direction
+    glare = np.exp(-0.5 * (np.degrees(np.arccos(np.clip(looking, -1, 1))) / 0.7) ** 2)
+    one = Panorama(np.maximum(glare, 1e-300))
+    power = over * sky.horizontal_irradiance / math.sin(math.radians(elevation))
+    light = sky.luminance + glare * (power / one.power)
+    return Panorama(np.minimum(light, cut_at))
+
+
 def with_lamps(panorama: Panorama, lamps: Iterable[Lamp]) -> Panorama:
     """Add lamps to a panorama whose middle is at north; each has its stated power to rounding, in
     whole pixels.

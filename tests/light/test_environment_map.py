@@ -220,6 +220,18 @@ def test_dynamic_ranges():
     assert panorama.dynamic_range_above == pytest.approx(200.0)
 
 
+@pytest.mark.parametrize("rows", [64, 1100])  # the larger one is sampled
+def test_one_wrong_pixel_does_not_decide_the_range(rows):
+    light = cie_sky(rows, 120.0, 50.0).luminance.copy()
+    whole = Panorama(light).dynamic_range
+    light[rows // 4, ::100] = 1e-15  # noise of a camera
+    wrong = Panorama(light)
+    assert light.max() / light.min() > 1e15
+    assert wrong.dynamic_range == pytest.approx(whole, rel=0.05)
+    assert wrong.dynamic_range_above == pytest.approx(Panorama(light).dynamic_range_above)
+    assert 3.0 < wrong.dynamic_range_above < 1e3
+
+
 def test_the_report_of_an_environment(caplog):
     caplog.set_level("INFO")
     sky = room(64, [Lamp(30.0, 40.0, 2.0), Lamp(200.0, 20.0, 1.0)], ambient=0.01)
