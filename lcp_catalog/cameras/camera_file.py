@@ -4,13 +4,17 @@ recognised by content.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from ..errors import CameraError
 from .frame_camera import Camera, camera_from_json
 from .isd import AnySensor, is_isd, sensor_from_isd
 from .json_fields import parsed
+from .mistakes import likely_mistake, looks_down, sees_moon
 from .tsai import camera_from_tsai, is_tsai
+
+log = logging.getLogger(__name__)
 
 FRAME_PIXELS_MAX = 100_000_000
 """Most pixels of a frame that is rendered."""
@@ -20,7 +24,8 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
     """The sensor that a camera file describes; CameraError names the file and the invalid field.
 
     ``shape``: rows and columns of the image, if known; required for a .tsai file, which does not
-    give them. CameraError for a file of an image of another shape.
+    give them. CameraError for a file of an image of another shape, and for a framing camera that does
+    not see the Moon because of a mistake that `mistakes` recognises.
     """
     path = Path(path)
     text = _text(path)
@@ -35,7 +40,19 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
             f"{path}: is the camera of an image of {sensor.shape[1]} x {sensor.shape[0]} pixels, "
             f"not of {shape[1]} x {shape[0]}"
         )
+    if isinstance(sensor, Camera):
+        _refuse_mistakes(sensor, path)
     return sensor
+
+
+def _refuse_mistakes(camera: Camera, path: Path) -> None:
+    """CameraError for a camera that sees nothing of the Moon by a mistake; a warning for one that looks
+    down if the mistake is undone, which an oblique view can do by chance.
+    """
+    if mistake := likely_mistake(camera, sees_moon):
+        raise CameraError(f"{path}: {mistake}")
+    if mistake := likely_mistake(camera, looks_down):
+        log.warning("%s: if the camera is to look down: %s", path, mistake)
 
 
 def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:

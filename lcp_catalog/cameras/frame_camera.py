@@ -59,8 +59,13 @@ class Camera(FullSensor):
 
     def __post_init__(self) -> None:
         position = self._numbers("position_mcmf_m", (3,))
-        if np.linalg.norm(position) < 0.5 * MOON_RADIUS_M:
-            self._refuse("position_mcmf_m", "lies deep inside the Moon (are these metres?)")
+        if (distance := float(np.linalg.norm(position))) < 0.5 * MOON_RADIUS_M:
+            height_km = distance - MOON_RADIUS_M / 1e3
+            says = f"are these kilometres, {height_km:.0f} km above the Moon? give metres"
+            self._refuse(
+                "position_mcmf_m",
+                f"lies deep inside the Moon ({says if height_km > 0.0 else 'are these metres?'})",
+            )
         if np.linalg.norm(position) > 1.1 * FARTHEST_M:
             self._refuse("position_mcmf_m", f"lies beyond {FARTHEST_M / 1e3:g} km")
         self._put("position_mcmf_m", position)
@@ -81,7 +86,7 @@ class Camera(FullSensor):
             if np.linalg.norm(sun) < SUN_NEAREST_M:
                 self._refuse(
                     "sun_position_mcmf_m",
-                    "is too near for the Sun, which is 150 million km away (are these metres?)",
+                    "is too near for the Sun, which is 150 million km away (are these kilometres? give metres)",
                 )
             self._put("sun_position_mcmf_m", sun)
         if self.time_utc is not None and not isinstance(self.time_utc, str):
