@@ -109,7 +109,8 @@ sweep_options = option_group(
         "--sun-elevations",
         type=NumberList(),
         metavar="LIST",
-        help="Elevations of the Sun, degrees: A,B,C or START:STOP:STEP; default: 5,10,15,20,30,45,60,75.",
+        help="Elevations of the Sun, degrees: A,B,C or START:STOP:STEP; default: 4,5,10,15,20,30,45,60,75, and "
+        "0.5,1,1.5,2,3 for a region that reaches beyond 81.9 degrees of latitude, where the Sun stays below 10.",
     ),
     click.option(
         "--view",

@@ -22,6 +22,7 @@ from ..choices import ENCODINGS, GSD_MAX_M
 from ..errors import ConfigError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.facet_file import law_file
+from ..sun.reachable import highest_sun_deg
 from ..terrain.area import Area
 from ..toml_files import is_number, parse_toml
 
@@ -186,21 +187,34 @@ class DemConfig:
         return dataclasses.replace(self, sigma_map=sigma, resolution_map=resolution)
 
 
+SUN_ELEVATIONS_DEG = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
+"""Default elevations of the Sun."""
+
+POLAR_ELEVATIONS_DEG = (0.5, 1.0, 1.5, 2.0, 3.0)
+"""Elevations of the Sun that are added to the default ones for a region with a latitude at which it stays
+below `POLAR_SUN_DEG`.
+"""
+
+POLAR_SUN_DEG = 10.0
+
+
 @dataclass(frozen=True)
 class SunConfig:
     """The grid of Sun directions, degrees in each point's own frame. Directions that never occur at a point
-    are not evaluated.
+    are not evaluated. No elevations: those of `at`.
     """
 
     azimuths_deg: tuple[float, ...] = tuple(float(a) for a in range(0, 360, 15))
-    elevations_deg: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
+    elevations_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        _require(len(self.azimuths_deg) > 0, "sun.azimuths_deg is empty")
         for name, values, low, high in (
             ("azimuths_deg", self.azimuths_deg, 0.0, 360.0),
             ("elevations_deg", self.elevations_deg, 0.0, 90.0001),
         ):
-            _require(len(values) > 0, f"sun.{name} is empty")
+            if not values:
+                continue
             _require(
                 all(b > a for a, b in itertools.pairwise(values)),
                 f"sun.{name} must rise strictly",
@@ -209,6 +223,14 @@ class SunConfig:
                 low <= values[0] and values[-1] < high,
                 f"sun.{name} must lie in {low:g}..{high:g} degrees",
             )
+
+    def at(self, lat_deg: float) -> SunConfig:
+        """The same with elevations, by default those for a region up to this latitude, north or south."""
+        if self.elevations_deg:
+            return self
+        polar = highest_sun_deg(lat_deg) < POLAR_SUN_DEG
+        low = POLAR_ELEVATIONS_DEG if polar else ()
+        return dataclasses.replace(self, elevations_deg=(*low, *SUN_ELEVATIONS_DEG))
 
 
 @dataclass(frozen=True)

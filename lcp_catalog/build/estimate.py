@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from ..memory import peak_mb, resident_mb
 from ..rendering.decisions import Decision
+from ..sun.reachable import highest_sun_deg
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose
 from .evaluation import image_scales
 from .finished_area import record_type, table_of
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
-from .run import Build
+from .run import Build, most_poleward
 
 FILE_BYTES = 180_000
 """Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
@@ -103,7 +104,11 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
             + STORED_SHARE * (points * patch + int(overview_bytes(build.region, build.gsd_m)))
             + STORED_CLAIMS * points * claims
         ),
-        "decisions": [_cell_decision(build), *result.plan.to_json()["decisions"]],
+        "decisions": [
+            _cell_decision(build),
+            _sun_decision(build),
+            *result.plan.to_json()["decisions"],
+        ],
     }
 
 
@@ -166,6 +171,21 @@ def _cell_decision(build: Build) -> dict[str, Any]:
     """The choice of the cell, in the form of the scene plan's decisions."""
     reason = f"cells of {build.gsd_m:.5g} m: {build.cell.reason}"
     return asdict(Decision("cell size", True, reason, None, "m"))
+
+
+def _sun_decision(build: Build) -> dict[str, Any]:
+    """The grid of Suns, in the form of the scene plan's decisions."""
+    sun, latitude = build.config.sun, most_poleward(build.region)
+    listed = ", ".join(f"{elevation:g}" for elevation in sun.elevations_deg)
+    reason = "as configured"
+    if sun == replace(sun, elevations_deg=()).at(latitude):
+        reason = (
+            f"the default for regions up to latitude {latitude:.1f} deg, where the Sun's upper edge is at most "
+            f"{highest_sun_deg(latitude):.1f} deg high"
+        )
+    count = len(sun.azimuths_deg)
+    text = f"{count} azimuth{'s' * (count > 1)} at {listed} deg: {reason}"
+    return asdict(Decision("Suns", True, text, None, "deg"))
 
 
 def _measured(build: Build, *indices: int) -> tuple[list[float], list[AreaResult]]:

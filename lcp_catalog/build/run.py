@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,6 @@ import numpy as np
 from .._version import __version__
 from ..atomic_files import check_output
 from ..catalog.schema import SCHEMA_VERSION
-from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..dem.consistency import warn_of_disagreements
 from ..dem.error_maps import ErrorMaps
 from ..dem.height_errors import height_errors
@@ -31,6 +29,7 @@ from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
+from ..sun.reachable import highest_sun_deg
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, useful_cell
 from .area_job import AreaJob, run_area
@@ -90,6 +89,7 @@ class Build:
         dems = DemSet.open(dem_paths, config.dem.product_order)
         inputs.add(dems.files)
         region = region_of(dems, config)
+        config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
         cells = level_cells(config, dems, region)
         cell = cells[0] if cells else _cell(config, dems, region)
@@ -216,6 +216,11 @@ def error_model(
 def region_of(dems: DemSet, config: BuildConfig) -> Area:
     """The region of a configuration; by default the bounds of the DEM."""
     return config.area.region or Area.from_bounds(*dems.bounds)
+
+
+def most_poleward(region: Area) -> float:
+    """The region's latitude that is nearest to a pole, degrees."""
+    return max(region.bounds[1::2], key=abs)
 
 
 def build_catalog(
@@ -392,9 +397,8 @@ def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
     if any(Conditions.at(task.lat_deg, config).reachable.any() for task in tasks):
         return
     least = min(abs(task.lat_deg) for task in tasks)
-    highest = 90.0 - least + SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
     lowest = min(config.sun.elevations_deg)
     raise SunError(
         f"the Sun never reaches the requested directions: at latitude {least:.1f} deg its elevation is at most "
-        f"{min(highest, 90.0):.1f} deg, the lowest of --sun-elevations is {lowest:g}; give lower ones"
+        f"{highest_sun_deg(least):.1f} deg, the lowest of --sun-elevations is {lowest:g}; give lower ones"
     )

@@ -26,6 +26,12 @@ def reachable_suns(
     return np.asarray((lowest <= limit) & (highest >= -limit))
 
 
+def highest_sun_deg(lat_deg: float) -> float:
+    """Greatest elevation of the solar disc's upper edge at a latitude, degrees; at most 90."""
+    edge_deg = SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
+    return min(90.0, 90.0 - abs(lat_deg) + edge_deg)
+
+
 def declination_range(
     lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
 ) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.build.sweep import Conditions
 from lcp_catalog.errors import ConfigError
 
 rising = st.lists(st.floats(0.0, 89.0), min_size=1, max_size=6, unique=True).map(
@@ -52,6 +54,7 @@ def test_toml_keeps_every_value(
         ("[sun]\nazimuth_deg = [1]\n", "azimuth_deg"),
         ("[sun]\nelevations_deg = [5, 4]\n", "elevations_deg"),
         ("[sun]\nelevations_deg = 5\n", "elevations_deg"),
+        ("[sun]\nazimuths_deg = []\n", "azimuths_deg is empty"),
         ("[points]\npatch_nodes = 32\n", "patch_nodes"),
         ("[points]\npatch_nodes = 33.5\n", "patch_nodes"),
         ("[points]\nmin_detection = true\n", "points.min_detection must be a number"),
@@ -95,6 +98,45 @@ def test_the_stored_configuration_holds_no_value_that_was_not_given() -> None:
     assert "height_sigma_m" not in BuildConfig().to_toml()
     known = BuildConfig(errors=ErrorConfig(height_sigma_m=3.0)).to_toml()
     assert "height_sigma_m = 3.0" in known
+
+
+LOW = (0.5, 1.0, 1.5, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("lat_deg", "low"),
+    [(0.0, ()), (-81.8, ()), (81.8, ()), (-81.9, LOW), (81.9, LOW), (-90.0, LOW), (90.0, LOW)],
+)
+def test_the_default_suns_follow_from_the_latitude(lat_deg: float, low: tuple[float, ...]) -> None:
+    """90 - 81.86 + 1.59 + 0.27 = 10: beyond, the Sun stays below 10 deg."""
+    every = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
+    assert SunConfig().at(lat_deg).elevations_deg == (*low, *every)
+    assert SunConfig(elevations_deg=(7.0,)).at(lat_deg).elevations_deg == (7.0,)
+
+
+def test_at_a_pole_the_default_suns_go_around_the_horizon() -> None:
+    """There the Sun's elevation is its declination, up to 1.59 deg and the disc's radius, 0.27: half
+    steps around 0.5, 1, 1.5 and 2 deg begin below, those around 3 and more above.
+    """
+    for lat_deg in (-90.0, 90.0):
+        found = Conditions.at(lat_deg, BuildConfig(sun=SunConfig().at(lat_deg)))
+        assert found.reachable.all(axis=1).tolist() == [True] * 4 + [False] * 10
+        assert not found.reachable[4:].any()
+
+
+def test_at_85_deg_the_noon_sun_decides() -> None:
+    """Noon in the south, 5 deg - declination high: up to 6.86 deg, in the boxes of 3.5 to 4.5 and 4.5 to 7.5
+    deg, and not in that below 2.5 deg; none in the north. Mirrored at the south pole.
+    """
+    for lat_deg, noon in ((85.0, 180.0), (-85.0, 0.0)):
+        config = BuildConfig(sun=SunConfig((0.0, 180.0)).at(lat_deg))
+        day = replace(config, sun=replace(config.sun, azimuths_deg=(noon,)))
+        assert Conditions.at(lat_deg, day).reachable[:, 0].tolist() == [
+            *(False, False, False, False),
+            *(True, True, True, False, False, False, False, False, False, False),
+        ]
+        night = replace(config, sun=replace(config.sun, azimuths_deg=(180.0 - noon,)))
+        assert not Conditions.at(lat_deg, night).reachable.any()
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

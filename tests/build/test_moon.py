@@ -61,6 +61,20 @@ def polar(moon: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
+def test_a_default_build_at_a_pole_has_the_suns_that_come_there(moon: list[Path]) -> None:
+    site = AreaConfig(center_deg=(0.0, -89.9), size_km=200.0)
+    build = Build.plan(moon, replace(COARSE, area=site, sun=SunConfig()))
+    assert build.config.sun.elevations_deg[0] == 0.5
+    document = estimate(build, 1)
+    assert document["suns"] >= 48
+    (suns,) = (d["reason"] for d in document["decisions"] if d["effect"] == "Suns")
+    assert "24 azimuths at 0.5, 1, 1.5, 2, 3, 4, 5" in suns
+    assert "the default for regions up to latitude -90.0 deg" in suns
+    given = Build.plan(moon, replace(COARSE, area=site, sun=SunConfig((90.0,), (1.0,))))
+    (suns,) = (d["reason"] for d in estimate(given, 1)["decisions"] if d["effect"] == "Suns")
+    assert suns == "1 azimuth at 1 deg: as configured"
+
+
 def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
     polar: Path, moon: list[Path]
 ) -> None:

@@ -14,6 +14,7 @@ from lcp_catalog.sun.reachable import (
     azimuth_boxes,
     declination_range,
     elevation_boxes,
+    highest_sun_deg,
     reachable_suns,
 )
 
@@ -114,3 +115,12 @@ def test_the_sun_only_comes_to_reachable_cells():
             assert reachable[row, column[here]].all()
     tropics = reachable_suns(0.0, azimuths, elevations)
     assert not tropics.all()  # at the equator the Sun is never in the north or south
+
+
+@pytest.mark.parametrize("lat", [-90.0, -88.0, -83.0, 0.0, 85.0, 90.0])
+def test_the_highest_sun_is_that_of_a_subsolar_point_on_the_same_meridian(lat):
+    """The angle between the zenith and the disc's upper edge, by vectors."""
+    subsolar = np.radians(np.linspace(-LIMIT_DEG, LIMIT_DEG, 1001))
+    zenith = np.array([np.cos(np.radians(lat)), np.sin(np.radians(lat))])
+    sines = np.cos(subsolar) * zenith[0] + np.sin(subsolar) * zenith[1]
+    assert highest_sun_deg(lat) == pytest.approx(np.degrees(np.arcsin(sines.max())), abs=2e-3)
