@@ -12,7 +12,7 @@ from .options import option_group
 from .value_types import AZIMUTH, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.cameras.frame_camera import Camera
+    from lcp_catalog.cameras.isd import AnySensor
 
 IMAGE_SIZE = (1024, 1024)
 _SIDE = click.IntRange(1, 10_000)
@@ -66,12 +66,18 @@ def check_pointing(flags: dict[str, Any]) -> None:
         raise click.UsageError("--fov excludes --size; an area is given by --bounds")
 
 
-def camera_of(flags: dict[str, Any]) -> Camera | None:
-    """The camera of ``--camera`` or ``--fov``; None without either. CameraError if it is invalid."""
+def camera_of(flags: dict[str, Any], plane: bool) -> AnySensor | None:
+    """The camera of ``--camera`` or ``--fov``; None without either. CameraError if it is invalid, or too
+    large to be rendered: a framing camera, and a scanner whose ``plane`` is rendered.
+    """
     if flags["camera_path"]:
-        from lcp_catalog.cameras.camera_file import read_camera
+        from lcp_catalog.cameras.camera_file import read_sensor, require_pixels
+        from lcp_catalog.cameras.frame_camera import Camera
 
-        return read_camera(flags["camera_path"])
+        camera = read_sensor(flags["camera_path"])
+        if plane or isinstance(camera, Camera):
+            require_pixels(camera)
+        return camera
     if flags["fov_deg"] is None:
         return None
     from lcp_catalog.cameras.view import pointed_camera

@@ -115,7 +115,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.rendering.sphere_extent import SphereArea
     from lcp_catalog.terrain.area import Area
 
-    camera = pointing_options.camera_of(flags)
+    camera = pointing_options.camera_of(flags, frame == "camera")
     if not sun_stated and panorama is None and (camera is None or not camera.has_sun):
         raise click.UsageError(
             "no Sun: give --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
@@ -133,7 +133,9 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         area=area,
         gsd_m=flags["gsd_m"],
         sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
-        view=ViewChoice(camera, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
+        view=ViewChoice.of(camera)
+        if camera
+        else ViewChoice(None, oblique[0] or 0.0, oblique[1] or 0.0, oblique[2]),
         in_camera_plane=frame == "camera",
         model=named(flags["reflectance"] or "auto"),
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),

@@ -139,7 +139,7 @@ def command(
     from lcp_catalog.simulation.frame import frame
     from lcp_catalog.simulation.output import camera_path
 
-    camera = pointing_options.camera_of(flags)
+    camera = pointing_options.camera_of(flags, plane=True)
     assert camera is not None
     if all(value is None for value in sun) and not camera.has_sun:
         raise click.UsageError(
@@ -209,7 +209,7 @@ def _surface(
         dem_paths=source,
         gsd_m=flags["gsd_m"],
         sun=choice,
-        view=ViewChoice(camera),
+        view=ViewChoice.of(camera),
         product_order=flags["product_order"] or (),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         **how,
@@ -226,7 +226,9 @@ def _write(
 
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode_frame(taken, output))
-        stack.enter_context(write_aside(beside, overwrite)).write_bytes(encode_camera(taken))
+        stack.enter_context(write_aside(beside, overwrite)).write_bytes(
+            encode_camera(taken, *camera)
+        )
         if depfile:
             rule = depfile_rule(output, [*taken.sources, *camera])
             stack.enter_context(write_aside(depfile, True)).write_bytes(rule)

@@ -17,7 +17,7 @@ from .tsai import camera_from_tsai, is_tsai
 log = logging.getLogger(__name__)
 
 FRAME_PIXELS_MAX = 100_000_000
-"""Most pixels of a frame that is rendered."""
+"""Most pixels of an image that is rendered."""
 
 
 def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
@@ -56,21 +56,24 @@ def _refuse_mistakes(camera: Camera, path: Path) -> None:
 
 
 def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:
-    """The framing camera that a camera file describes; CameraError for scanners and for all files
-    that `read_sensor` refuses.
+    """The framing camera that a camera file describes; CameraError for scanners, for an image that is too
+    large to be rendered (`require_pixels`) and for all files that `read_sensor` refuses.
     """
     sensor = read_sensor(path, shape)
     if not isinstance(sensor, Camera):
-        raise CameraError(
-            f"{path}: is a {sensor.kind}; only framing cameras are rendered: give a CAMERA.json"
-        )
-    width, height = sensor.image_size_px
-    if width * height > FRAME_PIXELS_MAX:
-        raise CameraError(
-            f"{path}: image_size_px of {width} x {height}: at most {FRAME_PIXELS_MAX / 1e6:g} million pixels are "
-            "rendered; use the camera of a part of the image, or of one with larger pixels"
-        )
+        raise CameraError(f"{path}: is a {sensor.kind}; give a framing camera: a CAMERA.json")
+    require_pixels(sensor)
     return sensor
+
+
+def require_pixels(sensor: AnySensor) -> None:
+    """CameraError for an image with more pixels than are rendered."""
+    rows, cols = sensor.shape
+    if rows * cols > FRAME_PIXELS_MAX:
+        raise CameraError(
+            f"{sensor.name}: image_size_px of {cols} x {rows}: at most {FRAME_PIXELS_MAX / 1e6:g} million pixels "
+            "are rendered; use the camera of a part of the image, or of one with larger pixels"
+        )
 
 
 def _text(path: Path) -> str:

@@ -29,6 +29,14 @@ class FocalPlane:
     principal_point_px: tuple[float, float]
     lens: Lens
 
+    def part(self, column: int, row: int, count: int = 1) -> FocalPlane:
+        """The plane with its pixels counted from another column and row, each divided into
+        ``count`` x ``count`` equal parts.
+        """
+        cx, cy = self.principal_point_px
+        middle = (cx - column + 0.5) * count - 0.5, (cy - row + 0.5) * count - 0.5
+        return FocalPlane(self.focal_length_px * count, middle, self.lens)
+
     def pixels(self, directions: Array) -> Array:
         """Pixels (..., 2), column and row, of directions (..., 3) of any length; NaN for directions
         that are not ahead, or beyond the fold of the lens.

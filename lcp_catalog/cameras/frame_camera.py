@@ -130,11 +130,6 @@ class Camera(FullSensor):
         """Rows and columns of the image."""
         return self.image_size_px[1], self.image_size_px[0]
 
-    @property
-    def has_sun(self) -> bool:
-        """True if the camera has a Sun of its own, by position or by time."""
-        return self.sun_position_mcmf_m is not None or self.time_utc is not None
-
     def to_json(self) -> dict[str, Any]:
         """Content of CAMERA.json."""
         document: dict[str, Any] = {

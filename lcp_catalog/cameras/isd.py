@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..geometry.rotations import inverse, turned
 from .frame_camera import Camera, camera_with_plane
 from .isd_optics import CORNER_PX, plane_of_isd
 from .isd_tables import Tables
 from .json_fields import JsonFields
-from .scanners import BEYOND, LineScanner, PushFrame
+from .scanners import BEYOND, LineScanner, PushFrame, Scanner
 
 AnySensor = Camera | LineScanner | PushFrame
 
@@ -37,6 +38,20 @@ def sensor_from_isd(fields: JsonFields) -> AnySensor:
     tables = Tables(fields)
     tables.check_body()
     return kinds[model](fields, tables)
+
+
+def isd_with_sun(document: dict[str, Any], scanner: Scanner) -> dict[str, Any]:
+    """The ISD of a scanner, ``document``, with the scanner's Sun in place of its own."""
+    assert scanner.sun_position_mcmf_m is not None
+    now = np.zeros(1)
+    inertial = turned(inverse(scanner.trajectory.body.at(now)), scanner.sun_position_mcmf_m)
+    sun = {
+        "positions": (1e-3 * inertial).reshape(1, 3).tolist(),
+        "ephemeris_times": [document["center_ephemeris_time"]],
+        "reference_frame": 1,
+        "unit": "km",
+    }
+    return document | {"sun_position": sun}
 
 
 def _common(fields: JsonFields, tables: Tables) -> dict[str, Any]:

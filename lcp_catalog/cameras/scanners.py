@@ -6,7 +6,8 @@ centres are at whole numbers. Times are seconds from one instant of the image.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..geometry.frames import EnuFrame
 from .focal_plane import FocalPlane
 from .sensor import POSE, FullSensor
 from .trajectory import Trajectory
@@ -39,6 +41,7 @@ class Scanner(FullSensor):
     """Base of both kinds. ``trajectory`` takes MCMF to the axes of ``plane``: right, down, ahead."""
 
     corrections: ClassVar[tuple[str, ...]] = POSE
+    kind: ClassVar[str]
 
     name: str
     image_shape: tuple[int, int]
@@ -81,6 +84,48 @@ class Scanner(FullSensor):
         directions = self.trajectory.to_mcmf(times, self.plane.directions(on_plane))
         shape = (*given.shape[:-1], 3)
         return self.trajectory.positions(times).reshape(shape), directions.reshape(shape)
+
+    def rays_enu(self, frame: EnuFrame) -> tuple[Array, Array]:
+        """Positions (rows, 3) of the camera at every line, and unit directions (rows, columns, 3) of
+        all pixels, in an ENU frame; NaN more than `BEYOND` lines outside the image.
+        """
+        rows, columns = self.shape
+        row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
+        times, on_plane = self._exposed(np.stack([column.ravel(), row.ravel()], axis=-1))
+        looking = self.plane.directions(on_plane)
+        directions = self.trajectory.to_mcmf(times, looking).reshape(rows, columns, 3)
+        origins = self.trajectory.positions(times.reshape(rows, columns)[:, 0])
+        return frame.from_mcmf(origins), frame.direction_from_mcmf(directions)
+
+    @property
+    def middle_s(self) -> float:
+        """Time of the middle of the image."""
+        raise NotImplementedError
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the exposure of the first line to that of the last."""
+        raise NotImplementedError
+
+    @property
+    def exposures(self) -> Sequence[Self]:
+        """Scanners of the parts of the image whose rows are neighbours on the surface, in the order
+        of the image's rows: the framelets of a push-frame camera, all of a line scanner.
+        """
+        raise NotImplementedError
+
+    def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
+        """The scanner of a window of the image (first row, row after the last, first column, column
+        after the last), which may lie beyond it, with each pixel divided into ``count`` x ``count``
+        equal parts. Of a push-frame camera: only with one framelet.
+        """
+        raise NotImplementedError
+
+    def around(self, margin_px: int) -> Self:
+        """The scanner of an image that extends by ``margin_px`` or more pixels beyond this one's
+        exposures on every side.
+        """
+        raise NotImplementedError
 
     def _towards(self, points: Array) -> Array:
         away = self.trajectory.positions(self._found(points)[1]) - points
@@ -179,6 +224,35 @@ class LineScanner(Scanner):
         on_plane = np.stack([pixels[:, 0], np.full(len(pixels), self.line_px)], axis=-1)
         return self._time(pixels[:, 1]), on_plane
 
+    @property
+    def middle_s(self) -> float:
+        return float(self._time(np.array([0.5 * (self.shape[0] - 1)]))[0])
+
+    @property
+    def duration_s(self) -> float:
+        first, last = self._time(np.array([0.0, self.shape[0] - 1.0]))
+        return abs(float(last - first))
+
+    @property
+    def exposures(self) -> Sequence[Self]:
+        return [self]
+
+    def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
+        row0, row1, col0, col1 = window
+        rows = count * (row1 - row0)
+        middles = (np.arange(-BEYOND, rows + BEYOND) + 0.5) / count - 0.5 + row0
+        return replace(
+            self,
+            image_shape=(rows, count * (col1 - col0)),
+            plane=self.plane.part(col0, 0, count),
+            times_s=self._time(middles),
+            line_px=(self.line_px + 0.5) * count - 0.5,
+        )
+
+    def around(self, margin_px: int) -> Self:
+        (rows, cols), by = self.shape, margin_px
+        return self.part((-by, rows + by, -by, cols + by))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PushFrame(Scanner):
@@ -248,6 +322,41 @@ class PushFrame(Scanner):
         framelet = np.clip(np.floor((pixels[:, 1] + 0.5) / self.lines), 0, self.framelets - 1)
         within = pixels - np.stack([np.zeros(len(pixels)), framelet * self.lines], axis=-1)
         return self._time(framelet), within
+
+    @property
+    def middle_s(self) -> float:
+        return self.first_s + 0.5 * self.step_s * (self.framelets - 1)
+
+    @property
+    def duration_s(self) -> float:
+        return abs(self.step_s) * (self.framelets - 1)
+
+    @property
+    def exposures(self) -> Sequence[Self]:
+        shape = self.lines, self.shape[1]
+        times = self._time(np.arange(self.framelets, dtype=np.float64))
+        return [replace(self, image_shape=shape, first_s=float(time)) for time in times]
+
+    def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
+        if self.framelets != 1:
+            raise ValueError("a part of a push-frame image is a part of one framelet")
+        row0, row1, col0, col1 = window
+        rows = count * (row1 - row0)
+        return replace(
+            self,
+            image_shape=(rows, count * (col1 - col0)),
+            plane=self.plane.part(col0, row0, count),
+            lines=rows,
+        )
+
+    def around(self, margin_px: int) -> Self:
+        more = math.ceil(margin_px / self.lines)
+        return replace(
+            self,
+            image_shape=(self.shape[0] + 2 * more * self.lines, self.shape[1] + 2 * margin_px),
+            plane=self.plane.part(-margin_px, 0),
+            first_s=self.first_s - more * self.step_s,
+        )
 
 
 def _in_parts(answer: Callable[[Array], Array], points_mcmf_m: ArrayLike) -> Array:

@@ -102,10 +102,17 @@ class FullSensor:
     """Base of sensors that see the image at full resolution, and see every point once."""
 
     factor: ClassVar[int] = 1
+    sun_position_mcmf_m: Array | None
+    time_utc: str | None
 
     @property
     def full(self) -> Self:
         return self
+
+    @property
+    def has_sun(self) -> bool:
+        """True if the sensor has a Sun of its own, by position or by time."""
+        return self.sun_position_mcmf_m is not None or self.time_utc is not None
 
     @property
     def shape(self) -> tuple[int, int]:

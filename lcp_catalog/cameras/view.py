@@ -18,7 +18,8 @@ from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
-from .sensor import Sensor
+from .scanners import Scanner
+from .sensor import Sensor, pixel_size_m
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -30,13 +31,18 @@ class View:
     Exactly one of ``direction`` and ``position_m`` is set. ``camera`` limits the visible terrain to
     its image. ``towards``, beside a direction: function of points (..., 3) that returns the
     direction to a sensor that moves during the exposure; it sets the brightness, and the one
-    direction sets what is hidden. CameraError for a view that is not finite.
+    direction sets what is hidden. ``scanner``, beside ``towards``: it limits the visible terrain to
+    its image, and what is hidden is decided along each point's own direction; ``lowest_tangent``:
+    tangent of its least elevation as seen from any point of its image. CameraError for a view that
+    is not finite.
     """
 
     direction: Array | None = None
     position_m: Array | None = None
     camera: Camera | None = None
     towards: Callable[[Array], Array] | None = None
+    scanner: Scanner | None = None
+    lowest_tangent: float | None = None
 
     def __post_init__(self) -> None:
         if (self.direction is None) == (self.position_m is None):
@@ -60,11 +66,15 @@ class View:
         return np.where(here, _UP, towards / np.where(here, 1.0, distance))
 
     def describe(self) -> dict[str, Any]:
-        """JSON description of the view: the camera file's content, or the ENU direction or
-        position.
+        """JSON description of the view: the camera file's content (of a scanner its name, kind and
+        size), or the ENU direction or position.
         """
         if self.camera is not None:
             return self.camera.to_json()
+        if self.scanner is not None:
+            rows, cols = self.scanner.shape
+            name = Path(self.scanner.name).name
+            return {"file": name, "kind": self.scanner.kind, "image_size_px": [cols, rows]}
         if self.direction is not None:
             return {"direction_enu": self.direction.tolist()}
         assert self.position_m is not None
@@ -79,12 +89,14 @@ def camera_view(camera: Camera, frame: EnuFrame) -> View:
 def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
     """The view of any sensor on an area.
 
-    A scanner sees every line from another position: each point has its own direction; hidden
-    terrain is decided by the direction at the frame's origin. CameraError if the sensor does not
-    see that.
+    A scanner sees every line from another position: each point has its own direction. For other
+    sensors that move, hidden terrain is decided by the direction at the frame's origin; CameraError
+    if the sensor does not see that.
     """
     if isinstance(sensor, Camera):
         return camera_view(sensor, frame)
+    if isinstance(sensor, Scanner):
+        return _scanner_view(sensor, frame)
 
     def towards(points_m: Array) -> Array:
         return frame.direction_from_mcmf(sensor.towards(frame.to_mcmf(points_m)))
@@ -93,6 +105,37 @@ def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
     if not np.isfinite(direction).all():
         raise CameraError(f"{sensor.name}: does not see the centre of the area")
     return View(direction=direction, towards=towards)
+
+
+def _scanner_view(scanner: Scanner, frame: EnuFrame) -> View:
+    """The view of a scanner; its direction is that from what the middle of the image shows."""
+
+    def towards(points_m: Array) -> Array:
+        return frame.direction_from_mcmf(scanner.towards(frame.to_mcmf(points_m)))
+
+    rows, cols = scanner.shape
+    _, middle = scanner.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+    _, looking = scanner.looks(border_and_inside(scanner.shape, 65))
+    east, north, up = np.moveaxis(frame.direction_from_mcmf(looking), -1, 0)
+    level = np.hypot(east, north)
+    tangents = np.where(level > 0.0, -up / np.where(level > 0.0, level, 1.0), np.inf)
+    return View(
+        direction=-frame.direction_from_mcmf(middle),
+        towards=towards,
+        scanner=scanner,
+        lowest_tangent=float(np.nanmin(tangents)),
+    )
+
+
+def finest_pixel_m(sensor: Sensor) -> float:
+    """Least size of a pixel on the reference sphere, metres, at 9 x 9 pixels of the image; inf if it
+    shows none of the sphere.
+    """
+    steps = (np.arange(9) + 0.5) / 9.0
+    share = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    points = _on_sphere(*sensor.looks(share * sensor.shape[::-1] - 0.5))
+    sizes = pixel_size_m(sensor, points)
+    return float(sizes[np.isfinite(sizes)].min(initial=math.inf))
 
 
 def nadir_view() -> View:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
 from ..sun import ephemeris
+from ..sun.times import instants
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 
 
@@ -40,7 +40,7 @@ class SunChoice:
             return ephemeris.sun_direction_at(camera.time_utc)
         raise SunError("no Sun: none is stated, and the camera file has none")
 
-    def instant(self, camera: Camera | None) -> str | None:
+    def instant(self, camera: Sensor | None) -> str | None:
         """Time of the Sun, UTC: the stated time, or the camera's time if no Sun is stated; else
         None.
         """
@@ -48,7 +48,7 @@ class SunChoice:
             return self.time_utc
         return None if camera is None else camera.time_utc
 
-    def disc(self, frame: EnuFrame, camera: Camera | None) -> SolarDisc:
+    def disc(self, frame: EnuFrame, camera: Sensor | None) -> SolarDisc:
         """Solar disc at the Sun's distance if a position or a time gives the distance; else the
         mean disc.
         """
@@ -57,6 +57,18 @@ class SunChoice:
             return SolarDisc(radius_at(float(np.linalg.norm(position - frame.origin_mcmf_m))))
         time = self.instant(camera)
         return MEAN_SUN if time is None else SolarDisc(radius_at(ephemeris.sun_distance_m(time)))
+
+    def drift_mcmf(self, camera: Sensor | None, seconds: float) -> Array | None:
+        """Change (3,) of the unit MCMF vector to the Sun in ``seconds`` from its `instant`; None for a
+        Sun without an instant, whose direction is stated.
+        """
+        time = self.instant(camera)
+        if time is None:
+            return None
+        now = instants(time).civil
+        then = now + np.timedelta64(round(1e6 * seconds), "us")
+        directions, _ = ephemeris.apparent_sun(np.concatenate([now, then]))
+        return np.asarray(directions[1] - directions[0])
 
     @property
     def _is_direction(self) -> bool:

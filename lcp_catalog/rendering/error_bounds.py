@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..cameras.view import View
+from ..cameras.view import View, finest_pixel_m
 from ..constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from ..kernels.photometry.laws import LAMBERT, LOMMEL_SEELIGER
 from ..light.solar_disc import penumbra_m
@@ -54,6 +54,8 @@ def pixel_m(relief: Relief, view: View, in_camera_plane: bool) -> float:
     """Size of the finest pixel of a render on the surface, metres: a cell, or the width of a camera's
     pixel at the nearest corner of the core's box (foreshortening increases it).
     """
+    if in_camera_plane and view.scanner is not None:
+        return finest_pixel_m(view.scanner)
     if not in_camera_plane or view.camera is None or view.position_m is None:
         return relief.gsd_m
     nearest = np.clip(view.position_m, relief.box.low_m, relief.box.high_m)

@@ -42,7 +42,7 @@ def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
         )
     if request.area is not None:
         return request.area, False
-    looks = request.view.camera or request.view.sensor
+    looks = request.view.looks
     if looks is not None:
         seen = footprint(looks)
         box = _clipped(seen, dems.bounds)

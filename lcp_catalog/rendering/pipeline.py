@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..cameras.frame_camera import Camera
+from ..cameras.scanners import Scanner
 from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
-from ..errors import ImageError
+from ..errors import CameraError, ImageError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import light_above_horizon
@@ -44,6 +45,7 @@ from .extent import (
 from .plan import ScenePlan, choose_model, plan_scene, ring_decision
 from .renderer import Rendering, render_camera, render_enu
 from .request import Request
+from .scans import MovingSun, render_scan
 from .scene import Scene, require_visible
 from .sphere_pipeline import SphereScene, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
@@ -62,6 +64,8 @@ class HeightfieldScene:
     view: View
     plan: ScenePlan
     sources: tuple[Path, ...]
+    moving: MovingSun | None = None
+    """The light of the lines of a scanner."""
 
     @property
     def sun(self) -> Direction:
@@ -113,17 +117,29 @@ class HeightfieldScene:
 
     def _expose_terrain(self) -> Rendering:
         request = self.request
-        how: dict[str, Any] = {"model": self.model, "accuracy": request.accuracy}
-        how |= {"plan": self.plan, "albedo": request.albedo}
         if not request.in_camera_plane:
-            return render_enu(self.terrain, self.light, self.view, **how)
-        result = render_camera(self.terrain, self.camera, self.light, **how)
+            return render_enu(self.terrain, self.light, self.view, **self._how)
+        if self.view.scanner is not None:
+            return self.picture(self.view.scanner)
+        result = self.picture(self.camera)
         if request.backdrop is None:
             return result
         panorama = request.environment.in_factors if request.environment else None
         place = self.terrain, self.camera, light_above_horizon(self.terrain, self.light)
         whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
         return replace(result, composite=whole)
+
+    def picture(self, camera: Camera | Scanner) -> Rendering:
+        """Render the plane of the scene's camera, or of a part of it, on the heightfield."""
+        if isinstance(camera, Scanner):
+            assert self.moving is not None
+            return render_scan(self.terrain, camera, self.moving, **self._how)
+        return render_camera(self.terrain, camera, self.light, **self._how)
+
+    @property
+    def _how(self) -> dict[str, Any]:
+        how: dict[str, Any] = {"model": self.model, "accuracy": self.request.accuracy}
+        return how | {"plan": self.plan, "albedo": self.request.albedo}
 
 
 def render(request: Request) -> Rendering:
@@ -143,6 +159,11 @@ def prepare(request: Request) -> Scene:
 
 def prepare_terrain(request: Request) -> HeightfieldScene:
     """The scene of a request on its DEM's terrain; ``request.surface`` is not "sphere"."""
+    if request.view.scanner is not None and request.backdrop is not None:
+        raise CameraError(
+            f"{request.view.scanner.name}: is a {request.view.scanner.kind}; a background and a shadow "
+            "catcher need a framing camera: give a CAMERA.json"
+        )
     dems = request.dems
     area, grows = area_of(request, dems)
     warn_of_disagreements(dems, area.bounds)
@@ -163,12 +184,19 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         model=choice.model,
         choice=choice,
         albedo=_albedo_decision(request.albedo, terrain),
-        sphere_may_do=request.surface == "auto" and _sun_alone(light) and not request.backdrop,
+        sphere_may_do=request.surface == "auto"
+        and _sun_alone(light)
+        and not request.backdrop
+        and view.scanner is None,
         words=decisions.LightWords.of(light),
     )
-    plan = replace(plan, others=(*plan.others, *_of_light(request, light, view)))
+    others, moving = [*_of_light(request, light, view)], None
+    if view.scanner is not None:
+        moving, motion = MovingSun.of(request, area.frame, light)
+        others.append(motion)
+    plan = replace(plan, others=(*plan.others, *others))
     files = _files(request, dems, choice.model)
-    return HeightfieldScene(request, terrain, light, choice.model, view, plan, files)
+    return HeightfieldScene(request, terrain, light, choice.model, view, plan, files, moving)
 
 
 def _ground(
@@ -182,7 +210,7 @@ def _ground(
     gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
     require_extent(extent)
     require_room(NodeWindow.covering(extent, gsd_m))
-    if request.in_camera_plane and view.camera is None:
+    if request.in_camera_plane and request.view.plane is None:
         view = replace(view, camera=camera_over(frame, view, gsd_m, extent))
     coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
     if grows:
@@ -211,6 +239,11 @@ def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ..
 
 def _prepare_sphere(request: Request) -> SphereScene:
     """The scene on the plain sphere; a DEM, if there is one, gives the area and the cell size."""
+    if request.view.scanner is not None:
+        raise CameraError(
+            f"{request.view.scanner.name}: is a {request.view.scanner.kind}; the plain sphere is rendered "
+            "for framing cameras: give a DEM and --surface heightfield"
+        )
     if request.environment is not None or request.backdrop is not None:
         raise ImageError(
             "an environment map, a background and a shadow catcher need terrain: give a DEM and "

@@ -189,9 +189,10 @@ def _occlusion(
     if in_camera_plane:
         reason = "every pixel's ray is traced to its first hit"
         return Decision("occlusion", True, reason, 0.0, "share of nodes")
-    if view.direction is not None and is_vertical(view.direction):
+    if view.direction is not None and view.scanner is None and is_vertical(view.direction):
         return effects.straight_down()
-    rays = EVERY_NODE if view.direction is None else Rays.of(accuracy)
+    own = view.direction is None or view.scanner is not None
+    rays = EVERY_NODE if own else Rays.of(accuracy)
     what = "the lowest view's elevation" if lowest else "the camera's least elevation"
     return effects.hiding("occlusion", what, least_tangent, slope, rays)
 
@@ -242,6 +243,9 @@ def choose_model(
     points = points.reshape(-1, 3)[np.isfinite(points.reshape(-1, 3)[:, 2])]
     cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
     cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))
+    if view.scanner is not None:  # points beyond its image have no direction
+        assert view.direction is not None
+        cameras = np.where(np.isnan(cameras), view.direction, cameras)
     suns = np.broadcast_to(sun, cameras.shape)
     return choose(accuracy, suns[None], cameras[None], slope_rms, asked)
 

@@ -15,6 +15,7 @@ of the disc: the error of the cosine of incidence is below sin(0.267 deg) = 0.00
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -24,7 +25,8 @@ from numpy.typing import NDArray
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View, camera_view
+from ..cameras.scanners import Scanner
+from ..cameras.view import View, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
 from ..light.above_horizon import light_above_horizon
@@ -107,7 +109,7 @@ def render_enu(
     ]
     sunlit = lights[0][1]
     seen = np.ones(sunlit.shape, dtype=np.bool_)
-    if plan.occlusion.modelled:
+    if plan.occlusion.modelled and view.scanner is None:
         seen = ~_hidden(terrain, view, accuracy)
     parallel = view if plan.perspective.modelled else _parallel(terrain, view)
     one_way = parallel.direction is not None and parallel.towards is None
@@ -127,9 +129,12 @@ def render_enu(
         assert towards is not None
         sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
         seen[rows] &= np.sum(normals * towards, axis=-1) > 0
-        if view.camera is not None:
-            pixels = view.camera.project(terrain.frame.to_mcmf(points))
-            seen[rows] &= view.camera.in_image(pixels)
+        if view.scanner is not None and plan.occlusion.modelled:
+            seen[rows] &= ~field.occluded_nodes_towards(towards, window)
+        sensor = view.camera or view.scanner
+        if sensor is not None:
+            pixels = sensor.project(terrain.frame.to_mcmf(points))
+            seen[rows] &= sensor.in_image(pixels)
         first = light.first.irradiance * sunlit[rows]
         bands = _bands(normals, sun, towards, first, seen[rows], model)
         for source, share in lights[1:]:
@@ -146,7 +151,7 @@ def render_enu(
 
 def render_camera(
     terrain: Terrain,
-    camera: Camera,
+    camera: Camera | Scanner,
     light: Lighting | Array,
     *,
     model: Reflectance = DEFAULT_MODEL,
@@ -157,20 +162,21 @@ def render_camera(
     albedo: Albedo | None = None,
 ) -> Rendering:
     """Render the camera's plane by the first hit of every pixel's ray, float64; ``light`` as in `render_enu`.
+    Each line of a scanner is seen from its own position, all under one light (`scans` divides an image).
 
     Normals are interpolated between nodes. Terrain outside the core can hide the core, but is not
     rendered. A hit is visible even if its interpolated normal faces away (its emission is then 90 deg).
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
     sun, disc = light.first.direction.vector, light.first.disc is not None
-    view = camera_view(camera, terrain.frame)
+    view = sensor_view(camera, terrain.frame)
     plan = plan or plan_scene(
         terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
     )
     light = light_above_horizon(terrain, light)
     check_camera(terrain, view)
     origin, rays = camera.rays_enu(terrain.frame)
-    points = origin + terrain.field.first_hits(origin, rays)[..., None] * rays
+    points = _first_hits(terrain, origin, rays)
     seen = _in_core(terrain, points)
     normals = np.full(points.shape, np.nan)
     normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
@@ -266,6 +272,20 @@ def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
         return occluded(terrain.field, view.direction, accuracy, terrain.core)
     assert view.position_m is not None
     return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
+
+
+def _first_hits(terrain: Terrain, origin: Array, rays: Array) -> Array:
+    """ENU points (rows, columns, 3) where rays first meet the surface; ``origin`` (3,) of all of them, or
+    (rows, 3). Successive rows with one origin are traced together.
+    """
+    if origin.ndim == 1:
+        return np.asarray(origin + terrain.field.first_hits(origin, rays)[..., None] * rays)
+    points = np.full(rays.shape, np.nan)
+    moves = np.flatnonzero((np.diff(origin, axis=0) != 0.0).any(axis=-1)) + 1
+    for first, last in itertools.pairwise([0, *moves.tolist(), len(origin)]):
+        if np.isfinite(origin[first]).all():
+            points[first:last] = _first_hits(terrain, origin[first], rays[first:last])
+    return points
 
 
 def _in_core(terrain: Terrain, points: Array) -> Mask:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..accuracy import TIERS, Accuracy
 from ..cameras.frame_camera import Camera
+from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
 from ..choices import GSD_MAX_M, SURFACES
@@ -38,6 +39,26 @@ class ViewChoice:
     view_azimuth_deg: float = 0.0
     altitude_km: float | None = None
     sensor: Sensor | None = None
+
+    @classmethod
+    def of(cls, sensor: Sensor) -> ViewChoice:
+        """The view of a framing camera or another sensor."""
+        return cls(sensor) if isinstance(sensor, Camera) else cls(sensor=sensor)
+
+    @property
+    def looks(self) -> Camera | Sensor | None:
+        """The camera or the other sensor, if there is one."""
+        return self.camera or self.sensor
+
+    @property
+    def scanner(self) -> Scanner | None:
+        """The sensor, if it is a scanner."""
+        return self.sensor if isinstance(self.sensor, Scanner) else None
+
+    @property
+    def plane(self) -> Camera | Scanner | None:
+        """The camera or scanner whose pixels can be rendered."""
+        return self.camera or self.scanner
 
     def view(self, frame: EnuFrame) -> View:
         """The view in the axes of an area's frame."""
@@ -98,7 +119,7 @@ class Request:
         """
         if self.environment is not None:
             return self.environment.lighting
-        camera = self.view.camera
+        camera = self.view.looks
         to_sun = self.sun.direction_mcmf(frame, camera)
         disc = self.sun.disc(frame, camera) if self.sun_is_disc else False
         light = Lighting.of_sun(Direction.from_mcmf(to_sun, frame), disc)

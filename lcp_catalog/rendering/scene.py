@@ -73,9 +73,9 @@ class Scene(Protocol):
 def require_visible(scene: Scene, result: Rendering) -> Rendering:
     """The result itself; CameraError if nothing is visible and there is no background."""
     if not result.visible.any() and scene.request.backdrop is None:
-        camera = scene.view.camera
-        if camera is not None and scene.request.area is None and not scene.request.dem_paths:
-            raise sees_nothing(camera)
+        camera = scene.view.camera or scene.view.scanner
+        if scene.view.camera and scene.request.area is None and not scene.request.dem_paths:
+            raise sees_nothing(scene.view.camera)
         raise CameraError(
             f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"
         )

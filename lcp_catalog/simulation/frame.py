@@ -5,6 +5,9 @@ A pixel is N x N rays, evenly spaced over its area and weighted with the detecto
 render extends beyond the frame by the reach of the blur. A ray that meets no terrain gives black
 sky if it misses the reference sphere as well; else its radiance is unknown (NaN), because the
 source holds no terrain there.
+
+A scanner's ray has the time of its part of the line, so that the camera's motion during the exposure
+is in the image. The framelets of a push-frame camera are frames of their own: blur does not mix them.
 """
 
 from __future__ import annotations
@@ -12,12 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Float32
+from ..arrays import Array, Float32, Mask
 from ..cameras.frame_camera import Camera
+from ..cameras.scanners import Scanner
+from ..cameras.sensor import Sensor
+from ..cameras.view import finest_pixel_m
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
@@ -25,10 +31,11 @@ from ..geometry.sphere_intersection import ranges
 from ..images.image import Image
 from ..light.sun_choice import SunChoice
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
-from ..rendering.renderer import render_camera
 from ..rendering.request import Request, ViewChoice
 from ..sun import ephemeris
 from .detector import Detector, Numbers, gathered, response
+
+Taking = TypeVar("Taking", bound=Camera | Scanner)
 
 SAMPLES_LEAST, SAMPLES_MOST = 2, 4
 """Default number of rays along a pixel's side: one per cell, within these limits."""
@@ -47,10 +54,10 @@ class Surface(Protocol):
     def sun_position_mcmf_m(self) -> Array:
         """Position of the Sun, (3,)."""
 
-    def cells_per_pixel(self, camera: Camera) -> float:
+    def cells_per_pixel(self, camera: Camera | Scanner) -> float:
         """Width of a pixel in cells of the surface, about."""
 
-    def radiance(self, camera: Camera) -> Array:
+    def radiance(self, camera: Camera | Scanner) -> Array:
         """Radiance factor at the pixel centres, (rows, cols); NaN where a ray meets no terrain."""
 
 
@@ -66,35 +73,29 @@ class DemSurface:
         """The surface in the view of a request's camera and ``margin_px`` pixels around it, under
         the request's Sun. Raises the library's errors for a scene that cannot be rendered.
         """
-        if request.view.camera is None:
+        camera = request.view.plane
+        if camera is None:
             raise CameraError("a frame needs a camera; the request has none")
-        wide = ViewChoice(grown(request.view.camera, margin_px))
+        wide = ViewChoice(grown(camera, margin_px) if isinstance(camera, Camera) else None)
+        if isinstance(camera, Scanner):
+            wide = ViewChoice(sensor=camera.around(margin_px))
         scene = prepare_terrain(
             replace(request, view=wide, in_camera_plane=True, surface="heightfield")
         )
-        place = sun_position(request.sun, scene.frame, request.view.camera)
-        return cls(scene, place)
+        return cls(scene, sun_position(request.sun, scene.frame, camera))
 
     @property
     def sources(self) -> tuple[Path, ...]:
         return self.scene.sources
 
-    def cells_per_pixel(self, camera: Camera) -> float:
+    def cells_per_pixel(self, camera: Camera | Scanner) -> float:
+        if isinstance(camera, Scanner):
+            return finest_pixel_m(camera) / self.scene.gsd_m
         away_m = np.linalg.norm(camera.position_mcmf_m - self.scene.frame.origin_mcmf_m)
         return float(away_m) / camera.focal_length_px / self.scene.gsd_m
 
-    def radiance(self, camera: Camera) -> Array:
-        scene, request = self.scene, self.scene.request
-        shot = render_camera(
-            scene.terrain,
-            camera,
-            scene.light,
-            model=scene.model,
-            accuracy=request.accuracy,
-            plan=scene.plan,
-            albedo=request.albedo,
-        )
-        return np.asarray(shot.radiance)
+    def radiance(self, camera: Camera | Scanner) -> Array:
+        return np.asarray(self.scene.picture(camera).radiance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ class Frame:
     numbers: Numbers
     full_scale: float
     detector: Detector
-    camera: Camera
+    camera: Camera | Scanner
     samples: int
     sources: tuple[Path, ...]
 
@@ -118,7 +119,7 @@ class Frame:
         known = np.isfinite(self.radiance)
         return np.where(known, step * self.numbers, np.nan).astype(np.float32)
 
-    def image(self, camera: Camera | None = None, name: str = "simulated") -> Image:
+    def image(self, camera: Sensor | None = None, name: str = "simulated") -> Image:
         """The frame as an image for the search, with ``camera`` as its sensor (None: its own)."""
         known = np.isfinite(self.radiance)
         full = known & (self.numbers >= self.detector.highest)
@@ -134,12 +135,11 @@ class Frame:
 
 
 def frame(
-    surface: Surface, camera: Camera, detector: Detector, samples: int | None = None
+    surface: Surface, camera: Camera | Scanner, detector: Detector, samples: int | None = None
 ) -> Frame:
     """The frame that a camera takes of a surface. CameraError if the camera sees nothing of it."""
     count = samples or samples_for(surface.cells_per_pixel(camera))
-    fine = _rendered(surface, subdivided(grown(camera, detector.margin_px), count))
-    signal = gathered(fine, response(detector.blur_px, count), count)
+    signal = _gathered(surface, camera, detector, count)
     scale = detector.scale_of(signal)
     return Frame(
         signal.astype(np.float32),
@@ -157,8 +157,8 @@ def simulated_image(
 ) -> Image:
     """The image that a request's camera takes of its DEM."""
     surface = DemSurface.seen(request, detector.margin_px)
-    assert request.view.camera is not None
-    return frame(surface, request.view.camera, detector, samples).image(name=name)
+    assert request.view.plane is not None
+    return frame(surface, request.view.plane, detector, samples).image(name=name)
 
 
 def samples_for(cells_per_pixel: float) -> int:
@@ -166,8 +166,11 @@ def samples_for(cells_per_pixel: float) -> int:
     return min(max(SAMPLES_LEAST, math.ceil(cells_per_pixel - 0.01)), SAMPLES_MOST)
 
 
-def subdivided(camera: Camera, count: int) -> Camera:
+def subdivided(camera: Taking, count: int) -> Taking:
     """The camera whose pixels are ``count`` x ``count`` equal parts of each pixel."""
+    if isinstance(camera, Scanner):
+        rows, cols = camera.shape
+        return camera.part((0, rows, 0, cols), count)
     (cx, cy), (width, height) = camera.principal_point_px, camera.image_size_px
     return replace(
         camera,
@@ -177,16 +180,18 @@ def subdivided(camera: Camera, count: int) -> Camera:
     )
 
 
-def grown(camera: Camera, margin_px: int) -> Camera:
+def grown(camera: Taking, margin_px: int) -> Taking:
     """The camera with ``margin_px`` more pixels on every side."""
     (rows, cols), by = camera.shape, margin_px
     return windowed(camera, (-by, rows + by, -by, cols + by))
 
 
-def windowed(camera: Camera, window: tuple[int, int, int, int]) -> Camera:
+def windowed(camera: Taking, window: tuple[int, int, int, int]) -> Taking:
     """The camera of a window of its image (first row, row after the last, first column, column
     after the last), which may lie beyond the image.
     """
+    if isinstance(camera, Scanner):
+        return camera.part(window)
     row0, row1, col0, col1 = window
     cx, cy = camera.principal_point_px
     return replace(
@@ -194,7 +199,7 @@ def windowed(camera: Camera, window: tuple[int, int, int, int]) -> Camera:
     )
 
 
-def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> Array:
+def sun_position(choice: SunChoice, frame: EnuFrame, camera: Sensor | None) -> Array:
     """Position of the Sun, (3,) MCMF metres: that of the camera if the choice states none; else in
     the chosen direction from the frame's origin, at the distance of the chosen time, or one
     astronomical unit away.
@@ -207,9 +212,23 @@ def sun_position(choice: SunChoice, frame: EnuFrame, camera: Camera | None) -> A
     return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
 
 
-def _rendered(surface: Surface, camera: Camera) -> Float32:
-    """Radiance factor at a camera's pixel centres, rendered in blocks of rows; 0 for the sky.
-    CameraError if no ray meets the surface.
+def _gathered(surface: Surface, camera: Camera | Scanner, detector: Detector, count: int) -> Array:
+    """Radiance factor that each pixel gathers from ``count`` x ``count`` rays; every exposure by
+    itself. CameraError if no ray meets the surface.
+    """
+    weights, signals, met = response(detector.blur_px, count), [], False
+    for one in camera.exposures if isinstance(camera, Scanner) else [camera]:
+        fine, meets = _rendered(surface, subdivided(grown(one, detector.margin_px), count))
+        signals.append(gathered(fine, weights, count))
+        met |= meets
+    if not met:
+        raise CameraError(f"{camera.name}: the camera sees nothing of the terrain")
+    return np.concatenate(signals)
+
+
+def _rendered(surface: Surface, camera: Camera | Scanner) -> tuple[Float32, bool]:
+    """Radiance factor at a camera's pixel centres, rendered in blocks of rows; 0 for the sky. True if
+    a ray meets the surface.
     """
     rows, cols = camera.shape
     out, met = np.empty((rows, cols), dtype=np.float32), False
@@ -221,9 +240,15 @@ def _rendered(surface: Surface, camera: Camera) -> Float32:
         met |= not dark.all()
         if dark.any():
             pixels = np.argwhere(dark)[:, ::-1].astype(np.float64)
-            sky = np.isnan(ranges(part.position_mcmf_m, part.rays(pixels)))
-            light[dark] = np.where(sky, 0.0, np.nan)
+            light[dark] = np.where(_misses_moon(part, pixels), 0.0, np.nan)
         out[row : row + step] = light
-    if not met:
-        raise CameraError(f"{camera.name}: the camera sees nothing of the terrain")
-    return out
+    return out, met
+
+
+def _misses_moon(camera: Camera | Scanner, pixels: Array) -> Mask:
+    """True for pixels (n, 2) whose rays miss the reference sphere; False for pixels without a ray."""
+    origins, rays = camera.looks(pixels)
+    known = np.isfinite(rays).all(axis=-1)
+    misses = np.zeros(len(pixels), dtype=np.bool_)
+    misses[known] = np.isnan(ranges(origins[known], rays[known]))
+    return misses

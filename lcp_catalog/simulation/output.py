@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..cameras.frame_camera import Camera
+from ..cameras.isd import isd_with_sun
 from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..errors import OutputError
@@ -35,12 +37,16 @@ def camera_path(path: Path | str) -> Path:
     return Path(path).with_name(f"{Path(path).stem}_camera.json")
 
 
-def encode_camera(frame: Frame) -> bytes:
-    """CAMERA.json of a frame, with the Sun's position, and with the settings of the simulation
-    under ``simulated``.
+def encode_camera(frame: Frame, path: Path | str | None = None) -> bytes:
+    """CAMERA.json of a frame, or of a scanner the ISD from which it was read (``path``), with the
+    Sun's position, and with the settings of the simulation under ``simulated``.
     """
-    document = frame.camera.to_json() | {"simulated": describe(frame)}
-    return (json.dumps(document, indent=1) + "\n").encode()
+    if isinstance(frame.camera, Camera):
+        document = frame.camera.to_json()
+    else:
+        assert path is not None
+        document = isd_with_sun(json.loads(Path(path).read_text(encoding="utf-8")), frame.camera)
+    return (json.dumps(document | {"simulated": describe(frame)}, indent=1) + "\n").encode()
 
 
 def describe(frame: Frame) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
-from ..cameras.view import camera_view
+from ..cameras.scanners import Scanner
+from ..cameras.view import finest_pixel_m, sensor_view
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
 from ..catalog.patch_terrain import patch_terrain
@@ -69,7 +70,7 @@ class Patch:
             return cls(terrain, None)
         return cls(terrain, PatchAlbedo(replace(terrain.field, z_m=catalog.albedo[row])))
 
-    def window(self, camera: Camera) -> Window | None:
+    def window(self, camera: Camera | Scanner) -> Window | None:
         """Rows and columns of a camera's image in which the patch may be seen (half open: first
         row, row after the last, first column, column after the last); None if it is outside.
         """
@@ -100,7 +101,9 @@ class PatchSurface:
     disc: bool | None = None
 
     @classmethod
-    def lit(cls, path: Path, choice: SunChoice, camera: Camera, **how: Any) -> PatchSurface:
+    def lit(
+        cls, path: Path, choice: SunChoice, camera: Camera | Scanner, **how: Any
+    ) -> PatchSurface:
         """A catalogue's file under a chosen Sun, whose angles are those at the middle of the
         catalogue's map; ``how``: model, accuracy, disc.
         """
@@ -117,11 +120,13 @@ class PatchSurface:
         """All patches, in the catalogue's order."""
         return [Patch.of(self.catalog, row) for row in range(len(self.catalog))]
 
-    def cells_per_pixel(self, camera: Camera) -> float:
+    def cells_per_pixel(self, camera: Camera | Scanner) -> float:
+        if isinstance(camera, Scanner):
+            return finest_pixel_m(camera) / float(np.median(self.catalog.gsd))
         away_m = np.linalg.norm(self.catalog.position_mcmf - camera.position_mcmf_m, axis=1)
         return float(np.median(away_m / camera.focal_length_px / self.catalog.gsd))
 
-    def radiance(self, camera: Camera) -> Array:
+    def radiance(self, camera: Camera | Scanner) -> Array:
         out = np.full(camera.shape, np.nan)
         nearest_m = np.full(camera.shape, np.inf)
         for patch in self.patches:
@@ -135,7 +140,7 @@ class PatchSurface:
             out[part][nearer], nearest_m[part][nearer] = light[nearer], range_m[nearer]
         return out
 
-    def _rendered(self, patch: Patch, camera: Camera) -> tuple[Array, Array]:
+    def _rendered(self, patch: Patch, camera: Camera | Scanner) -> tuple[Array, Array]:
         """Radiance factor and range of one patch; NaN and inf where it is not seen."""
         terrain = patch.terrain
         towards = self.sun_position_mcmf_m - terrain.frame.origin_mcmf_m
@@ -144,7 +149,7 @@ class PatchSurface:
         light = Lighting.of_sun(
             sun, SolarDisc(radius_at(float(np.linalg.norm(towards)))) if disc else False
         )
-        view = camera_view(camera, terrain.frame)
+        view = sensor_view(camera, terrain.frame)
         plan = plan_scene(
             terrain,
             sun,
@@ -157,7 +162,9 @@ class PatchSurface:
         how: dict[str, Any] = {"model": self._law, "accuracy": self.accuracy, "plan": plan}
         shot = render_camera(terrain, camera, light, albedo=patch.albedo, **how)
         assert shot.position_mcmf_m is not None
-        away_m = np.linalg.norm(shot.position_mcmf_m - camera.position_mcmf_m, axis=-1)
+        origin, _ = camera.rays_enu(terrain.frame)
+        from_m = origin if isinstance(camera, Camera) else origin[:, None]
+        away_m = np.linalg.norm(terrain.frame.from_mcmf(shot.position_mcmf_m) - from_m, axis=-1)
         seen = np.isfinite(shot.radiance)
         return np.asarray(shot.radiance), np.where(seen, away_m, np.inf)
 

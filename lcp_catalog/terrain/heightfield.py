@@ -18,7 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
-from ..kernels.rays import bundles, camera_tiles, isolated_patches, max_pyramid, surface
+from ..kernels.rays import (
+    bundles,
+    camera_tiles,
+    isolated_patches,
+    max_pyramid,
+    own_directions,
+    surface,
+)
 from ..kernels.shadows import proved_bounds, scan_lines, steep_tiles
 
 Window = tuple[int, int, int, int]
@@ -181,6 +188,17 @@ class Heightfield:
         if self.is_surface and out.size:
             camera = self._node_units(position_m)
             bundles.occluded_nodes_from(*self.traced, *camera, bounds, out)
+        return out
+
+    def occluded_nodes_towards(self, directions: ArrayLike, window: Window | None = None) -> Mask:
+        """Occlusion of the window's nodes, each along its own ENU direction (rows, cols, 3): that of a
+        camera that moves during the exposure. Exact. False at nodata and for directions with NaN.
+        """
+        row0, row1, col0, col1 = bounds = self.checked_window(window)
+        out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
+        if self.is_surface and out.size:
+            ahead = np.ascontiguousarray(directions, dtype=np.float64)
+            own_directions.occluded_nodes(*self.traced, self.gsd_m, ahead, bounds, out)
         return out
 
     def _node_units(self, position_m: ArrayLike) -> tuple[float, float, float]:

@@ -141,6 +141,8 @@ def lowest_view_tangent(view: View, points_m: Array) -> float:
     """Tangent of the camera's least elevation as seen from ENU points (..., 3); inf without a
     point.
     """
+    if view.lowest_tangent is not None:
+        return view.lowest_tangent
     if view.direction is not None:
         return tangent_of(view.direction)
     assert view.position_m is not None
@@ -155,7 +157,7 @@ def lowest_view_tangent(view: View, points_m: Array) -> float:
 def lowest_core_tangent(view: View, terrain: Terrain) -> float:
     """`lowest_view_tangent` of all nodes of a terrain's core."""
     if view.direction is not None:
-        return tangent_of(view.direction)
+        return lowest_view_tangent(view, np.empty((0, 3)))
     row0, row1, col0, col1 = terrain.core
     return min(
         lowest_view_tangent(

@@ -1,15 +1,17 @@
 """Camera files: one camera in three formats, recognition of the format, and use by ``lcp render``."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.renders import camera_file, read, write_dem
+from helpers.scan_files import scan
 from lcp_cli.main import run
 from scipy.spatial.transform import Rotation
 
-from lcp_catalog.cameras.camera_file import read_camera, read_sensor
+from lcp_catalog.cameras.camera_file import read_camera, read_sensor, require_pixels
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.scanners import LineScanner, PushFrame
 from lcp_catalog.errors import CameraError
@@ -159,13 +161,20 @@ def test_render_takes_them_all(dem, all_three, tmp_path):
     ("name", "kind"),
     [("lrolroc_isd", "line scanner"), ("lrolrocwac_isd", "push-frame camera")],
 )
-def test_only_framing_cameras_are_rendered(shared_data, dem, tmp_path, capsys, name, kind):
+def test_a_scanner_is_no_framing_camera(shared_data, name, kind):
     path = shared_data / "cameras" / f"{name}.json"
     assert isinstance(read_sensor(path), LineScanner | PushFrame)
-    assert run(["render", dem, "-o", str(tmp_path / "o.tif"), "--camera", str(path)]) == 1
-    error = capsys.readouterr().err.strip()
-    assert error.count("\n") == 0
-    assert f"{name}.json: is a {kind}; only framing cameras are rendered" in error
+    with pytest.raises(CameraError, match=f"{name}.json: is a {kind}; give a framing camera"):
+        read_camera(path)
+
+
+def test_an_image_too_large_to_render_is_refused(tmp_path):
+    scanner = read_sensor(scan(tmp_path / "scan.json"))
+    require_pixels(scanner)
+    with pytest.raises(
+        CameraError, match=r"scan\.json: image_size_px of 5064 x 52224: at most 100"
+    ):
+        require_pixels(replace(scanner, image_shape=(52224, 5064)))
 
 
 def test_a_broken_isd_is_one_line(dem, camera_json, tmp_path, capsys):

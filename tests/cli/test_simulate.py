@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import rasterio
 from helpers.products import cylinder
+from helpers.scan_files import scan
 from lcp_cli.main import run
 from simulation.test_frame import APART, CELL_M, PLACE, camera, patches, rolling
 
-from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.cameras.camera_file import read_camera, read_sensor
 from lcp_catalog.catalog.hdf5 import write_catalog
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import azimuth_elevation
@@ -241,3 +242,31 @@ def test_flags_bounds_are_the_librarys():
     blur = next(p for p in command.params if p.name == "blur_px")
     assert blur.type.max == BLUR_MAX_PX
     assert max(int(bits) for bits in BITS) == BITS_MAX
+
+
+@pytest.mark.parametrize("kind", ["LINE_SCANNER", "PUSH_FRAME"])
+def test_a_scanners_frame_and_the_isd_beside_it(folder, tmp_path, kind):
+    """The given ISD, with the stated Sun: what took the frame; the same pixels as of ``lcp render``."""
+    where = (PLACE.lon_deg, PLACE.lat_deg)
+    how = {"shape": (36, 40), "pixel_m": CELL_M, "altitude_m": 80e3}
+    isd = scan(tmp_path / "isd.json", kind, place=where, **how)
+    sun = ["--sun-azimuth", "250", "--sun-elevation", "35"]
+    made = ["--reflectance", "lommel-seeliger", "--accuracy", "reference", *sun, *POINT]
+    given = [str(folder / "dem.tif"), "--camera", str(isd), *made]
+    exact = ["--samples", "1", "--bits", "16", "--exposure", "0.2"]
+    assert run(["simulate", *given, "-o", str(tmp_path / "f.tif"), *exact]) == 0
+    first, beside = read_sensor(isd), read_sensor(tmp_path / "f_camera.json")
+    towards = PLACE.direction_from_mcmf(beside.sun_position_mcmf_m - PLACE.origin_mcmf_m)
+    np.testing.assert_allclose(azimuth_elevation(towards), [250.0, 35.0], atol=0.3)
+    for looks in zip(first.looks([[3.0, 7.0]]), beside.looks([[3.0, 7.0]]), strict=True):
+        np.testing.assert_array_equal(*looks)
+    said = json.loads((tmp_path / "f_camera.json").read_text())["simulated"]
+    assert said["rays_per_pixel"] == 1
+    assert run(["render", *given, "--frame", "camera", "-o", str(tmp_path / "r.tif")]) == 0
+    found, judged = pixels(tmp_path / "f.tif"), pixels(tmp_path / "r.tif")
+    assert np.isfinite(judged).all()
+    np.testing.assert_allclose(found, judged, atol=0.2 / 65535)
+    with rasterio.open(tmp_path / "r.tif") as file:
+        camera = json.loads(file.tags()["camera"])
+    assert camera["file"] == "isd.json"
+    assert camera["image_size_px"] == [40, 36]
