@@ -164,7 +164,7 @@ albedo_options = option_group(
         type=RASTER,
         metavar="MAP",
         help="Albedo map: a raster of relative surface brightness in a lunar CRS. Radiance is multiplied by the ratio of "
-        "its value to --albedo-reference.",
+        "its value to --albedo-reference. Three bands are red, green and blue in lcp render.",
     ),
     click.option(
         "--albedo-encoding",
@@ -178,7 +178,8 @@ albedo_options = option_group(
         type=POSITIVE,
         default=None,
         metavar="V",
-        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP.",
+        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP, in colour of its "
+        "luminance.",
     ),
 )
 

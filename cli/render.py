@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     "--preview",
     type=OutputFile(),
     metavar="OUT.png",
-    help="Also write the radiance as an 8-bit PNG.",
+    help="Also write the radiance as an 8-bit PNG, in colour under an albedo map in colour.",
 )
 @click.option(
     "--explain",
@@ -61,7 +61,8 @@ def command(
     --look the image is that of a camera above --center.
 
     Bands of OUT.tif: radiance, sunlit, visible, incidence, emission, phase (degrees), and height (metres). With
-    --frame camera, x, y and z (metres, MCMF) take the place of height.
+    --frame camera, x, y and z (metres, MCMF) take the place of height. An albedo map in colour adds radiance_red,
+    radiance_green and radiance_blue.
     """
     if output is None and not explain:
         raise click.UsageError("-o OUT.tif is missing (or --explain)")
@@ -108,7 +109,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
 
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.photometry.colour_map import open_map
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.rendering.compositing import Backdrop
     from lcp_catalog.rendering.request import Request, ViewChoice
@@ -141,7 +142,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         disc=None if flags["sun_model"] is None else flags["sun_model"] == "disc",
         product_order=flags["product_order"] or (),
-        albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
+        albedo=open_map(*albedo) if albedo[0] else None,
         surface=flags["surface"],
         environment=environment(flags),
         earthshine=flags["earthshine"],
@@ -166,7 +167,8 @@ def _write(
     with ExitStack() as stack:
         stack.enter_context(write_aside(output, overwrite)).write_bytes(encode(scene, result))
         if preview:
-            shown = result.radiance if result.composite is None else result.composite
+            seen = result.radiance if result.colour is None else result.colour
+            shown = seen if result.composite is None else result.composite
             image = png(picture(shown))
             stack.enter_context(write_aside(preview, overwrite)).write_bytes(image)
         if depfile:

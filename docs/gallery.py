@@ -56,7 +56,7 @@ MOON_M = 1737400.0
 @dataclass(frozen=True)
 class Shot:
     """A picture: its name, its caption, and the arguments of ``lcp render``; the pictures of a
-    ``group`` have one grey scale.
+    ``group`` have one grey scale. ``band``: of the output; "colour": red, green and blue.
     """
 
     name: str
@@ -166,6 +166,7 @@ def matter(folder: Path) -> Section:
         Shot("albedo-far", "the same map around the antimeridian: no seam", f"{SPHERE.replace('--center 0 0', '--center 180 0')} --sun-azimuth 90 --sun-elevation 60 --albedo {made}"),
         Shot("albedo-pole", "the same map around the north pole: no hole", f"{SPHERE.replace('--center 0 0', '--center 0 90')} --subsolar 0 30 --albedo {made}"),
         Shot("albedo-crater", "the crater with a synthetic map of rays from its centre", crater),
+        Shot("albedo-colour", "a synthetic map in colour, seen by a camera of 40° from 4000 km over 10° E 20° N that looks 10° to the east of its nadir", f"--surface sphere --fov 40 --altitude 4000 --center 10 20 --look 90 -80 --image-size 300 300 --subsolar 60 1 --albedo {folder / 'made_colour.tif'}", None, "colour"),
         Shot("albedo-none", "the same without a map", crater.partition(" --albedo")[0]),
     ]  # fmt: skip
     return Section(
@@ -213,7 +214,9 @@ def panoramas(folder: Path) -> None:
 
 
 def maps(folder: Path) -> None:
-    """Two synthetic albedo maps: a marked chequerboard of the Moon, and rays around the crater."""
+    """Synthetic albedo maps: a marked chequerboard of the Moon, the same in colours, and rays around the
+    crater.
+    """
     lon, lat = np.meshgrid(np.arange(-180, 180, 0.25) + 0.125, 90 - np.arange(0, 180, 0.25) - 0.125)
     board = 0.8 + 0.4 * ((np.floor(lon / 15) + np.floor(lat / 15)) % 2)
     for lon0, lat0, radius, value in ((-40, 30, 20, 0.4), (-10, -40, 10, 2.0)):
@@ -223,11 +226,11 @@ def maps(folder: Path) -> None:
         )
         board[cosine > np.cos(np.radians(radius))] = value
     degree = np.radians(1.0) * MOON_M
-    _raster(
-        folder / "made_albedo.tif",
-        board,
-        from_origin(-180 * degree, 90 * degree, 0.25 * degree, 0.25 * degree),
-    )
+    whole = from_origin(-180 * degree, 90 * degree, 0.25 * degree, 0.25 * degree)
+    _raster(folder / "made_albedo.tif", board, whole)
+    red = 1.0 + 0.4 * np.sin(np.radians(3 * lon))
+    blue = 0.8 + 0.4 * np.cos(np.radians(5 * lat))
+    _raster(folder / "made_colour.tif", board * np.stack([red, np.ones_like(red), blue]), whole)
     step = 0.002
     x, y = np.meshgrid(
         np.arange(2.0, 3.6, step) + step / 2 - 2.84,
@@ -262,7 +265,8 @@ def _raster(
     path: Path, values: np.ndarray, transform: rasterio.Affine, nodata: float | None = None
 ) -> None:
     crs = CRS.from_proj4(f"+proj=eqc +R={MOON_M} +units=m +no_defs")
-    shape = {"height": values.shape[0], "width": values.shape[1], "count": 1}
+    bands = values.reshape(-1, *values.shape[-2:])
+    shape = dict(zip(("count", "height", "width"), bands.shape, strict=True))
     with rasterio.open(
         path,
         "w",
@@ -273,7 +277,7 @@ def _raster(
         nodata=nodata,
         **shape,
     ) as file:
-        file.write(values.astype(np.float32), 1)
+        file.write(bands.astype(np.float32))
 
 
 # -- the page
@@ -292,11 +296,18 @@ def shoot(section: Section, folder: Path) -> list[str]:
             warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning),
             rasterio.open(output) as file,
         ):
-            bands[shot.name] = file.read(file.descriptions.index(shot.band) + 1)
+            names = (
+                [f"radiance_{colour}" for colour in ("red", "green", "blue")]
+                if shot.band == "colour"
+                else [shot.band]
+            )
+            found = file.read([file.descriptions.index(name) + 1 for name in names])
+            bands[shot.name] = found if shot.band == "colour" else found[0]
     figures = []
     for shot in section.shots:
         together = [bands[s.name] for s in section.shots if s.group and s.group == shot.group]
         pixels = _grey(bands[shot.name], together)
+        pixels = np.moveaxis(pixels, 0, -1) if pixels.ndim == 3 else pixels
         (folder / f"{shot.name}.png").write_bytes(encode_png(pixels))
         command = f"lcp render {shot.arguments} -o {shot.name}.tif"
         figures.append(f"<figure><img src='{shot.name}.png' alt='{escape(shot.caption)}'><figcaption>{escape(shot.caption)}<code>{escape(command)}</code></figcaption></figure>")  # fmt: skip

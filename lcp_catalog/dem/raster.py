@@ -56,6 +56,7 @@ class Raster:
     missing: tuple[float, ...] = ()
     raw_dtype: str | None = None  # None: read by GDAL
     raw_offset_bytes: int = 0
+    band: int = 1  # of the file, counted from 1; read by GDAL
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
@@ -103,7 +104,7 @@ class Raster:
             return self._mapped()[row0:row1, col0:col1]
         try:
             samples: NDArray[Any] = _dataset(self.path).read(
-                1, window=Window(col0, row0, col1 - col0, row1 - row0)
+                self.band, window=Window(col0, row0, col1 - col0, row1 - row0)
             )
         except UNREADABLE as error:
             raise DemError(

@@ -88,16 +88,16 @@ class AlbedoMap:
 
         Without a ``reference`` every pixel is read once for the mean.
         """
-        if encoding is not None and encoding not in ENCODINGS:
-            raise AlbedoError(
-                f"no albedo encoding {encoding!r}; valid names: {', '.join(ENCODINGS)}"
-            )
-        if reference is not None and not 0.0 < reference < math.inf:
-            raise AlbedoError(f"invalid albedo reference {reference:g}; it must be above 0")
+        check_reading(encoding, reference)
         pixels = open_pixels(Path(path), encoding)
         value = mean_value(pixels) if reference is None else float(reference)
-        raster = replace(pixels.raster, unit=_UNIT / value)
-        return cls(replace(pixels, raster=raster), value, reference is None)
+        return cls.over(pixels, value, reference is None)
+
+    @classmethod
+    def over(cls, pixels: AlbedoPixels, reference: float, is_mean: bool) -> AlbedoMap:
+        """The map of opened pixels, over a reference."""
+        raster = replace(pixels.raster, unit=_UNIT / reference)
+        return cls(replace(pixels, raster=raster), reference, is_mean)
 
     @property
     def name(self) -> str:
@@ -206,15 +206,17 @@ class AlbedoMap:
 
     def cover(self, terrain: Terrain) -> Cover:
         """Coverage of the core's nodes with a height, by a sample of them."""
-        step = max(1, max(terrain.product_index.shape) // _SAMPLE_NODES)
-        points = nodes_enu(terrain.field, terrain.core, step)
+        points = sample_nodes(terrain)
         factors = self.at_enu(terrain.frame, points, terrain.field.gsd_m)
         return Cover.of(factors, np.isfinite(points[..., 2]))
 
     def cover_of(self, area: Area, gsd_m: float) -> Cover:
         """Coverage of an area without a terrain, by a lattice of places on the sphere."""
-        lon, lat = area.lattice(129)
-        return Cover.of(self.at(lon, lat, gsd_m), np.ones(len(lon), dtype=bool))
+        return self.cover_at(*area.lattice(129), gsd_m)
+
+    def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Cover:
+        """Coverage of places (n,) with cells of a width."""
+        return Cover.of(self.at(lon_deg, lat_deg, gsd_m), np.ones(len(lon_deg), dtype=bool))
 
     def check_cover(self, cover: Cover, where: object) -> Cover:
         """Return the coverage; AlbedoError if it is empty or black, a warning if it is partial."""
@@ -232,6 +234,20 @@ class AlbedoMap:
                 max(100.0 * (1.0 - cover.share), 0.01),
             )
         return cover
+
+
+def check_reading(encoding: str | None, reference: float | None) -> None:
+    """Raise AlbedoError for an invalid encoding or reference."""
+    if encoding is not None and encoding not in ENCODINGS:
+        raise AlbedoError(f"no albedo encoding {encoding!r}; valid names: {', '.join(ENCODINGS)}")
+    if reference is not None and not 0.0 < reference < math.inf:
+        raise AlbedoError(f"invalid albedo reference {reference:g}; it must be above 0")
+
+
+def sample_nodes(terrain: Terrain) -> Array:
+    """ENU points (rows, cols, 3) of a sample of the core's nodes, by which a map's cover is judged."""
+    step = max(1, max(terrain.product_index.shape) // _SAMPLE_NODES)
+    return nodes_enu(terrain.field, terrain.core, step)
 
 
 def neutral(factors: Float32) -> Float32:

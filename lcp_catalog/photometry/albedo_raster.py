@@ -1,4 +1,4 @@
-"""Pixels of an albedo map: linear values of its first band, and their mean by area on the surface."""
+"""Pixels of an albedo map: linear values of a band, and their mean by area on the surface."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ from .srgb import decode_srgb
 log = logging.getLogger(__name__)
 
 _COLOURS = ("red", "green", "blue", "cyan", "magenta", "yellow", "hue", "saturation", "palette")
+_RGB = ("red", "green", "blue")
 _LENGTHS = ("m", "km", "meter", "meters", "metre", "metres", "kilometer", "kilometers", "kilometre")
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """Linear values of a file's first band, times ``unit``."""
+    """Linear values of a band of a file, times ``unit``."""
 
     raster: Raster
     encoding: str
@@ -47,7 +48,8 @@ class Brightness:
         values = self.raster.heights_of(samples)
         if self.masked:
             window = ((row0, row1), (col0, col1))
-            values[open_dataset(self.raster.path).read_masks(1, window=window) == 0] = np.nan
+            file, band = open_dataset(self.raster.path), self.raster.band
+            values[file.read_masks(band, window=window) == 0] = np.nan
         self._refuse_impossible(values)
         return values if self.encoding == "linear" else decode_srgb(values / self.full)
 
@@ -78,45 +80,66 @@ class AlbedoPixels(Gridded):
 
     @property
     def identity(self) -> Hashable:
-        """Key of the values: the file and the decoding."""
-        return (super().identity, self.raster.encoding, self.raster.unit)
+        """Key of the values: the file, the band and the decoding."""
+        raster = self.raster
+        return (super().identity, raster.raster.band, raster.encoding, raster.unit)
 
 
-def open_pixels(path: Path, encoding: str | None) -> AlbedoPixels:
-    """The first band of a raster with a lunar CRS; AlbedoError if it cannot be used.
+def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> AlbedoPixels:
+    """A band of a raster with a lunar CRS, counted from 1; None: the first, of a raster without
+    colours. AlbedoError if it cannot be used.
 
     Without an ``encoding`` the values are linear, with a warning if they look like those of a
     display image.
     """
-    if not path.is_file():
-        kind = "is a folder, not an albedo map" if path.is_dir() else "there is no such file"
-        raise AlbedoError(f"{path}: {kind}")
-    try:
-        dataset = open_dataset(path)
-    except DemError as error:
-        raise AlbedoError(str(error).replace("not a DEM", "not an albedo map")) from error
+    dataset = _opened(path)
     _refuse_heights(dataset, path)
-    _refuse_colours(dataset, path)
-    grid, (scale, offset) = _grid(dataset, path), (dataset.scales[0], dataset.offsets[0])
+    if band is None:
+        _refuse_colours(dataset, path)
+    k = 0 if band is None else band - 1
+    grid, (scale, offset) = _grid(dataset, path), (dataset.scales[k], dataset.offsets[k])
     plain = scale == 1.0 and offset == 0.0
     if encoding == "srgb" and not plain:
         raise AlbedoError(
             f"{path}: has a scale and an offset, unlike the codes of a display image; "
             "use --albedo-encoding linear"
         )
-    if encoding is None and plain and dataset.dtypes[0] == "uint8":
+    if encoding is None and plain and dataset.dtypes[k] == "uint8" and band in (None, 1):
         log.warning(
             "%s: 8-bit samples are read as linear brightness; if they are codes of a display image, "
             "use --albedo-encoding srgb",
             path,
         )
-    nodata = dataset.nodatavals[0]
+    nodata = dataset.nodatavals[k]
     missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
-    raster = Raster(path, dataset.width, dataset.height, float(scale), float(offset), missing)
-    full = float(np.iinfo(dataset.dtypes[0]).max) if "int" in dataset.dtypes[0] else 1.0
+    size = dataset.width, dataset.height
+    raster = Raster(path, *size, float(scale), float(offset), missing, band=k + 1)
+    full = float(np.iinfo(dataset.dtypes[k]).max) if "int" in dataset.dtypes[k] else 1.0
     return AlbedoPixels(
-        path, grid, Brightness(raster, encoding or "linear", full, _masked(dataset))
+        path, grid, Brightness(raster, encoding or "linear", full, _masked(dataset, k))
     )
+
+
+def colour_bands(path: Path) -> tuple[int, ...]:
+    """The bands, counted from 1, of red, green and blue: those that the file names so, else all of a
+    raster of three bands besides alpha. Empty for any other raster. AlbedoError if it cannot be read.
+    """
+    names = [kind.name for kind in _opened(path).colorinterp]
+    if set(_RGB) <= set(names):
+        return tuple(names.index(colour) + 1 for colour in _RGB)
+    bands = [k for k, name in enumerate(names, start=1) if name != "alpha"]
+    named = any(name in _COLOURS for name in names)
+    return tuple(bands) if len(bands) == len(_RGB) and not named else ()
+
+
+def _opened(path: Path) -> Any:
+    if not path.is_file():
+        kind = "is a folder, not an albedo map" if path.is_dir() else "there is no such file"
+        raise AlbedoError(f"{path}: {kind}")
+    try:
+        return open_dataset(path)
+    except DemError as error:
+        raise AlbedoError(str(error).replace("not a DEM", "not an albedo map")) from error
 
 
 def mean_value(pixels: AlbedoPixels) -> float:
@@ -178,14 +201,15 @@ def _refuse_colours(dataset: Any, path: Path) -> None:
     if colours:
         raise AlbedoError(
             f"{path}: is a colour image ({', '.join(dict.fromkeys(colours))}); an albedo map has one "
-            f"band of brightness; make one first (gdal_translate "
-            f"{'-expand gray' if 'palette' in colours else '-b 1'})"
+            f"band of brightness, and only lcp render takes one of red, green and blue; make one "
+            f"first (gdal_translate {'-expand gray' if 'palette' in colours else '-b 1'})"
         )
     more = [name for name in names[1:] if name != "alpha"]
     if more:
-        log.warning("%s: has %d bands; the first is used", path, len(more) + 1)
+        hint = " (lcp render takes three as red, green and blue)" if len(more) == 2 else ""
+        log.warning("%s: has %d bands; the first is used%s", path, len(more) + 1, hint)
 
 
-def _masked(dataset: Any) -> bool:
-    """True if a mask or an alpha band marks missing pixels."""
-    return any(flag.name in ("per_dataset", "alpha") for flag in dataset.mask_flag_enums[0])
+def _masked(dataset: Any, k: int) -> bool:
+    """True if a mask or an alpha band marks missing pixels of the band of index ``k``."""
+    return any(flag.name in ("per_dataset", "alpha") for flag in dataset.mask_flag_enums[k])

@@ -13,6 +13,7 @@ from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADI
 from ..light.environment import Environment
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
+from ..photometry.colour_map import ColourMap
 from ..photometry.law_choice import Choice
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.relief_bounds import Relief, Ring, Steepness
@@ -477,7 +478,7 @@ def several_sources(count: int, rays: Rays) -> Decision:
     return Decision("other sources", True, reason, rays.node_error, "share of nodes, each")
 
 
-def albedo(brightness: AlbedoMap | None = None, cover: Cover | None = None) -> Decision:
+def albedo(brightness: AlbedoMap | ColourMap | None = None, cover: Cover | None = None) -> Decision:
     """Decision about an albedo map, by what it covers of an area; its own error is not known."""
     effect, unit = "albedo", "radiance factor"
     if brightness is None or cover is None:
@@ -485,10 +486,13 @@ def albedo(brightness: AlbedoMap | None = None, cover: Cover | None = None) -> D
     if cover.share == 0.0:
         reason = f"{brightness.name} does not cover the area: the factor is 1"
         return Decision(effect, False, reason, None, unit)
-    mean = ", its mean" if brightness.reference_is_mean else ""
+    colour, of, luminance = "", "", ""
+    if isinstance(brightness, ColourMap):
+        colour, of, luminance = ", red, green and blue", " of luminance", " luminance"
+    mean = f", its mean{luminance}" if brightness.reference_is_mean else ""
     reason = (
-        f"{brightness.name}, {brightness.encoding}, over {brightness.reference:.4g}{mean}: factors "
-        f"of {cover.lowest:.3g} to {cover.highest:.3g}; without the map the error would be their "
+        f"{brightness.name}{colour}, {brightness.encoding}, over {brightness.reference:.4g}{mean}: "
+        f"factors{of} of {cover.lowest:.3g} to {cover.highest:.3g}; without the map the error would be their "
         f"contrast over the area, {cover.contrast:.3g} (standard deviation over mean)"
     )
     if cover.share < 1.0:

@@ -15,6 +15,8 @@ from .rasters import geotiff, node_transform, orthographic_crs
 from .renderer import Rendering
 from .scene import Scene
 
+COLOURS = ("red", "green", "blue")
+
 
 def encode(scene: Scene, result: Rendering) -> bytes:
     """The GeoTIFF of ``lcp render``."""
@@ -33,13 +35,28 @@ def encode(scene: Scene, result: Rendering) -> bytes:
         if result.composite is not None:
             bands["composite"] = result.composite
             units.append("1")
-        return geotiff(bands, "float64", tags(scene), units=units)
+        colours = _add_colours(bands, units, result)
+        return geotiff(bands, "float64", tags(scene), units=units, colours=colours)
     assert result.height_m is not None
     bands["height"] = result.height_m
+    units.append("metre")
+    colours = _add_colours(bands, units, result)
     assert scene.gsd_m is not None
     transform = node_transform(*scene.corner_m, scene.gsd_m)
     crs = orthographic_crs(scene.frame)
-    return geotiff(bands, "float32", tags(scene), crs, transform, [*units, "metre"])
+    return geotiff(bands, "float32", tags(scene), crs, transform, units, colours)
+
+
+def _add_colours(
+    bands: dict[str, ArrayLike], units: list[str], result: Rendering
+) -> dict[str, str]:
+    """Add the radiance in red, green and blue, if there is one; return the colours of these bands."""
+    if result.colour is None:
+        return {}
+    colours = {f"radiance_{colour}": colour for colour in COLOURS}
+    bands |= dict(zip(colours, result.colour, strict=True))
+    units += ["1"] * len(colours)
+    return colours
 
 
 def tags(scene: Scene) -> dict[str, str]:

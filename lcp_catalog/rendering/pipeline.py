@@ -24,6 +24,7 @@ from ..light.above_horizon import light_above_horizon
 from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
+from ..photometry.colour_map import ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import build_surrounded, surroundings
@@ -294,7 +295,7 @@ def _background(request: Request, backdrop: Backdrop, camera: Camera) -> Decisio
     return found
 
 
-def _albedo_decision(albedo: AlbedoMap | None, terrain: Terrain) -> Decision | None:
+def _albedo_decision(albedo: AlbedoMap | ColourMap | None, terrain: Terrain) -> Decision | None:
     """The decision about an albedo map; AlbedoError if it covers nothing of the area."""
     if albedo is None:
         return None

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rasterio
 from numpy.typing import ArrayLike, NDArray
+from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
 from rasterio.transform import Affine
@@ -47,9 +48,11 @@ def geotiff(
     crs: rasterio.CRS | None = None,
     transform: Affine | None = None,
     units: Sequence[str] | None = None,
+    colours: Mapping[str, str] | None = None,
 ) -> bytes:
     """A cloud-optimised GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN.
-    Overviews are means; the bands have their statistics as metadata.
+    Overviews are means; the bands have their statistics as metadata. ``colours``: the colour (red,
+    green, blue) of bands that are shown in one.
     """
     rows, columns = np.shape(next(iter(bands.values())))
     profile = {
@@ -76,13 +79,16 @@ def geotiff(
                 file.set_band_description(index, name)
             if units is not None:
                 file.units = tuple(units)
+            if colours:
+                shown = [colours.get(name, "undefined") for name in bands]
+                file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
         return bytes(memory.getbuffer())
 
 
 def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
-    """Grey values of a radiance for display: 0 is black, the 99.5th percentile of the lit nodes is
-    white, gamma 1.2.
+    """Values of a radiance for display, in its shape (with a first axis of three: in colour): 0 is
+    black, the 99.5th percentile of all lit values is white, gamma 1.2.
     """
     values = np.nan_to_num(np.asarray(radiance, dtype=np.float64), nan=0.0)
     lit = values[values > 0]
@@ -91,12 +97,13 @@ def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
     return np.round(255 * grey).astype(np.uint8)
 
 
-def png(grey: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """A grey PNG of 8 or 16 bits."""
-    rows, columns = grey.shape
+def png(values: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A PNG of 8 or 16 bits: grey (rows, cols), or red, green and blue (3, rows, cols)."""
+    planes = values.reshape(-1, *values.shape[-2:])
+    count, rows, columns = planes.shape
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        profile = {"driver": "PNG", "width": columns, "height": rows, "count": 1}
-        with memory.open(**profile, dtype=grey.dtype.name) as file:
-            file.write(grey, 1)
+        profile = {"driver": "PNG", "width": columns, "height": rows, "count": count}
+        with memory.open(**profile, dtype=values.dtype.name) as file:
+            file.write(planes)
         return bytes(memory.getbuffer())

@@ -34,6 +34,7 @@ from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, Source
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
+from ..photometry.srgb import luminance
 from ..terrain.horizons import Points
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
@@ -47,13 +48,15 @@ _BLOCK_ROWS = 256
 
 
 class Albedo(Protocol):
-    """Brightness of the surface, relative to the reflectance model."""
+    """Brightness of the surface, relative to the reflectance model; in colour with a first axis of
+    red, green and blue.
+    """
 
     def at_nodes(self, terrain: Terrain) -> Band:
-        """Factors at the core window's nodes, (rows, cols)."""
+        """Factors at the core window's nodes, (rows, cols) or (3, rows, cols)."""
 
     def at_points(self, terrain: Terrain, points: Array) -> Band:
-        """Factors at ENU points (n, 3) of the surface, (n,)."""
+        """Factors at ENU points (n, 3) of the surface, (n,) or (3, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +67,8 @@ class Rendering:
     of the Sun's disc (0 or 1 for a point Sun). visible: mask; on the limb of the sphere the share of the
     pixel. incidence_deg, emission_deg, phase_deg: degrees, NaN without a surface. height_m: ENU z, for
     nodes. position_mcmf_m: (rows, cols, 3), for a camera's plane. composite: radiance with the
-    background, where there is one (`compositing`).
+    background, where there is one (`compositing`). colour: radiance in red, green and blue
+    (3, rows, cols) under an albedo map in colour; ``radiance`` is then their luminance.
     """
 
     radiance: Band
@@ -76,6 +80,7 @@ class Rendering:
     height_m: Band | None = None
     position_mcmf_m: Array | None = None
     composite: Band | None = None
+    colour: Band | None = None
 
 
 def render_enu(
@@ -143,10 +148,13 @@ def render_enu(
             band[rows] = values
     radiance, incidence, emission, phase = angles
     radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
+    colour = None
     if albedo is not None:
-        radiance *= albedo.at_nodes(terrain)
+        radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
     height = field.z_m[row0:row1, col0:col1]
-    return Rendering(radiance, sunlit, seen, incidence, emission, phase, height_m=height)
+    return Rendering(
+        radiance, sunlit, seen, incidence, emission, phase, height_m=height, colour=colour
+    )
 
 
 def render_camera(
@@ -191,10 +199,22 @@ def render_camera(
     if light.sky is not None:
         where = points[seen], normals[seen], -rays[seen]
         bands[0][seen] += sky_at_points(terrain, light.sky, *where, model, accuracy, shadows)
+    radiance: Band = bands[0]
+    colour = None
     if albedo is not None:
-        bands[0][seen] *= albedo.at_points(terrain, points[seen])
+        factors = albedo.at_points(terrain, points[seen])
+        bright = np.broadcast_to(radiance, (*factors.shape[:-1], *seen.shape)).copy()
+        bright[..., seen] *= factors
+        radiance, colour = in_colour(bright)
     position = terrain.frame.to_mcmf(points)
-    return Rendering(bands[0], sunlit, seen, *bands[1:], position_mcmf_m=position)
+    return Rendering(radiance, sunlit, seen, *bands[1:], position_mcmf_m=position, colour=colour)
+
+
+def in_colour(radiance: Band) -> tuple[Band, Band | None]:
+    """Radiance (rows, cols) itself, without colour; or the luminance of red, green and blue
+    (3, rows, cols), and these.
+    """
+    return (radiance, None) if radiance.ndim == 2 else (luminance(radiance), radiance)
 
 
 def check_camera(terrain: Terrain, view: View) -> None:

@@ -22,6 +22,7 @@ from ..light.environment import Environment
 from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap
+from ..photometry.colour_map import ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
 from .compositing import Backdrop
@@ -94,7 +95,7 @@ class Request:
     accuracy: Accuracy = TIERS["standard"]
     disc: bool | None = None
     product_order: tuple[str, ...] = ()
-    albedo: AlbedoMap | None = None
+    albedo: AlbedoMap | ColourMap | None = None
     surface: str = SURFACES[0]
     environment: Environment | None = None
     earthshine: bool = False

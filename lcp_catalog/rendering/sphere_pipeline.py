@@ -19,7 +19,8 @@ from ..geometry import sphere_intersection
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, enu_rotation
 from ..light.sources import Lighting
-from ..photometry.albedo_map import AlbedoMap, Cover
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.colour_map import ColourMap
 from ..photometry.law_choice import SLOPE_RMS, Choice, choose
 from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow
@@ -207,9 +208,11 @@ def _choose(
     return choose(request.accuracy, suns[None], cameras[None], SLOPE_RMS, request.model)
 
 
-def _albedo_decision(albedo: AlbedoMap, frame: EnuFrame, points: Array, pixel_m: Array) -> Decision:
-    factors = albedo.at(*sphere_intersection.lonlat(points), float(np.median(pixel_m)))
-    cover = Cover.of(factors, np.ones(len(points), dtype=np.bool_))
+def _albedo_decision(
+    albedo: AlbedoMap | ColourMap, frame: EnuFrame, points: Array, pixel_m: Array
+) -> Decision:
+    lon, lat = sphere_intersection.lonlat(points)
+    cover = albedo.cover_at(lon, lat, float(np.median(pixel_m)))
     where = f"around {frame.lon_deg:.6g}, {frame.lat_deg:.6g}"
     return decisions.albedo(albedo, albedo.check_cover(cover, where))
 

@@ -15,7 +15,7 @@ mean over the whole pixel (the sky is black); the other bands are those at the m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,11 +28,12 @@ from ..errors import CameraError, SunError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting, Source
+from ..photometry.colour_map import ColourMap
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
 from ..terrain.area import NodeWindow
 from . import limb
 from .footprint_sampling import Map, seen_through
-from .renderer import Rendering
+from .renderer import Rendering, in_colour
 from .sphere_extent import Extent
 
 _BLOCK_PIXELS = 1 << 18
@@ -41,7 +42,9 @@ _FACING = 1e-9  # least cosine of emission for the stretch of a footprint
 
 @dataclass(frozen=True, eq=False)
 class _Bands:
-    """Bands of points (n,): radiance of the surface, share of the first source, angles in degrees."""
+    """Bands of points (n,): radiance of the surface, in colour (3, n), share of the first source, angles
+    in degrees.
+    """
 
     radiance: Array
     sunlit: Array
@@ -58,7 +61,7 @@ def render_sphere_enu(
     view: View,
     *,
     model: Reflectance = DEFAULT_MODEL,
-    albedo: Map | None = None,
+    albedo: Map | ColourMap | None = None,
 ) -> Rendering:
     """Render the nodes of a window of the frame's plane, float32; NaN where the vertical of the plane
     misses the sphere. ``light`` and ``view`` are in the frame's axes.
@@ -67,7 +70,7 @@ def render_sphere_enu(
     """
     check_camera(frame, view)
     rows, cols = window.shape
-    out = _empty((rows, cols), np.float32)
+    out = _empty((rows, cols), np.float32, albedo)
     height = np.full((rows, cols), np.nan, np.float32)
     x = (window.col0 + np.arange(cols)) * gsd_m
     at_once = max(1, _BLOCK_PIXELS // cols)
@@ -93,9 +96,11 @@ def render_sphere_enu(
         bands = _shade(frame, normals, towards, light, model, seen)
         if albedo is not None:
             factor = _factors(albedo, normals[seen], sizes[0][seen], sizes[1][seen], leaning[seen])
-            bands.radiance[seen] *= factor
+            bright = np.broadcast_to(bands.radiance, (*factor.shape[:-1], len(seen))).copy()
+            bright[..., seen] *= factor
+            bands = replace(bands, radiance=bright)
         _put(out, block, there, bands, seen.astype(np.float32))
-    result = Rendering(**out, height_m=height)
+    result = _rendering(out, height_m=height)
     _require_light(result, light)
     return result
 
@@ -106,7 +111,7 @@ def render_sphere_camera(
     light: Lighting,
     *,
     model: Reflectance = DEFAULT_MODEL,
-    albedo: Map | None = None,
+    albedo: Map | ColourMap | None = None,
     extent_m: Extent | None = None,
 ) -> Rendering:
     """Render the camera's plane, float64. ``light`` is in the frame's axes; ``extent_m`` (west, east,
@@ -115,7 +120,7 @@ def render_sphere_camera(
     height = float(sphere_intersection.heights(camera.position_mcmf_m))
     require_above(camera.name, height)
     rows, cols = camera.shape
-    out = _empty((rows, cols), np.float64)
+    out = _empty((rows, cols), np.float64, albedo)
     position = np.full((rows, cols, 3), np.nan)
     pixel_rad = limb.pixel_angle(camera)
     at_once = max(1, _BLOCK_PIXELS // cols)
@@ -128,12 +133,13 @@ def render_sphere_camera(
         normals, towards = points[there] / MOON_RADIUS_M, -rays[there]
         seen = np.ones(len(normals), dtype=np.bool_)
         bands = _shade(frame, normals, towards, light, model, seen)
+        bright = bands.radiance
         if albedo is not None:
-            bands.radiance[...] *= _pixel_factors(albedo, camera, points[there], towards)
-        bands.radiance[...] *= share[there]
+            bright = bright * _pixel_factors(albedo, camera, points[there], towards)
+        bands = replace(bands, radiance=bright * share[there])
         position[block][there] = points[there]
         _put(out, block, there, bands, share[there])
-    result = Rendering(**out, position_mcmf_m=position)
+    result = _rendering(out, position_mcmf_m=position)
     _require_light(result, light)
     return result
 
@@ -261,7 +267,7 @@ def _level(direction: Array, normals: Array) -> Array:
     return np.asarray(flat / np.where(length > 0.0, length, 1.0))
 
 
-def _pixel_factors(albedo: Map, camera: Camera, points: Array, towards: Array) -> Array:
+def _pixel_factors(albedo: Map | ColourMap, camera: Camera, points: Array, towards: Array) -> Array:
     """Albedo factors of pixels. The footprint of a pixel is 1 / f wide across the line of sight and
     stretched along it by foreshortening, at the limb at most to sqrt(2 R s), s its width.
     """
@@ -273,20 +279,35 @@ def _pixel_factors(albedo: Map, camera: Camera, points: Array, towards: Array) -
     return _factors(albedo, normals, across, along, _level(towards, normals))
 
 
-def _factors(albedo: Map, normals: Array, across: Array, along: Array, towards: Array) -> Array:
+def _factors(
+    albedo: Map | ColourMap, normals: Array, across: Array, along: Array, towards: Array
+) -> Array:
+    """Albedo factors of footprints, (n,) or in colour (3, n)."""
+    if isinstance(albedo, ColourMap):
+        each = [_factors(band, normals, across, along, towards) for band in albedo.bands]
+        return np.stack(each)
     found = seen_through(albedo, normals * MOON_RADIUS_M, across, along, towards)
     return np.where(np.isnan(found), 1.0, found)
 
 
-def _empty(shape: tuple[int, int], dtype: type[np.floating]) -> dict[str, Any]:
+def _empty(
+    shape: tuple[int, int], dtype: type[np.floating], albedo: Map | ColourMap | None
+) -> dict[str, Any]:
     bands = {
         name: np.full(shape, np.nan, dtype)
-        for name in ("radiance", "incidence_deg", "emission_deg", "phase_deg")
+        for name in ("incidence_deg", "emission_deg", "phase_deg")
     }
+    colours = (len(albedo.bands),) if isinstance(albedo, ColourMap) else ()
+    bands["radiance"] = np.full((*colours, *shape), np.nan, dtype)
     return bands | {name: np.zeros(shape, dtype) for name in ("sunlit", "visible")}
 
 
 def _put(out: dict[str, Any], block: slice, there: Mask, bands: _Bands, share: Array) -> None:
     for name in ("radiance", "sunlit", "incidence_deg", "emission_deg", "phase_deg"):
-        out[name][block][there] = getattr(bands, name)
+        out[name][..., block, :][..., there] = getattr(bands, name)
     out["visible"][block][there] = share
+
+
+def _rendering(out: dict[str, Any], **rest: Any) -> Rendering:
+    radiance, colour = in_colour(out["radiance"])
+    return Rendering(**(out | {"radiance": radiance}), colour=colour, **rest)
