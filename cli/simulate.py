@@ -12,6 +12,7 @@ import click
 from lcp_catalog.choices import PNG, TIFF
 
 from . import options, pointing_options
+from .environment_options import check_environment, environment, environment_options
 from .files import FileCommand, InputFile, raster_files
 from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Number
 
@@ -68,6 +69,7 @@ def _written(frame: str) -> Iterator[Path]:
     help="With --fov: altitude of the camera above the reference sphere.",
 )
 @options.sun_options
+@environment_options
 @options.model_options
 @options.albedo_options
 @click.option(
@@ -141,9 +143,10 @@ def command(
 
     camera = pointing_options.camera_of(flags, plane=True)
     assert camera is not None
-    if all(value is None for value in sun) and not camera.has_sun:
+    lit = flags["environment_path"] is not None or any(value is not None for value in sun)
+    if not lit and not camera.has_sun:
         raise click.UsageError(
-            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar"
+            "no Sun: state --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
             + (f" ({flags['camera_path']} has none)" if flags["camera_path"] else "")
         )
     chosen = ("blur_px", "noise", "shot_share", "full_scale", "seed")
@@ -167,7 +170,7 @@ def _checked(output: str, flags: dict[str, Any]) -> tuple[tuple[Any, ...], tuple
         raise click.UsageError("--center and --altitude need --fov DEG")
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     sun = (flags["sun_azimuth"], flags["sun_elevation"], flags["time_utc"], flags["subsolar"])
-    options.check_sun(*sun)
+    check_environment(flags, options.check_sun(*sun))
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)
     if Path(output).suffix.lower() not in PNG + TIFF:
@@ -199,6 +202,7 @@ def _surface(
         "disc": None if flags["sun_model"] is None else flags["sun_model"] == "disc",
     }
     choice = SunChoice(*sun)
+    how["environment"] = environment(flags)
     if is_catalog(source[0]):
         if len(source) > 1 or albedo[0] or flags["gsd_m"] or flags["product_order"]:
             raise click.UsageError(

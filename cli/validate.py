@@ -12,6 +12,7 @@ import click
 from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
+from .environment_options import check_environment, environment, environment_options
 from .files import FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
 from .value_types import CELL_SIZE, LAW, Finite, Number
@@ -40,6 +41,7 @@ def _written(folder: str) -> Iterator[Path]:
     "Default: none, for images that are georeferenced map projections.",
 )
 @options.sun_angle_options
+@environment_options
 @click.option(
     "--dem",
     "dems",
@@ -222,7 +224,7 @@ def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFile
 
 def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     angles = flags["sun_azimuth"], flags["sun_elevation"]
-    options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
+    check_environment(flags, options.check_sun(*angles, flags["time_utc"], flags["subsolar"]))
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     albedo = flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"]
     options.check_albedo(*albedo)
@@ -247,6 +249,7 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         model=named(flags["reflectance"]),
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
+        environment=environment(flags),
         pose_is_known=flags["known_pose"],
         faint=flags["faint"],
         fit_errors=flags["fit_errors"],

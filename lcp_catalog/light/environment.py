@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import ImageError
+from ..geometry.direction import Direction
 from .environment_map import Panorama, read_panorama
 from .environment_sources import SourceSearch, Split, report, split_sources
 from .sources import Lighting
@@ -68,6 +71,15 @@ class Environment:
     @property
     def lighting(self) -> Lighting:
         return Lighting.of_panorama(self.used)
+
+    @property
+    def middle(self) -> Direction:
+        """Direction of the vector sum of all light. A Lambert surface that faces all of it, without
+        shadows, looks as under one source there.
+        """
+        moments = [source.power * source.direction for source in self.used.sources]
+        whole = np.sum([*moments, self.used.remainder.moment_above], axis=0)
+        return Direction(whole / np.linalg.norm(whole))
 
     @property
     def in_factors(self) -> Panorama:

@@ -142,16 +142,21 @@ class Panorama:
         return float(self.luminance.sum(axis=1) @ levels)
 
     @property
-    def middle_above(self) -> Array:
-        """Unit direction (3,) to the centroid of the power above the horizontal plane; the zenith
-        if the centroid is undefined.
-        """
+    def moment_above(self) -> Array:
+        """Integral of luminance times the unit direction (3,) above the horizontal plane."""
         rows = np.arange((self.rows + 1) // 2)
         along = self.luminance[rows] @ np.stack([np.sin(self.azimuths), np.cos(self.azimuths)], 1)
         level = self.moments(rows, np.zeros_like(rows))
         level = np.hypot(level[:, 0], level[:, 1]) * self.above[rows]
         east, north = level @ along
-        found = np.array([east, north, self.horizontal_irradiance])
+        return np.array([east, north, self.horizontal_irradiance])
+
+    @property
+    def middle_above(self) -> Array:
+        """Unit direction (3,) to the centroid of the power above the horizontal plane; the zenith
+        if the centroid is undefined.
+        """
+        found = self.moment_above
         length = float(np.linalg.norm(found))
         return found / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 

@@ -29,6 +29,7 @@ from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
 from ..images.image import Image
+from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
 from ..rendering.request import Request, ViewChoice
@@ -71,7 +72,7 @@ class DemSurface:
     @classmethod
     def seen(cls, request: Request, margin_px: int = 0) -> DemSurface:
         """The surface in the view of a request's camera and ``margin_px`` pixels around it, under
-        the request's Sun. Raises the library's errors for a scene that cannot be rendered.
+        the request's light. Raises the library's errors for a scene that cannot be rendered.
         """
         camera = request.view.plane
         if camera is None:
@@ -82,6 +83,8 @@ class DemSurface:
         scene = prepare_terrain(
             replace(request, view=wide, in_camera_plane=True, surface="heightfield")
         )
+        if request.environment is not None:
+            return cls(scene, source_position(request.environment, scene.frame))
         return cls(scene, sun_position(request.sun, scene.frame, camera))
 
     @property
@@ -210,6 +213,14 @@ def sun_position(choice: SunChoice, frame: EnuFrame, camera: Sensor | None) -> A
     time = choice.instant(camera)
     away_m = ASTRONOMICAL_UNIT_M if time is None else ephemeris.sun_distance_m(time)
     return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
+
+
+def source_position(environment: Environment, frame: EnuFrame) -> Array:
+    """Position that stands for the Sun's under an environment map, (3,) MCMF metres: in the direction
+    of its first source from a frame's origin, one astronomical unit away.
+    """
+    towards = frame.direction_to_mcmf(environment.lighting.first.direction)
+    return np.asarray(frame.origin_mcmf_m + ASTRONOMICAL_UNIT_M * towards)
 
 
 def _gathered(surface: Surface, camera: Camera | Scanner, detector: Detector, count: int) -> Array:

@@ -24,6 +24,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
 from ..catalog.patch_terrain import patch_terrain
 from ..geometry.frames import EnuFrame
+from ..light.environment import Environment
 from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
@@ -33,7 +34,7 @@ from ..rendering.renderer import render_camera
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
-from .frame import sun_position, windowed
+from .frame import source_position, sun_position, windowed
 
 Window = tuple[int, int, int, int]
 
@@ -90,7 +91,8 @@ class Patch:
 @dataclass(frozen=True, eq=False)
 class PatchSurface:
     """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None:
-    `DEFAULT_MODEL`; ``path``: the catalogue's file.
+    `DEFAULT_MODEL`; ``path``: the catalogue's file; ``environment``: an environment map in place of
+    the Sun, in each patch's own frame.
     """
 
     catalog: Catalog
@@ -99,21 +101,30 @@ class PatchSurface:
     model: Reflectance | None = None
     accuracy: Accuracy = TIERS["reference"]
     disc: bool | None = None
+    environment: Environment | None = None
 
     @classmethod
     def lit(
-        cls, path: Path, choice: SunChoice, camera: Camera | Scanner, **how: Any
+        cls,
+        path: Path,
+        choice: SunChoice,
+        camera: Camera | Scanner,
+        environment: Environment | None = None,
+        **how: Any,
     ) -> PatchSurface:
         """A catalogue's file under a chosen Sun, whose angles are those at the middle of the
-        catalogue's map; ``how``: model, accuracy, disc.
+        catalogue's map, or under an environment map; ``how``: model, accuracy, disc.
         """
         catalog = open_catalog(path)
         middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
-        return cls(catalog, path, sun_position(choice, middle, camera), **how)
+        if environment is None:
+            return cls(catalog, path, sun_position(choice, middle, camera), **how)
+        place = source_position(environment, middle)
+        return cls(catalog, path, place, environment=environment, **how)
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        return (self.path,)
+        return (self.path, *(self.environment.files if self.environment else ()))
 
     @cached_property
     def patches(self) -> list[Patch]:
@@ -143,20 +154,15 @@ class PatchSurface:
     def _rendered(self, patch: Patch, camera: Camera | Scanner) -> tuple[Array, Array]:
         """Radiance factor and range of one patch; NaN and inf where it is not seen."""
         terrain = patch.terrain
-        towards = self.sun_position_mcmf_m - terrain.frame.origin_mcmf_m
-        sun = terrain.frame.direction_from_mcmf(towards / np.linalg.norm(towards))
-        disc = self.accuracy.disc if self.disc is None else self.disc
-        light = Lighting.of_sun(
-            sun, SolarDisc(radius_at(float(np.linalg.norm(towards)))) if disc else False
-        )
+        light = self._light(terrain.frame)
         view = sensor_view(camera, terrain.frame)
         plan = plan_scene(
             terrain,
-            sun,
+            light.first.direction.vector,
             view,
             in_camera_plane=True,
             accuracy=self.accuracy,
-            disc=disc,
+            disc=light.first.disc is not None,
             model=self._law,
         )
         how: dict[str, Any] = {"model": self._law, "accuracy": self.accuracy, "plan": plan}
@@ -167,6 +173,16 @@ class PatchSurface:
         away_m = np.linalg.norm(terrain.frame.from_mcmf(shot.position_mcmf_m) - from_m, axis=-1)
         seen = np.isfinite(shot.radiance)
         return np.asarray(shot.radiance), np.where(seen, away_m, np.inf)
+
+    def _light(self, frame: EnuFrame) -> Lighting:
+        """The light in a patch's frame."""
+        if self.environment is not None:
+            return self.environment.lighting
+        towards = self.sun_position_mcmf_m - frame.origin_mcmf_m
+        away_m = float(np.linalg.norm(towards))
+        disc = self.accuracy.disc if self.disc is None else self.disc
+        sun = frame.direction_from_mcmf(towards / away_m)
+        return Lighting.of_sun(sun, SolarDisc(radius_at(away_m)) if disc else False)
 
     @cached_property
     def _law(self) -> Reflectance:

@@ -26,6 +26,7 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..geometry.frames import mcmf_to_lonlat
 from ..images.image import Image
+from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
@@ -85,14 +86,15 @@ def against_dem(
     accuracy: Accuracy,
     choice: WindowChoice = WindowChoice(),
     albedo: AlbedoMap | None = None,
+    environment: Environment | None = None,
 ) -> GroundComparison:
-    """Compare the part of an image that a DEM covers. AreaError if there is none; other errors as
-    `pipeline.prepare`.
+    """Compare the part of an image that a DEM covers; ``environment``: an environment map as the
+    light of the renders. AreaError if there is none; other errors as `pipeline.prepare`.
 
     The effective resolution is that of the DEM file (`effective_resolution.of_file`). Cells finer
     than the posting are rendered at their own size.
     """
-    request = dem_request(image, dems, model, accuracy, albedo)
+    request = dem_request(image, dems, model, accuracy, albedo, environment)
     scene = prepare_terrain(request)
     resolution = resolution_of(scene.terrain, dems)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
@@ -144,9 +146,10 @@ def dem_request(
     model: Reflectance,
     accuracy: Accuracy,
     albedo: AlbedoMap | None = None,
+    environment: Environment | None = None,
 ) -> Request:
     """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of
-    the image.
+    the image, or under an environment map.
     """
     sensor = image.sensor.full
     if isinstance(sensor, Camera):
@@ -166,6 +169,7 @@ def dem_request(
         accuracy=accuracy,
         albedo=albedo,
         surface="heightfield",
+        environment=environment,
     )
 
 
@@ -198,11 +202,13 @@ def against_patches(
     model: Reflectance,
     accuracy: Accuracy,
     choice: WindowChoice = WindowChoice(),
+    environment: Environment | None = None,
 ) -> GroundComparison:
     """Compare the patches of some points, catalogue rows (n,), each rendered from its own nodes, on
     their own or on coarser cells.
 
-    Of patches with different cell sizes those of the most common size are compared. AreaError if no
+    ``environment``: an environment map as the light, in each patch's own frame. Of patches with
+    different cell sizes those of the most common size are compared. AreaError if no
     patch lies entirely in the image, or for cells finer than those of the patches.
     """
     gsd_m, rows = _of_one_size(catalog, points)
@@ -211,7 +217,8 @@ def against_patches(
         raise AreaError(
             f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give --dem or a coarser --gsd"
         )
-    pairs = [_pair(image, catalog, int(row), model, accuracy, target_m) for row in rows]
+    how = model, accuracy, target_m, environment
+    pairs = [_pair(image, catalog, int(row), *how) for row in rows]
     whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
     if not whole:
         raise AreaError(
@@ -254,6 +261,7 @@ def _pair(
     model: Reflectance,
     accuracy: Accuracy,
     target_m: float,
+    environment: Environment | None,
 ) -> Pair | None:
     """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor
     or not lit.
@@ -264,11 +272,11 @@ def _pair(
     if not np.isfinite(towards).all() or towards @ terrain.frame.rotation[2] <= 0.0:
         return None
     sun = terrain.frame.direction_from_mcmf(image.sun_directions(terrain.frame.origin_mcmf_m))
-    if sun[2] <= 0.0:
+    if environment is None and sun[2] <= 0.0:
         return None
     shot = render_enu(
         terrain,
-        sun,
+        sun if environment is None else environment.lighting,
         _beyond_image(sensor_view(sensor, terrain.frame)),
         model=model,
         accuracy=accuracy,

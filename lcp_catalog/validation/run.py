@@ -27,6 +27,7 @@ from ..images.heights import refuse_heights
 from ..images.image import Image
 from ..images.image_file import ImageOptions, open_image
 from ..images.pixels import image_shape
+from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
 from ..matching.point_choice import at_one_scale, points_in_view
@@ -86,8 +87,10 @@ class ImageFiles:
 @dataclass(frozen=True)
 class Validation:
     """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are
-    the true ones. ``faint``: search with the options `position_fix.FAINT`. ``fit_errors``: also fit
-    the error model to the images (`error_fit`).
+    the true ones. ``environment``: an environment map as the light; points are searched for under
+    one source in the middle of its light, windows are compared with renders under all of it. ``faint``: search
+    with the options `position_fix.FAINT`. ``fit_errors``: also fit the error model to the images
+    (`error_fit`).
     """
 
     catalog_path: Path
@@ -103,6 +106,15 @@ class Validation:
     pixels: ImageOptions = field(default_factory=ImageOptions)
     faint: bool = False
     fit_errors: bool = False
+    environment: Environment | None = None
+
+    @property
+    def stated_sun(self) -> SunChoice:
+        """The Sun as stated: by the options, or by the middle of the environment map's light."""
+        if self.environment is None:
+            return self.sun
+        middle = self.environment.middle
+        return SunChoice(middle.azimuth_deg, middle.elevation_deg)
 
     @property
     def law(self) -> Reflectance:
@@ -127,6 +139,7 @@ class Validation:
             "nodata": self.pixels.nodata,
             "faint": self.faint,
             "sun": sun,
+            "environment": self.environment.panorama.name if self.environment else None,
             "position_sigma_m": self.uncertainty.position_m,
             "attitude_sigma_deg": float(np.degrees(self.uncertainty.attitude_rad)),
             "window": self.windows.size,
@@ -187,6 +200,7 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
     facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
     verdict = Verdict(tuple(one.image for one in done_with), facts, request.described())
     sources = [request.catalog_path, *(path for one in done_with for path in one.sources)]
+    sources += request.environment.files if request.environment else ()
     fitted = _fitted(done_with) if request.fit_errors else None
     pictures = tuple(one.pictures for one in done_with)
     return Result(verdict, pictures, tuple(dict.fromkeys(sources)), fitted)
@@ -253,7 +267,7 @@ def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:
     sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
-    return open_image(files.image, sensor, request.sun, request.pixels)
+    return open_image(files.image, sensor, request.stated_sun, request.pixels)
 
 
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
@@ -271,8 +285,9 @@ def _ground(
     how = request.law, request.accuracy, request.windows
     try:
         if request.dems:
-            return against_dem(image, request.dems, *how, request.albedo), ""
-        return against_patches(image, catalog, points_in_view(catalog, image.sensor), *how), ""
+            return against_dem(image, request.dems, *how, request.albedo, request.environment), ""
+        points = points_in_view(catalog, image.sensor)
+        return against_patches(image, catalog, points, *how, request.environment), ""
     except LcpError as error:
         log.info("%s: windows: %s", image.name, error)
         return None, str(error)
@@ -393,6 +408,8 @@ def _angles(image: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
 
 def _sun_from(request: Validation, sensor: Sensor) -> str:
     """Source of the Sun's position, in the order of `image_file.open_image`."""
+    if request.environment is not None:
+        return "the middle of the panorama's light"
     if request.sun != SunChoice():
         return "as stated"
     known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None

@@ -6,18 +6,20 @@ import json
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
+from helpers.environment_maps import Lamp, uniform, with_lamps
 from helpers.products import cylinder
 from helpers.scan_files import scan
 from lcp_cli.main import run
 from simulation.test_frame import APART, CELL_M, PLACE, camera, patches, rolling
 
 from lcp_catalog.cameras.camera_file import read_camera, read_sensor
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
 from lcp_catalog.errors import CameraError
-from lcp_catalog.geometry.frames import azimuth_elevation
+from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation
 from lcp_catalog.simulation.detector import BITS_MAX, BLUR_MAX_PX
 
 POINT = ["--sun", "point"]
@@ -270,3 +272,63 @@ def test_a_scanners_frame_and_the_isd_beside_it(folder, tmp_path, kind):
         camera = json.loads(file.tags()["camera"])
     assert camera["file"] == "isd.json"
     assert camera["image_size_px"] == [40, 36]
+
+
+@pytest.fixture(scope="module")
+def panorama(folder: Path) -> Path:
+    """A lamp in the north-west and a sky that is half as strong, on a horizontal plane."""
+    lamp = Lamp(310.0, 40.0, 1.0)
+    sky = uniform(60, 0.5 * np.sin(np.radians(40.0)) / np.pi)
+    image = with_lamps(sky, [lamp]).luminance.astype(np.float32)
+    path = folder / "lamp.hdr"
+    cv2.imwrite(str(path), np.repeat(image[:, :, None], 3, axis=2))
+    return path
+
+
+@pytest.mark.parametrize("source", ["dem.tif", "points.h5"])
+def test_a_frame_under_a_panorama(folder, panorama, tmp_path, source):
+    """As many times as bright as its render under the same panorama; the strongest source stands for
+    the Sun in the camera file beside it, and the depfile names the panorama.
+    """
+    out, deps = tmp_path / "f.tif", tmp_path / "f.d"
+    light = ["--environment", str(panorama), "--environment-azimuth", "20", "--accuracy", "draft"]
+    exact = ["--samples", "1", "--bits", "16", "--exposure", "0.08", "--depfile", str(deps)]
+    law = ["--reflectance", "lommel-seeliger"]
+    taken_by = ["--camera", str(folder / "no_sun.json")]
+    where = ["simulate", str(folder / source), *taken_by, "-o", str(out)]
+    assert run([*where, *light, *exact, *law]) == 0
+    assert str(panorama) in deps.read_text()
+    beside = read_camera(tmp_path / "f_camera.json")
+    middle = PLACE
+    if source == "points.h5":  # the angles are those at the middle of the catalogue's map
+        overview = open_catalog(folder / source).overview
+        middle = EnuFrame(overview.center_lon, overview.center_lat)
+    towards = middle.direction_from_mcmf(beside.sun_position_mcmf_m - middle.origin_mcmf_m)
+    np.testing.assert_allclose(azimuth_elevation(towards), [330.0, 40.0], atol=2.0)
+    if source == "points.h5":
+        found = pixels(out)
+        assert np.isfinite(found).any()
+        assert (found[np.isfinite(found)] > 0.0).all()  # a sky leaves nothing black
+        return
+    render = ["render", str(folder / source), *taken_by, "--frame", "camera", *light, *law]
+    assert run([*render, "-o", str(tmp_path / "r.tif")]) == 0
+    judged, found = pixels(tmp_path / "r.tif"), pixels(out)
+    both = np.isfinite(found) & np.isfinite(judged)
+    assert both.mean() > 0.5
+    np.testing.assert_allclose(found[both], judged[both], atol=0.5001 * 0.08 / 65535)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--sun-azimuth", "1", "--sun-elevation", "5"], "--environment replaces the Sun"),
+        (["--sun", "disc"], "--environment replaces the Sun"),
+        (["--sun-sky-ratio", "many"], "--sun-sky-ratio"),
+    ],
+)
+def test_lights_that_exclude_each_other(folder, panorama, tmp_path, capsys, options, says):
+    where = ["simulate", str(folder / "dem.tif"), "--camera", str(folder / "camera.json")]
+    how = ["-o", str(tmp_path / "f.png"), "--environment", str(panorama), *options]
+    assert run([*where, *how]) == 2
+    assert says in capsys.readouterr().err
+    assert not os.listdir(tmp_path)

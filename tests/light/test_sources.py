@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.environment_maps import Lamp, room, uniform
+from helpers.environment_maps import Lamp, cie_sky, directions, room, uniform, with_lamps
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
@@ -312,3 +312,13 @@ def test_one_sun_equals_a_bare_direction(craters):
     for field in dataclasses.fields(one):
         a, b = getattr(one, field.name), getattr(other, field.name)
         assert (a is None and b is None) or np.array_equal(a, b, equal_nan=True)
+
+
+def test_a_lambert_surface_is_lit_as_by_one_source_in_the_middle_of_the_light():
+    """Its radiance, from pixel to pixel, is proportional to the cosine to that source."""
+    sky = with_lamps(cie_sky(64, 100.0, 50.0), [Lamp(40.0, 60.0, 1.0, 2.0)])
+    middle = Environment.of(sky).middle.vector
+    light = sky.luminance[:32] * sky.solid_angles[:32, None]
+    towards = directions(64)[:32]
+    found = np.einsum("ij,ijk->k", light, towards)
+    assert middle == pytest.approx(found / np.linalg.norm(found), abs=2e-4)
