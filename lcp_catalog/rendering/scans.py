@@ -86,7 +86,8 @@ def render_scan(terrain: Terrain, scanner: Scanner, sun: MovingSun, **how: Any) 
     bands: dict[str, Any] = {}
     for name in (one.name for one in fields(Rendering)):
         rows = [getattr(shot, name) for shot in shots]
-        bands[name] = None if rows[0] is None else np.concatenate(rows)
+        axis = 1 if name == "colour" else 0
+        bands[name] = None if rows[0] is None else np.concatenate(rows, axis=axis)
     return Rendering(**bands)
 
 
