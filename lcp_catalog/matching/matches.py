@@ -22,9 +22,12 @@ MEANINGS = {
     "no data": "too few valid pixels in the image",
     "saturated": "the image is saturated there",
     "weak": "the highest correlation is too low",
+    "no peak": "no place in the search area correlates with its render",
+    "no exact place": "it correlates, but the fit of its place does not converge near the peak",
     "ambiguous": "another place correlates about as well",
     "not confirmed": "the backward search ended at another place",
     "inconsistent": "contradicts the camera position of the other points",
+    "not searched": "the image as a whole has no place from which single points are searched",
 }
 """Results of the search for a point: name and meaning; the position in this table is the code."""
 

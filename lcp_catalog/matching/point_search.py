@@ -231,7 +231,7 @@ def _judge_search(
         middle = start + np.array(templates.shape[::-1]) // 2
         _mark(code, few & task.image.is_saturated(middle, templates.shape), "saturated")
     _mark(code, few, "no data")
-    _mark(code, ~np.isfinite(found[:, 2]), "weak")
+    _mark(code, ~np.isfinite(found[:, 2]), "no peak")
 
 
 def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> Array:
@@ -254,7 +254,9 @@ def _judge_places(
     """Probability (n,) that a place found is the true one; NaN where none was found."""
     correlation = precise[:, 2]
     settled = np.isfinite(precise).all(axis=1)
-    _mark(code, ~(settled & (correlation >= task.criteria.min_correlation)), "weak")
+    highest = np.where(np.isfinite(correlation), correlation, found[:, 2])
+    _mark(code, ~(highest >= task.criteria.min_correlation), "weak")
+    _mark(code, ~settled, "no exact place")
     rival = settled & np.isfinite(found[:, 3])
     chance = np.where(settled, 0.0, np.nan)
     before = np.where(np.isfinite(prior), prior, NO_CLAIM)

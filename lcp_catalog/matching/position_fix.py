@@ -44,9 +44,8 @@ BY_POINTS = "points"
 BY_ALL_POINTS = "the ground as a whole"
 """Basis of a position: single points, or all points together."""
 
-SEARCHED = tuple(
-    CODE[reason] for reason in (FOUND, "weak", "ambiguous", "not confirmed", "inconsistent")
-)
+NOT_FOUND = ("weak", "no peak", "no exact place", "ambiguous", "not confirmed", "inconsistent")
+SEARCHED = tuple(CODE[reason] for reason in (FOUND, *NOT_FOUND))
 """Codes of points that could be searched for, so that their result is evidence for or against the
 place.
 """
@@ -160,7 +159,7 @@ class _Search:
             correlation=nothing[:, 0],
             second=nothing[:, 0],
             back_px=nothing[:, 0],
-            code=np.full(count, CODE["weak"], dtype=np.uint8),
+            code=np.full(count, CODE["not searched"], dtype=np.uint8),
         )
 
     def located(self, area: SearchArea) -> PositionFix:

@@ -38,8 +38,11 @@ SYMBOLS = {
     "no data": ("M-4.5 -4.5H4.5V4.5H-4.5ZM-4.5 4.5L4.5 -4.5", "outside"),
     "saturated": ("M0 -6L6 0L0 6L-6 0Z", "light"),
     "weak": ("M-4 -4L4 4M-4 4L4 -4", "doubt"),
+    "no peak": ("M-5 0L0 5L5 0", "doubt"),
+    "no exact place": ("M-4 -4L4 4M-4 4L4 -4M-5 0H5", "doubt"),
     "ambiguous": ("M-5 0H5M0 -5V5", "doubt"),
     "not confirmed": ("M-5 4L0 -5L5 4", "doubt"),
+    "not searched": ("M-5 -2H5M-5 2H5", "light"),
     "inconsistent": ("M-5 -5L5 5M-5 5L5 -5", "wrong"),
 }
 """SVG path and CSS class of every match result. Green and filled: found; yellow: not visible or no

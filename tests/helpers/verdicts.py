@@ -49,7 +49,7 @@ def matches(n: int, seed: int = 0) -> tuple[Matches, np.ndarray]:
     root = dice.normal(size=(n, 2, 2)) * 0.15
     covariance = root @ root.transpose(0, 2, 1) + 0.003 * np.eye(2)
     noise = np.linalg.cholesky(covariance) @ dice.normal(size=(n, 2, 1))
-    code = (np.arange(n) * 7 % (2 * len(REASONS))).astype(np.uint8)
+    code = (np.arange(n) * 5 % (2 * len(REASONS))).astype(np.uint8)
     code[code >= len(REASONS)] = 0
     lost = code != 0
     found, correlation = true + noise[..., 0], dice.uniform(0.7, 0.98, n)

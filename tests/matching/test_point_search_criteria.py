@@ -161,11 +161,11 @@ def test_the_chance_of_a_false_match_is_a_bound(bump, above) -> None:
     assert said(bump, photo, 50.0, max_false_match=0.999 * chance) == "ambiguous"
 
 
-def test_a_place_that_is_the_patch_s_negative_is_weak_not_missing(bump, above) -> None:
+def test_a_place_that_is_the_patch_s_negative_is_no_peak_not_missing(bump, above) -> None:
     signal = picture(above)
     negative = plain_photo(signal.max() - signal, above)
     found = sought(bump, negative, 0.0)
-    assert REASONS[found.code[0]] == "weak"
+    assert REASONS[found.code[0]] == "no peak"
     assert np.isnan(found.correlation[0])
 
 
@@ -317,3 +317,12 @@ def test_what_is_rendered_at_once_is_bounded(bump, roll_deg) -> None:
         for f in (60000.0, 60.0)
     )  # fmt: skip
     assert (near, far) == (1, 128)
+
+
+def test_a_point_without_an_exact_place_is_not_called_weak(bump, above) -> None:
+    """The search may look at one place only, 2 px from the peak: it correlates above the limit there."""
+    photo = plain_photo(picture(above, [(2, 0)]), above, EAST)
+    found = sought(bump, photo, 0.0)
+    assert REASONS[found.code[0]] == "no exact place"
+    assert found.correlation[0] > Criteria().min_correlation
+    assert said(bump, photo, 0.0, min_correlation=found.correlation[0] + 0.01) == "weak"
