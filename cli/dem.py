@@ -61,7 +61,7 @@ command.add_command(dem_check.command)
     "map_path",
     type=OutputFile(),
     metavar="OUT.png",
-    help="Also write a map of the product used at each place.",
+    help="Also write a map of the product used at each place, over shaded relief (not with --quick).",
 )
 @product_order_option
 @overwrite_option

@@ -34,7 +34,7 @@ _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
 """Direction to the light (east, north, up): north-west, 45 deg high."""
 
 MAP_PX = 960.0
-_MARGIN_PX = (84.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
+_MARGIN_PX = (100.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
 _DISC_PX = 100.0
 _GRATICULE_DEG = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 

@@ -1,5 +1,5 @@
-"""Picture of the coverage of a set of DEM files: the product used at each place, overlaps, gaps,
-missing pixels, graticule, legend.
+"""Picture of the coverage of a set of DEM files: the product used at each place over shaded relief,
+overlaps, gaps, missing pixels, graticule, legend.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ..plots.png import encode_png
 from ..plots.text import HEIGHT_PX, LINE_PX, draw_text, width_px
 from .grid import Grid
 from .mosaic import DemSet
+from .nearest_pixels import nearest_heights
 from .pixel_statistics import HeightStatistics
 
 Colour = tuple[int, int, int]
@@ -52,6 +53,7 @@ POLAR_WITHIN_DEG = 30.0
 
 _WIDE, _HIGH, _POLAR = 720, 480, 540  # largest sides in pixels
 _LEAST = 160
+_SLOPE, _BRIGHTNESS = 0.35, (0.3, 1.6)  # of the relief
 _AROUND = 0.06  # of the larger side
 _STEPS_DEG = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0)
 
@@ -63,14 +65,17 @@ class _Legend:
 
 
 def set_map(dems: DemSet, surveys: Sequence[HeightStatistics] | None = None) -> bytes:
-    """The picture as PNG bytes; without ``surveys`` (one for each file) missing pixels are not
-    shown.
+    """The picture as PNG bytes; without ``surveys`` (one for each file) no pixel is read, and neither
+    relief nor missing pixels are shown.
     """
     view = view_of([dem.grid for dem in dems.dems], dems.bounds)
     used, striped = _uses(dems, view, surveys)
     canvas = _coloured(dems, used, striped)
+    if surveys is not None:
+        canvas = _shaded(canvas, _relief(dems, view), used >= 0)
     _graticule(canvas, view)
-    caption = view.caption + ("" if surveys is not None else ", missing pixels not read")
+    words = ", relief lit from the upper left" if surveys is not None else ", no pixels read"
+    caption = view.caption + words
     return encode_png(
         _on_paper(canvas, view, _Legend(tuple(_entries(dems, used, striped)), caption))
     )
@@ -99,6 +104,31 @@ def _coloured(dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_])
     where = striped & _stripes(*used.shape)
     out[where] = _lighter(out[where])
     return out
+
+
+def _relief(dems: DemSet, view: View) -> Array:
+    """Brightness (height, width) of the terrain lit from the upper left, 1 where it is level or
+    unknown. Slopes are exaggerated to `_SLOPE` in the root mean square.
+    """
+    lon, lat = view.places()
+    height = nearest_heights(dems, lon.ravel(), lat.ravel()).reshape(lon.shape)
+    down, right = np.gradient(height)
+    if not view.pole:  # a pixel there is as many degrees wide, not metres
+        right /= np.cos(np.radians(np.clip(lat, -89.0, 89.0))) * view.unit_x / view.unit_y
+    slope = np.hypot(down, right)
+    typical = math.sqrt(np.nanmean(slope**2)) if np.isfinite(slope).any() else 0.0
+    if typical == 0.0:
+        return np.ones(lon.shape)
+    down, right = (_SLOPE / typical * one for one in (down, right))
+    lit = (1.0 + (right + down) / math.sqrt(2.0)) / np.sqrt(1.0 + right**2 + down**2)
+    return np.nan_to_num(np.clip(lit, *_BRIGHTNESS), nan=1.0)
+
+
+def _shaded(canvas: Bytes, brightness: Array, where: NDArray[np.bool_]) -> Bytes:
+    """Colours darkened, or lightened towards white, by a brightness (height, width)."""
+    light = np.where(where, brightness, 1.0)[..., None]
+    dark, rest = canvas * np.minimum(light, 1.0), np.maximum(light - 1.0, 0.0)
+    return np.rint(dark + (255.0 - dark) * rest).astype(np.uint8)
 
 
 def _without_holes(

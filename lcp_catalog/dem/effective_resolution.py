@@ -322,7 +322,7 @@ def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
 
 
 def _words(fit: _Fit, resolution_m: float, posting_m: float, noisy: float) -> str:
-    law = f"heights fall with k^-{fit.exponent:.1f}"
+    law = f"the heights' spectrum has the exponent -{fit.exponent:.1f}"
     if resolution_m <= posting_m:
         return f"{law} down to the posting"
     if noisy < fit.cut:

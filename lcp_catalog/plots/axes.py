@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from .numbers import nice_step, number
+from .numbers import nice_step, number, typeset
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def round_ticks(low: float, high: float, parts: int) -> list[tuple[float, str]]:
     step = nice_step(abs(high - low), parts)
     first, last = (k / step for k in sorted((low, high)))
     values = [k * step for k in range(math.ceil(first - 1e-9), math.floor(last + 1e-9) + 1)]
-    return [(value, number(value)) for value in values]
+    return [(value, typeset(number(value))) for value in values]
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
+
+_POWER = re.compile(r"\b10\^(-?\d+)\b")
+_EXPONENT = re.compile(r"(?<![\w.])(\d(?:\.\d+)?)e([+-]\d{2,3})\b")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -25,3 +30,18 @@ def nice_step(span: float, parts: int) -> float:
     raw = span / parts
     power = 10.0 ** math.floor(math.log10(raw))
     return power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
+
+
+def typeset(text: str) -> str:
+    """A text with its powers of ten raised: "10^-140" as 10⁻¹⁴⁰, "1.50e-07" as 1.5 × 10⁻⁷."""
+    text = _EXPONENT.sub(lambda found: _times_power(found[1], int(found[2])), text)
+    return _POWER.sub(lambda found: _power(int(found[1])), text)
+
+
+def _times_power(factor: str, exponent: int) -> str:
+    short = factor.rstrip("0").rstrip(".") if "." in factor else factor
+    return _power(exponent) if short == "1" else f"{short} × {_power(exponent)}"
+
+
+def _power(exponent: int) -> str:
+    return f"10{str(exponent).translate(_RAISED)}" if exponent else "1"

@@ -13,7 +13,7 @@ from ..matching.sun_check import SunCheck
 from ..plots.html_page import page
 from ..plots.numbers import number
 from .report_claims import claims_data
-from .report_points import points_data, residuals_data, table_data
+from .report_points import points_data, table_data
 from .report_pose import pose_data
 from .report_windows import MODES, windows_data
 from .result import ImageVerdict, Pictures, Verdict, plain
@@ -52,7 +52,6 @@ def _image(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
         "windows": windows_data(image, shown),
         "points": points_data(image, shown),
         "pose": pose_data(image.pose),
-        "residuals": residuals_data(image),
         "table": table_data(image),
     }
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..matching.matches import FOUND
-from ..plots.numbers import nice_step, number
+from ..plots.numbers import nice_step, number, typeset
 
 CANVAS = 960.0
 """Width of a drawing in SVG units; smaller for an image whose drawing would be higher than
@@ -28,6 +28,9 @@ TALLEST, NARROWEST = 1.5, 480.0
 """Largest height of a drawing in units of `CANVAS`, and its smallest width in SVG units, which
 holds a line of text.
 """
+
+LEFT, RIGHT, TOP, BOTTOM = 130.0, 60.0, 16.0, 60.0
+"""Margins around the image for the axes, SVG units: five digits in the font of the narrowest page."""
 
 SYMBOLS = {
     FOUND: ("M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0 -9 0Z", "found"),
@@ -55,12 +58,14 @@ ERROR_CLASSES = ((1.0, "within1"), (2.0, "within2"), (3.0, "within3"), (math.inf
 
 @dataclass(frozen=True)
 class Frame:
-    """Image of ``width`` x ``height`` pixels in a drawing. The centre of pixel (0, 0) is half a
-    pixel from the corner.
+    """Image of ``width`` x ``height`` pixels in a drawing, with axes from its upper left corner in a
+    unit of ``pixel`` units per pixel. The centre of pixel (0, 0) is half a pixel from the corner.
     """
 
     width: float
     height: float
+    pixel: float = 1.0
+    unit: str = "px"
 
     @property
     def scale(self) -> float:
@@ -77,13 +82,38 @@ class Frame:
         return np.asarray(((p >= 0.0) & (p <= (self.width, self.height))).all(axis=-1))
 
     def drawing(self, inside: str, label: str, below: float = 0.0) -> Markup:
-        """The whole SVG around the elements ``inside``, with a space below the image."""
+        """The whole SVG around the elements ``inside``: axes, and a space below them."""
         width, height = self.width * self.scale, self.height * self.scale
-        wide = max(width, NARROWEST)
+        wide = max(width, NARROWEST) + LEFT + RIGHT
+        high = height + TOP + BOTTOM + below
         return Markup(
-            f'<svg class="over" style="max-width:{wide:.0f}px" viewBox="0 0 {wide:.1f} {height + below:.1f}" role="img" '
-            f'aria-label="{escape(label)}">{inside}<rect class="edge" width="{width:.1f}" height="{height:.1f}"/></svg>'
+            f'<div class="drawing" style="--wide:{wide:.0f}"><svg class="over" style="max-width:{wide:.0f}px" '
+            f'viewBox="{-LEFT:g} {-TOP:g} {wide:.1f} {high:.1f}" role="img" aria-label="{escape(label)}">'
+            f'<rect class="void" width="{width:.1f}" height="{height:.1f}"/>{inside}'
+            f'<rect class="edge" width="{width:.1f}" height="{height:.1f}"/>{self._axes(width, height)}</svg></div>'
         )
+
+    def _axes(self, width: float, height: float) -> Markup:
+        """Ticks and their numbers at the left and the lower edge, with the unit once at each: at the
+        top and at the right.
+        """
+        step = nice_step(max(width, height) / self.scale * self.pixel, 6)
+        apart = step / self.pixel * self.scale
+        parts = []
+        for name, length in (("x", width), ("y", height)):
+            count = int(length / apart + 1e-9)
+            for k in range(count + 1):
+                at, text = k * apart, typeset(number(k * step, 6))
+                if k == (count if name == "x" else 0):
+                    text += f" {self.unit}"
+                parts.append(
+                    f'<path class="axis" d="M{at:.1f} {height:.1f}v8"/>'
+                    f'<text class="middle" x="{at:.1f}" y="{height + 10:.1f}" dy=".9em">{text}</text>'
+                    if name == "x"
+                    else f'<path class="axis" d="M0 {at:.1f}h-8"/>'
+                    f'<text class="end" x="-12" y="{at:.1f}" dy=".35em">{text}</text>'
+                )
+        return Markup().join(Markup(part) for part in parts)
 
     def picture(self, address: str) -> Markup:
         """The image element with the frame's extent."""
@@ -149,13 +179,13 @@ def scale_arrow(frame: Frame, times: float, arrows: Arrows, unit: str) -> Markup
     """Scale below the image: an arrow of a round length, its length and the magnification."""
     length = nice_step(max(arrows.longest, 1e-6), 1)
     length = length / 2.0 if length * frame.scale * times > 140.0 else length
-    y = frame.height * frame.scale + 26.0
+    y = frame.height * frame.scale + BOTTOM + 26.0
     start, tip = np.array([12.0, y]), np.array([12.0 + length * frame.scale * times, y])
     long = "to scale" if times == 1.0 else f"magnified {number(times)} times"
     text = f"{number(length)} {unit}; arrows {long}"
     return Markup(
         f'<g class="arrow key"><path d="{_arrow(start, tip)}"/></g>'
-        f'<text class="note" x="{tip[0] + 14:.1f}" y="{y + 6:.1f}">{escape(text)}</text>'
+        f'<text x="{tip[0] + 14:.1f}" y="{y:.1f}" dy=".35em">{escape(text)}</text>'
     )
 
 
@@ -177,10 +207,14 @@ def error_classes(residual_px: Array, covariance_px2: Array) -> tuple[Array, lis
     return over, css
 
 
-def quiver(frame: Frame, arrows: Arrows, label: str, unit: str) -> Markup:
-    """Magnified arrows in an image's frame with their scale."""
+def quiver(frame: Frame, arrows: Arrows, label: str, unit: str, picture: str = "") -> Markup:
+    """Magnified arrows over an image with their scale."""
     times = magnification(frame, arrows)
-    inside = arrow_marks(frame, arrows, times) + scale_arrow(frame, times, arrows, unit)
+    inside = (
+        Markup(picture)
+        + arrow_marks(frame, arrows, times)
+        + scale_arrow(frame, times, arrows, unit)
+    )
     return frame.drawing(inside, label, SCALE_ROOM)
 
 

@@ -37,6 +37,7 @@ def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
     return {
         "drawing": frame.drawing(inside, label, SCALE_ROOM if has_arrows else 0),
         "text": _arrow_sentence(image),
+        "residuals": _residuals(image, arrows),
         "legend": report_marks.reason_key(image.matches.counts().items(), MEANINGS),
     }
 
@@ -102,16 +103,13 @@ def _arrow_sentence(image: ImageVerdict) -> str:
     return f"Arrows lead from the position predicted by {start} to the position found."
 
 
-def residuals_data(image: ImageVerdict) -> dict[str, Any] | None:
-    """Drawing of the residuals, coloured by their size in sigma; None without a pose."""
-    arrows = _arrows(image)
+def _residuals(image: ImageVerdict, arrows: Arrows) -> dict[str, Any] | None:
+    """Numbers of residuals by their size in sigma, which colours the arrows; None without a pose."""
     if image.verdict != LOCATED or not len(arrows.by):
         return None
-    label = f"residuals of the points in {image.facts.name}"
     names = ("within 1 sigma", "1 to 2", "2 to 3", "beyond 3")
     median = np.median(arrows.by, axis=0)
     return {
-        "drawing": report_marks.quiver(_frame(image), arrows, label, "px"),
         "text": (
             "Residuals after the pose estimate, in units of their sigma (expected shares: 63 %, 35 %, 2 % and 0.01 %). "
             f"Median {median[0]:+.3f} px right, {median[1]:+.3f} px down."

@@ -30,6 +30,9 @@ ARROWS_MAX = 1200
 OFFSET_CORRELATION = 0.7
 """Least correlation of a window whose offset is drawn."""
 
+UNDER_PIXELS = 160_000
+"""Most pixels of the image under the offsets, which the page shows a second time."""
+
 PAIRS_MAX, PAIR_PIXELS = 18, 16_384
 """Most patches shown if no DEM was rendered, and most pixels of each."""
 
@@ -81,11 +84,22 @@ def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
         return data
     if w.patch is not None:
         return data | {"pairs": _pairs(figures, shown.ground_image, shown.ground_render)}
-    frame = Frame(*shown.ground_image.shape[::-1])
+    frame = Frame(*shown.ground_image.shape[::-1], **_axis_unit(w.gsd_m, shown.ground_image.shape))
     return data | {
         "layers": _layers(frame, w, shown.ground_image, shown.ground_render, image.facts.name),
-        "quiver": _window_quiver(frame, w),
+        "quiver": _window_quiver(frame, w, _under(frame, shown.ground_image)),
     }
+
+
+def _axis_unit(gsd_m: float, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Metres or kilometres for axes of a grid (rows, cols)."""
+    if max(shape) * gsd_m < 2000.0:
+        return {"pixel": gsd_m, "unit": "m"}
+    return {"pixel": gsd_m / 1000.0, "unit": "km"}
+
+
+def _under(frame: Frame, image: Array) -> Markup:
+    return frame.picture(data_uri(grey(shrunk(image, UNDER_PIXELS))))
 
 
 def _layers(
@@ -153,7 +167,7 @@ def _histogram_caption(windows: WindowFigures) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _window_quiver(frame: Frame, w: WindowComparison) -> dict[str, Any] | None:
+def _window_quiver(frame: Frame, w: WindowComparison, picture: Markup) -> dict[str, Any] | None:
     """Offset of each window's image from its render, where the correlation is high enough."""
     if w.offset_px is None:
         return None
@@ -167,7 +181,7 @@ def _window_quiver(frame: Frame, w: WindowComparison) -> dict[str, Any] | None:
     titles = [f"{number(dx)} cells right, {number(dy)} down" for dx, dy in offsets]
     arrows = Arrows(corners + (w.size - 1) / 2.0, offsets, [""] * len(chosen), titles)
     text = _offsets_caption(w, int(sure.sum()), len(chosen))
-    drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells")
+    drawn = report_marks.quiver(frame, arrows, "offsets of the windows", "cells", picture)
     return {"drawing": drawn, "text": text}
 
 
@@ -272,7 +286,11 @@ def correlation_histogram(windows: WindowComparison) -> Markup:
         f"histogram of the correlation of {windows.count} windows: {_percent(windows, 0.9)} above 0.9, "
         f"{_percent(windows, 0.7)} above 0.7, mode {windows.mode:.3f}"
     )
-    inside = _bars(axes, shares, edges) + _mode_line(axes, windows.mode) + _shares_text(windows)
+    inside = (
+        _bars(axes, shares, edges)
+        + _mode_line(axes, windows.mode, float(shares.max()))
+        + _shares_text(windows)
+    )
     return axes.draw(inside, label)
 
 
@@ -290,13 +308,15 @@ def _bars(axes: Axes, shares: Array, edges: Array) -> Markup:
     return axes.bars((bar(int(k)) for k in np.flatnonzero(shares)), gap=0.2)
 
 
-def _mode_line(axes: Axes, mode: float) -> Markup:
+def _mode_line(axes: Axes, mode: float, share: float) -> Markup:
+    """A line from the name of the mode down to its bar."""
     if not math.isfinite(mode):
         return Markup("")
-    x = min(max(float(axes.at(mode, 0.0)[0]), 0.0), axes.width)
+    across, down = axes.at(mode, share)
+    x = min(max(float(across), 0.0), axes.width)
     end = "end" if x > axes.width / 2 else "start"
     return Markup(
-        f'<path class="mode" d="M{x:.1f} -6V{axes.height:g}"/>'
+        f'<path class="mode" d="M{x:.1f} -6V{float(down):.1f}"/>'
         f'<text class="name {end}" x="{x:.1f}" y="-12">mode {mode:.3f}</text>'
     )
 

@@ -52,7 +52,7 @@ def test_a_map_puts_places_where_they_are() -> None:
     chart = charts.Map(np.zeros((11, 11)), x, x[::-1], MapPlane("orthographic", 0.0, 0.0))
     west, north = chart.pixel(-550.0, 550.0)
     east, south = chart.pixel(550.0, -550.0)
-    assert (west, north) == pytest.approx((84.0, 14.0))
+    assert (west, north) == pytest.approx((100.0, 14.0))
     assert east == pytest.approx(946.0)
     assert south > north
 

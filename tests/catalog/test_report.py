@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import catalogs
-from helpers.pages import decoded, parsed
+from helpers.pages import decoded, measured, parsed
 
 from lcp_catalog.catalog import report
 from lcp_catalog.catalog.hdf5 import Overview, write_catalog
@@ -33,6 +33,14 @@ def test_what_the_page_uses_it_holds(html: str) -> None:
     used = {a[1:] for a in page.addresses if a.startswith("#")}
     assert used
     assert used <= set(page.ids)
+
+
+@pytest.mark.parametrize("width", [400, 600])
+def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:
+    found = measured(html, width, tmp_path)
+    assert found["texts"] > 200
+    assert found["smallest"][0][0] >= 11.0
+    assert found["wide"] <= 0
 
 
 def test_the_page_shows_the_catalogue(html: str) -> None:

@@ -108,6 +108,26 @@ def test_a_global_map(tmp_path: Path) -> None:
     }  # a meridian lets it show through
 
 
+def test_heights_show_as_relief(tmp_path: Path) -> None:
+    """A cone of 2 degrees on level ground: light on its north-west, dark on its south-east, and the
+    colour of its product around it; without pixels no relief.
+    """
+    x, y = np.meshgrid(np.arange(160) - 79.5, np.arange(160) - 79.5)
+    heights = np.maximum(1000.0 - 30.0 * np.hypot(x, y), 0.0).astype(np.float32)
+    dem = Dem.open(
+        geotiff(tmp_path / "CONE.tif", heights, 10 * DEGREE_M, 5 * DEGREE_M, DEGREE_M / 16)
+    )
+    image = picture([dem], missing=True).astype(np.int64)
+    rows, columns = np.nonzero((image == PRODUCT_COLOURS[0]).all(axis=-1)[:-60])
+    row, column = (round((at.min() + at.max()) / 2) for at in (rows, columns))
+    side = round((rows.max() - rows.min()) / 160 * 16)  # half of the cone's radius
+    north_west, south_east = image[row - side, column - side], image[row + side, column + side]
+    assert (north_west > np.array(PRODUCT_COLOURS[0])).all()
+    assert (south_east[1:] < 0.8 * np.array(PRODUCT_COLOURS[0])[1:]).all()
+    level = picture([dem])
+    assert (level[row - side, column - side] == PRODUCT_COLOURS[0]).all()
+
+
 def test_a_regional_map_is_zoomed() -> None:
     """Two tiles, north-west and south-east of each other: most of the picture is their box, grey between."""
     image = picture([cylinder(350, 10, 360, 20, 16, "WEST"), cylinder(0, 0, 10, 10, 16, "EAST")])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import json
 import subprocess
 import threading
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,6 +60,34 @@ def parsed(html: str) -> Page:
 def decoded(address: str) -> np.ndarray:
     content = base64.b64decode(address.removeprefix("data:image/png;base64,"))
     return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+_MEASURE = """<script>addEventListener('load', () => {
+  const shown = [...document.querySelectorAll('body *')].filter(one => one.checkVisibility() &&
+    [...one.childNodes].some(node => node.nodeType === 3 && node.textContent.trim()));
+  const scale = ({b, d}) => Math.hypot(b, d);
+  const height = one =>
+    parseFloat(getComputedStyle(one).fontSize) * (one.getScreenCTM ? scale(one.getScreenCTM()) : 1);
+  const other = ['title', 'SCRIPT', 'STYLE', 'OPTION', 'NOSCRIPT'];
+  const small = shown.filter(one => !other.includes(one.nodeName))
+    .map(one => [height(one), one.nodeName, one.textContent.trim().slice(0, 30)]).sort((a, b) => a[0] - b[0]);
+  const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  console.log('measured ' + JSON.stringify({texts: small.length, wide, smallest: small.slice(0, 5)}));
+});</script>"""
+
+
+def measured(html: str, width: int, folder: Path) -> dict[str, Any]:
+    """What Chromium shows of a page ``width`` pixels wide: ``texts``, their number; ``smallest``, the
+    five smallest of them (height in pixels, element, text); ``wide``, pixels by which the page is
+    wider than the window.
+    """
+    inner, outer = folder / f"inner-{width}.html", folder / f"outer-{width}.html"
+    inner.write_text(html.replace("</body>", f"{_MEASURE}</body>"), "utf-8")
+    size = f"width:{width}px;height:3000px;border:0"
+    outer.write_text(f"<iframe src='{inner.name}' style='{size}'></iframe>")
+    line = logged(outer, "measured", folder / f"browser-{width}")
+    found: dict[str, Any] = json.loads(line[line.index("{") : line.rindex("}") + 1])
+    return found
 
 
 def logged(page: Path, word: str, folder: Path) -> str:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from markupsafe import Markup
 
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
-from lcp_catalog.plots.numbers import nice_step, number
+from lcp_catalog.plots.numbers import nice_step, number, typeset
 
 
 def test_numbers_have_few_digits() -> None:
@@ -26,6 +26,22 @@ def test_numbers_have_few_digits() -> None:
     ]
     for value, text in texts:
         assert number(value) == text
+
+
+def test_powers_are_raised() -> None:
+    for text, wanted in (
+        ("the number of false alarms is 10^-140", "the number of false alarms is 10⁻¹⁴⁰"),
+        (
+            "random matches: 10^-128; for the second 10^0",
+            "random matches: 10⁻¹²⁸; for the second 1",
+        ),
+        ("10^-0, 10^12", "1, 10¹²"),
+        ("1.50e-07 m", "1.5 × 10⁻⁷ m"),
+        ("1.00e+05", "10⁵"),
+        ("2e-03 and 4.2 m", "2 × 10⁻³ and 4.2 m"),
+        ("frame-a1e-05.png, sha 31e05, x10^2", "frame-a1e-05.png, sha 31e05, x10^2"),
+    ):
+        assert typeset(text) == wanted
 
 
 @given(st.floats(1e-6, 1e9), st.integers(1, 12))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import verdicts
-from helpers.pages import Page, decoded, parsed
+from helpers.pages import Page, decoded, measured, parsed
 
 from lcp_catalog.plots.greyscale import PIXELS_MAX, grey
 from lcp_catalog.validation import report_points, report_windows, result
@@ -58,7 +59,7 @@ def test_what_the_page_refers_to_it_holds(html: str) -> None:
 
 
 def test_the_pictures_are_those_given(html: str) -> None:
-    image, render_, windows, photo = pictures_of(parsed(html))
+    image, render_, windows, under, photo = pictures_of(parsed(html))
     shown = verdicts.pictures()
     given = grey(shown.ground_image, shown.ground_render)
     np.testing.assert_array_equal(image[..., [0, 3]], given)
@@ -66,6 +67,7 @@ def test_the_pictures_are_those_given(html: str) -> None:
         render_[..., 0], grey(shown.ground_render, shown.ground_image)[..., 0]
     )
     assert (image[:9, :17, 3] == 0).all()
+    np.testing.assert_array_equal(under[..., 0], grey(shown.ground_image)[..., 0])
     assert photo.shape[:2] == shown.image.shape
     wanted = report_windows.correlation_pixels(verdicts.image().windows.compared)
     np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
@@ -108,6 +110,19 @@ def test_arrows_are_the_residuals() -> None:
         assert f"M{x:.1f} {y:.1f}L{to_x:.1f} {to_y:.1f}" in shown
     counts = [int(n) for n in re.findall(r"<b class='(?:within.|beyond3)'>[^<]*</b> (\d+)", html)]
     assert sum(counts) == found.sum()
+
+
+def test_every_drawing_has_axes() -> None:
+    """In kilometres of the terrain grid, 128 x 96 cells of 948 m; in pixels of the image."""
+    html = alone(verdicts.image())
+    *grounds, photo = re.findall(r'<svg class="over".*?</svg>', html, re.S)
+    assert len(grounds) == 4
+    for drawing in grounds:
+        (at,) = re.findall(r'<text class="middle" x="([\d.]+)"[^>]*>100 km<', drawing)
+        assert float(at) == pytest.approx(100 / 0.948 * 960 / 128, abs=0.06)
+        assert re.search(r'<text class="end" x="-12" y="0.0"[^>]*>0 km<', drawing)
+    assert re.search(r'<text class="middle" x="900.0"[^>]*>600 px<', photo)  # of 640
+    assert re.search(r'<text class="end" x="-12" y="600.0"[^>]*>400<', photo)
 
 
 def test_windows_that_correlate_say_where_they_lie() -> None:
@@ -262,6 +277,14 @@ def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Table of the 60 points in view. The first 10 are shown; the CSV file has all." in html
 
 
+@pytest.mark.parametrize("width", [400, 1200])
+def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:
+    found = measured(html, width, tmp_path)
+    assert found["texts"] > 200
+    assert found["smallest"][0][0] >= 11.0
+    assert found["wide"] <= 0
+
+
 def test_every_drawing_has_a_name(html: str) -> None:
     drawings = [attrs for tag, attrs in parsed(html).elements if tag == "svg"]
     assert len(drawings) > 15
@@ -335,7 +358,8 @@ def test_large_pictures_do_not_make_large_pages() -> None:
     noise = dice.normal(size=(1800, 2400)).astype(np.float32)
     html = alone(verdicts.image(), Pictures(noise, 1, noise, noise[::-1]))
     assert len(html) < BYTES_MAX
-    image, _, _, photo = pictures_of(parsed(html))
+    image, _, _, under, photo = pictures_of(parsed(html))
+    assert under.shape[0] * under.shape[1] <= report_windows.UNDER_PIXELS
     assert 0.9 * PIXELS_MAX < image.shape[0] * image.shape[1] <= PIXELS_MAX
     assert photo.shape == image.shape
 

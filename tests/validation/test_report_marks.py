@@ -16,7 +16,16 @@ from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import MEANINGS, REASONS
 from lcp_catalog.validation import report_marks, report_windows
-from lcp_catalog.validation.report_marks import CANVAS, SYMBOLS, Arrows, Frame
+from lcp_catalog.validation.report_marks import (
+    BOTTOM,
+    CANVAS,
+    LEFT,
+    RIGHT,
+    SYMBOLS,
+    TOP,
+    Arrows,
+    Frame,
+)
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 TEMPLATES = files("lcp_catalog.plots") / "templates"
@@ -55,7 +64,9 @@ def test_a_strip_is_no_taller_than_a_page() -> None:
     """A tenth as wide as high, with a space beside it for a line of text."""
     frame = Frame(100, 1000)
     drawn = frame.drawing(frame.picture("data:,"), "strip", 40.0)
-    assert 'viewBox="0 0 480.0 1480.0"' in drawn
+    left, right, top, bottom = LEFT, RIGHT, TOP, BOTTOM
+    box = f"{-left:g} {-top:g} {480 + left + right:.1f} {1440 + top + bottom + 40:.1f}"
+    assert f'viewBox="{box}"' in drawn
     assert '<image href="data:," width="144.0" height="1440.0"' in drawn
     assert '<rect class="edge" width="144.0" height="1440.0"/>' in drawn
     assert frame.at([99.5, 999.5]) == pytest.approx([144.0, 1440.0])
