@@ -23,7 +23,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
 from ..dem.effective_resolution import Resolution, of_file
 from ..dem.mosaic import DemSet
-from ..errors import AreaError
+from ..errors import AreaError, ImageError
 from ..geometry.frames import mcmf_to_lonlat
 from ..images.image import Image
 from ..light.environment import Environment
@@ -89,7 +89,8 @@ def against_dem(
     environment: Environment | None = None,
 ) -> GroundComparison:
     """Compare the part of an image that a DEM covers; ``environment``: an environment map as the
-    light of the renders. AreaError if there is none; other errors as `pipeline.prepare`.
+    light of the renders. AreaError if there is none; ImageError if it is smaller than a window;
+    other errors as `pipeline.prepare`.
 
     The effective resolution is that of the DEM file (`effective_resolution.of_file`). Cells finer
     than the posting are rendered at their own size.
@@ -106,6 +107,12 @@ def against_dem(
     ortho = orthorectify(image, nodes, shot.visible)
     how = {"target_m": target_m, "dem_fwhm_m": resolution.point_spread_m}
     pair = paired(ortho.signal, shot.radiance, ortho.weight, gsd_m=scene.gsd_m, **how)
+    rows, cols = pair.image.shape
+    if min(rows, cols) < choice.size:
+        raise ImageError(
+            f"{image.name}: the image shows {rows} x {cols} cells of {pair.gsd_m:.4g} m, and a window has "
+            f"{choice.size} x {choice.size}: give a DEM with finer detail, or smaller cells (--gsd)"
+        )
     found = compare(
         pair.image, pair.render, pair.weight, gsd_m=pair.gsd_m, size=choice.size, step=choice.step,
         offset=choice.offset, search_px=SEARCH_CELLS,

@@ -17,7 +17,7 @@ from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf, patch_terrain
 from lcp_catalog.dem.effective_resolution import of_file
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.errors import AreaError
+from lcp_catalog.errors import AreaError, ImageError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.laws import reflectance_model
@@ -160,6 +160,13 @@ def test_without_a_size_cells_are_those_of_the_true_resolution(photo) -> None:
         700.0 < found.windows.gsd_m < 1300.0
     )  # GLD100's published 1 to 1.5 km, and half of a wave of 2 km
     assert "wave" in found.resolution
+
+
+def test_an_image_smaller_than_a_window_says_so(photo) -> None:
+    with pytest.raises(
+        ImageError, match=r"shows \d+ x \d+ cells of 6000 m, and a window has 16 x 16"
+    ):
+        against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 6000.0))
 
 
 def test_under_another_sun_it_is_another_image(photo) -> None:
