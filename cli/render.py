@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 @render_options.earthshine_option
 @environment_options
 @render_options.view_options
+@render_options.around_option
 @pointing_options.pointing_options
 @render_options.surface_option
 @options.model_options
@@ -55,7 +56,8 @@ def command(
 ) -> None:
     """Render one image of an area of the Moon.
 
-    The area is taken from --center and --size or from --bounds; without them it is what the camera sees, else
+    The area is taken from --center and --size or from --bounds; --size alone cuts it out of what the camera sees
+    (--around). Without them it is what the camera sees, else
     the whole DEM. The Sun is given by --sun-azimuth and --sun-elevation, by --time or by --subsolar; without
     them it is the camera file's. Without view options the view is straight down. With --fov, --altitude and
     --look the image is that of a camera above --center.
@@ -89,7 +91,10 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     pointing_options.check_pointing(flags)
     pointed = flags["fov_deg"] is not None
     center = None if pointed else flags["center"]
-    options.check_area(center, flags["size_km"], flags["bounds"])
+    where = center, flags["bounds"]
+    around = flags["around"], flags["camera_path"], flags["size_km"]
+    in_view = render_options.check_around(*around, *where)
+    options.check_area(center, None if in_view else flags["size_km"], flags["bounds"])
     angles = (flags["sun_azimuth"], flags["sun_elevation"])
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
     altitude_km = None if pointed else flags["altitude_km"]
@@ -112,7 +117,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     from lcp_catalog.photometry.colour_map import open_map
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.rendering.compositing import Backdrop
-    from lcp_catalog.rendering.request import Request, ViewChoice
+    from lcp_catalog.rendering.request import AreaInView, Request, ViewChoice
     from lcp_catalog.rendering.sphere_extent import SphereArea
     from lcp_catalog.terrain.area import Area
 
@@ -122,8 +127,10 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
             "no Sun: give --sun-azimuth and --sun-elevation, or --time, or --subsolar, or --environment"
             + (f" ({flags['camera_path']} has none)" if flags["camera_path"] else "")
         )
-    area: Area | SphereArea | None = None
-    if center:
+    area: Area | SphereArea | AreaInView | None = None
+    if in_view:
+        area = AreaInView(flags["size_km"], flags["around"] == "axis")
+    elif center:
         size_km = flags["size_km"]
         sphere = flags["surface"] == "sphere"
         area = SphereArea(*center, (size_km, size_km)) if sphere else Area(*center, size_km)

@@ -79,6 +79,28 @@ view_options = option_group(
     ),
 )
 
+around_option = click.option(
+    "--around",
+    type=click.Choice(["axis", "footprint"]),
+    default=None,
+    help="Centre of an area of --size in the view of --camera: where its optical axis meets the surface (of a scanner: "
+    "the ray of the image's middle), or the middle of its footprint; default with --size and without --center: "
+    "footprint.",
+)
+
+
+def check_around(
+    around: str | None, camera_path: str | None, size_km: float | None, *others: object
+) -> bool:
+    """True if the area lies around the camera's view. ``others``: other statements of its place."""
+    stated = any(other is not None for other in others)
+    if around is not None and (camera_path is None or size_km is None):
+        raise click.UsageError(f"--around {around} needs --camera and --size")
+    if around is not None and stated:
+        raise click.UsageError("--around excludes --center and --bounds")
+    return camera_path is not None and size_km is not None and not stated
+
+
 surface_option = click.option(
     "--surface",
     type=click.Choice(SURFACES),

@@ -248,12 +248,22 @@ def pointed_camera(
     )
 
 
+def optical_axis(sensor: Sensor) -> tuple[Array, Array]:
+    """Origin and unit direction (3,), MCMF, of the optical axis of a framing camera; of another sensor
+    the ray of the image's middle.
+    """
+    if isinstance(sensor, Camera):
+        return sensor.position_mcmf_m, sensor.rotation_mcmf_to_camera[2]
+    rows, cols = sensor.shape
+    return sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+
+
 def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
     where the centre shows sky.
     """
     rows, cols = sensor.shape
-    origin, direction = sensor.looks(np.array([(cols - 1) / 2.0, (rows - 1) / 2.0]))
+    origin, direction = sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
     nearest = -float(origin @ direction)
     half_chord = nearest**2 - float(origin @ origin) + MOON_RADIUS_M**2
     distance = nearest - math.sqrt(half_chord) if half_chord >= 0.0 else -math.inf

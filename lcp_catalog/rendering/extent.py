@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..cameras.frame_camera import Camera
+from ..cameras.sensor import Sensor
 from ..cameras.view import View, footprint, looking_camera
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..dem.mosaic import DemSet
@@ -22,7 +23,8 @@ from ..terrain.relief_bounds import (
     ring_needed_m,
 )
 from ..terrain.terrain import Terrain, build_terrain
-from .request import Request
+from .axis_place import axis_place
+from .request import AreaInView, Request
 from .sphere_extent import Extent, SphereArea
 
 RING_MAX_M = 200e3
@@ -36,20 +38,40 @@ def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
     """The area of a request, and True if it must grow to hold all terrain, high and low, that the
     camera sees. AreaError if the camera sees nothing of the DEM.
     """
+    if isinstance(request.area, AreaInView):
+        return Area(*place_in_view(request, request.area, dems), request.area.size_km), False
     if isinstance(request.area, SphereArea):
         raise AreaError(
             f"{request.area.size_km[0]:g} x {request.area.size_km[1]:g} km is too wide for a DEM; {_WIDER}"
         )
     if request.area is not None:
         return request.area, False
-    looks = request.view.looks
-    if looks is not None:
-        seen = footprint(looks)
-        box = _clipped(seen, dems.bounds)
-        if box is None:
-            raise AreaError(f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}")
-        return _box_area(box, request), True
+    if request.view.looks is not None:
+        return _seen_area(request, request.view.looks, dems), True
     return _box_area(dems.bounds, request), False
+
+
+def place_in_view(request: Request, area: AreaInView, dems: DemSet | None) -> tuple[float, float]:
+    """Longitude and latitude of the centre of an area in the view of a request's camera. AreaError if
+    there is no camera, or if it sees nothing of the DEM; CameraError if it sees nothing of the Moon.
+    """
+    looks = request.view.looks
+    if looks is None:
+        raise AreaError("an area around a camera's view needs a camera")
+    if area.axis:
+        return axis_place(looks, dems)
+    seen = _seen_area(request, looks, dems)
+    return seen.lon_deg, seen.lat_deg
+
+
+def _seen_area(request: Request, looks: Sensor, dems: DemSet | None) -> Area:
+    """The footprint of a camera, as far as the DEM covers it."""
+    seen = footprint(looks)
+    box = _clipped(seen, dems.bounds) if dems is not None else seen
+    if box is None:
+        assert dems is not None
+        raise AreaError(f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}")
+    return _box_area(box, request)
 
 
 def _box_area(box: Bounds, request: Request) -> Area:

@@ -40,14 +40,16 @@ from .extent import (
     coarse_terrain,
     grown,
     height_reach_m,
+    place_in_view,
     require_extent,
     view_ring_m,
 )
 from .plan import ScenePlan, choose_model, plan_scene, ring_decision
 from .renderer import Rendering, render_camera, render_enu
-from .request import Request
+from .request import AreaInView, Request
 from .scans import MovingSun, render_scan
 from .scene import Scene, require_visible
+from .sphere_extent import SphereArea
 from .sphere_pipeline import SphereScene, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
 
@@ -252,6 +254,9 @@ def _prepare_sphere(request: Request) -> SphereScene:
         )
     gsd_m: float | None = None
     files: tuple[Path, ...] = ()
+    if isinstance(request.area, AreaInView):
+        place, size_km = place_in_view(request, request.area, None), request.area.size_km
+        request = replace(request, area=SphereArea(*place, (size_km, size_km)))
     if request.dem_paths:
         dems = request.dems
         files = dems.files

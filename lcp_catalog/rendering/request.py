@@ -72,6 +72,16 @@ class ViewChoice:
 
 
 @dataclass(frozen=True)
+class AreaInView:
+    """A square area of ``size_km`` around the place where the optical axis of the request's camera meets
+    the surface (``axis``), or around the middle of the camera's footprint.
+    """
+
+    size_km: float
+    axis: bool = False
+
+
+@dataclass(frozen=True)
 class Request:
     """The request of one image; `rendering.pipeline.render` renders it.
 
@@ -86,7 +96,7 @@ class Request:
     """
 
     dem_paths: Sequence[Path | str]
-    area: Area | SphereArea | None = None
+    area: Area | SphereArea | AreaInView | None = None
     gsd_m: float | None = None
     sun: SunChoice = SunChoice()  # noqa: RUF009  frozen, so it can be shared
     view: ViewChoice = ViewChoice()

@@ -30,7 +30,7 @@ from .decisions import Decision
 from .extent import camera_over, cells_extent
 from .plan import ScenePlan
 from .renderer import Rendering
-from .request import Request
+from .request import AreaInView, Request
 from .scene import require_visible
 from .sphere_extent import Extent
 from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
@@ -126,6 +126,7 @@ def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
     frame of the point at the image's centre, or below the camera if that is sky.
     """
     if request.area is not None:
+        assert not isinstance(request.area, AreaInView)
         return request.area.frame, request.area.extent_m
     camera = request.view.camera
     if camera is None:
