@@ -33,8 +33,8 @@ pointing_options = option_group(
         type=click.Tuple([AZIMUTH, Number(-90, 90)]),
         metavar="AZ EL",
         help="Direction of that camera's optical axis: azimuth, clockwise from north, and elevation above the camera's "
-        "horizontal, degrees. Up is up in the image; at elevation -90, the azimuth is. Default: 0 -90 (straight down, "
-        "north up).",
+        "horizontal, degrees. Rows of the image are level; straight down (elevation -90), AZ is the direction of its upper "
+        "edge. Default: 0 -90 (straight down, north up).",
     ),
     click.option(
         "--image-size",

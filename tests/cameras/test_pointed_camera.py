@@ -1,0 +1,54 @@
+"""Cameras by field of view, altitude and direction: angles between rays, level rows, refused values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lcp_catalog.cameras.view import pointed_camera
+from lcp_catalog.errors import CameraError
+
+PLACE, SIZE = (200.0, -35.0), (300, 100)
+
+
+@pytest.mark.parametrize("look", [(0.0, -90.0), (75.0, -90.0), (75.0, -30.0), (250.0, 10.0)])
+@pytest.mark.parametrize("fov", [0.5, 60.0, 170.0])
+def test_the_field_of_view_is_that_across_the_width(look, fov):
+    camera = pointed_camera(PLACE, 1e5, look, fov, SIZE)
+    left, right, top, bottom = camera.rays([[-0.5, 49.5], [299.5, 49.5], [149.5, -0.5], [149.5, 99.5]])  # fmt: skip
+    assert np.degrees(np.arccos(left @ right)) == pytest.approx(fov, abs=1e-9)
+    high = 2.0 * np.degrees(np.arctan(np.tan(np.radians(fov / 2)) / 3.0))
+    assert np.degrees(np.arccos(top @ bottom)) == pytest.approx(high, abs=1e-6)
+
+
+@pytest.mark.parametrize("elevation", [-89.9, -30.0, 10.0])
+def test_rows_are_level_and_the_axis_has_its_angles(elevation):
+    """Angles from dot products with up and with the direction to the pole."""
+    camera = pointed_camera(PLACE, 1e5, (75.0, elevation), 40.0, SIZE)
+    up = camera.position_mcmf_m / np.linalg.norm(camera.position_mcmf_m)
+    assert np.linalg.norm(camera.position_mcmf_m) == pytest.approx(1837400.0, abs=1e-6)
+    right, down, ahead = camera.rotation_mcmf_to_camera
+    assert right @ up == pytest.approx(0.0, abs=1e-12)
+    assert down @ up < 0.0
+    assert np.degrees(np.arcsin(ahead @ up)) == pytest.approx(elevation, abs=1e-6)
+    north = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    north /= np.linalg.norm(north)
+    east = np.cross(north, up)
+    assert np.degrees(np.arctan2(ahead @ east, ahead @ north)) == pytest.approx(75.0, abs=1e-6)
+    assert np.degrees(np.arctan2(right @ east, right @ north)) == pytest.approx(165.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "look", "fov", "says"),
+    [
+        (0.0, (0.0, -90.0), 40.0, "altitude"),
+        (1e12, (0.0, -90.0), 40.0, "altitude"),
+        (1e5, (0.0, -91.0), 40.0, "elevation"),
+        (1e5, (np.nan, -90.0), 40.0, "no number"),
+        (1e5, (0.0, -90.0), 180.0, "field of view"),
+        (1e5, (0.0, -90.0), 0.0, "field of view"),
+    ],
+)
+def test_refused_values(altitude_m, look, fov, says):
+    with pytest.raises(CameraError, match=says):
+        pointed_camera(PLACE, altitude_m, look, fov, SIZE)
