@@ -189,7 +189,7 @@ def _surface(
     """The surface of a DEM, or of a catalogue's patches."""
     from lcp_catalog.accuracy import accuracy
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.photometry.colour_map import open_grey_map
     from lcp_catalog.photometry.law_choice import named
     from lcp_catalog.rendering.request import Request, ViewChoice
     from lcp_catalog.simulation.frame import DemSurface
@@ -215,7 +215,7 @@ def _surface(
         sun=choice,
         view=ViewChoice.of(camera),
         product_order=flags["product_order"] or (),
-        albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
+        albedo=open_grey_map(*albedo) if albedo[0] else None,
         **how,
     )
     return DemSurface.seen(request, detector.margin_px)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Float32
+from ..errors import AlbedoError
 from ..terrain.terrain import Terrain
 from .albedo_map import AlbedoMap, Cover, check_reading, sample_nodes
 from .albedo_raster import colour_bands, mean_value, open_pixels
@@ -117,4 +118,18 @@ def open_map(
     bands = colour_bands(Path(path))
     if bands:
         return ColourMap.open(path, bands, encoding, reference)
+    return AlbedoMap.open(path, encoding, reference)
+
+
+def open_grey_map(
+    path: Path | str, encoding: str | None = None, reference: float | None = None
+) -> AlbedoMap:
+    """The first band of a raster, as `AlbedoMap.open`; AlbedoError for one that `open_map` opens in
+    colour.
+    """
+    if colour_bands(Path(path)):
+        raise AlbedoError(
+            f"{path}: has three bands, which lcp render takes as red, green and blue; a frame has one: "
+            "choose a band first (gdal_translate -b 1)"
+        )
     return AlbedoMap.open(path, encoding, reference)

@@ -155,14 +155,17 @@ def test_the_files_own_colours_decide_the_order(folder: Path, tmp_path: Path) ->
         assert ratio[:, :5][lit[:, :5]] == pytest.approx(1.0, rel=1e-6)
 
 
-def test_simulate_and_grey_maps_say_what_they_take(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("kinds", [(), COLOURS])
+def test_simulate_refuses_colours(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kinds: tuple[str, ...],
 ) -> None:
     codes = np.full((3, ROWS, 100), 90, np.uint8)
-    write(folder / "display.tif", codes, COLOURS)
+    write(folder / "display.tif", codes, kinds)
     view = ["--fov", "10", "--altitude", "60", "--center", "30.5", "10.5", *SUN]
     arguments = ["simulate", str(folder / "dem.tif"), *view, "-o", str(tmp_path / "f.png")]
     error = refusal([*arguments, "--albedo", str(folder / "display.tif")], 1, capsys)
-    assert "colour image (red, green, blue)" in error
-    assert "only lcp render takes one of red, green and blue" in error
+    assert "three bands, which lcp render takes as red, green and blue; a frame has one" in error
     assert not list(tmp_path.iterdir())
