@@ -189,7 +189,7 @@ point_options = option_group(
         "search_km",
         type=POSITIVE,
         metavar="KM",
-        help="Radius within which a point must be unique; default: 64 cells, at most 8 km.",
+        help="Radius within which a point must be unique, at least half a patch; default: 64 cells, at most 8 km.",
     ),
     click.option(
         "--noise",

@@ -267,7 +267,7 @@ class ViewConfig:
 
 
 SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
-"""Default search radius: so many nodes, but not more than so many metres."""
+"""Default search radius: so many nodes, but not more than so many metres, unless half a patch is wider."""
 
 SPACING_MIN_NODES, SEARCH_MAX_NODES = 4, 1000
 """Least spacing and greatest search radius, in nodes: the memory and the time of an area grow with the
@@ -314,7 +314,7 @@ class PointConfig:
     max_bytes: int | None = None
     """Size of the catalogue's file that the number of points is limited to, by estimate."""
     spacing_m: float | None = None  # half a patch; without a promise two patch widths, at most 8 km
-    search_m: float | None = None  # 64 nodes, at most `SEARCH_MAX_M`
+    search_m: float | None = None  # 64 nodes, at most `SEARCH_MAX_M`, at least half a patch
     candidates_per_cell: int = 2
     min_detection: float = 0.9
     """Least detection probability of a usable point."""
@@ -370,7 +370,7 @@ class PointConfig:
     def search_nodes(self, gsd_m: float) -> int:
         """Radius, in nodes, within which a point must be unique."""
         if self.search_m is None:
-            return min(SEARCH_NODES, max(1, round(SEARCH_MAX_M / gsd_m)))
+            return max(self.half, min(SEARCH_NODES, round(SEARCH_MAX_M / gsd_m)))
         return max(1, round(self.search_m / gsd_m))
 
     def halo_nodes(self, gsd_m: float) -> int:
@@ -378,7 +378,9 @@ class PointConfig:
         return self.search_nodes(gsd_m) + self.half + CORNER_BORDER
 
     def check_cells(self, gsd_m: float) -> None:
-        """ConfigError for a spacing of too few cells or a search radius of too many."""
+        """ConfigError for a spacing of too few cells or a search radius of too many or too few: a patch
+        has no rival within half its width, where its own peak of the correlation ends.
+        """
         spacing, search = self.spacing_m, self.search_m
         _require(
             spacing is None or spacing >= SPACING_MIN_NODES * gsd_m,
@@ -389,6 +391,11 @@ class PointConfig:
             search is None or search <= SEARCH_MAX_NODES * gsd_m,
             f"a search radius of {search or 0.0:g} m is too large for cells of {gsd_m:g} m: at most "
             f"{SEARCH_MAX_NODES} cells, {SEARCH_MAX_NODES * gsd_m:g} m",
+        )
+        _require(
+            self.search_nodes(gsd_m) >= self.half,
+            f"a search radius of {search or 0.0:g} m is too small for patches of {self.patch_nodes} cells of "
+            f"{gsd_m:g} m: nothing else would be compared; at least half a patch, {self.half * gsd_m:g} m",
         )
 
     def least_distance_m(self, gsd_m: float) -> float:

@@ -145,10 +145,24 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_spacing_and_search_by_default_and_as_given() -> None:
-    """Two patches, but at least half of one, and 64 cells; both at most 8 km."""
+    """Two patches, and 64 cells; both at most 8 km, and at least half a patch."""
     fine, coarse = 118.0, 948.0
     assert [PointConfig().spacing_nodes(g) for g in (fine, 474.0, coarse)] == [64, 17, 16]
-    assert [PointConfig().search_nodes(g) for g in (fine, 474.0, coarse)] == [64, 17, 8]
+    assert [PointConfig().search_nodes(g) for g in (fine, 474.0, coarse)] == [64, 17, 16]
     given = PointConfig(spacing_m=20_000.0, search_m=300.0)
     assert (given.spacing_nodes(474.0), given.search_nodes(474.0)) == (42, 1)
     assert PointConfig(patch_nodes=9).spacing_nodes(fine) == 16
+
+
+def test_a_search_within_half_a_patch_is_refused() -> None:
+    """Patches of 33 nodes reach 16 nodes from their centre: 1600 m on cells of 100 m. The radius is
+    rounded to nodes.
+    """
+    PointConfig(search_m=1560.0).check_cells(100.0)
+    PointConfig(patch_nodes=9, search_m=400.0).check_cells(100.0)
+    for patch_nodes, search_m, least in ((33, 1540.0, "1600 m"), (65, 1600.0, "3200 m")):
+        points = PointConfig(patch_nodes=patch_nodes, search_m=search_m)
+        with pytest.raises(ConfigError, match=f"at least half a patch, {least}"):
+            points.check_cells(100.0)
+    for gsd_m in (1.0, 474.0, 948.0, 20_000.0):
+        PointConfig().check_cells(gsd_m)

@@ -129,7 +129,7 @@ def test_a_patch_that_reaches_beyond_the_heights_is_no_candidate(
         area=AreaConfig(bounds_deg=(29.0, 0.0, 31.0, 0.6), gsd_m=474.0),
         sun=SunConfig((90.0, 270.0), (20.0, 30.0)),
         view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
-        points=PointConfig(patch_nodes=33, spacing_m=2000.0, search_m=1000.0),
+        points=PointConfig(patch_nodes=33, spacing_m=2000.0, search_m=7600.0),
         model=ModelConfig(ring_max_km=5.0),
     )
     sampled: list[np.ndarray] = []

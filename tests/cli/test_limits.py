@@ -48,6 +48,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ([*BUILD, "--spacing", "inf"], 2, "not a finite number"),
         ([*BUILD, "--spacing", "1e9"], 2, "at most 1e+07 m"),
         ([*BUILD, "--search", "9e3", "--gsd", "500"], 2, "at most 1000 cells, 500000 m"),
+        ([*BUILD, "--search", "7.5", "--gsd", "500"], 2, "nothing else would be compared; at least half a patch, 8000 m"),
         ([*BUILD, "--jobs", "100000"], 2, "100000 is not in the range 1<=x<="),
         ([*BUILD, "--config", "many.toml"], 2, "5 views times 144000 Suns are 720000 conditions"),
         ([*BUILD, "--config", "cells.toml"], 2, "16..4096"),

@@ -32,8 +32,27 @@ which would dominate.
 """
 
 REACH_M = 12.0
-BUILD = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "45,53,60", "--view", "0:0", "--noise", "0.005",
-         "--search", "0.012", "--spacing", "0.03", "--overwrite")  # fmt: skip
+BUILD = """
+[area]
+gsd_m = 2.0
+[sun]
+azimuths_deg = [260.0, 275.0]
+elevations_deg = [45.0, 53.0, 60.0]
+[view]
+off_nadir_deg = [0.0]
+azimuth_deg = [0.0]
+altitude_km = [inf]
+[points]
+spacing_m = 30.0
+search_m = 32.0  # half a patch
+[errors]
+sensor_noise = 0.005
+height_sigma_m = 0.0
+height_length_m = 3.0
+albedo_sigma = 0.0
+position_sigma_m = 0.0
+spread = 0.0
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +109,10 @@ def build_catalog(dem: Path, path: Path) -> Path:
     """`lcp build-catalog` of the DTM for Suns near that of the image, and for images nearly equal
     to their renders.
     """
+    config = path.with_suffix(".toml")
+    config.write_text(BUILD)
     lcp = [str(Path(sys.executable).with_name("lcp")), "build-catalog", str(dem), "-o", str(path)]
-    subprocess.run([*lcp, *BUILD], check=True, capture_output=True)
+    subprocess.run([*lcp, "--config", str(config), "--overwrite"], check=True, capture_output=True)
     return path
 
 
