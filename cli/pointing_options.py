@@ -62,8 +62,6 @@ def check_pointing(flags: dict[str, Any]) -> None:
         raise click.UsageError(
             "--fov excludes --off-nadir and --view-azimuth; --look AZ EL gives the direction"
         )
-    if flags.get("size_km") is not None:
-        raise click.UsageError("--fov excludes --size; an area is given by --bounds")
 
 
 def camera_of(flags: dict[str, Any], plane: bool) -> AnySensor | None:

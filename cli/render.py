@@ -92,15 +92,15 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
     pointed = flags["fov_deg"] is not None
     center = None if pointed else flags["center"]
     where = center, flags["bounds"]
-    around = flags["around"], flags["camera_path"], flags["size_km"]
-    in_view = render_options.check_around(*around, *where)
+    seen = bool(flags["camera_path"]) or pointed
+    in_view = render_options.check_around(flags["around"], seen, flags["size_km"], *where)
     options.check_area(center, None if in_view else flags["size_km"], flags["bounds"])
     angles = (flags["sun_azimuth"], flags["sun_elevation"])
     sun_stated = options.check_sun(*angles, flags["time_utc"], flags["subsolar"])
     altitude_km = None if pointed else flags["altitude_km"]
     oblique = (flags["off_nadir"], flags["view_azimuth"], altitude_km)
     frame = flags["frame"] or ("camera" if pointed else "enu")
-    render_options.check_view(flags["camera_path"] or pointed, *oblique, frame)
+    render_options.check_view(seen, *oblique, frame)
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     albedo = (flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"])
     options.check_albedo(*albedo)

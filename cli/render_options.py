@@ -83,22 +83,22 @@ around_option = click.option(
     "--around",
     type=click.Choice(["axis", "footprint"]),
     default=None,
-    help="Centre of an area of --size in the view of --camera: where its optical axis meets the surface (of a scanner: "
+    help="Centre of an area of --size in the view of --camera or --fov: where its optical axis meets the surface (of a scanner: "
     "the ray of the image's middle), or the middle of its footprint; default with --size and without --center: "
     "footprint.",
 )
 
 
-def check_around(
-    around: str | None, camera_path: str | None, size_km: float | None, *others: object
-) -> bool:
-    """True if the area lies around the camera's view. ``others``: other statements of its place."""
+def check_around(around: str | None, camera: bool, size_km: float | None, *others: object) -> bool:
+    """True if the area lies around the camera's view. ``camera``: True if one is given, by a file or by
+    ``--fov``; ``others``: other statements of the area's place.
+    """
     stated = any(other is not None for other in others)
-    if around is not None and (camera_path is None or size_km is None):
-        raise click.UsageError(f"--around {around} needs --camera and --size")
+    if around is not None and not (camera and size_km is not None):
+        raise click.UsageError(f"--around {around} needs --camera (or --fov) and --size")
     if around is not None and stated:
         raise click.UsageError("--around excludes --center and --bounds")
-    return camera_path is not None and size_km is not None and not stated
+    return camera and size_km is not None and not stated
 
 
 surface_option = click.option(
@@ -130,13 +130,13 @@ def check_composite(
 
 
 def check_view(
-    camera: object,
+    camera: bool,
     off_nadir: float | None,
     view_azimuth: float | None,
     altitude_km: float | None,
     frame: str,
 ) -> None:
-    """Raise a usage error for contradictory or incomplete view options. ``camera``: true if one is given,
+    """Raise a usage error for contradictory or incomplete view options. ``camera``: True if one is given,
     by a file or by ``--fov``.
     """
     oblique = any(value is not None for value in (off_nadir, view_azimuth, altitude_km))

@@ -42,7 +42,7 @@ def pointed(fov: float, look: tuple[float, float], *more: str) -> list[str]:
 
 
 def hit(
-    fov: float, look: tuple[float, float], pixel: tuple[int, int], radius: float
+    fov: float, look: tuple[float, float], pixel: tuple[float, float], radius: float
 ) -> tuple[float, float]:
     """Longitude and latitude, degrees, where the ray of a pixel meets a sphere, by plane and spherical
     trigonometry: the angles of the ray at the camera, the central angle, the great circle.
@@ -128,6 +128,18 @@ def test_the_tag_is_a_camera_file_that_renders_the_same(
     assert again.read_bytes() == out.read_bytes()
 
 
+def test_an_area_around_the_optical_axis(dem: str, out: Path) -> None:
+    """``--size`` beside ``--fov`` is that of an area where the axis meets the terrain."""
+    fov, look = 25.0, (200.0, -40.0)
+    around = ["--around", "axis", "--size", "8", "--frame", "enu", "--gsd", "500"]
+    assert run(["render", dem, "-o", str(out), *pointed(fov, look, *around)]) == 0
+    bands, _, tags = read(out)
+    lon, lat = hit(fov, look, (29.5, 19.5), R + 1000.0)
+    assert float(tags["center_lon"]) == pytest.approx(lon, abs=1e-4)  # 3 m
+    assert float(tags["center_lat"]) == pytest.approx(lat, abs=1e-4)
+    assert bands["visible"].mean() > 0.5
+
+
 def test_simulate_takes_the_same_camera(dem: str, tmp_path: Path) -> None:
     """The camera file beside the frame is the tag of the render, and takes the same frame."""
     common = ["simulate", dem, "--sun", "point", "--bits", "12"]
@@ -168,7 +180,7 @@ def test_looking_above_the_horizon(out: Path, capsys: pytest.CaptureFixture[str]
         (["--fov", "20", "--center", "30.5", "10.5"], "and --altitude KM"),
         ([*AT, "--fov", "20", "--camera", "c.json"], "--fov and --camera exclude each other"),
         ([*AT, "--fov", "20", "--off-nadir", "5", "--view-azimuth", "0"], "--look AZ EL gives"),
-        ([*AT, "--fov", "20", "--size", "5"], "--fov excludes --size"),
+        ([*AT, "--fov", "20", "--bounds", "30", "10", "31", "11", "--size", "5"], "--size needs"),
         ([*AT, "--fov", "180"], "--fov"),
         ([*AT, "--fov", "20", "--look", "0", "-91"], "--look"),
         ([*AT, "--fov", "20", "--image-size", "0", "9"], "--image-size"),
