@@ -15,7 +15,7 @@ from ..arrays import Array
 FOUND = "found"
 MEANINGS = {
     FOUND: "where it was found",
-    "out of frame": "its search area is not inside the image",
+    "at the edge": "most of its search area lies outside the image",
     "not lit": "the Sun is below its horizon, or too little of the patch is lit",
     "not seen": "hidden, turned away from the camera, or seen edge-on",
     "low contrast": "too little texture in its render",

@@ -225,7 +225,7 @@ def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code:
 def _judge_search(
     task: _Task, templates: Templates, start: Index, found: Array, code: Bytes
 ) -> None:
-    _mark(code, found[:, 4] < task.criteria.min_area_share, "out of frame")
+    _mark(code, found[:, 4] < task.criteria.min_area_share, "at the edge")
     few = found[:, 5] < task.criteria.min_real_share
     if few.any():
         middle = start + np.array(templates.shape[::-1]) // 2

@@ -29,6 +29,7 @@ from .consensus import (
 )
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches
+from .places_apart import none_in_view
 from .point_choice import likeliest, points_in_view, working_image
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
@@ -56,6 +57,7 @@ would not be significant, because the points are too few, the place is not refut
 """
 
 _ROUNDS = 10
+_MOST_NEEDED = 1000  # points that a reason asks for
 _NOBODY = np.zeros(0, dtype=np.int64)
 
 
@@ -122,8 +124,7 @@ def locate(
     working = working_image(catalog, image, area.points)
     search = _Search(catalog, image, working, uncertainty, model, options)
     if not len(area):
-        reason = f"none of the catalogue's {len(catalog)} points can be in view"
-        return PositionFix(CANNOT_SAY, reason, search.unmatched())
+        return PositionFix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
     if (missing := nothing_in(image)) is not None:
         return PositionFix(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))
@@ -320,8 +321,13 @@ class _Search:
             if said is not None and said.shows:
                 return self.by_all_points(matches, said)
         figures = (None, score.log10_false_alarms, score.rival_log10)
-        if self.if_here(searched, area) > SIGNIFICANT:
-            reason = f"too few points can be searched for: {_counted(matches)}"
+        if self.if_here(area.reach_px[searched]) > SIGNIFICANT:
+            count = int(searched.sum())
+            reason = (
+                f"too few points can be searched for: {count}, and at least "
+                f"{self.fewest(area, count)} are needed; of {len(matches)} that may be in view "
+                f"{_counted(matches)}"
+            )
             return PositionFix(CANNOT_SAY, reason, matches, *figures)
         if undecided:
             reason = "the points found agree about equally well on two places"
@@ -371,10 +377,21 @@ class _Search:
             LOCATED, reason, with_inliers(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
         )
 
-    def if_here(self, searched: Mask, area: SearchArea) -> float:
-        """log10 of the false alarms if `SHARE_IF_HERE` of the searchable points agreed."""
+    def fewest(self, area: SearchArea, too_few: int) -> int:
+        """Number of points of an area's median reach, more than ``too_few``, from which an image of
+        another place is refuted.
+        """
+        reach = float(np.median(area.reach_px))
+        more = range(too_few + 1, _MOST_NEEDED)
+        enough = (n for n in more if self.if_here(np.full(n, reach)) <= SIGNIFICANT)
+        return next(enough, _MOST_NEEDED)
+
+    def if_here(self, reach_px: Array) -> float:
+        """log10 of the false alarms if `SHARE_IF_HERE` of points searched within ``reach_px`` (n,)
+        agreed.
+        """
         gate = math.pi * self.tolerance_px**2
-        chance = np.minimum(1.0, gate / (2.0 * area.reach_px[searched] + 1.0) ** 2)
+        chance = np.minimum(1.0, gate / (2.0 * reach_px + 1.0) ** 2)
         least = -(-len(self.image.sensor.corrections) // 2)
         agrees = np.arange(len(chance)) < SHARE_IF_HERE * len(chance)
         if agrees.sum() <= least:

@@ -27,7 +27,7 @@ from ..matching.point_search import Criteria, find_points
 from ..photometry.laws import Reflectance
 from .claims import GATE_PX, GATE_SIGMAS, Claims, squared_distance
 
-NO_TRIAL = tuple(CODE[reason] for reason in ("out of frame", "no data", "saturated"))
+NO_TRIAL = tuple(CODE[reason] for reason in ("at the edge", "no data", "saturated"))
 """Codes of points whose surroundings the image does not show."""
 
 SHOWN_SHARE = 0.9

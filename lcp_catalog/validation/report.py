@@ -70,7 +70,11 @@ def _overview_cells(image: ImageVerdict) -> tuple[str, ...]:
 def _tiles(image: ImageVerdict) -> list[tuple[str, str]]:
     found: dict[str, Any] = plain(image.figures())
     count = f"{found['points_found']} of {found['points_in_view']}"
-    what = "points in view were found" if image.pose else "points in view match individually"
+    what = (
+        "points in view were found"
+        if image.pose
+        else "points that may be in view match individually"
+    )
     shown = [(count, what) if found["points_in_view"] else ("0", "control points are in view")]
     if found["points_found"]:
         px, metres = found["offset_px"]["median"], found["offset_m"]["median"]

@@ -34,7 +34,7 @@ LEFT, RIGHT, TOP, BOTTOM = 130.0, 60.0, 16.0, 60.0
 
 SYMBOLS = {
     FOUND: ("M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0 -9 0Z", "found"),
-    "out of frame": ("M-5 0H5", "outside"),
+    "at the edge": ("M-5 0H5", "outside"),
     "not lit": ("M0 -5.5L5 4H-5Z", "light"),
     "not seen": ("M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z", "light"),
     "low contrast": ("M-4.5 -4.5H4.5V4.5H-4.5Z", "light"),

@@ -147,7 +147,7 @@ def table_data(image: ImageVerdict) -> dict[str, Any] | None:
         return None
     more = f" The first {ROWS_MAX} are shown; the CSV file has all." if n > ROWS_MAX else ""
     return {
-        "summary": f"Table of the {n} points in view.{more}",
+        "summary": f"Table of the {n} points {'' if image.pose else 'that may be '}in view.{more}",
         "columns": _COLUMNS,
         "rows": list(zip(image.matches.found[:ROWS_MAX], _rows(image), strict=True)),
     }

@@ -389,7 +389,10 @@ def image_lines(image: ImageVerdict) -> list[str]:
     lines = [f"{image.facts.name}: {image.verdict}" + (f": {image.reason}" if image.reason else "")]
     if not image.facts.opened:
         return lines
-    lines.append(f"  points   {found['points_found']} of {found['points_in_view']} in view found")
+    view = "in view" if image.pose else "that may be in view"
+    lines.append(f"  points   {found['points_found']} of {found['points_in_view']} {view} found")
+    if not found["points_in_view"]:
+        lines[-1] = "  points   none in view"
     if found["not_found"]:
         lines[-1] += "; " + ", ".join(f"{n} {reason}" for reason, n in found["not_found"].items())
     if found["points_found"]:

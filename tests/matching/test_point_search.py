@@ -179,7 +179,7 @@ def test_reasons(bump, above):
     assert reasons(bump, plain_photo(twice, above, EAST), 50.0) == ["ambiguous"]
     assert reasons(bump, photo, criteria=Criteria(max_back_px=-1.0)) == ["not confirmed"]
     side = replace(above, principal_point_px=(2.0, 79.5))
-    assert reasons(bump, photo.with_sensor(side)) == ["out of frame"]
+    assert reasons(bump, photo.with_sensor(side)) == ["at the edge"]
 
 
 def test_missing_and_saturated_pixels_are_told_apart(bump, above):

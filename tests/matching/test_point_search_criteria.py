@@ -103,7 +103,7 @@ def test_the_part_of_the_search_that_lies_in_the_image_is_a_bound(bump, above, s
         share *= there.mean()
     photo = plain_photo(np.random.default_rng(0).random((160, 160)), moved)
     assert 0.1 < share < 1.0
-    assert said(bump, photo, min_area_share=1.001 * share) == "out of frame"
+    assert said(bump, photo, min_area_share=1.001 * share) == "at the edge"
     assert said(bump, photo, min_area_share=0.999 * share) == "weak"
 
 

@@ -4,6 +4,8 @@ never are.
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +21,7 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.coarse_offset import CoarseShift
 from lcp_catalog.matching.consensus import Consensus
-from lcp_catalog.matching.matches import CODE
+from lcp_catalog.matching.matches import CODE, REASONS
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.pose import jacobian, position_error, spread_px2
@@ -27,6 +29,7 @@ from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,
     NOT_HERE,
+    SEARCHED,
     Options,
     PositionFix,
     locate,
@@ -283,7 +286,22 @@ def test_another_side_of_the_moon(points: Catalog, world: World, photo: Image) -
     image = photo.with_sensor(overhead(EnuFrame(world.frame.lon_deg + 150.0, -10.0)))
     answer = locate(points, image, UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
-    assert answer.reason == f"none of the catalogue's {len(points)} points can be in view"
+    said = re.fullmatch(
+        rf"none of the catalogue's {len(points)} points can be in view: the image's centre shows longitude "
+        r"([\d.]+), latitude (-?[\d.]+), (\d+) km from the nearest point; the points lie at longitude "
+        r"([\d.]+)\.\.([\d.]+), latitude (-?[\d.]+)\.\.(-?[\d.]+)",
+        answer.reason,
+    )
+    assert said is not None
+    lon, lat, away_km, west, east, south, north = map(float, said.groups())
+    assert (lon, lat) == pytest.approx(((world.frame.lon_deg + 150.0) % 360.0, -10.0), abs=1e-3)
+    assert (west, east) == pytest.approx((points.longitude.min(), points.longitude.max()), abs=1e-3)
+    assert (south, north) == pytest.approx((points.latitude.min(), points.latitude.max()), abs=1e-3)
+    east_deg, here, there = (
+        np.radians(at) for at in (points.longitude - lon, lat, points.latitude)
+    )
+    cosine = np.sin(here) * np.sin(there) + np.cos(here) * np.cos(there) * np.cos(east_deg)
+    assert away_km == pytest.approx(1737.4 * math.acos(cosine.max()), abs=0.51)
     assert len(answer.matches) == 0
 
 
@@ -295,10 +313,24 @@ def test_at_night_it_says_so(points: Catalog, photo: Image, world: World) -> Non
 
 
 def test_few_points_refute_no_place(world: World, photo: Image) -> None:
-    few = world.catalog(step_m=20e3, half_m=20e3)
+    few = world.catalog(step_m=8e3, half_m=20e3)
     answer = locate(few, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
     assert answer.verdict == CANNOT_SAY
-    assert answer.reason.startswith("too few points")
+    said = re.fullmatch(
+        r"too few points can be searched for: (\d+), and at least (\d+) are needed; "
+        r"of (\d+) that may be in view (.*)",
+        answer.reason,
+    )
+    assert said is not None
+    searched, needed, in_view = map(int, said.groups()[:3])
+    counts = answer.matches.counts()
+    assert searched == sum(counts.get(REASONS[code], 0) for code in SEARCHED) < needed
+    assert in_view == sum(counts.values())
+    assert said[4] == ", ".join(f"{count} {reason}" for reason, count in counts.items())
+    more = world.catalog(step_m=6.5e3, half_m=20e3)
+    refuted = locate(more, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
+    assert np.isin(refuted.matches.code, SEARCHED).sum() >= needed
+    assert refuted.verdict == NOT_HERE
 
 
 def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Image) -> None:

@@ -47,7 +47,7 @@ def test_claims_are_those_of_the_catalogue_and_trials_those_of_a_search() -> Non
     reach = 2400.0 / pixel_size_m(sensor, places)
     alone = find_points(catalog, photo, LAW, reach, points=ROWS)
     off = np.linalg.norm(alone.found_px - sensor.project(places), axis=-1)
-    no_trial = {CODE[reason] for reason in ("out of frame", "no data", "saturated")}
+    no_trial = {CODE[reason] for reason in ("at the edge", "no data", "saturated")}
     corners = nodes_mcmf(catalog, ROWS)[:, [0, 0, -1, -1], [0, -1, 0, -1]]
     whole = sensor.in_image(sensor.project(corners)).all(axis=1)
     searched = ~np.isin(alone.code, list(no_trial))

@@ -308,11 +308,12 @@ def test_a_few_lines_say_it(whole: result.Verdict) -> None:
     assert f"Brier score {result.number(claims['brier'])} (constant: " in lines[5]
     assert f"stated {result.number(claims['normalised_squared_error'])}" in lines[5]
     assert lines[6].startswith("other.png: not this place: 3 of 30")
+    assert lines[7].startswith("  points   32 of 60 that may be in view found; ")
     assert "  claims   not scored: the image was not located" in lines
     assert "  windows  none compared: without a place there is nothing to compare" in lines
     assert lines[-5:-1] == [
         "blank.png: cannot say: no point is in view",
-        "  points   0 of 0 in view found",
+        "  points   none in view",
         "  windows  none compared",
         "  claims   not scored: no point is in view",
     ]
