@@ -105,8 +105,8 @@ def test_areas_around_the_axis_and_the_footprint(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--around", "axis"], "needs --camera and --size"),
-        (["--around", "axis", "--size", "3"], "needs --camera and --size"),
+        (["--around", "axis"], "needs --camera (or --fov) and --size"),
+        (["--around", "axis", "--size", "3"], "needs --camera (or --fov) and --size"),
         (
             ["--camera", "C", "--around", "axis", "--size", "3", "--center", "30", "10"],
             "excludes --center",
