@@ -90,12 +90,13 @@ class Scanner(FullSensor):
         all pixels, in an ENU frame; NaN more than `BEYOND` lines outside the image.
         """
         rows, columns = self.shape
-        row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
-        times, on_plane = self._exposed(np.stack([column.ravel(), row.ravel()], axis=-1))
-        looking = self.plane.directions(on_plane)
-        directions = self.trajectory.to_mcmf(times, looking).reshape(rows, columns, 3)
-        origins = self.trajectory.positions(times.reshape(rows, columns)[:, 0])
-        return frame.from_mcmf(origins), frame.direction_from_mcmf(directions)
+        times, lines = self._lines(np.arange(rows, dtype=np.float64))
+        different, which = np.unique(lines, return_inverse=True)
+        pixels = np.stack(np.meshgrid(np.arange(float(columns)), different), axis=-1)
+        looking = self.plane.directions(pixels)[which]
+        axes = [self.trajectory.to_mcmf(times, np.tile(axis, (rows, 1))) for axis in np.eye(3)]
+        turned = frame.direction_from_mcmf(np.stack(axes, axis=1))
+        return frame.from_mcmf(self.trajectory.positions(times)), looking @ turned
 
     @property
     def middle_s(self) -> float:
@@ -135,9 +136,14 @@ class Scanner(FullSensor):
         """Pixels (n, 2) and times (n,) of points (n, 3)."""
         raise NotImplementedError
 
+    def _lines(self, rows: Array) -> tuple[Array, Array]:
+        """Times (n,) and rows of ``plane`` (n,) of rows (n,)."""
+        raise NotImplementedError
+
     def _exposed(self, pixels: Array) -> tuple[Array, Array]:
         """Times (n,) and pixels of ``plane`` (n, 2) of pixels (n, 2)."""
-        raise NotImplementedError
+        times, lines = self._lines(pixels[:, 1])
+        return times, np.stack([pixels[:, 0], lines], axis=-1)
 
     def _on_plane(self, times_s: Array, points: Array) -> Array:
         """Pixels of ``plane`` (n, 2) of points (n, 3) at times (n,)."""
@@ -220,9 +226,8 @@ class LineScanner(Scanner):
         rows = np.where(np.isnan(columns), np.nan, rows)
         return np.stack([columns, rows], axis=-1), np.where(np.isnan(rows), np.nan, times)
 
-    def _exposed(self, pixels: Array) -> tuple[Array, Array]:
-        on_plane = np.stack([pixels[:, 0], np.full(len(pixels), self.line_px)], axis=-1)
-        return self._time(pixels[:, 1]), on_plane
+    def _lines(self, rows: Array) -> tuple[Array, Array]:
+        return self._time(rows), np.full(len(rows), self.line_px)
 
     @property
     def middle_s(self) -> float:
@@ -318,10 +323,9 @@ class PushFrame(Scanner):
         pixels = np.where(lost[:, None], np.nan, pixels)
         return pixels, np.where(np.isnan(pixels[:, 1]), np.nan, self._time(framelet))
 
-    def _exposed(self, pixels: Array) -> tuple[Array, Array]:
-        framelet = np.clip(np.floor((pixels[:, 1] + 0.5) / self.lines), 0, self.framelets - 1)
-        within = pixels - np.stack([np.zeros(len(pixels)), framelet * self.lines], axis=-1)
-        return self._time(framelet), within
+    def _lines(self, rows: Array) -> tuple[Array, Array]:
+        framelet = np.clip(np.floor((rows + 0.5) / self.lines), 0, self.framelets - 1)
+        return self._time(framelet), rows - framelet * self.lines
 
     @property
     def middle_s(self) -> float:

@@ -15,7 +15,6 @@ of the disc: the error of the cosine of incidence is below sin(0.267 deg) = 0.00
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -296,16 +295,12 @@ def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
 
 def _first_hits(terrain: Terrain, origin: Array, rays: Array) -> Array:
     """ENU points (rows, columns, 3) where rays first meet the surface; ``origin`` (3,) of all of them, or
-    (rows, 3). Successive rows with one origin are traced together.
+    (rows, 3).
     """
     if origin.ndim == 1:
         return np.asarray(origin + terrain.field.first_hits(origin, rays)[..., None] * rays)
-    points = np.full(rays.shape, np.nan)
-    moves = np.flatnonzero((np.diff(origin, axis=0) != 0.0).any(axis=-1)) + 1
-    for first, last in itertools.pairwise([0, *moves.tolist(), len(origin)]):
-        if np.isfinite(origin[first]).all():
-            points[first:last] = _first_hits(terrain, origin[first], rays[first:last])
-    return points
+    away = terrain.field.first_hits_of_lines(origin, rays)
+    return np.asarray(origin[:, None] + away[..., None] * rays)
 
 
 def _in_core(terrain: Terrain, points: Array) -> Mask:

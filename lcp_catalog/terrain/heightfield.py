@@ -245,6 +245,18 @@ class Heightfield:
             camera_tiles.first_hits(*self.traced, *origin, self.gsd_m, ahead, out)
         return out.reshape(shape)
 
+    def first_hits_of_lines(self, origins_m: ArrayLike, directions: ArrayLike) -> Array:
+        """`first_hits` of camera rays (rows, cols, 3), those of a row from its own ENU position of
+        ``origins_m`` (rows, 3).
+        """
+        ahead = np.ascontiguousarray(directions, dtype=np.float64)
+        x, y, z = np.asarray(origins_m, dtype=np.float64).T
+        out = np.full(ahead.shape[:2], np.nan)
+        if self.is_surface and out.size:
+            origins = np.stack([*self._uv(x, y), z], axis=-1)
+            own_directions.first_hits(*self.traced, origins, self.gsd_m, ahead, out)
+        return out
+
     def occluded_alone(
         self, rows: ArrayLike, cols: ArrayLike, half: int, direction: ArrayLike
     ) -> Mask:

@@ -19,6 +19,7 @@ from lcp_catalog.cameras.frame_camera import camera_with_plane
 from lcp_catalog.cameras.scanners import PushFrame
 from lcp_catalog.cameras.trajectory import Attitude, Track
 from lcp_catalog.errors import CameraError
+from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
@@ -90,6 +91,20 @@ def test_pixels_show_what_their_own_rays_meet(dem, tmp_path, kind):
         assert shot.emission_deg[row, col] == pytest.approx(
             np.degrees(np.arccos(-normal @ ray)), abs=1e-4
         )
+
+
+def test_hits_of_lines_are_those_of_cameras_at_their_positions(dem, tmp_path):
+    """Line by line the same to the last bit; rays without a position or direction hit nothing."""
+    path = scan(tmp_path / "scan.json")
+    field = prepare_terrain(request(dem, path)).terrain.field
+    origins, rays = read_sensor(path).rays_enu(EnuFrame(30.5, 10.5))
+    rays[3, 5], rays[4], origins[5] = np.nan, -rays[4], np.nan
+    found = field.first_hits_of_lines(origins, rays)
+    for row in (0, 3, 4, 31, 59):
+        np.testing.assert_array_equal(found[row], field.first_hits(origins[row], rays[row]))
+    assert np.isnan(found[3, 5])
+    assert np.isnan(found[4:6]).all()
+    assert np.isnan(found).sum() == 1 + 2 * 80
 
 
 def still(scanner):

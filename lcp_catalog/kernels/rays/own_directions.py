@@ -1,4 +1,5 @@
-"""Nodes towards a camera that moves during the exposure: every node has a direction of its own.
+"""A camera that moves during the exposure: nodes towards it, each in a direction of its own, and its
+lines towards the surface, each from a position of its own.
 
 Rays and units as in `tracing`.
 """
@@ -7,7 +8,7 @@ import math
 
 from numba import njit, prange
 
-from .bundles import NODE_LEVEL, scaled
+from .bundles import NODE_LEVEL, approach, hit_from, on_grid, scaled
 from .surface import node_exists
 from .tracing import NEVER, blocked
 
@@ -32,3 +33,17 @@ def occluded_nodes(z, holes, pyramid, summit, gsd, directions, window, out):
                         du, dv, dz, NEVER, NODE_LEVEL,
                     )  # fmt: skip
             out[i - row0, j - col0] = hidden
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def first_hits(z, holes, pyramid, summit, origins, gsd, directions, out):
+    """Write the first hits of rays along ENU directions (rows, cols, 3) into out (rows, cols), those of a
+    row from its own point of ``origins`` (rows, 3): `bundles.first_hits`.
+    """
+    for i in prange(out.shape[0]):
+        ou, ov = on_grid(origins[i, 0], origins[i, 1])
+        oz = origins[i, 2]
+        for j in range(out.shape[1]):
+            east, north, up = directions[i, j]
+            ray = approach(z.shape[0], z.shape[1], summit, ou, ov, oz, east, north, up, gsd)
+            out[i, j] = hit_from(z, holes, pyramid, summit, oz, math.inf, *ray)
