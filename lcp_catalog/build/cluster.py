@@ -8,6 +8,7 @@ there, and dropped.
 from __future__ import annotations
 
 import functools
+import gc
 import hashlib
 import io
 import json
@@ -156,11 +157,13 @@ def _connected(scheduler: str) -> Client:
         logging.DEBUG
     ):  # what it logs as an error, `ClusterError` says in one line
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    address = _address(scheduler)
     try:
-        return Client(_address(scheduler), timeout=_CONNECT_S, name="lcp")
+        return Client(address, timeout=_CONNECT_S, name="lcp")
     except (OSError, ValueError, TypeError) as error:
         cause = (str(error) or type(error).__name__).splitlines()[0]
-        raise ClusterError(f"--scheduler {scheduler}: cannot connect: {cause}") from error
+    gc.collect()  # closes what has failed; while another client starts, dask would wait for ever
+    raise ClusterError(f"--scheduler {scheduler}: cannot connect: {cause}")
 
 
 def _address(scheduler: str) -> str:

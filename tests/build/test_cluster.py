@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import time
@@ -122,6 +123,24 @@ def test_a_wrong_scheduler_is_one_line(
     with pytest.raises(ClusterError, match=says) as raised:
         list(run_tasks(square_or_die, [1], 1, scheduler))
     assert len(str(raised.value).splitlines()) == 1
+
+
+def test_a_connection_that_fails_leaves_no_client(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask closes a failed client when it is collected; if another starts at that moment, both wait."""
+    monkeypatch.setattr(engine, "_CONNECT_S", 1)
+    gc.collect()
+    before = _clients()
+    gc.disable()
+    try:
+        with pytest.raises(ClusterError, match="cannot connect"):
+            list(run_tasks(square_or_die, [1], 1, "tcp://127.0.0.1:1"))
+        assert _clients() == before
+    finally:
+        gc.enable()
+
+
+def _clients() -> int:
+    return sum(isinstance(one, distributed.Client) for one in gc.get_objects())
 
 
 def test_a_scheduler_file(cluster: LocalCluster, tmp_path: Path) -> None:
