@@ -206,7 +206,7 @@ def disturbed(
         raise SystemExit(f"{way}: without a kill: {fault or codes}\n{site.log.read_text()}")
     if kill is not None and fault:
         kill.fault = fault
-    return kill, not any(codes)
+    return kill, all(code == 0 for code in codes)
 
 
 def _kill(
