@@ -45,7 +45,8 @@ class Matches:
     ``correlation`` is NaN if no search was made. ``prior``: detection probability that the catalogue
     claims for the image's Sun, view and scale, NaN without a claim; ``posterior``: probability that
     the place found is the true one, from the prior (one half without a claim) and the two highest
-    correlations, NaN for a point that was not placed. Both are NaN if they are not given.
+    correlations, NaN for a point that was not placed. Both are NaN if they are not given. ``usable``: the
+    catalogue calls the point usable there; False if it is not given.
     """
 
     point: NDArray[np.int64]  # (n,) row in the catalogue
@@ -58,8 +59,11 @@ class Matches:
     code: NDArray[np.uint8]  # (n,) index into `REASONS`
     prior: Array = field(default_factory=lambda: np.empty(0))  # (n,)
     posterior: Array = field(default_factory=lambda: np.empty(0))  # (n,)
+    usable: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))  # (n,)
 
     def __post_init__(self) -> None:
+        if len(self.usable) != len(self.point):
+            object.__setattr__(self, "usable", np.zeros(len(self.point), np.bool_))
         for name in ("prior", "posterior"):
             if len(getattr(self, name)) != len(self.point):
                 object.__setattr__(self, name, np.full(len(self.point), np.nan))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Index
+from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, altitude_km, mean_step, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
@@ -24,11 +24,13 @@ LEAST_SIGMA_PX = 0.02
 @dataclass(frozen=True, eq=False)
 class PointClaims:
     """Claims about n points. ``probability`` (n,): that a search finds the point; ``covariance_px2``
-    (n, 2, 2): of the match, pixels of the searched image. NaN: no claim.
+    (n, 2, 2): of the match, pixels of the searched image; ``usable`` (n,): the catalogue calls it
+    usable. NaN, False: no claim.
     """
 
     probability: Array
     covariance_px2: Array
+    usable: Mask
 
     @classmethod
     def of(
@@ -36,17 +38,19 @@ class PointClaims:
     ) -> PointClaims:
         """Claims about rows (n,) of a catalogue in an image of ``sensor`` under Suns (n, 3)."""
         if not catalog.has_claims:
-            return cls(np.full(len(rows), np.nan), np.full((len(rows), 2, 2), np.nan))
+            nothing = np.full(len(rows), np.nan)
+            return cls(nothing, np.full((len(rows), 2, 2), np.nan), np.zeros(len(rows), np.bool_))
         stated = claimed(catalog, rows, sensor, sun_directions)
         probability = np.asarray(stated.detection_probability, np.float64)
         slope = ground_slopes(
             sensor, catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
         )
-        return cls(probability, slope @ stated.covariance_m2 @ np.swapaxes(slope, -1, -2))
+        covariance = slope @ stated.covariance_m2 @ np.swapaxes(slope, -1, -2)
+        return cls(probability, covariance, stated.usable)
 
     def some(self, part: slice) -> PointClaims:
         """The claims about some of the points."""
-        return PointClaims(self.probability[part], self.covariance_px2[part])
+        return PointClaims(self.probability[part], self.covariance_px2[part], self.usable[part])
 
 
 def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike) -> Prediction:

@@ -178,6 +178,7 @@ def _as_matches(
         code,
         claims.probability,
         posterior,
+        claims.usable,
     )
 
 

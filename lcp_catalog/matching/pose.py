@@ -24,6 +24,7 @@ from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
+from .shared_terrain import SharedTerrain
 
 STEP_PX = 0.1
 """Shift of the image, about, by which a correction is varied for the Jacobian."""
@@ -57,7 +58,6 @@ class Pose:
     residual_px: Array  # (n, 2) found minus projected by the corrected sensor; of all, used or not
     chi2: float  # of the used points' residuals, with their own covariances
     dof: float  # its expectation: 2 per point, less the unknowns that the points decided
-    overlap: float = 1.0  # number of places that count as one because they share pixels
 
     @property
     def normalised_error(self) -> float:
@@ -67,7 +67,7 @@ class Pose:
     @property
     def scale(self) -> float:
         """Factor by which the points' covariances were multiplied."""
-        return self.overlap * _scale(self.chi2, self.dof)
+        return _scale(self.chi2, self.dof)
 
     @property
     def sigma(self) -> Array:
@@ -167,7 +167,7 @@ def solve(
     covariance_px2: ArrayLike,
     uncertainty: Uncertainty,
     inliers: ArrayLike | None = None,
-    overlap: float = 1.0,
+    shared: SharedTerrain | None = None,
     common_px: float = 0.0,
 ) -> Pose:
     """The sensor corrected by points (n, 3), MCMF metres, found at pixels (n, 2), each with its
@@ -177,29 +177,29 @@ def solve(
     infinite sigma in the uncertainty is no prior; a sigma of 0 fixes a correction. Raises PoseError
     if no point remains, or if the points do not determine a correction without a prior.
 
-    ``overlap``: number of places that count as one because they share pixels. ``common_px``: 1
-    sigma of an error that is the same for all places, in either coordinate; it adds to the
-    covariance and changes nothing else.
+    ``shared``: pairs of the n points whose patches overlap, so that they have errors in common.
+    ``common_px``: 1 sigma of an error that is the same for all places, in either coordinate. Both
+    add to the covariance and change nothing else.
     """
     problem = _problem(
         sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers
     )
     first = last = problem.solved()
-    scale = first.scale * overlap
-    if scale > 1.0:
-        problem = replace(problem, whitening=problem.whitening / np.sqrt(scale))
+    if first.scale > 1.0:
+        problem = replace(problem, whitening=problem.whitening / np.sqrt(first.scale))
         last = problem.solved(first.unknown)
     corrected = problem.corrected(last.unknown)
     return Pose(
         sensor=corrected,
         correction=problem.correction(last.unknown),
-        covariance=problem.covariance(last.matrix) + problem.shared(last, common_px),
+        covariance=problem.covariance(last.matrix)
+        + problem.pulled(last, common_px)
+        + problem.shared(last, shared),
         solved=problem.sigmas > 0.0,
         used=problem.used,
         residual_px=residuals_px(corrected, points_mcmf_m, found_px),
         chi2=first.chi2,
         dof=first.dof,
-        overlap=overlap,
     )
 
 
@@ -393,7 +393,17 @@ class _Problem:
             )
         return found
 
-    def shared(self, last: _Solved, common_px: float) -> Array:
+    def shared(self, last: _Solved, pairs: SharedTerrain | None) -> Array:
+        """Contribution of the errors that points have in common to the covariance (k, k)."""
+        full = np.zeros((len(self.sigmas),) * 2)
+        if pairs is not None and len(self.free):
+            weight = self.weights(self.residual(last.unknown))[:, None, None]
+            cross = pairs.some(np.flatnonzero(self.used)).cross(weight * self.slope(last.unknown))
+            gain = self.steps[:, None] * self.inverse(last.matrix)
+            full[np.ix_(self.free, self.free)] = gain @ cross @ gain.T
+        return full
+
+    def pulled(self, last: _Solved, common_px: float) -> Array:
         """Contribution of an error common to all places (1 sigma of either coordinate) to the
         covariance (k, k).
         """

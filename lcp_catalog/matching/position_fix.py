@@ -35,6 +35,7 @@ from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
 from .search_image import nothing_in
+from .shared_terrain import SharedTerrain
 from .sun_check import SunCheck, check_points
 
 LOCATED = "located"
@@ -54,6 +55,11 @@ place.
 SHARE_IF_HERE = 0.25
 """Least share of the searchable points that agree in an image of this place. If such an agreement
 would not be significant, because the points are too few, the place is not refuted.
+"""
+
+LEAST_USABLE = 6
+"""Least number of usable points among those that agree, from which a pose is solved with them alone:
+twice as many as determine it.
 """
 
 _ROUNDS = 10
@@ -289,14 +295,19 @@ class _Search:
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():
                 break
-        return pose, with_inliers(matches, pose.used)
+        return pose, with_inliers(matches, agrees)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
-        """The pose by the agreeing matches; ``doubt_px``: an additional error common to all of
-        them.
+        """The pose by the agreeing matches, and by those alone that the catalogue calls usable if there
+        are `LEAST_USABLE`: the errors of the others are larger than stated. ``doubt_px``: an
+        additional error common to all of them.
         """
         ground, found, covariance = self.places(matches)
-        share = independent_share(found[agrees], self.width_px(matches.point))
+        if (agrees & matches.usable).sum() >= LEAST_USABLE:
+            agrees = agrees & matches.usable
+        shared = SharedTerrain.of(
+            self.catalog, matches.point, ground, self.catalog.rotation_mcmf_to_enu[matches.point]
+        )
         return solve(
             self.image.sensor,
             ground,
@@ -304,7 +315,7 @@ class _Search:
             covariance,
             self.uncertainty,
             agrees,
-            overlap=1.0 / share,
+            shared=shared,
             common_px=math.hypot(self.options.common_px * self.factor, doubt_px),
         )
 
@@ -409,7 +420,7 @@ class _Search:
         if sun is not None and sun.doubt_px > 0.0:
             pose = self.solution(matches, pose.used, sun.doubt_px)
         reason = (
-            f"{pose.used.sum()} of {len(matches)} points agree; "
+            f"{matches.found.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
         return PositionFix(LOCATED, reason, matches, pose, *figures, sun)
@@ -434,7 +445,7 @@ class _Search:
             rows,
             offset,
             self.options.criteria,
-            1.0 / pose.overlap,
+            independent_share(matches.found_px[pose.used], self.width_px(matches.point)),
             self.options.sun_reach_px * self.factor,
         )
 

@@ -18,6 +18,7 @@ from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..matching.matches import error_ellipses
 from ..matching.point_claims import LEAST_SIGMA_PX
 from ..matching.pose import jacobian
+from ..matching.shared_terrain import SharedTerrain
 from .frame_points import Frame, FramePoints, points_of_frames
 from .information import Information, best_points, dilution
 
@@ -162,6 +163,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         match + pixel + height,
         points.claims.detection_probability[usable],
         query.attitude_sigma_rad,
+        SharedTerrain.of(catalog, rows, places, rotation) if len(rows) else None,
     )
     middle = _position(sensor)
     listed = np.arange(len(rows))
@@ -216,6 +218,7 @@ def _expected(
     if covariance is not None:
         parts = {name: information.part_of(part) for name, part in errors.items()}
         parts |= {"map": np.pad(shared, ((0, 3), (0, 3))), "attitude": information.attitude_part()}
+        parts["match"] = parts["match"] + information.common_part()
         traces = {name: float(np.trace(parts[name][:3, :3])) for name in SOURCES}
         budget = {name: math.sqrt(max(0.0, trace)) for name, trace in traces.items()}
         covariance = covariance + parts["map"]

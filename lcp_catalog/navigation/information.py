@@ -4,7 +4,9 @@ equations, the covariance and the dilution of precision that follow, and the cho
 The unknowns are the corrections of `cameras.sensor.POSE`: a shift in MCMF, metres, and a rotation
 about the camera's own axes, radians. A point i with the derivatives J_i (2 x 6) of its pixel, the
 covariance C_i (2 x 2) of its place in the image and the probability p_i that it is found adds
-p_i J_i^T C_i^-1 J_i to the normal matrix.
+p_i J_i^T C_i^-1 J_i to the normal matrix. Points whose patches overlap have errors in common
+(`matching.shared_terrain`): with the correlation r_ij and the derivatives a_i in sigmas, the
+covariance is N^-1 (N + sum_ij p_i p_j r_ij a_i^T a_j) N^-1.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 
 from ..arrays import Array, Index
 from ..matching.pose import covariance_of
+from ..matching.shared_terrain import SharedTerrain
 
 FIRST_SIGMAS = 3.0
 """1 sigma of the position before the first point of `best_points`, in mean distances of the points;
@@ -32,6 +35,7 @@ class Information:
     covariance_px2: Array  # (n, 2, 2) of the places in the image
     probability: Array  # (n,) that the point is found
     attitude_sigma_rad: float = math.inf  # known before, about each axis; inf: not, 0: exact
+    shared: SharedTerrain | None = None  # points with common errors; None: there are none
 
     def __len__(self) -> int:
         return len(self.probability)
@@ -43,6 +47,7 @@ class Information:
             self.covariance_px2[which],
             self.probability[which],
             self.attitude_sigma_rad,
+            None if self.shared is None else self.shared.some(which),
         )
 
     @cached_property
@@ -58,15 +63,32 @@ class Information:
         return np.asarray(rows.T @ rows)
 
     def covariance(self) -> Array | None:
-        """Covariance (6, 6) of the corrections, with the attitude known as stated; None if the points
-        do not determine them. An exact attitude has zeros.
+        """Covariance (6, 6) of the corrections by least squares with the points' own covariances as
+        weights, with the attitude known as stated; None if the points do not determine them. An
+        exact attitude has zeros.
         """
-        return _with_attitude(self.normal, self.attitude_sigma_rad)
+        alone = _with_attitude(self.normal, self.attitude_sigma_rad)
+        return None if alone is None else alone + alone @ self.common @ alone
+
+    @cached_property
+    def common(self) -> Array:
+        """What errors common to several points add to the covariance (6, 6) of the right side of the
+        normal equations.
+        """
+        if self.shared is None:
+            return np.zeros((6, 6))
+        weight = np.sqrt(self.probability)[:, None, None]  # a pair counts if both are found
+        return self.shared.cross(weight * self.whitened)
+
+    def common_part(self) -> Array:
+        """Part (6, 6) of `covariance` by the errors that points have in common."""
+        gain = self._gain()
+        return np.asarray(gain @ self.common @ gain)
 
     def part_of(self, covariance_px2: Array) -> Array:
         """Part (6, 6) of `covariance` by errors of the places whose covariances (n, 2, 2) are a part of
-        ``covariance_px2``. The parts of all errors and that of the attitude known before, which is
-        `attitude_part`, are the whole. LinAlgError if the points do not determine the corrections.
+        ``covariance_px2``. The parts of all errors, that of the attitude known before, which is
+        `attitude_part`, and `common_part` are the whole. LinAlgError if the points do not determine the corrections.
         """
         weight = np.linalg.inv(self.covariance_px2)
         pull = np.swapaxes(self.slopes, -1, -2) @ weight  # (n, 6, 2)
@@ -83,14 +105,15 @@ class Information:
 
     def _gain(self) -> Array:
         """Inverse (6, 6) of the normal matrix with the attitude as known before."""
-        found = self.covariance()
+        found = _with_attitude(self.normal, self.attitude_sigma_rad)
         if found is None:
             raise np.linalg.LinAlgError("the points do not determine position and attitude")
         return found
 
     def covariance_known_attitude(self) -> Array | None:
         """Covariance (3, 3), m^2, of the position if the attitude is exact."""
-        return covariance_of(self.normal[:3, :3])
+        alone = covariance_of(self.normal[:3, :3])
+        return None if alone is None else alone + alone @ self.common[:3, :3] @ alone
 
 
 def _with_attitude(normal: Array, sigma_rad: float) -> Array | None:

@@ -326,19 +326,6 @@ def test_an_error_that_all_share_adds_to_the_covariance() -> None:
     assert np.abs((shared.covariance - plain.covariance - added) / unit).max() < 2e-3
 
 
-def test_places_that_share_pixels_count_less() -> None:
-    dice = np.random.default_rng(22)
-    known = camera()
-    points = ground(known, 60, dice)
-    covariance = covariances(60, dice)
-    found, agrees = known.project(points), np.full(60, True)
-    doubled = solve(known, points, found, covariance, UNCERTAIN, agrees, overlap=2.0)
-    wider = solve(known, points, found, 2.0 * covariance, UNCERTAIN, agrees)
-    assert np.allclose(doubled.covariance, wider.covariance, rtol=1e-3)
-    assert doubled.scale == 2.0
-    assert doubled.dof == pytest.approx(114.0, abs=0.5)
-
-
 def test_how_far_places_may_be_off() -> None:
     dice = np.random.default_rng(14)
     known = camera()
