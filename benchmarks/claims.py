@@ -1,6 +1,6 @@
 """Every figure of the page "Claims": simulated searches, simulated frames, photographs, navigation, sizes of cells and patches.
 
-    .venv/bin/python benchmarks/claims.py [simulated frames photographs navigation positions sizes sample] [-o build/claims]
+    .venv/bin/python benchmarks/claims.py [simulated frames photographs navigation positions descent sizes sample] [-o build/claims]
 
 Without a section: all. The shared lunar data are needed (see `tests/conftest.py`). Each section writes `SECTION.md`,
 `SECTION.json` and its diagrams; finished parts of an interrupted run are kept and used. `--cases`, `--draws` and `--frames` make
@@ -37,7 +37,10 @@ def main(argv: list[str] | None = None) -> None:
         "--draws", type=int, default=25, help="simulated: draws of the noise of a case"
     )
     parser.add_argument(
-        "--frames", type=int, default=200, help="frames, navigation and positions: number of frames"
+        "--frames",
+        type=int,
+        default=200,
+        help="frames, navigation, positions, descent: number of frames",
     )
     parser.add_argument(
         "--set", choices=("fit", "kept"), default="fit", help="photographs: which ones"
@@ -123,6 +126,13 @@ def positions(asked: argparse.Namespace) -> Section:
     return section.report(section.work(*folders, asked.data, asked.frames))
 
 
+def descent(asked: argparse.Namespace) -> Section:
+    import claims_descent as section
+
+    found = section.work(asked.output / "descent", asked.frames)
+    return section.report(found, asked.output / "descent.svg")
+
+
 def sizes(asked: argparse.Namespace) -> Section:
     import claims_photographs as section
 
@@ -148,6 +158,7 @@ SECTIONS: dict[str, Callable[[argparse.Namespace], Section]] = {
     "photographs": photographs,
     "navigation": navigation,
     "positions": positions,
+    "descent": descent,
     "sizes": sizes,
     "sample": sample,
 }

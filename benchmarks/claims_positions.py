@@ -80,15 +80,16 @@ def work(folder: Path, frames: Path, data: Path, count: int) -> list[Outcome]:
                 nodes = nodes or read_nodes(dem, *place.center_deg, REACH_M)
                 photo = taken(catalog, nodes, place, shot, camera)
                 about = (name, shot.number, shot.sun_elevation_deg, shot.pixel_m)
-                path.write_text(json.dumps(asdict(_outcome(catalog, photo, camera, about))))
+                path.write_text(json.dumps(asdict(outcome(catalog, photo, camera, about))))
                 print(path.name, flush=True)
             found.append(Outcome(**json.loads(path.read_text())))
     return found
 
 
-def _outcome(
+def outcome(
     catalog: Catalog, photo: Image, camera: Camera, about: tuple[str, int, float, float]
 ) -> Outcome:
+    """The expected and the solved position of a frame; ``about``: its site, number, Sun's elevation and pixel size."""
     query = Query(attitude_sigma_rad=BEFORE.attitude_rad)
     (answer,) = answers(catalog, [Frame.lit(camera, SunChoice())], query)
     covariance = answer.position.position_covariance_m2
