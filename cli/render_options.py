@@ -50,7 +50,7 @@ view_options = option_group(
         "camera_path",
         type=InputFile(),
         metavar="CAMERA.json",
-        help="Camera file: CAMERA.json, a USGS ISD or a .tsai file of a framing camera.",
+        help="Camera file: CAMERA.json, a USGS ISD (framing camera, line scanner, push-frame camera) or a .tsai file.",
     ),
     click.option(
         "--off-nadir",

@@ -193,6 +193,18 @@ def test_every_line_has_the_sun_of_its_time(dem, tmp_path, kind):
     assert "the Sun moves by 0." in motion.reason
 
 
+def test_colours_of_framelets_stay_with_their_rows(dem, tmp_path):
+    class Red:
+        def at_points(self, terrain, points):
+            return np.multiply.outer([2.0, 1.0, 0.5], np.ones(len(points)))
+
+    scene = prepare_terrain(request(dem, scan(tmp_path / "scan.json", "PUSH_FRAME")))
+    plain = scene.expose().radiance
+    shot = replace(scene, request=replace(scene.request, albedo=Red())).expose()
+    for factor, band in zip((2.0, 1.0, 0.5), shot.colour, strict=True):
+        np.testing.assert_allclose(band, factor * plain, rtol=1e-12)
+
+
 def test_one_sun_is_enough_for_seconds(dem, tmp_path):
     path = scan(tmp_path / "scan.json")
     motion = prepare(request(dem, path)).plan.decisions[-1]
