@@ -157,6 +157,8 @@ def _describe(
         "max_m": found.max_m if found else None,
         "nodata_share": found.nodata_share if found else None,
         "abs_latitude_use": None if span is None else list(span),
+        "filled_beyond_deg": dem.facts.filled_beyond_deg,
+        "filled_with": dem.facts.filled_with or None,
         "samples": [
             {"lon": lon, "lat": lat, "height_m": height_at(dem, lon, lat)} for lon, lat in places
         ],

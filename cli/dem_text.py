@@ -11,7 +11,6 @@ _MOST = 5
 
 def file_text(one: dict[str, Any]) -> str:
     """Path and facts of a file, one a line."""
-    span = one["abs_latitude_use"]
     size = f"{one['width']} x {one['height']} pixels of {one['gsd_m']:.10g} m"
     rows = [
         ("product", one["product"]),
@@ -19,18 +18,26 @@ def file_text(one: dict[str, Any]) -> str:
         ("bounds", _box(one["bounds"])),
         ("heights", _heights(one)),
         ("no data", _missing(one["nodata_share"])),
-        (
-            "use",
-            "any latitude"
-            if span is None
-            else f"latitudes {span[0]:g} .. {span[1]:g} north and south",
-        ),
+        ("use", _use(one)),
     ]
     if one["vertical_uncertainty_m"] is not None:
         rows.append(("uncertainty", f"{one['vertical_uncertainty_m']:g} m of height (1 sigma)"))
     rows += [("resolves", text) for text in _resolved(one)]
     rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
     return "\n".join([one["path"], *_aligned(rows)])
+
+
+def _use(one: dict[str, Any]) -> str:
+    """Latitudes for which the product is meant, and where its heights are another product's."""
+    span, filled = one["abs_latitude_use"], one["filled_beyond_deg"]
+    if span is not None:
+        return f"latitudes {span[0]:g} .. {span[1]:g} north and south"
+    if filled is None or max(-one["bounds"]["south"], one["bounds"]["north"]) <= filled:
+        return "any latitude"
+    return (
+        f"latitudes up to {filled:g} north and south; beyond, the file is filled with heights of "
+        f"{one['filled_with']}: use a {one['filled_with']} product of the pole"
+    )
 
 
 def _resolved(one: dict[str, Any]) -> list[str]:

@@ -17,7 +17,8 @@ class ProductFacts:
     ``sigma_m`` 1 sigma of a height, ``resolution_m`` the effective resolution on the surface; None
     if nothing is published. ``calibrated_sigma_m``, ``calibrated_length_m``: 1 sigma and correlation
     length of height errors that explain images of the ground, ``calibration`` their source; None
-    without a calibration.
+    without a calibration. ``filled_beyond_deg``: north and south of this latitude the heights are
+    those of ``filled_with``; None if all heights are the product's own.
     """
 
     family: str
@@ -28,6 +29,8 @@ class ProductFacts:
     calibrated_sigma_m: float | None = None
     calibrated_length_m: float | None = None
     calibration: str = ""
+    filled_beyond_deg: float | None = None
+    filled_with: str = ""
 
 
 _BARKER_2016 = (
@@ -51,7 +54,7 @@ _PGDA_LARGE = (
 )
 _SCHOLTEN_2012 = (
     "Scholten et al. 2012, J. Geophys. Res. 117, E00H17, as summed up on the LROC page of the product: accuracy 10 to 20 m "
-    "(the larger is taken), resolution in a formal sense close to 300 m"
+    "(the larger is taken), resolution in a formal sense close to 300 m; own heights from 79 S to 79 N, filled by LOLA beyond"
 )
 _BURNS_2012 = (
     "Burns et al. 2012, ISPRS Archives XXXIX-B4, 483-488 (Henriksen et al. 2017, Icarus 283, 122-137, is the later account): "
@@ -81,7 +84,9 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
         (r"LDEM_\d+", ProductFacts("LDEM", None, 10.0, None, _SMITH_2010)),
         (
             r"GLD100",
-            ProductFacts("GLD100", None, 20.0, 300.0, _SCHOLTEN_2012, 24.5, 530.0, _APOLLO_15),
+            ProductFacts(
+                "GLD100", None, 20.0, 300.0, _SCHOLTEN_2012, 24.5, 530.0, _APOLLO_15, 79.0, "LOLA"
+            ),
         ),
         (r"NAC_DTM", ProductFacts("NAC_DTM", None, 2.0, None, _BURNS_2012)),
     )

@@ -352,3 +352,23 @@ def test_flags_that_do_not_go_together(
 ) -> None:
     assert run(["dem", "info", "x.tif", *arguments]) == 2
     assert "Error: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("south", "says"),
+    [
+        (69, "any latitude"),
+        (75, "latitudes up to 79 north and south; beyond, the file is filled with heights of LOLA"),
+    ],
+)
+def test_gld100_says_where_its_heights_are_not_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], south: int, says: str
+) -> None:
+    heights = np.zeros((40, 40), np.float32)
+    path = tmp_path / "WAC_GLD100_E000N1800_004P.tif"
+    geotiff(path, heights, 0.0, (south + 10) * DEGREE_M, DEGREE_M / 4)
+    assert run(["dem", "info", str(path), "--quick"]) == 0
+    assert f"  use          {says}" in capsys.readouterr().out
+    assert run(["dem", "info", str(path), "--quick", "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    assert (one["filled_beyond_deg"], one["filled_with"]) == (79.0, "LOLA")
