@@ -115,7 +115,9 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
     covered = _albedo_decision(albedo, frame, points, pixel_m) if albedo else None
     shift_px = _shift_px(points, towards, pixel_m)
     half_m = 0.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    plan = _plan(light, choice, shift_px, half_m, covered)
+    pixels = request.in_camera_plane
+    rays = decisions.perspective_of_pixels() if pixels else decisions.perspective_of_nodes()
+    plan = _plan(light, choice, shift_px, half_m, rays, covered)
     files = tuple(albedo.files) if albedo else ()
     files += (choice.model.file,) if choice.model.file else ()
     return SphereScene(request, frame, light, choice.model, view, plan, files, gsd_m, extent)
@@ -227,7 +229,12 @@ def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
 
 
 def _plan(
-    light: Lighting, choice: Choice, shift_px: float, half_m: float, albedo: Decision | None
+    light: Lighting,
+    choice: Choice,
+    shift_px: float,
+    half_m: float,
+    perspective: Decision,
+    albedo: Decision | None,
 ) -> ScenePlan:
     """The plan of a render on the plain sphere. Relief is left out, and without heights only the
     Moon's extreme heights bound its effect.
@@ -241,7 +248,7 @@ def _plan(
     return ScenePlan(
         cast_shadows=Decision("cast shadows", False, shadows, None, share),
         occlusion=Decision("occlusion", False, hidden, None, share),
-        perspective=decisions.perspective_of_nodes(),
+        perspective=perspective,
         solar_disc=_solar_disc(light),
         relief=_relief(shift_px),
         float_width=Decision("float width", True, "float64", 0.0, "rad of a normal"),

@@ -87,8 +87,10 @@ def test_the_rays_meet_the_sphere_where_trigonometry_says(
     out: Path, fov: float, look: tuple[float, float]
 ) -> None:
     assert run([*SPHERE, "-o", str(out), *pointed(fov, look)]) == 0
-    bands, profile, _ = read(out)
+    bands, profile, tags = read(out)
     assert (profile["width"], profile["height"]) == SIZE
+    plan = {d["effect"]: d["reason"] for d in json.loads(tags["scene_plan"])["decisions"]}
+    assert plan["perspective"] == "every pixel has its own ray"
     assert off_m(bands, fov, look, R) < 1e-6
 
 
