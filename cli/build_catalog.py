@@ -49,7 +49,11 @@ _NAMES = 8
 """Greatest number of missing areas that are named for a part."""
 
 
-@click.command("build-catalog", cls=FileCommand)
+@click.command(
+    "build-catalog",
+    cls=FileCommand,
+    example="lcp build-catalog DEM.tif -o site.h5 --center 3.5 26 --size 60",
+)
 @dem_argument
 @product_order_option
 @output_option("CATALOG.h5", required=False)
@@ -147,6 +151,8 @@ def command(
     modes = {"--plan": plan_only, "--part": part, "--list-parts": list_parts, "--merge": merge}
     if len(chosen := [name for name, value in modes.items() if value]) > 1:
         raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
+    if as_json and not (plan_only or list_parts):
+        raise click.UsageError("--json needs --plan or --list-parts")
     if output is None and not plan_only:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
     run = {name: given.pop(name) for name in ("scheduler", "resume", "keep_going", "overwrite")}

@@ -95,7 +95,7 @@ config_option = click.option(
     "config_path",
     type=InputFile(config_files),
     metavar="BUILD.toml",
-    help="Configuration of the build; options of the command line replace its values.",
+    help="Configuration of the build; options of the command line replace its values. Default: every value its default.",
 )
 
 sweep_options = option_group(
@@ -130,7 +130,7 @@ level_options = option_group(
         type=NumberList(),
         metavar="M,M,...",
         help="Several cell sizes in one catalogue, metres, at most a factor of 2 apart. Each has points only where a DEM "
-        "resolves it.",
+        "resolves it; default: one cell size, --gsd.",
     ),
     click.option(
         "--altitudes",
@@ -176,13 +176,13 @@ point_options = option_group(
         "--max-points",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Most points: the catalogue of this size that does most for the promise.",
+        help="Most points: the catalogue of this size that does most for the promise; default: no limit.",
     ),
     click.option(
         "--max-bytes",
         type=click.IntRange(min=1),
         metavar="N",
-        help="The same by the estimated size of the file, bytes.",
+        help="The same by the estimated size of the file, bytes; default: no limit.",
     ),
     click.option(
         "--search",

@@ -33,7 +33,9 @@ def command() -> None:
 command.add_command(dem_check.command)
 
 
-@command.command(cls=FileCommand)
+@command.command(
+    cls=FileCommand, rule=True, example="lcp dem info LDEM_*.LBL --at 0 -89.5 --map used.png"
+)
 @dem_argument
 @click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .files import FileCommand
+from .files import FileCommand, require_inputs
 from .messages import EXIT_NO, echo
 from .options import dem_argument
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lcp_catalog.dem.file_check import CheckResult
 
 
-@click.command("check", cls=FileCommand)
+@click.command("check", cls=FileCommand, example="lcp dem check LDEM_*.LBL")
 @dem_argument
 @click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
@@ -28,6 +28,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
     """
     from lcp_catalog.dem.file_check import check_dem  # rasterio: only when the command runs
 
+    require_inputs(click.get_current_context())
     verdicts = []
     for path in dem:
         verdicts.append(check_dem(path))

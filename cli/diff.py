@@ -19,9 +19,9 @@ _SHOWN = 10
 _VALUE_LENGTH = 60
 
 
-@click.command(cls=FileCommand)
-@click.argument("first", metavar="A.h5", type=InputFile(exists=True, dir_okay=False))
-@click.argument("second", metavar="B.h5", type=InputFile(exists=True, dir_okay=False))
+@click.command(cls=FileCommand, rule=True, example="lcp diff old.h5 new.h5 -o differences.csv")
+@click.argument("first", metavar="A.h5", type=InputFile())
+@click.argument("second", metavar="B.h5", type=InputFile())
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option(
     "-o",

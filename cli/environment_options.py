@@ -22,7 +22,7 @@ environment_options = option_group(
         type=RASTER,
         metavar="PANORAMA",
         help="Light the scene with an environment map instead of the Sun: an equirectangular image of all directions "
-        "(.hdr, .pfm, .tif or .png), twice as wide as high, with north at its centre.",
+        "(.hdr, .pfm, .tif or .png), twice as wide as high, with north at its centre; default: none, the Sun.",
     ),
     click.option(
         "--environment-azimuth",

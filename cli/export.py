@@ -14,7 +14,9 @@ from .messages import say
 from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
 
 
-@click.command(cls=FileCommand)
+@click.command(
+    cls=FileCommand, rule=True, example="lcp export site.h5 -o site.gpkg --frame MOON_PA"
+)
 @options.catalog_argument
 @options.output_option(f"OUT{'|'.join(EXPORTS)}")
 @click.option(
@@ -29,10 +31,13 @@ from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
     nargs=4,
     type=click.Tuple([LONGITUDE, LATITUDE] * 2),
     metavar="W S E N",
-    help="Only points within these limits, degrees (MOON_ME); may cross the antimeridian.",
+    help="Only points within these limits, degrees (MOON_ME); may cross the antimeridian; default: all.",
 )
 @click.option(
-    "--level", type=click.IntRange(0), metavar="K", help="Only points of this level of cell size."
+    "--level",
+    type=click.IntRange(0),
+    metavar="K",
+    help="Only points of this level of cell size; default: all.",
 )
 @click.option(
     "--sun-azimuth",

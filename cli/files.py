@@ -1,15 +1,34 @@
-"""Files of a command, by the types of its options: which it reads, which it writes. A command that would
-write over one of its inputs, or write one file twice, is refused before it starts.
+"""Files of a command, by the types of its options: which it reads, which it writes. A command is refused before
+it starts if it would write over one of its inputs or write one file twice, and if the
+ending of an output is that of another format.
 """
 
 from __future__ import annotations
 
+import logging
 import os
+import re
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import click
+
+from lcp_catalog.errors import ConfigError, InputError
+
+from .help_text import write_example, write_options
+
+log = logging.getLogger(__name__)
+
+FORMATS = (
+    *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".json"}),
+    *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
+    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
+)
+"""Endings of files, those of one format together. Any other ending says nothing about the format."""
+
+DEPFILE_HELP = "Also write the list of input files as a rule for make."
 
 Files = Callable[[str], Iterator[Path]]
 
@@ -31,7 +50,10 @@ class InputFile(click.Path):
 
 
 class OutputFile(click.Path):
-    """A file that the command writes. ``written``: its files, if they are others than the named one."""
+    """A file that the command writes. ``written``: its files, if they are others than the named one.
+
+    The endings in the option's metavar, such as ``OUT.tif``, are those of its formats.
+    """
 
     name = "file"
 
@@ -47,13 +69,123 @@ class OutputFile(click.Path):
             yield from self.written(value)
 
 
+def _refuse_endings(ctx: click.Context) -> None:
+    """Raise a usage error for an output whose ending states another format than the option writes."""
+    for option in ctx.command.params:
+        name = ctx.params.get(option.name or "")
+        meant = re.findall(r"\.\w+", option.metavar or "")
+        if name is None or not meant or not isinstance(option.type, OutputFile):
+            continue
+        ending = Path(name).suffix.lower()
+        known: set[str] = next((one for one in FORMATS if ending in one), set())
+        if known and not known & set(meant):
+            wanted = " or ".join(meant)
+            raise click.UsageError(f"{option.opts[0]} {name}: the output must end in {wanted}")
+
+
 class FileCommand(click.Command):
-    """Command that compares its outputs with its inputs and with each other before it starts."""
+    """Command that checks its files before it starts, and shows its options in groups, with an ``example``.
+
+    A value of an option with a metavar like ``DEM...`` can be followed by further values, once the command's
+    arguments are complete. ``rule``: the command has ``--depfile``, whose file is written after the others.
+    """
+
+    def __init__(self, *args: Any, example: str = "", rule: bool = False, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.example = example
+        self.rule = rule
+        if rule:
+            self.params.append(_depfile())
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, _values_apart(self, ctx, args))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        write_options(self, ctx, formatter)
+        if self.example:
+            write_example(self.example, formatter)
 
     def invoke(self, ctx: click.Context) -> Any:
         refuse_same_files(ctx)
+        _refuse_endings(ctx)
         _refuse_names_for_make(ctx)
-        return super().invoke(ctx)
+        read = [path for _, path in _files(ctx, "inputs")]
+        rule = self._rule(ctx)
+        began = time.perf_counter()
+        log.info("%s: reads %s", ctx.info_name, ", ".join(map(str, read)) or "no file")
+        try:
+            result = super().invoke(ctx)
+        except ConfigError:
+            require_inputs(ctx)
+            raise
+        if rule is not None:
+            from lcp_catalog.atomic_files import depfile_rule, write_bytes
+
+            depfile, target = rule
+            write_bytes(depfile, depfile_rule(target, read), overwrite=True)
+        log.info("%s: done in %.1f s", ctx.info_name, time.perf_counter() - began)
+        return result
+
+    def _rule(self, ctx: click.Context) -> tuple[str, Path] | None:
+        """File of ``--depfile`` and the output that its rule makes; None without one."""
+        depfile = ctx.params.pop("depfile", None) if self.rule else None
+        if depfile is None:
+            return None
+        from lcp_catalog.atomic_files import check_output
+
+        target = next((path for _, path in _files(ctx, "outputs")), None)
+        if target is None:
+            flags = [p.opts[0] for p in self.params if isinstance(p.type, OutputFile)]
+            raise click.UsageError(f"--depfile needs an output: {' or '.join(flags[:-1])}")
+        check_output(depfile, True)
+        return depfile, target
+
+
+def _depfile() -> click.Option:
+    return click.Option(["--depfile"], type=OutputFile(), metavar="FILE", help=DEPFILE_HELP)
+
+
+def _values_apart(command: click.Command, ctx: click.Context, args: list[str]) -> list[str]:
+    """Arguments in which every value of an option like ``--dem DEM...`` has the option before it."""
+    known = {name: one for one in command.get_params(ctx) for name in one.opts}
+    needed = sum(isinstance(one, click.Argument) and one.required for one in command.params)
+    found: list[str] = []
+    taking, values, places = (
+        "",
+        0,
+        0,
+    )  # option of a list, values that are still an option's, arguments
+    for number, word in enumerate(args):
+        option = known.get(word) if values == 0 else None
+        if word == "--" and values == 0:
+            return found + args[number:]
+        if isinstance(option, click.Option):
+            values = 0 if option.is_flag or option.count else option.nargs
+            several = option.multiple and str(option.metavar).endswith("...")
+            taking = word if several else ""
+        elif values > 0:
+            values -= 1
+        elif word.startswith("-") and len(word) > 1:  # --name=value, or refused by the parser
+            taking = ""
+        elif taking and places >= needed:
+            found.append(taking)
+        else:
+            places += 1
+        found.append(word)
+    return found
+
+
+def require_inputs(ctx: click.Context) -> None:
+    """Raise InputError for the first input that is not there: exit code 1, as where the library finds it
+    missing. Names that GDAL alone resolves are left to it.
+    """
+    for parameter in ctx.command.params:
+        value = ctx.params.get(parameter.name or "")
+        if value is None or not isinstance(parameter.type, InputFile):
+            continue
+        for path in value if isinstance(value, tuple) else (value,):
+            if not os.path.lexists(path) and not path.startswith("/vsi") and ":" not in path:
+                raise InputError(f"{path}: there is no such file")
 
 
 def refuse_same_files(ctx: click.Context) -> None:

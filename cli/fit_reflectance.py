@@ -20,7 +20,11 @@ if TYPE_CHECKING:
 HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  error %  (alone)"
 
 
-@click.command("fit-reflectance", cls=FileCommand)
+@click.command(
+    "fit-reflectance",
+    cls=FileCommand,
+    example="lcp fit-reflectance paint.csv -o paint.toml --chart paint.svg",
+)
 @click.argument("goniometer", metavar="GONIOMETER.csv", type=InputFile())
 @output_option("MODEL.toml")
 @click.option(

@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from .files import FileCommand
+from .files import FileCommand, require_inputs
 from .messages import EXIT_NO, echo
 from .options import catalog_argument
 
 
-@click.command(cls=FileCommand)
+@click.command(cls=FileCommand, example="lcp inspect site.h5")
 @catalog_argument
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 def command(catalog: str, as_json: bool) -> int:
@@ -23,6 +23,7 @@ def command(catalog: str, as_json: bool) -> int:
     """
     from lcp_catalog.catalog.summary import describe
 
+    require_inputs(click.get_current_context())
     found = describe(catalog)
     echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
     return 0 if found["intact"] else EXIT_NO

@@ -59,10 +59,35 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+AFTER_COMMANDS = """
+\b
+Exit codes:
+  0  done
+  1  failed: one line says what, which file, and what to do
+  2  wrong usage
+  3  a catalogue was written, but some areas failed (build-catalog --keep-going)
+  4  the answer is no (validate, inspect, diff, dem check, report --require)
+  130, 143, 129  stopped by Ctrl-C, SIGTERM, SIGHUP
+
+\b
+Completion of commands and options by the Tab key, for bash (zsh, fish alike):
+  eval "$(_LCP_COMPLETE=bash_source lcp)"     in ~/.bashrc
+
+\b
+A first catalogue:
+  lcp sample hadley                           the sample data with a Makefile
+  make -C hadley                              catalogue, report, validation
+"""
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=AFTER_COMMANDS,
+)
 @click.version_option(__version__, prog_name="lcp")
 @click.option("--debug", is_flag=True, help="Show the traceback if an error occurs.")
-@click.option("-v", "--verbose", count=True, help="Log to stderr; -vv for debug messages.")
+@click.option("-v", "--verbose", count=True, help="Say on stderr what is done; -vv: in detail.")
 @log_format_option
 def cli(debug: bool, verbose: int) -> None:
     """Build and use catalogues of lunar control points, made from DEMs and tested on renders."""

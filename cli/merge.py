@@ -9,13 +9,13 @@ from .files import FileCommand, InputFile
 from .messages import say
 
 
-@click.command(cls=FileCommand)
+@click.command(cls=FileCommand, rule=True, example="lcp merge west.h5 east.h5 -o both.h5")
 @click.argument(
     "catalogs",
     nargs=-1,
     required=True,
     metavar="A.h5 B.h5...",
-    type=InputFile(exists=True, dir_okay=False),
+    type=InputFile(),
 )
 @options.output_option("C.h5")
 @options.overwrite_option

@@ -55,10 +55,17 @@ class _LogHandler(logging.Handler):
 _HANDLER = _LogHandler()
 
 
+OURS = ("lcp_catalog", "lcp_cli")
+"""Loggers of the program; other libraries log warnings only."""
+
+
 def show_log(level: int) -> None:
-    """Write records of the log from a level on. Without this only warnings are written, as plain text."""
+    """Write the program's own records of the log from a level on, and warnings of other libraries. Without
+    this only warnings are written, as plain text.
+    """
     logging.getLogger().addHandler(_HANDLER)
-    logging.getLogger().setLevel(level)
+    for name in OURS:
+        logging.getLogger(name).setLevel(level)
 
 
 def reset() -> None:
@@ -67,13 +74,15 @@ def reset() -> None:
     logging.captureWarnings(False)
     logging.getLogger().removeHandler(_HANDLER)
     logging.getLogger().setLevel(logging.WARNING)
+    for name in OURS:
+        logging.getLogger(name).setLevel(logging.NOTSET)
 
 
 def _set_format(context: click.Context, option: click.Parameter, value: str | None) -> None:
     if value == "json":
         _State.as_json = True
         logging.captureWarnings(True)
-        show_log(logging.getLogger().level)
+        show_log(logging.getLogger(OURS[0]).level)
 
 
 log_format_option = click.option(
@@ -82,6 +91,6 @@ log_format_option = click.option(
     expose_value=False,
     is_eager=True,
     callback=_set_format,
-    help="Form of the messages on stderr: text, or one JSON object a line.",
+    help="Form of the messages on stderr: text (default), or one JSON object a line.",
 )
 """For `lcp` itself, and for a command that runs long."""

@@ -13,7 +13,7 @@ import click
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.choices import ENCODINGS, REFLECTANCE_MODELS
 
-from .files import Files, InputFile, OutputFile, raster_files
+from .files import DEPFILE_HELP, Files, InputFile, OutputFile, raster_files
 from .value_types import (
     AZIMUTH,
     CELL_SIZE,
@@ -58,9 +58,7 @@ dem_argument = click.argument("dem", nargs=-1, required=True, type=RASTER, metav
 
 dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DEM...]")
 
-catalog_argument = click.argument(
-    "catalog", metavar="CATALOG.h5", type=InputFile(exists=True, dir_okay=False)
-)
+catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=InputFile())
 
 area_options = option_group(
     click.option(
@@ -68,7 +66,7 @@ area_options = option_group(
         nargs=2,
         type=click.Tuple([LONGITUDE, LATITUDE]),
         metavar="LON LAT",
-        help="Centre of the area, degrees; needs --size.",
+        help="Centre of the area, degrees; needs --size. Default area: what the camera sees, else the whole DEM.",
     ),
     click.option(
         "--size", "size_km", type=POSITIVE, metavar="KM", help="Side length of the square area."
@@ -78,7 +76,8 @@ area_options = option_group(
         nargs=4,
         type=click.Tuple([LONGITUDE, LATITUDE] * 2),
         metavar="W S E N",
-        help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian.",
+        help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian. "
+        "Default: as of --center.",
     ),
     click.option(
         "--gsd",
@@ -94,7 +93,7 @@ sun_angle_options = option_group(
         "--sun-azimuth",
         type=AZIMUTH,
         metavar="DEG",
-        help="Azimuth of the Sun at the area's centre, clockwise from north.",
+        help="Azimuth of the Sun at the area's centre, clockwise from north. Default Sun: that of the camera file.",
     ),
     click.option(
         "--sun-elevation",
@@ -143,7 +142,8 @@ accuracy_options = option_group(
         type=Number(0.0),
         metavar="T",
         default=None,
-        help="Permitted share of nodes with a wrong shadow; selects the fastest sufficient tier. Replaces --accuracy.",
+        help="Permitted share of nodes with a wrong shadow; selects the fastest sufficient tier. Replaces --accuracy. "
+        "Default: that of the tier.",
     ),
 )
 
@@ -163,7 +163,8 @@ albedo_options = option_group(
         "albedo_path",
         type=RASTER,
         metavar="MAP",
-        help="Albedo map: a raster of relative surface brightness in a lunar CRS. Radiance is multiplied by the ratio of "
+        help="Albedo map: a raster of relative surface brightness in a lunar CRS; default: none, uniform ground. "
+        "Radiance is multiplied by the ratio of "
         "its value to --albedo-reference. Three bands are red, green and blue in lcp render.",
     ),
     click.option(
@@ -189,7 +190,7 @@ depfile_option = click.option(
     "--depfile",
     type=OutputFile(),
     metavar="FILE",
-    help="Also write the list of input files as a rule for make.",
+    help=DEPFILE_HELP,
 )
 
 

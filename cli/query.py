@@ -91,7 +91,11 @@ _ACCURACY_OPTIONS = (
 )
 
 
-@click.command(cls=FileCommand)
+@click.command(
+    cls=FileCommand,
+    rule=True,
+    example="lcp query site.h5 --camera CAMERA.json --time 2026-03-01T12:00 --max 20",
+)
 @options.catalog_argument
 @frame_options
 @options.sun_angle_options
@@ -100,7 +104,7 @@ _ACCURACY_OPTIONS = (
     "most",
     type=click.IntRange(1, 100_000),
     metavar="N",
-    help="Only the N points of a frame that together determine the position best, the most informative first.",
+    help="Only the N points of a frame that together determine the position best, the most informative first; default: all.",
 )
 @accuracy_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from lcp_catalog.rendering.request import Request
 
 
-@click.command(cls=FileCommand)
+@click.command(
+    cls=FileCommand,
+    example="lcp render DEM.tif -o site.tif --center 3.5 26 --size 20 --sun-azimuth 96 --sun-elevation 14 --preview site.png",
+)
 @options.dem_argument_or_none
 @options.product_order_option
 @options.output_option("OUT.tif", required=False)

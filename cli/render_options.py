@@ -62,7 +62,7 @@ view_options = option_group(
         "--view-azimuth",
         type=AZIMUTH,
         metavar="DEG",
-        help="Azimuth of the camera, seen from the area's centre, degrees clockwise from north.",
+        help="Azimuth of the camera, seen from the area's centre, degrees clockwise from north; needed with --off-nadir.",
     ),
     click.option(
         "--altitude",

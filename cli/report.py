@@ -12,7 +12,7 @@ from .messages import EXIT_NO, say
 from .query import accuracy_options, frame_options, frames_of, query_of
 
 
-@click.command(cls=FileCommand)
+@click.command(cls=FileCommand, rule=True, example="lcp report site.h5 -o site.html")
 @options.catalog_argument
 @options.output_option("REPORT.html")
 @click.option(

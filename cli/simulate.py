@@ -36,7 +36,10 @@ def _written(frame: str) -> Iterator[Path]:
     yield from (Path(frame), camera_path(frame))
 
 
-@click.command(cls=FileCommand)
+@click.command(
+    cls=FileCommand,
+    example="lcp simulate DEM.tif -o frame.png --camera CAMERA.json --sun-azimuth 96 --sun-elevation 14 --noise 0.02",
+)
 @click.argument(
     "source",
     nargs=-1,

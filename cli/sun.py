@@ -34,9 +34,18 @@ COLUMNS = {
 }
 
 
-@click.command(cls=FileCommand)
-@click.option("--lon", type=LONGITUDE, required=True, metavar="DEG", help="Longitude, east.")
-@click.option("--lat", type=LATITUDE, required=True, metavar="DEG", help="Latitude.")
+@click.command(
+    cls=FileCommand, rule=True, example="lcp sun --center 3.63 26.13 --time 1971-07-31T01:25:52"
+)
+@click.option(
+    "--center",
+    nargs=2,
+    type=click.Tuple([LONGITUDE, LATITUDE]),
+    metavar="LON LAT",
+    help="The place, degrees east and north.",
+)
+@click.option("--lon", type=LONGITUDE, metavar="DEG", help="Longitude; with --lat: as --center.")
+@click.option("--lat", type=LATITUDE, metavar="DEG", help="Latitude; with --lon: as --center.")
 @click.option(
     "--height",
     "height_m",
@@ -49,8 +58,8 @@ COLUMNS = {
     "--dem",
     multiple=True,
     type=options.RASTER,
-    metavar="DEM",
-    help="Add the terrain horizon and the share of the disc above it; may be repeated.",
+    metavar="DEM...",
+    help="Add the terrain horizon and the share of the disc above it.",
 )
 @click.option(
     "--gsd",
@@ -72,8 +81,9 @@ COLUMNS = {
 @options.output_option("OUT.csv", required=False)
 @options.overwrite_option
 def command(
-    lon: float,
-    lat: float,
+    center: tuple[float, float] | None,
+    lon: float | None,
+    lat: float | None,
     height_m: float,
     dem: tuple[str, ...],
     gsd_m: float | None,
@@ -86,6 +96,7 @@ def command(
     """Print the position of the Sun over a place on the Moon: azimuth, elevation, share of the disc
     above the horizontal plane, subsolar point, distance and angular radius.
     """
+    lon, lat = _place_of(center, lon, lat)
     if (time_utc is None) == (span is None):
         raise click.UsageError("give --time UTC or --range START STOP STEP")
     if gsd_m is not None and not dem:
@@ -107,6 +118,17 @@ def command(
         _say(_json(table, notes))
     elif output is None:
         _say(_text(table, notes))
+
+
+def _place_of(
+    center: tuple[float, float] | None, lon: float | None, lat: float | None
+) -> tuple[float, float]:
+    """Longitude and latitude, degrees. Usage error if they are not given, or given twice."""
+    if center is not None and lon is None and lat is None:
+        return center
+    if center is None and lon is not None and lat is not None:
+        return lon, lat
+    raise click.UsageError("give the place once: --center LON LAT, or --lon DEG and --lat DEG")
 
 
 def _table(

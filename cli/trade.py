@@ -29,7 +29,12 @@ def _written(folder: str) -> Iterator[Path]:
     yield from (Path(folder, name) for name in FILES)
 
 
-@click.command("trade", cls=FileCommand)
+@click.command(
+    "trade",
+    cls=FileCommand,
+    rule=True,
+    example="lcp trade DEM.tif -o trade --center 3.5 26 --size 60 --areas 2",
+)
 @dem_argument
 @product_order_option
 @output_option("DIR", written=_written)

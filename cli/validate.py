@@ -27,7 +27,11 @@ def _written(folder: str) -> Iterator[Path]:
     yield from (Path(folder, name) for name in FILES)
 
 
-@click.command("validate", cls=FileCommand)
+@click.command(
+    "validate",
+    cls=FileCommand,
+    example="lcp validate site.h5 IMAGE.png -o check --camera CAMERA.json --dem A.tif B.tif",
+)
 @options.catalog_argument
 @click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=options.RASTER)
 @options.output_option("DIR", written=_written)
@@ -40,16 +44,15 @@ def _written(folder: str) -> Iterator[Path]:
     help="Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
     "Default: none, for images that are georeferenced map projections.",
 )
-@options.sun_angle_options
+@options.sun_options
 @environment_options
 @click.option(
     "--dem",
     "dems",
     type=options.RASTER,
     multiple=True,
-    metavar="DEM",
-    help="Compare the whole image with renders of this DEM (repeat the option for more files). Default: compare with the "
-    "catalogue's patches only.",
+    metavar="DEM...",
+    help="Compare the whole image with renders of these DEMs. Default: compare with the catalogue's patches only.",
 )
 @click.option(
     "--gsd",
@@ -122,7 +125,7 @@ def _written(folder: str) -> Iterator[Path]:
     "--nodata",
     type=Finite(),
     metavar="V",
-    help="Additional nodata value, besides those that the image file declares.",
+    help="Additional nodata value, besides those that the image file declares; default: none.",
 )
 @click.option(
     "--faint",
@@ -138,7 +141,7 @@ def _written(folder: str) -> Iterator[Path]:
 @click.option(
     "--require",
     metavar="EXPR",
-    help="Condition for every image, like 'share_above_0_9>=0.85 and points_found>=20'; exit code 4 if it fails.",
+    help="Condition for every image, like 'share_above_0_9>=0.85 and points_found>=20'; exit code 4 if it fails; default: none.",
 )
 @click.option(
     "--fit-errors",
@@ -225,6 +228,9 @@ def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFile
 def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     angles = flags["sun_azimuth"], flags["sun_elevation"]
     check_environment(flags, options.check_sun(*angles, flags["time_utc"], flags["subsolar"]))
+    disc = flags["sun_model"] and flags["sun_model"] == "disc"
+    if disc is not None and not flags["dems"]:
+        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
     options.check_accuracy(flags["accuracy"], flags["tolerance"])
     albedo = flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"]
     options.check_albedo(*albedo)
@@ -250,6 +256,7 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
         albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
         environment=environment(flags),
+        disc=disc,
         pose_is_known=flags["known_pose"],
         faint=flags["faint"],
         fit_errors=flags["fit_errors"],

@@ -25,7 +25,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 DEFAULT_SIZE_KM = 20.0
 
 
-@click.command(cls=FileCommand)
+@click.command(
+    cls=FileCommand,
+    rule=True,
+    example="lcp windows site.h5 --center 3.5 26 --range 2026-03-01 2026-04-01 6h -o windows.csv",
+)
 @options.catalog_argument
 @click.option(
     "--center",

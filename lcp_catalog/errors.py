@@ -9,6 +9,10 @@ class LcpError(Exception):
     """Base of all errors that the library raises on purpose."""
 
 
+class InputError(LcpError, FileNotFoundError):
+    """An input file does not exist."""
+
+
 class LabelError(LcpError, ValueError):
     """A product's label is missing or contradicts itself, or its content is not supported."""
 

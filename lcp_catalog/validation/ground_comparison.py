@@ -87,15 +87,16 @@ def against_dem(
     choice: WindowChoice = WindowChoice(),
     albedo: AlbedoMap | None = None,
     environment: Environment | None = None,
+    disc: bool | None = None,
 ) -> GroundComparison:
     """Compare the part of an image that a DEM covers; ``environment``: an environment map as the
-    light of the renders. AreaError if there is none; ImageError if it is smaller than a window;
-    other errors as `pipeline.prepare`.
+    light of the renders; ``disc``: extended solar disc, None: as the accuracy says. AreaError if
+    there is none; ImageError if it is smaller than a window; other errors as `pipeline.prepare`.
 
     The effective resolution is that of the DEM file (`effective_resolution.of_file`). Cells finer
     than the posting are rendered at their own size.
     """
-    request = dem_request(image, dems, model, accuracy, albedo, environment)
+    request = dem_request(image, dems, model, accuracy, albedo, environment, disc)
     scene = prepare_terrain(request)
     resolution = resolution_of(scene.terrain, dems)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
@@ -154,6 +155,7 @@ def dem_request(
     accuracy: Accuracy,
     albedo: AlbedoMap | None = None,
     environment: Environment | None = None,
+    disc: bool | None = None,
 ) -> Request:
     """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of
     the image, or under an environment map.
@@ -177,6 +179,7 @@ def dem_request(
         albedo=albedo,
         surface="heightfield",
         environment=environment,
+        disc=disc,
     )
 
 

@@ -87,7 +87,8 @@ class ImageFiles:
 @dataclass(frozen=True)
 class Validation:
     """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are
-    the true ones. ``environment``: an environment map as the light; points are searched for under
+    the true ones. ``disc``: renders of the DEM under the extended solar disc, None: as the accuracy says.
+    ``environment``: an environment map as the light; points are searched for under
     one source in the middle of its light, windows are compared with renders under all of it. ``faint``: search
     with the options `position_fix.FAINT`. ``fit_errors``: also fit the error model to the images
     (`error_fit`).
@@ -107,6 +108,7 @@ class Validation:
     faint: bool = False
     fit_errors: bool = False
     environment: Environment | None = None
+    disc: bool | None = None
 
     @property
     def stated_sun(self) -> SunChoice:
@@ -285,7 +287,8 @@ def _ground(
     how = request.law, request.accuracy, request.windows
     try:
         if request.dems:
-            return against_dem(image, request.dems, *how, request.albedo, request.environment), ""
+            light = request.environment, request.disc
+            return against_dem(image, request.dems, *how, request.albedo, *light), ""
         points = points_in_view(catalog, image.sensor)
         return against_patches(image, catalog, points, *how, request.environment), ""
     except LcpError as error:

@@ -83,11 +83,13 @@ def test_notes_do_not_make_a_file_unsound(
 def test_what_is_no_dem_is_an_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "text.tif").write_text("hello")
     (tmp_path / "empty.IMG").write_bytes(b"")
-    given = [str(tmp_path / name) for name in ("text.tif", "empty.IMG", "none.LBL", ".")]
+    given = [str(tmp_path / name) for name in ("text.tif", "empty.IMG", ".")]
     assert run(["dem", "check", *given]) == 4
     out, err = capsys.readouterr()
-    assert out.count("NOT SOUND") == 4
+    assert out.count("NOT SOUND") == 3
     assert err == ""
+    assert run(["dem", "check", *given, str(tmp_path / "none.LBL")]) == 1
+    assert capsys.readouterr() == ("", f"lcp: {tmp_path / 'none.LBL'}: there is no such file\n")
 
 
 @pytest.mark.parametrize("arguments", [[], ["x.tif", "--nope"]])

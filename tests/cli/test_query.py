@@ -179,7 +179,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("query c.h5 --camera nothing.json", 1, "nothing.json: cannot be read"),
         ("query c.h5 --camera c.h5", 1, "is not JSON"),
         ("query cam.json --camera cam.json", 1, "not an HDF5 file"),
-        ("query none.h5 --camera cam.json", 2, "does not exist"),
+        ("query none.h5 --camera cam.json", 1, "there is no such file"),
         ("query old.h5 --camera cam.json", 1, "no detection probabilities"),
         ("query c.h5 --camera far.json", 1, "no Sun"),
         ("query c.h5 --camera sky.json --sun-azimuth 3 --sun-elevation 3", 1, "does not show the Moon"),

@@ -1,0 +1,93 @@
+"""Help of a command: its options in groups by what they are about, and an example."""
+
+from __future__ import annotations
+
+import click
+
+GROUPS = {
+    # heading: flags, in the order of the help
+    "Area": (
+        *("--center", "--lon", "--lat", "--height", "--at", "--size", "--bounds", "--around"),
+        *("--gsd", "--surface", "--level"),
+    ),
+    "Cell sizes": ("--levels", "--altitudes", "--ifov"),
+    "Sun and light": (
+        *("--sun-azimuth", "--sun-elevation", "--sun-azimuths", "--sun-elevations"),
+        *("--time", "--range", "--subsolar", "--sun", "--earthshine", "--bounce"),
+        *("--environment", "--environment-azimuth", "--environment-sources", "--sun-sky-ratio"),
+    ),
+    "Camera and view": (
+        *("--camera", "--trajectory", "--fov", "--altitude", "--look", "--image-size"),
+        *("--view", "--off-nadir", "--view-azimuth", "--frame"),
+        *("--shadow-catcher", "--background", "--background-white"),
+    ),
+    "DEM": ("--dem", "--product-order", "--dem-sigma", "--dem-resolution"),
+    "Brightness and accuracy": (
+        *("--reflectance", "--albedo", "--albedo-encoding", "--albedo-reference"),
+        *("--accuracy", "--tolerance"),
+    ),
+    "Points": (
+        *("--spacing", "--per-view", "--footprint", "--max-points", "--max-bytes", "--search"),
+        *("--noise", "--max", "--min-points"),
+    ),
+    "What is known before": (
+        *("--position-sigma", "--attitude-sigma", "--height-sigma", "--map-sigma"),
+        "--known-pose",
+    ),
+    "Windows": ("--window", "--step", "--remove-offset"),
+    "Image": (
+        *("--encoding", "--band", "--nodata", "--faint", "--blur", "--shot-share", "--exposure"),
+        *("--bits", "--seed", "--samples"),
+    ),
+    "Run": (
+        *("--config", "--jobs", "--memory", "--scheduler", "--part", "--list-parts", "--merge"),
+        *("--resume", "--keep-going", "--areas", "--rounds"),
+    ),
+    "Output": (
+        *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),
+        *("--evidence", "--require", "--plan", "--explain", "--json", "--depfile", "--overwrite"),
+        *("--log-format",),
+    ),
+}
+"""Flags of all commands by what they are about; a flag has one place in every command."""
+
+OTHER = "Other options"
+"""Heading of the flags that belong to one command alone, and of ``--help``."""
+
+
+def grouped(command: click.Command, context: click.Context) -> dict[str, list[click.Option]]:
+    """Options of a command by heading, in the order of `GROUPS`; options of none of them before the output."""
+    shown = [
+        one
+        for one in command.get_params(context)
+        if isinstance(one, click.Option) and not one.hidden
+    ]
+    place = {flag: heading for heading, flags in GROUPS.items() for flag in flags}
+    order = [*list(GROUPS)[:-1], OTHER, list(GROUPS)[-1]]
+    found: dict[str, list[click.Option]] = {heading: [] for heading in order}
+    for one in shown:
+        heading = next((place[flag] for flag in one.opts if flag in place), OTHER)
+        found["Output" if one.opts[-1] == "--help" else heading].append(one)
+    for heading, members in found.items():
+        flags = GROUPS.get(heading, ())
+        members.sort(
+            key=lambda one: min((flags.index(f) for f in one.opts if f in flags), default=99)
+        )
+    return {heading: members for heading, members in found.items() if members}
+
+
+def write_options(
+    command: click.Command, context: click.Context, formatter: click.HelpFormatter
+) -> None:
+    """Write the options of a command under their headings."""
+    for heading, members in grouped(command, context).items():
+        records = [record for one in members if (record := one.get_help_record(context))]
+        with formatter.section(heading):
+            formatter.write_dl(records)
+
+
+def write_example(example: str, formatter: click.HelpFormatter) -> None:
+    """Write the example of a command as it is typed."""
+    with formatter.section("Example"):
+        for line in example.splitlines():
+            formatter.write(f"{'':{formatter.current_indent}}{line}\n")
