@@ -200,3 +200,11 @@ def test_the_log_is_ours_alone(capfd: pytest.CaptureFixture[str]) -> None:
     assert logging.getLogger("lcp_catalog.build").isEnabledFor(logging.DEBUG)
     assert run(["sun", "--center", "0", "0", "--time", "2026-03-01"]) == 0
     assert "reads" not in capfd.readouterr().err
+
+
+def test_the_sun_model_of_a_validation_is_that_of_the_renders(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["validate", "c.h5", __file__, "-o", str(tmp_path / "out"), "--sun", "disc"]
+    assert run(words) == 2
+    assert "--sun needs --dem" in capsys.readouterr().err

@@ -254,6 +254,7 @@ def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
     kept = dem_request(photo, DemSet.open([HADLEY]), LAW, STANDARD)
     assert np.allclose(kept.sun.direction_mcmf(PLACE, kept.view.camera), SUN, atol=1e-9)
     stated = Image("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
+    assert dem_request(photo, DemSet.open([HADLEY]), LAW, STANDARD, disc=True).disc is True
     by_flag = dem_request(stated, DemSet.open([HADLEY]), LAW, STANDARD)
     assert np.allclose(by_flag.sun.direction_mcmf(PLACE, by_flag.view.camera), SUN, atol=1e-9)
     lon, lat = subsolar(stated)
