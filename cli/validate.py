@@ -15,7 +15,7 @@ from . import options
 from .environment_options import check_environment, environment, environment_options
 from .files import FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
-from .value_types import CELL_SIZE, LAW, Finite, Number
+from .value_types import CELL_SIZE, LAW, Distance, Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.validation.run import ImageFiles, Validation
@@ -74,11 +74,12 @@ def _written(folder: str) -> Iterator[Path]:
 @click.option(
     "--position-sigma",
     "position_km",
-    type=Number(0.0),
+    type=Distance(),
     default=1.0,
     show_default=True,
     metavar="KM",
-    help="Uncertainty of the camera's position, or of a map's georeference: 1 sigma per axis; 0: exact.",
+    help="Uncertainty of the camera's position, or of a map's georeference: 1 sigma per axis; 0: exact. In km, or "
+    "with a unit: 300m, 2km.",
 )
 @click.option(
     "--attitude-sigma",
@@ -110,10 +111,11 @@ def _written(folder: str) -> Iterator[Path]:
 )
 @click.option(
     "--encoding",
-    type=click.Choice(ENCODINGS),
+    type=click.Choice([*ENCODINGS, "auto"]),
     default=ENCODINGS[0],
     show_default=True,
-    help="Encoding of the image: linear (values proportional to radiance) or srgb (codes of a display image).",
+    help="Encoding of the image: linear (values proportional to radiance) or srgb (codes of a display image), or auto: srgb "
+    "for samples of 8 bits if the points found correlate significantly better so.",
 )
 @click.option(
     "--band",
@@ -244,7 +246,7 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
     from lcp_catalog.validation.ground_comparison import WindowChoice
     from lcp_catalog.validation.run import Validation
 
-    size = flags["window"]
+    size, auto = flags["window"], flags["encoding"] == "auto"
     return Validation(
         catalog_path=Path(catalog),
         files=tuple(files),
@@ -260,5 +262,8 @@ def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
         pose_is_known=flags["known_pose"],
         faint=flags["faint"],
         fit_errors=flags["fit_errors"],
-        pixels=ImageOptions(flags["band"], flags["nodata"], encoding=flags["encoding"]),
+        pixels=ImageOptions(
+            flags["band"], flags["nodata"], encoding=ENCODINGS[0] if auto else flags["encoding"]
+        ),
+        choose_encoding=auto,
     )

@@ -34,6 +34,24 @@ class Finite(_Finite, click.types.FloatParamType):
     """A finite number; nan and inf are invalid."""
 
 
+class Distance(Number):
+    """A length of at least 0, in km or with its unit: ``300m``, ``2km``; converted to km."""
+
+    name = "distance"
+
+    def __init__(self) -> None:
+        super().__init__(min=0.0)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        text = str(value).strip().lower()
+        for unit, km in (("km", 1.0), ("m", 1e-3)):
+            if text.endswith(unit):
+                return km * super().convert(text.removesuffix(unit).strip(), param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Instant(click.ParamType):
     """A time in ISO 8601; UTC if it has no time zone."""
 

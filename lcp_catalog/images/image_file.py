@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Float32
 from ..cameras.map_projected import MapImage
-from ..cameras.sensor import Sensor
+from ..cameras.sensor import ON_MAP, Sensor
 from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..errors import ImageError
@@ -91,6 +91,18 @@ def open_image(
         saturated_share=pixels.saturated_share,
         missing_share=pixels.missing_share,
     )
+
+
+def decoded(image: Image, path: Path | str, options: ImageOptions) -> Image | None:
+    """The image of a file that was opened as linear, with its samples of 8 bits taken as codes of a display
+    image (sRGB); None for other samples.
+    """
+    pixels = read_pixels(path, options.band, options.nodata, "srgb")
+    if not (pixels.samples.dtype == np.uint8 or pixels.is_decoded):
+        return None
+    on_map = image.sensor.corrections == ON_MAP
+    found = _pixels(pixels, read_image_label(pixels).codes, on_map, "srgb")
+    return replace(image, signal=found.signal, weight=found.weight)
 
 
 def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) -> Sensor:

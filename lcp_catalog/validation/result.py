@@ -26,6 +26,7 @@ from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
 from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
 from .claims import Claims, Scores, score
+from .encoding_check import EncodingCheck
 from .window_correlation import WindowComparison
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
@@ -178,6 +179,8 @@ class ImageVerdict:
     windows: WindowFigures | None = None
     windows_reason: str = ""  # reason if there are none
     error: PositionError | None = None
+    encoding: EncodingCheck | None = None  # of a located image of 8 bits
+    advice: tuple[str, ...] = ()  # one line each
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
@@ -248,6 +251,8 @@ class ImageVerdict:
             "log10_false_alarms": self.located.log10_false_alarms,
             "log10_false_alarms_rival": self.located.rival_log10,
             "light": _light(self.located.sun),
+            "encoding": self.encoding.figures() if self.encoding else None,
+            "advice": list(self.advice),
             "size_px": [self.facts.width_px, self.facts.height_px],
             "sensor": self.facts.sensor,
             "pixel_m": self.facts.pixel_m,
@@ -401,6 +406,9 @@ def image_lines(image: ImageVerdict) -> list[str]:
     if image.pose is not None:
         lines.append(f"  pose     {pose_text(image.pose)}")
     lines.append(f"  claims   {claims_text(image.scores)}")
+    if image.encoding is not None:
+        lines.append(f"  encoding {image.encoding.sentence}")
+    lines += [f"  advice   {text}" for text in image.advice]
     return lines
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,14 +18,14 @@ from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
 from ..catalog.hdf5 import open_catalog
-from ..choices import VALIDATION_LAW
+from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..images.heights import refuse_heights
 from ..images.image import Image
-from ..images.image_file import ImageOptions, open_image
+from ..images.image_file import ImageOptions, decoded, open_image
 from ..images.pixels import image_shape
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
@@ -46,8 +46,10 @@ from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.greyscale import PIXELS_MAX
+from .advice import advised, albedo_advice
 from .claim_trials import ClaimSearch
 from .claims import Claims
+from .encoding_check import EncodingCheck, check_encoding
 from .error_file import FittedErrors
 from .error_fit import Residuals, fit_errors, residuals_of
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
@@ -91,7 +93,8 @@ class Validation:
     ``environment``: an environment map as the light; points are searched for under
     one source in the middle of its light, windows are compared with renders under all of it. ``faint``: search
     with the options `position_fix.FAINT`. ``fit_errors``: also fit the error model to the images
-    (`error_fit`).
+    (`error_fit`). ``choose_encoding``: decode an image of 8 bits, opened as linear, if it fits better so
+    (`encoding_check`).
     """
 
     catalog_path: Path
@@ -107,6 +110,7 @@ class Validation:
     pixels: ImageOptions = field(default_factory=ImageOptions)
     faint: bool = False
     fit_errors: bool = False
+    choose_encoding: bool = False
     environment: Environment | None = None
     disc: bool | None = None
 
@@ -136,7 +140,7 @@ class Validation:
             "albedo": self.albedo.name if self.albedo else None,
             "reflectance": self.law.name,
             "accuracy": self.accuracy.tier,
-            "encoding": self.pixels.encoding,
+            "encoding": "auto" if self.choose_encoding else self.pixels.encoding,
             "band": self.pixels.band,
             "nodata": self.pixels.nodata,
             "faint": self.faint,
@@ -238,8 +242,7 @@ def _one(
     request: Validation, catalog: Catalog, files: ImageFiles, image: Image, name: str
 ) -> _Done:
     options = FAINT if request.faint else Options()
-    catalog = _perhaps_seen(request, catalog, image, options)
-    located = locate(catalog, image, request.uncertainty, request.law, options)
+    image, catalog, located, encoding = _searched(request, catalog, files, image, options)
     best = image.with_sensor(located.pose.sensor) if located.pose else image
     ground, why = _ground(request, catalog, best)
     why = files.named(why)
@@ -251,10 +254,64 @@ def _one(
         windows=_windows(catalog, ground) if ground else None,
         windows_reason=why,
         error=_error(request, located, image.sensor),
+        encoding=encoding,
+        advice=_advice(request, located, ground),
     )
     residuals = _residuals(request, catalog, located, best) if request.fit_errors else None
     sources = [*files.paths, *(ground.sources if ground else ())]
     return _Done(result, _pictures(image, ground), sources, residuals)
+
+
+class _Search(NamedTuple):
+    """An image in the encoding that was chosen, the points that may be in it, the result of the search, and the
+    check of the encoding, if there was one.
+    """
+
+    image: Image
+    catalog: Catalog
+    located: PositionFix
+    encoding: EncodingCheck | None = None
+
+
+def _searched(
+    request: Validation, whole: Catalog, files: ImageFiles, image: Image, options: Options
+) -> _Search:
+    """The search in an image as it was opened and, if that is asked for and fits better, decoded."""
+
+    def search(image: Image) -> _Search:
+        catalog = _perhaps_seen(request, whole, image, options)
+        located = locate(catalog, image, request.uncertainty, request.law, options)
+        sigmas = options.sigmas
+        located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
+        return _Search(image, catalog, located)
+
+    found, used = search(image), ENCODINGS[0]
+    if request.pixels.encoding != used or not (found.located.pose or request.choose_encoding):
+        return found
+    other = decoded(image, files.image, request.pixels)
+    if other is None:
+        return found
+    if found.located.pose is None:
+        found, used = search(other), "srgb"
+    if found.located.pose is None:
+        return found._replace(image=image)
+    how = (request.law, options.criteria)
+    check = check_encoding(found.catalog, (image, other), found.located, *how, used)
+    if check and request.choose_encoding and check.better != used == ENCODINGS[0]:
+        again = search(other)
+        if again.located.pose:
+            found, check = again, replace(check, used="srgb")
+    return found._replace(encoding=check)
+
+
+def _advice(
+    request: Validation, located: PositionFix, ground: GroundComparison | None
+) -> tuple[str, ...]:
+    """What may improve the comparison of a located image with the DEM."""
+    if located.pose is None or ground is None or request.dems is None or request.albedo:
+        return ()
+    text = albedo_advice(ground.windows)
+    return (text,) if text else ()
 
 
 def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: Options) -> Catalog:

@@ -6,6 +6,7 @@ import csv
 import json
 from pathlib import Path
 
+import click
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from helpers.claiming import claiming
 from helpers.environment_maps import Lamp, room
 from helpers.twins_match import catalog_of_dem, looking_at
 from lcp_cli.main import run
+from lcp_cli.value_types import Distance
 
 from lcp_catalog.build.config import BuildConfig
 from lcp_catalog.cameras.camera_file import read_sensor
@@ -468,3 +470,46 @@ def test_a_panorama_beside_a_sun(place, under_a_panorama, capsys):
     assert run([*start, "--sun-azimuth", "1", "--sun-elevation", "5"]) == 2
     assert "--environment replaces the Sun" in capsys.readouterr().err
     assert not (place / "no").exists()
+
+
+@pytest.mark.parametrize("given", ["0.7", "700m", "0.7km", "700 M"])
+def test_a_length_has_a_unit(given) -> None:
+    assert Distance().convert(given, None, None) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("given", ["-3m", "m", "3 miles", "nanm"])
+def test_other_lengths_are_refused(given) -> None:
+    with pytest.raises(click.BadParameter):
+        Distance().convert(given, None, None)
+
+
+def eight_bits(place: Path, name: str, gamma: float) -> Path:
+    """The frame with 8 bits a pixel, proportional to radiance or as the codes of a display."""
+    codes = cv2.imread(str(place / "frame.png"), cv2.IMREAD_UNCHANGED).astype(np.float64)
+    light = codes / np.iinfo(np.uint16).max if codes.max() > 255 else codes / 255
+    light = np.clip(light / np.percentile(light, 99.5), 0.0, 1.0)
+    if gamma > 1.0:
+        light = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    assert cv2.imwrite(str(place / name), np.round(254 * light).astype(np.uint8))
+    return place / name
+
+
+@pytest.mark.parametrize(
+    ("name", "gamma", "better"), [("s.png", 2.4, "srgb"), ("l.png", 1.0, "linear")]
+)
+def test_the_encoding_that_fits_is_named_and_chosen(place, capsys, name, gamma, better) -> None:
+    eight_bits(place, name, gamma)
+    used = {}
+    for encoding in ("linear", "auto"):
+        out = f"{name}-{encoding}"
+        assert validated(place, "--encoding", encoding, image=name, out=out) == 0
+        document = json.loads((place / out / "report.json").read_text())
+        assert document["options"]["encoding"] == encoding
+        found = document["images"][0]["encoding"]
+        assert found["better"] == better
+        both = found["correlation"]
+        assert both[better] == max(both.values())
+        used[encoding] = found["used"]
+    assert used == {"linear": "linear", "auto": better}
+    text = capsys.readouterr().out
+    assert ("but fits better as srgb (--encoding auto or srgb)" in text) == (better == "srgb")

@@ -1,0 +1,73 @@
+"""Advice beside a verdict, and verdicts that the data do not carry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.lone_hill import above_it, bump_catalog
+
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.matching.matches import Matches
+from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, PositionFix
+from lcp_catalog.validation import advice
+from lcp_catalog.validation.advice import advised, albedo_advice
+from lcp_catalog.validation.window_correlation import WindowComparison
+
+bump = pytest.fixture(bump_catalog, scope="module")
+above = pytest.fixture(above_it, scope="module")
+REFUTED = PositionFix(NOT_HERE, "no shift is significant", Matches.none())
+
+
+def test_few_points_refute_no_place(bump, above) -> None:
+    found = advised(REFUTED, bump, above, Uncertainty(10.0), 3.0)
+    assert found.verdict == CANNOT_SAY
+    assert found.reason.startswith("no shift is significant; only 1 points may be in view")
+    assert "--spacing" in found.reason
+    assert "sigma" not in found.reason
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "option"),
+    [(Uncertainty(1e5), "--position-sigma"), (Uncertainty(1.0, 1.0), "--attitude-sigma")],
+)
+def test_an_image_smaller_than_the_search_refutes_no_place(
+    bump, above, monkeypatch, uncertainty, option
+) -> None:
+    monkeypatch.setattr(advice, "FEWEST", 1)
+    found = advised(REFUTED, bump, above, uncertainty, 3.0)
+    assert found.verdict == CANNOT_SAY
+    assert f"like {option}" in found.reason
+    assert "--spacing" not in found.reason
+    assert advised(REFUTED, bump, above, Uncertainty(10.0), 3.0) is REFUTED
+
+
+def test_the_uncertainty_advised_reaches_half_of_the_image(bump, above, monkeypatch) -> None:
+    monkeypatch.setattr(advice, "FEWEST", 1)
+    text = advised(REFUTED, bump, above, Uncertainty(1e5), 3.0).reason
+    sigma_m = float(text.split("--position-sigma ")[1].removesuffix("m"))
+    assert advised(REFUTED, bump, above, Uncertainty(sigma_m), 3.0).verdict == NOT_HERE
+
+
+def test_a_camera_that_sees_no_point_is_explained(bump, above) -> None:
+    unseen = PositionFix(CANNOT_SAY, "none can be in view", Matches.none())
+    turned = replace(above, rotation_mcmf_to_camera=above.rotation_mcmf_to_camera.T)
+    assert "its transpose" in advised(unseen, bump, turned, Uncertainty(10.0), 3.0).reason
+    up = np.diag([1.0, -1.0, -1.0]) @ above.rotation_mcmf_to_camera
+    away = replace(above, rotation_mcmf_to_camera=up)
+    assert advised(unseen, bump, away, Uncertainty(10.0), 3.0).reason == unseen.reason
+
+
+def windows(textured: float, plain: float) -> WindowComparison:
+    """Ten windows, five with texture, of which these correlations are equal."""
+    n, none = np.arange(10), np.zeros(10, np.int64)
+    correlation = np.where(n < 5, textured, plain)
+    return WindowComparison(
+        16, 16, 100.0, none, none, correlation, np.where(n < 5, 2.0, 1.0), np.ones(10), "kept"
+    )
+
+
+def test_plain_ground_that_fails_asks_for_an_albedo_map() -> None:
+    assert "0 % of the windows with little texture" in albedo_advice(windows(0.9, 0.2))
+    assert "--albedo MAP" in albedo_advice(windows(0.9, 0.2))
+    assert albedo_advice(windows(0.9, 0.9)) == ""
+    assert albedo_advice(windows(0.2, 0.2)) == ""
