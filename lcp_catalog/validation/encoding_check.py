@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
+from ..matching.consensus import independent_share
 from ..matching.point_choice import evenly, working_image
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import PositionFix
@@ -102,7 +104,10 @@ def check_encoding(
 
     linear, srgb = (correlations(image) for image in images)
     gain = _z(srgb) - _z(linear)
-    error = float(gain.std()) * np.sqrt(max(1.0, located.pose.overlap) / len(rows))
+    ground = pixel_size_m(sensor, catalog.position_mcmf[rows])
+    width_px = float(np.median(catalog.gsd[rows] * (catalog.patch_nodes - 1) / ground))
+    independent = len(rows) * independent_share(matches.found_px[chosen], width_px)
+    error = float(gain.std() / np.sqrt(independent))
     return EncodingCheck(
         used=used,
         points=len(rows),
