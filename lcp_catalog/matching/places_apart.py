@@ -24,7 +24,10 @@ def none_in_view(catalog: Catalog, sensor: Sensor) -> str:
         return none
     lon, lat = catalog.longitude, catalog.latitude
     box = enclosing_bounds(lon, lon, float(lat.min()), float(lat.max()))
-    points = f"the points lie at {box}"
+    points = (
+        f"the points lie at longitude {box.west:.2f} .. {box.east:.2f}, "
+        f"latitude {box.south:.2f} .. {box.north:.2f}"
+    )
     try:
         centre = center_of(sensor)
     except ImageError:
@@ -32,6 +35,6 @@ def none_in_view(catalog: Catalog, sensor: Sensor) -> str:
     cosine = lonlat_to_mcmf(lon, lat) @ lonlat_to_mcmf(*centre) / MOON_RADIUS_M**2
     away_km = MOON_RADIUS_M / 1e3 * math.acos(float(np.clip(cosine.max(), -1.0, 1.0)))
     return (
-        f"{none}: the image's centre shows longitude {centre[0]:.6g}, latitude {centre[1]:.6g}, "
+        f"{none}: the image's centre shows longitude {centre[0]:.2f}, latitude {centre[1]:.2f}, "
         f"{away_km:.0f} km from the nearest point; {points}"
     )

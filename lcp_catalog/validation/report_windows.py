@@ -65,8 +65,10 @@ COLOURS = (
 `LIMITS`.
 """
 
-LOWEST = -0.2
-"""Lower end of the histogram; its first bar includes all windows below."""
+LOWEST, MOST_BELOW = -0.2, 0.02
+"""Lower end of the histogram, whose first bar includes all windows below; of an image of another
+place, with a larger share of windows below than the second figure, the histogram begins at -1.
+"""
 
 
 def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
@@ -155,12 +157,13 @@ def _histogram_caption(windows: WindowFigures) -> str:
     """The windows that count, and special cases among them."""
     w = windows.compared
     flat = int(np.count_nonzero(w.correlation == 0.0))
-    low = int(np.count_nonzero(w.correlation < LOWEST))
+    lowest = lowest_shown(w)
+    low = int(np.count_nonzero(w.correlation < lowest))
     sentences = [
         f"All {w.count} windows count; their spacing is {w.step} cells of {number(w.gsd_m, 4)} m.",
         f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} exceed 0.9.",
         f"Windows without contrast, whose correlation is set to 0: {flat}." if flat else "",
-        f"Windows below {LOWEST:g}, which the first bar includes: {low}." if low else "",
+        f"Windows below {lowest:g}, which the first bar includes: {low}." if low else "",
         f"The mode is the centre of the fullest of the bins of {BIN:g} that are shown.",
         f"Offset: {windows.offset_sentence}.",
     ]
@@ -256,12 +259,19 @@ def colour_scale() -> Markup:
 # -- histogram of the correlation
 
 
+def lowest_shown(windows: WindowComparison) -> float:
+    """Lower end of the histogram: `LOWEST` or -1."""
+    below = int(np.count_nonzero(windows.correlation < LOWEST))
+    return LOWEST if below <= MOST_BELOW * windows.count else -1.0
+
+
 def bars_shown(windows: WindowComparison) -> tuple[Array, Array]:
-    """Shares (m,) of the windows in the bins of their histogram from `LOWEST` to 1, and the edges of
-    the bins (m + 1,). The first bin includes lower values.
+    """Shares (m,) of the windows in the bins of their histogram from `lowest_shown` to 1, and the
+    edges of the bins (m + 1,). The first bin includes lower values.
     """
     counts, edges = windows.histogram()
-    first = int(np.searchsorted(edges, LOWEST + 1e-9, side="right")) - 1
+    lowest = lowest_shown(windows)
+    first = int(np.searchsorted(edges, lowest + 1e-9, side="right")) - 1
     shown = counts[first:].astype(np.float64)
     shown[0] += counts[:first].sum()
     return shown / max(windows.count, 1), np.round(edges[first:], 9)
@@ -275,9 +285,9 @@ def correlation_histogram(windows: WindowComparison) -> Markup:
     top = max(step * math.ceil(float(shares.max()) / step * (1 - 1e-9)), step)
     axes = Axes(
         Axis(
-            LOWEST,
+            float(edges[0]),
             1.0,
-            [(k / 5, f"{k / 5:g}") for k in range(-1, 6)],
+            [(k / 5, f"{k / 5:g}") for k in range(round(5 * edges[0]), 6)],
             f"correlation of image and render in {windows.size} x {windows.size} cells",
         ),
         Axis(0.0, top, round_ticks(0.0, top, 5), "share of the windows, %", grid=True),
@@ -286,11 +296,9 @@ def correlation_histogram(windows: WindowComparison) -> Markup:
         f"histogram of the correlation of {windows.count} windows: {_percent(windows, 0.9)} above 0.9, "
         f"{_percent(windows, 0.7)} above 0.7, mode {windows.mode:.3f}"
     )
-    inside = (
-        _bars(axes, shares, edges)
-        + _mode_line(axes, windows.mode, float(shares.max()))
-        + _shares_text(windows)
-    )
+    at_mode = int(np.clip(np.searchsorted(edges, windows.mode) - 1, 0, len(shares) - 1))
+    mode = _mode_line(axes, windows.mode, float(shares[at_mode]))
+    inside = _bars(axes, shares, edges) + mode + _shares_text(windows)
     return axes.draw(inside, label)
 
 

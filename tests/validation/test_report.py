@@ -154,7 +154,8 @@ def test_the_caption_counts_all_windows_and_those_without_an_offset() -> None:
     )
 
 
-def test_what_the_histogram_cannot_tell_its_caption_does() -> None:
+def test_what_the_histogram_cannot_tell_its_caption_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report_windows, "MOST_BELOW", 0.2)
     image = verdicts.image()
     w = image.windows.compared
     assert "which the first bar includes" not in alone(image)
