@@ -115,6 +115,12 @@ class Scanner(FullSensor):
         """
         raise NotImplementedError
 
+    def divided(self, count: int) -> Sequence[Self]:
+        """Scanners of ``count`` or fewer parts of successive rows, with whole framelets, about equally
+        many in each.
+        """
+        raise NotImplementedError
+
     def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
         """The scanner of a window of the image (first row, row after the last, first column, column
         after the last), which may lie beyond it, with each pixel divided into ``count`` x ``count``
@@ -242,6 +248,11 @@ class LineScanner(Scanner):
     def exposures(self) -> Sequence[Self]:
         return [self]
 
+    def divided(self, count: int) -> Sequence[Self]:
+        rows, cols = self.shape
+        high = math.ceil(rows / count)
+        return [self.part((r, min(r + high, rows), 0, cols)) for r in range(0, rows, high)]
+
     def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
         row0, row1, col0, col1 = window
         rows = count * (row1 - row0)
@@ -337,9 +348,16 @@ class PushFrame(Scanner):
 
     @property
     def exposures(self) -> Sequence[Self]:
-        shape = self.lines, self.shape[1]
-        times = self._time(np.arange(self.framelets, dtype=np.float64))
-        return [replace(self, image_shape=shape, first_s=float(time)) for time in times]
+        return self.divided(self.framelets)
+
+    def divided(self, count: int) -> Sequence[Self]:
+        step, cols = math.ceil(self.framelets / count), self.shape[1]
+        parts = []
+        for first in range(0, self.framelets, step):
+            shape = min(step, self.framelets - first) * self.lines, cols
+            start = self.first_s + first * self.step_s
+            parts.append(replace(self, image_shape=shape, first_s=start))
+        return parts
 
     def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
         if self.framelets != 1:

@@ -25,7 +25,7 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
-from ..cameras.view import View, sensor_view
+from ..cameras.view import View, camera_view, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
 from ..light.above_horizon import light_above_horizon
@@ -176,12 +176,14 @@ def render_camera(
     """
     light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
     sun, disc = light.first.direction.vector, light.first.disc is not None
-    view = sensor_view(camera, terrain.frame)
-    plan = plan or plan_scene(
-        terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
-    )
+    if plan is None:
+        view = sensor_view(camera, terrain.frame)
+        plan = plan_scene(
+            terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
+        )
     light = light_above_horizon(terrain, light)
-    check_camera(terrain, view)
+    if isinstance(camera, Camera):
+        check_camera(terrain, camera_view(camera, terrain.frame))
     origin, rays = camera.rays_enu(terrain.frame)
     points = _first_hits(terrain, origin, rays)
     seen = _in_core(terrain, points)

@@ -1,14 +1,14 @@
 """Images of line scanners and push-frame cameras: each line from its own position, at its own time.
 
-The image is rendered in parts of successive rows; framelets of a push-frame camera are parts of their
-own. The rows of a part share one direction to the Sun, that of the time of its middle. A part lasts so
-short that the Sun moves by at most `SUN_MOVES_DEG` from there to its ends.
+The image is rendered in parts of successive rows, with whole framelets of a push-frame camera. The rows
+of a part share one direction to the Sun, that of the time of its middle. A part lasts so short that the
+Sun moves by at most `SUN_MOVES_DEG` from there to its ends.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -95,13 +95,8 @@ def _parts_for(drift_deg: float) -> int:
     return max(1, math.ceil(drift_deg / (2.0 * SUN_MOVES_DEG)))
 
 
-def _parts(scanner: Scanner, deg_per_s: float) -> Iterator[Scanner]:
+def _parts(scanner: Scanner, deg_per_s: float) -> Sequence[Scanner]:
     """Parts of an image in the order of its rows, for a Sun of a rate."""
-    for exposure in scanner.exposures:
-        rows, cols = exposure.shape
-        count = max(
-            _parts_for(deg_per_s * exposure.duration_s), math.ceil(rows * cols / _PIXELS_AT_ONCE)
-        )
-        height = math.ceil(rows / min(count, rows))
-        for row in range(0, rows, height):
-            yield exposure.part((row, min(row + height, rows), 0, cols))
+    (rows, cols), drift_deg = scanner.shape, deg_per_s * scanner.duration_s
+    count = max(_parts_for(drift_deg), math.ceil(rows * cols / _PIXELS_AT_ONCE))
+    return scanner.divided(count)

@@ -258,6 +258,13 @@ def test_parts_are_parts_of_the_image(tmp_path):
             part.looks([7.0, 4.0]), whole.looks([7 / 3 - 4 - 1 / 3, 3 + 4 / 3 - 1 / 3]), strict=True
         ):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-8)
+        rows = [one.shape[0] for one in sensor.divided(3)]
+        assert rows == ([20, 20, 20] if kind == KINDS[0] else [24, 24, 12])
+        second = sensor.divided(3)[1].looks([[3.0, 1.0], [3.0, 13.0]])
+        for a, b in zip(
+            second, sensor.looks([[3.0, 1.0 + rows[0]], [3.0, 13.0 + rows[0]]]), strict=True
+        ):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-8)
         around = sensor.around(5)
         assert around.shape[0] >= sensor.shape[0] + 10
         assert around.shape[1] == sensor.shape[1] + 10
