@@ -3,15 +3,11 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-SAMPLE := sample_data/hadley_gld100_256ppd.tif
-ALBEDO := sample_data/hadley_albedo_643nm_11ppd.tif
-PHOTO := sample_data/AS15-M-0414
-CATALOG := build/hadley.h5
 
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv
+.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
 
 all: catalog
 
@@ -25,20 +21,7 @@ $(READY): pyproject.toml
 	touch $@
 
 catalog: $(READY)
-	@mkdir -p build
-	$(BIN)/lcp build-catalog $(SAMPLE) -o $(CATALOG) --config sample_data/hadley.toml --overwrite
-	$(BIN)/lcp report $(CATALOG) -o build/hadley.html --overwrite
-	$(BIN)/lcp render $(SAMPLE) -o build/AS15-M-0414_render.tif --camera $(PHOTO)_camera.json --frame camera --gsd 474 \
-	  --preview build/AS15-M-0414_render.png --overwrite
-	$(BIN)/lcp render $(SAMPLE) -o build/hadley_relief.tif --center 3.5 26 --size 150 --sun-azimuth 96.5 --sun-elevation 13.7 \
-	  --preview build/hadley_relief.png --overwrite
-	$(BIN)/lcp inspect $(CATALOG)
-	$(BIN)/lcp validate $(CATALOG) $(PHOTO).png --camera $(PHOTO)_camera.json --dem $(SAMPLE) --albedo $(ALBEDO) -o build/validation \
-	  --known-pose --require 'points_found>=50 and share_above_0_9>=0.7' --overwrite
-	@echo "catalogue  $(CATALOG)"
-	@echo "report     build/hadley.html"
-	@echo "validated  build/validation/report.html (the catalogue's points in the photograph, and the photograph beside renders)"
-	@echo "previews   build/AS15-M-0414_render.png (beside $(PHOTO).png)  build/hadley_relief.png"
+	@$(MAKE) --no-print-directory --always-make -C sample_data LCP=$(abspath $(BIN))/lcp OUT=../build
 
 gallery: $(READY)
 	@mkdir -p build
@@ -88,6 +71,10 @@ bench-plan: $(READY)
 bench-peers: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
 	$(BIN)/python benchmarks/peers.py 2048 4096
+
+wheel: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check build
+	$(BIN)/python -m build --outdir build/dist
 
 fuzz: $(READY)
 	$(BIN)/python benchmarks/fuzz.py

@@ -20,6 +20,7 @@ from .signals import stopping_signals
 
 COMMANDS = {
     # name: (module, one line for the overview)
+    "sample": ("sample", "Write the sample data of the tutorial into a folder."),
     "dem": ("dem", "Describe, check or map DEM products."),
     "render": ("render", "Render a terrain image for one Sun direction and one view."),
     "sun": ("sun", "Compute the Sun's azimuth and elevation at a place."),

@@ -150,7 +150,8 @@ def test_every_sub_package_is_installed() -> None:
         for path in LIBRARY
         if path.name == "__init__.py"
     }
-    assert {*listed["tool"]["setuptools"]["packages"]} == {*packages, "lcp_cli"}
+    sample = {"lcp_catalog.sample_data", "lcp_catalog.sample_data.pipeline"}
+    assert {*listed["tool"]["setuptools"]["packages"]} == {*packages, *sample, "lcp_cli"}
 
 
 def test_every_data_file_is_installed() -> None:
