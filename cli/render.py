@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 @options.sun_options
 @render_options.earthshine_option
 @environment_options
+@render_options.bounce_option
 @render_options.view_options
 @render_options.around_option
 @pointing_options.pointing_options
@@ -155,6 +156,7 @@ def _request(dem: tuple[str, ...], **flags: Any) -> Request:
         albedo=open_map(*albedo) if albedo[0] else None,
         surface=flags["surface"],
         environment=environment(flags),
+        bounce=flags["bounce"],
         earthshine=flags["earthshine"],
         backdrop=Backdrop.open(*behind) if behind != (None, None, None) else None,
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import click
 
-from lcp_catalog.choices import HEIGHTFIELD_SIZE_MAX_KM, SURFACES
+from lcp_catalog.choices import BOUNCES, HEIGHTFIELD_SIZE_MAX_KM, SURFACES
 
 from .files import InputFile
 from .options import RASTER, option_group
@@ -17,6 +17,15 @@ earthshine_option = click.option(
     is_flag=True,
     help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
     "longitude 0, latitude 0.",
+)
+
+bounce_option = click.option(
+    "--bounce",
+    type=click.Choice(BOUNCES),
+    default=BOUNCES[0],
+    show_default=True,
+    help="Light that reaches ground by way of other ground (one bounce), where the first source does not reach; auto: "
+    "if it exceeds 1/255 of the brightest ground.",
 )
 
 composite_options = option_group(

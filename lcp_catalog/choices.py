@@ -31,6 +31,10 @@ SURFACES = ("auto", "heightfield", "sphere")
 """Surfaces of a render: the DEM's heights or the plain sphere; ``auto``: the sphere where relief changes
 less than the accuracy admits."""
 
+BOUNCES = ("auto", "on", "off")
+"""Light that reaches ground by way of other ground: where the scene plan says that it shows, always, or
+never."""
+
 HEIGHTFIELD_SIZE_MAX_KM = 2000.0
 """Greatest side of an area with a DEM's heights, which lie over one tangent plane."""
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ..accuracy import Accuracy
 from ..atomic_files import file_facts
 from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from ..light.bounced_light import SHOWS, BouncedSample
 from ..light.environment import Environment
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, Cover
@@ -409,18 +410,50 @@ def _left_out(missing: float, gap_m: float, limit_m: float | None) -> str:
     return text
 
 
-def always(half_m: float, words: LightWords = SUN_ALONE) -> tuple[Decision, ...]:
-    """Decisions that are the same in every scene; ``half_m``: from an area's centre to its corners."""
+def always(
+    half_m: float, words: LightWords = SUN_ALONE, scattered: Decision | None = None
+) -> tuple[Decision, ...]:
+    """Decisions about effects that do not depend on relief; ``half_m``: from an area's centre to its
+    corners; ``scattered``: decision about scattered light, None to leave it out.
+    """
     parallax = math.degrees(half_m / ASTRONOMICAL_UNIT_M)
     one = "one direction for the whole area"
     if words.at_infinity:
         parallax, one = 0.0, "a panorama's light comes from infinity"
-    unit = "radiance factor"
     return (
         Decision("curvature", True, "heights are ENU z of the area's frame", 0.0, "m"),
         Decision("parallax of the Sun", False, one, parallax, "deg"),
-        Decision("scattered light", False, words.rest, None, unit),
+        scattered or Decision(SCATTERED, False, words.rest, None, SCATTERED_UNIT),
     )
+
+
+SCATTERED, SCATTERED_UNIT = "scattered light", "radiance factor"
+
+
+def bounced_light(
+    choice: str, words: LightWords, bound: float, sample: BouncedSample | None, rms: float
+) -> Decision:
+    """Decision about light that reaches ground by way of other ground (`light.bounced_light`).
+    ``choice``: one of `BOUNCES`; ``bound``: `bounced_bound`; ``sample``: None if it was not
+    computed; ``rms``: error of the directions, as a share.
+    """
+    if choice == "off" or sample is None:
+        reason = f"{words.rest}; light by way of other ground is left out"
+        return Decision(SCATTERED, False, reason, bound, SCATTERED_UNIT)
+    if choice == "auto" and not sample.nodes:
+        reason = f"{words.rest}; {words.first} reaches all sampled nodes"
+        return Decision(SCATTERED, False, reason, bound, SCATTERED_UNIT)
+    found = (
+        f"light by way of other ground gives {sample.nodes} sampled nodes that {words.first} does not "
+        f"reach a radiance factor of up to {sample.greatest:.2g}"
+    )
+    if sample.white > 0.0:
+        found += f", {sample.greatest / sample.white:.2%} of the brightest ground's"
+    if choice == "auto" and not sample.shows:
+        reason = f"{words.rest}; {found}: below one code of 8 bits ({SHOWS:.2%})"
+        return Decision(SCATTERED, False, reason, min(bound, 2.0 * sample.greatest), SCATTERED_UNIT)
+    reason = f"one bounce, on ground that {words.first} does not reach; {found}; a second bounce is left out"
+    return Decision(SCATTERED, True, reason, rms * sample.greatest, SCATTERED_UNIT)
 
 
 def of_a_build(direction_tolerance_deg: float) -> tuple[Decision, ...]:

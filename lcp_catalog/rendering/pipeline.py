@@ -21,6 +21,7 @@ from ..errors import CameraError, ImageError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.above_horizon import light_above_horizon
+from ..light.bounced_light import BOUNCE_RMS, bounced_bound, bounced_sample
 from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
@@ -44,7 +45,7 @@ from .extent import (
     require_extent,
     view_ring_m,
 )
-from .plan import ScenePlan, choose_model, plan_scene, ring_decision
+from .plan import ScenePlan, choose_model, parallel_view, plan_scene, ring_decision
 from .renderer import Rendering, render_camera, render_enu
 from .request import AreaInView, Request
 from .scans import MovingSun, render_scan
@@ -192,6 +193,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         and not request.backdrop
         and view.scanner is None,
         words=decisions.LightWords.of(light),
+        scattered=_bounced(request, terrain, light, view, choice.model),
     )
     others, moving = [*_of_light(request, light, view)], None
     if view.scanner is not None:
@@ -273,6 +275,22 @@ def _prepare_sphere(request: Request) -> SphereScene:
 def _sun_alone(light: Lighting) -> bool:
     """True for a single source; only then do the bounds of the plain sphere hold."""
     return light.sky is None and not light.others
+
+
+def _bounced(
+    request: Request, terrain: Terrain, light: Lighting, view: View, model: Reflectance
+) -> Decision:
+    """The decision about light that reaches ground by way of other ground."""
+    sample = None
+    if request.bounce != "off" and light.first.irradiance > 0.0:
+        towards = (
+            parallel_view(terrain, view).direction if view.direction is None else view.direction
+        )
+        assert towards is not None
+        sample = bounced_sample(terrain, light, towards, model)
+    bound = bounced_bound(terrain.field, model)
+    words, rms = decisions.LightWords.of(light), BOUNCE_RMS[request.accuracy.tier]
+    return decisions.bounced_light(request.bounce, words, bound, sample, rms)
 
 
 def _of_light(request: Request, light: Lighting, view: View) -> Iterator[Decision]:

@@ -75,6 +75,11 @@ class ScenePlan:
         """Every decision: the named ones in the order of the fields, then the others."""
         return (*(getattr(self, name) for name in _NAMED), *self.others)
 
+    @property
+    def bounces(self) -> bool:
+        """True if light that reaches ground by way of other ground is modelled."""
+        return any(one.effect == effects.SCATTERED and one.modelled for one in self.others)
+
     @classmethod
     def of(cls, decisions: Sequence[Decision]) -> ScenePlan:
         """The plan of a list of decisions in the order of `decisions`."""
@@ -126,6 +131,7 @@ def plan_scene(
     sphere_may_do: bool = False,
     lowest: bool = False,
     words: LightWords = SUN_ALONE,
+    scattered: Decision | None = None,
 ) -> ScenePlan:
     """The plan for a terrain, a direction to the Sun (ENU unit vector (3,), to its centre) and a view.
 
@@ -133,7 +139,8 @@ def plan_scene(
     terrain beyond the area (`ring_decision`). disc: True for a Sun of radius ``disc_radius_rad``.
     choice: how ``model`` was chosen, if it was compared with others. albedo: decision about an albedo
     map; None without a map. everything: model all effects (the disc only with ``disc``).
-    sphere_may_do: True if the plain sphere may replace the heightfield. words: the light, in words.
+    sphere_may_do: True if the plain sphere may replace the heightfield. words: the light, in words. scattered:
+    decision about light by way of other ground; None to leave it out.
 
     lowest: True if the Sun and the view are the lowest of several. Every decision depends only on
     their elevations, monotonically, so the plan holds for the higher ones too.
@@ -174,7 +181,7 @@ def plan_scene(
         float_width=effects.float_width(),
         reflectance=law,
         albedo=albedo or effects.albedo(),
-        others=(*((ring,) if ring is not None else ()), *effects.always(half_m, words)),
+        others=(*((ring,) if ring is not None else ()), *effects.always(half_m, words, scattered)),
     )
 
 

@@ -29,6 +29,7 @@ from ..cameras.view import View, camera_view, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
 from ..light.above_horizon import light_above_horizon
+from ..light.bounced_light import Brightness, bounced_at_points
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, Source
@@ -147,6 +148,8 @@ def render_enu(
             band[rows] = values
     radiance, incidence, emission, phase = angles
     radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
+    where = terrain, light, parallel, plan
+    _bounce_at_nodes(*where, model, accuracy, albedo, radiance, seen & ~(sunlit > 0.0))
     colour = None
     if albedo is not None:
         radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
@@ -200,6 +203,11 @@ def render_camera(
     if light.sky is not None:
         where = points[seen], normals[seen], -rays[seen]
         bands[0][seen] += sky_at_points(terrain, light.sky, *where, model, accuracy, shadows)
+    if plan.bounces:
+        dark = seen & (sunlit == 0.0)
+        where = points[dark], normals[dark], -rays[dark]
+        how = model, accuracy, _brightness(terrain, albedo)
+        bands[0][dark] += bounced_at_points(terrain, light, *where, *how)
     radiance: Band = bands[0]
     colour = None
     if albedo is not None:
@@ -209,6 +217,47 @@ def render_camera(
         radiance, colour = in_colour(bright)
     position = terrain.frame.to_mcmf(points)
     return Rendering(radiance, sunlit, seen, *bands[1:], position_mcmf_m=position, colour=colour)
+
+
+def _bounce_at_nodes(
+    terrain: Terrain,
+    light: Lighting,
+    view: View,
+    plan: ScenePlan,
+    model: Reflectance,
+    accuracy: Accuracy,
+    albedo: Albedo | None,
+    radiance: Band,
+    dark: Mask,
+) -> None:
+    """Add one bounce to the radiance of the core's nodes in a mask, if the plan says so."""
+    if not plan.bounces:
+        return
+    dark = dark & np.isfinite(radiance)
+    points = nodes_enu(terrain.field, terrain.core)[dark]
+    normals = terrain.field.normals(terrain.core)[dark].astype(np.float64)
+    towards = _cameras(view, points)
+    how = model, accuracy, _brightness(terrain, albedo)
+    radiance[dark] += bounced_at_points(terrain, light, points, normals, towards, *how)
+
+
+def _cameras(view: View, points: Array) -> Array:
+    """Directions from points (n, 3) to the camera, (3,) or (n, 3)."""
+    if view.direction is not None and view.towards is None:
+        return view.direction
+    return np.asarray(view.directions(points))
+
+
+def _brightness(terrain: Terrain, albedo: Albedo | None) -> Brightness | None:
+    """Albedo factors of points, of a map in colour its luminance; None without a map."""
+    if albedo is None:
+        return None
+
+    def factors(points: Array) -> Array:
+        found = albedo.at_points(terrain, points)
+        return np.asarray(found if found.ndim == 1 else luminance(found[:, None])[0])
+
+    return factors
 
 
 def in_colour(radiance: Band) -> tuple[Band, Band | None]:

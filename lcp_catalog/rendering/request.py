@@ -110,6 +110,8 @@ class Request:
     environment: Environment | None = None
     earthshine: bool = False
     backdrop: Backdrop | None = None
+    bounce: str = "off"
+    """Light that reaches ground by way of other ground: one of `choices.BOUNCES`."""
     opened: DemSet | None = None
     """The files of ``dem_paths``, where they are open already."""
 

@@ -21,6 +21,7 @@ from ..arrays import Array, Mask
 from ..kernels.rays import (
     bundles,
     camera_tiles,
+    from_surface,
     isolated_patches,
     max_pyramid,
     own_directions,
@@ -224,6 +225,22 @@ class Heightfield:
                 *self.traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out
             )
         return out
+
+    def meetings(self, points_m: ArrayLike, directions: ArrayLike) -> Array:
+        """Points (n, 3) at which rays in ``directions`` (n, 3) from surface points (n, 3) first meet
+        the surface; NaN for a ray that meets none, and for vertical rays.
+
+        A ray starts on the surface at the point's x and y. One that begins below its own triangle
+        meets it at once.
+        """
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
+        ahead = np.ascontiguousarray(directions, dtype=np.float64)
+        reach = np.full(len(points), np.nan)
+        u, v = self._uv(points[:, 0], points[:, 1])
+        if self.is_surface and len(points):
+            from_surface.meetings(*self.traced, self.gsd_m, u, v, ahead, reach)
+        x, y = (points[:, k] + reach * ahead[:, k] for k in (0, 1))
+        return np.stack([x, y, self.heights_at(x, y)], axis=-1)
 
     def _uv(self, x_m: Array, y_m: Array) -> tuple[Array, Array]:
         return (x_m - self.x0_m) / self.gsd_m, (self.y0_m - y_m) / self.gsd_m

@@ -1,0 +1,156 @@
+"""Light by way of other ground: path tracing by brute force, albedo, the bound, and the plan's choice."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.cameras.view import nadir_view
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.light.bounced_light import bounced_at_points, bounced_bound, bounced_sample
+from lcp_catalog.light.sources import Lighting
+from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
+from lcp_catalog.rendering import decisions
+from lcp_catalog.rendering.plan import plan_scene
+from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.terrain.area import NodeWindow
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.relief_bounds import nodes_enu
+from lcp_catalog.terrain.terrain import Terrain
+
+LAMBERT = reflectance_model("lambert")
+UP = np.array([0.0, 0.0, 1.0])
+SUN = direction_enu(90.0, 25.0)
+CELL_M = 100.0
+SIDE = 17
+
+
+def crater(depth_m=700.0):
+    """A bowl with a flat floor in a plain."""
+    place = (np.arange(SIDE) - SIDE // 2) * CELL_M
+    away = np.hypot(*np.meshgrid(place, place)) / 600.0
+    z = (-depth_m * np.clip(1.2 - away**2, 0.0, 1.0)).astype(np.float32)
+    field = Heightfield(z, CELL_M, place[0], -place[0])
+    half, index = SIDE // 2, np.zeros(z.shape, np.int16)
+    window = NodeWindow(-half, half + 1, -half, half + 1)
+    return Terrain(field, EnuFrame(0.0, 0.0), field.whole, window, index, ("made",))
+
+
+def dark_nodes(terrain):
+    """Points and normals of the nodes that the Sun does not reach."""
+    shot = render_enu(terrain, Lighting.of_sun(SUN), nadir_view(), model=LAMBERT)
+    dark = np.isfinite(shot.radiance) & (shot.sunlit == 0.0)
+    points = nodes_enu(terrain.field, terrain.core)[dark]
+    return dark, points, terrain.field.normals()[dark].astype(np.float64)
+
+
+def traced(field, point, normal, rays, rng):
+    """Radiance factor of a Lambert point under one bounce: random directions about its normal, every
+    triangle tried by Moeller and Trumbore, a shadow ray from each hit.
+    """
+    nodes, faces = nodes_enu(field, field.whole), field.normals().astype(np.float64)
+    cells = [(i, j) for i in range(SIDE - 1) for j in range(SIDE - 1)]
+    corners = [((i, j), (i, j + 1), (i + 1, j + 1)) for i, j in cells]
+    corners += [((i, j), (i + 1, j), (i + 1, j + 1)) for i, j in cells]
+    v = np.array([[nodes[c] for c in three] for three in corners])
+    n = np.array([[faces[c] for c in three] for three in corners])
+    e1, e2 = v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]
+
+    def first(origin, ray):
+        g = np.cross(ray, e2)
+        determinant = np.einsum("ij,ij->i", g, e1)
+        s = origin - v[:, 0]
+        q = np.cross(s, e1)
+        with np.errstate(all="ignore"):
+            a = np.einsum("ij,ij->i", g, s) / determinant
+            b = (q @ ray) / determinant
+            t = np.einsum("ij,ij->i", q, e2) / determinant
+        t = np.where((a >= 0) & (b >= 0) & (a + b <= 1) & (t > 1e-3), t, np.inf)
+        k = int(np.argmin(t))
+        return k, t[k], a[k], b[k]
+
+    east = np.cross([0.0, 1.0, 0.0], normal)
+    east /= np.linalg.norm(east)
+    north, total = np.cross(normal, east), 0.0
+    for x, y in rng.random((rays, 2)):
+        sine, turn = math.sqrt(x), 2.0 * math.pi * y
+        ray = sine * (math.cos(turn) * east + math.sin(turn) * north) + math.sqrt(1 - x) * normal
+        k, t, a, b = first(point + 1e-3 * normal, ray)
+        if not math.isfinite(t):
+            continue
+        face = (1 - a - b) * n[k, 0] + a * n[k, 1] + b * n[k, 2]
+        face /= np.linalg.norm(face)
+        hit = point + t * ray
+        cosine = face @ SUN
+        if face @ ray < 0.0 < cosine and not math.isfinite(first(hit + 1e-3 * face, SUN)[1]):
+            total += LAMBERT_ALBEDO * cosine
+    return LAMBERT_ALBEDO * total / rays
+
+
+def test_against_path_tracing_by_brute_force():
+    terrain = crater()
+    _, points, normals = dark_nodes(terrain)
+    some = np.linspace(0, len(points) - 1, 4).astype(int)
+    light, high = Lighting.of_sun(SUN), TIERS["high"]
+    ours = bounced_at_points(terrain, light, points[some], normals[some], UP, LAMBERT, high)
+    rng = np.random.default_rng(5)
+    judged = np.array([traced(terrain.field, points[k], normals[k], 1500, rng) for k in some])
+    assert judged.min() > 1e-4
+    assert ours == pytest.approx(judged, rel=0.15)  # 1500 rays: up to 6 %
+    assert ours.mean() == pytest.approx(judged.mean(), rel=0.06)
+
+
+def test_tiers_agree_within_their_errors():
+    terrain = crater()
+    _, points, normals = dark_nodes(terrain)
+    found = {
+        name: bounced_at_points(terrain, Lighting.of_sun(SUN), points, normals, UP, LAMBERT, tier)
+        for name, tier in TIERS.items()
+    }
+    exact = found["high"]
+    for name, share in (("draft", 0.25), ("standard", 0.15)):
+        assert np.sqrt(np.mean((found[name] - exact) ** 2)) < share * exact.mean()
+    assert (found["reference"] == exact).all()
+
+
+def test_bright_ground_reflects_more_and_the_bound_holds():
+    terrain = crater()
+    _, points, normals = dark_nodes(terrain)
+    where = terrain, Lighting.of_sun(SUN), points, normals, UP
+    for name in ("lambert", "lommel-seeliger", "lunar-lambert", "hapke"):
+        model = reflectance_model(name)
+        one = bounced_at_points(*where, model, TIERS["draft"])
+        assert 0.0 < one.max() < bounced_bound(terrain.field, model)
+    twice = bounced_at_points(*where, model, TIERS["draft"], lambda p: np.full(len(p), 2.0))
+    assert twice == pytest.approx(2.0 * one)
+
+
+def plan_of(terrain, choice):
+    light, view = Lighting.of_sun(SUN), nadir_view()
+    sample = bounced_sample(terrain, light, UP, LAMBERT) if choice != "off" else None
+    words, bound = decisions.LightWords.of(light), bounced_bound(terrain.field, LAMBERT)
+    decided = decisions.bounced_light(choice, words, bound, sample, 0.25)
+    return decided, plan_scene(terrain, SUN, view, model=LAMBERT, scattered=decided)
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "choice", "modelled"),
+    [(700.0, "auto", True), (700.0, "off", False), (140.0, "auto", False), (250.0, "on", True)],
+)
+def test_the_plan_models_what_shows(depth_m, choice, modelled):
+    terrain, light = crater(depth_m), Lighting.of_sun(SUN)
+    decided, plan = plan_of(terrain, choice)
+    assert plan.bounces is decided.modelled is modelled
+    how = {"model": LAMBERT, "accuracy": TIERS["standard"], "plan": plan}
+    shot = render_enu(terrain, light, nadir_view(), **how)
+    dark, points, normals = dark_nodes(terrain)
+    bounced = bounced_at_points(terrain, light, points, normals, UP, LAMBERT, TIERS["standard"])
+    if modelled:
+        assert shot.radiance[dark] == pytest.approx(bounced, rel=1e-5)
+        assert (bounced > 0.0).any()
+    else:
+        assert (shot.radiance[dark] == 0.0).all()
+        assert bounced.max(initial=0.0) <= decided.error_bound
+    plain = render_enu(terrain, light, nadir_view(), model=LAMBERT, accuracy=TIERS["standard"])
+    assert (shot.radiance[~dark] == plain.radiance[~dark]).all()
