@@ -193,7 +193,7 @@ def distribution(values: ArrayLike, unit: str, title: str, bins: int = 24) -> Di
         Axis(0.0, most, whole, "points", grid=True),
         width=200.0,
         height=110.0,
-        left=46.0,
+        left=56.0,
         top=10.0,
     )
     bars = axes.bars(
@@ -227,7 +227,7 @@ def categories(
         Axis(0.0, most, ticks, y_title, grid=True),
         width=width,
         height=height,
-        left=50.0,
+        left=62.0,
         top=10.0,
     )
     drawn = axes.bars(

@@ -319,7 +319,7 @@ def _distributions(catalog: Catalog) -> list[Distribution]:
         distribution(
             catalog.localization_sigma[:, 0], "m", "Position uncertainty, 1 sigma, major axis"
         ),
-        distribution(catalog.second_peak, "", "Second peak of the correlation"),
+        distribution(catalog.second_peak, "correlation", "Second peak of the correlation"),
         distribution(catalog.gsd, "m", "Cell size of the patches"),
         distribution(catalog.gsd_min, "m", "Finest usable image resolution"),
         distribution(catalog.gsd_max, "m", "Coarsest usable image resolution"),

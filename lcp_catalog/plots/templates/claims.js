@@ -138,7 +138,7 @@
 
   // -- charts
   const chart = found => {
-    const [, column] = given.suns[chosen.sun], left = 46, top = 12, w = 380, h = 120;
+    const [, column] = given.suns[chosen.sun], left = 60, top = 12, w = 366, h = 120;
     const bars = rows.map(row => given.suns.findIndex(sun => sun[0] === row && sun[1] === column));
     const most = Math.max(1, ...bars.map(sun => sun < 0 ? 0 : found[sun].good)), step = w / rows.length;
     const drawn = bars.map((sun, k) => {
