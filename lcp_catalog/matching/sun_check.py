@@ -13,6 +13,11 @@ that most points prefer, each law under its own best Sun, decides. A DEM that is
 terrain makes all points prefer a Sun that is slightly off, mostly a lower one. So the stated Sun is
 refused only if the preferred one gains more than any true frame did (`LEAST_GAIN`). Below that, the
 shift of the matches under a Sun that is as good is a position error common to all of them.
+
+An azimuth that is wrong by half a turn makes two Suns fit equally, and neither is preferred. There the
+vertex of a parabola through the means of z under the stated and the two turned Suns says where the
+Sun is (`best_turn`): a smoother DEM lowers all three alike. There is no such test of the elevation,
+because relief that the DEM lacks looks like a lower Sun, too.
 """
 
 from __future__ import annotations
@@ -50,6 +55,10 @@ one of them, a surface that follows the other looks as if the Sun were elsewhere
 
 SIGMAS = 2.0
 
+LEAST_TURN_DEG = 6.0
+"""Distance of the best azimuth from the stated one, by 3 of its sigmas from 0, that is refused."""
+
+_TURN_SIGMAS = 3.0
 _REACH_PX = 3.0
 _MOST = 100
 _GLANCE = 2
@@ -74,6 +83,8 @@ class SunCheck:
     shifts_px: tuple[float, ...]  # (m) length of the matches' median shift
     law: str = ""  # of the renders, if not the law of the search
     least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
+    best_turn_deg: float = 0.0  # turn from the stated azimuth to the best one, `best_turn`
+    best_turn_sigma_deg: float = math.inf
 
     @property
     def preferred(self) -> int | None:
@@ -89,11 +100,22 @@ class SunCheck:
     @property
     def fits(self) -> bool:
         """True if the stated Sun may be right."""
+        return not (self.outdone or self.turned)
+
+    @property
+    def outdone(self) -> bool:
+        """True if the preferred Sun gains more than `LEAST_GAIN`."""
         best = self.preferred
         if best is None:
-            return True
+            return False
         gain, gain_z = LEAST_GAIN[0 if self.turns_deg[best][0] else 1]
-        return self.correlations[best] - self.correlation <= gain and self.gains[best] <= gain_z
+        return self.correlations[best] - self.correlation > gain or self.gains[best] > gain_z
+
+    @property
+    def turned(self) -> bool:
+        """True if the best azimuth is not the stated one."""
+        least = max(LEAST_TURN_DEG, _TURN_SIGMAS * self.best_turn_sigma_deg)
+        return self.points >= _FEWEST and abs(self.best_turn_deg) > least
 
     @property
     def doubt_px(self) -> float:
@@ -107,14 +129,20 @@ class SunCheck:
     @property
     def complaint(self) -> str:
         """One line about a Sun that does not fit; empty for one that may be right."""
+        law = f" ({self.law})" if self.law else ""
         best = self.preferred
-        if self.fits or best is None:
+        if self.turned and not self.outdone:
+            return (
+                f"the stated Sun does not fit the image: {self.points} points correlate best under one turned by "
+                f"{self.best_turn_deg:+.0f} deg +- {self.best_turn_sigma_deg:.1f}{law}"
+            )
+        if best is None or not self.outdone:
             return ""
         turn, up = self.turns_deg[best]
         how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
         return (
             f"the stated Sun does not fit the image: {self.shares[best]:.0%} of {self.points} points "
-            f"correlate better under one {how}{f' ({self.law})' if self.law else ''}"
+            f"correlate better under one {how}{law}"
         )
 
 
@@ -229,17 +257,45 @@ class _Tried:
         correlations, places = self.under(law, rows, (AS_STATED, *self.turns_deg))
         z, medians = _z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
+        independent = max(1.0, len(rows) * independent_share)
+        turn, sigma = self._best_turn(gain, independent)
         check = SunCheck(
             points=len(rows),
-            independent=max(1.0, len(rows) * independent_share),
+            independent=independent,
             correlation=float(medians[0]),
             turns_deg=self.turns_deg,
             correlations=tuple(medians[1:].tolist()),
             gains=tuple(np.median(gain, axis=1).tolist()),
             shares=tuple((gain > 0.0).mean(axis=1).tolist()),
             shifts_px=tuple(_common_shift(moved - places[0]) for moved in places[1:]),
+            best_turn_deg=turn,
+            best_turn_sigma_deg=sigma,
         )
         return check, _highest(z)
+
+    def _best_turn(self, gain: Array, independent: float) -> tuple[float, float]:
+        """`best_turn` of gains (m, n); no turn if the Suns of `SIDEWAYS_DEG` were not tried."""
+        if not set(SIDEWAYS_DEG[1:]) <= set(self.turns_deg):
+            return 0.0, math.inf
+        back, ahead = (gain[self.turns_deg.index(turn)] for turn in SIDEWAYS_DEG[1:])
+        return best_turn(back, ahead, SIDEWAYS_DEG[2][0], independent)
+
+
+def best_turn(
+    back: Array, ahead: Array, step_deg: float, independent: float
+) -> tuple[float, float]:
+    """Turn of the Sun's azimuth at the vertex of the parabola through mean gains in z, 1 sigma, degrees.
+
+    ``back``, ``ahead``: gains (n,) of the points under Suns turned by -``step_deg`` and ``step_deg``
+    from the stated one, whose gain is 0. The sigma is that of the spread of the points, as if there
+    were ``independent`` ones; infinite where the parabola has no maximum.
+    """
+    slope, bend = ahead - back, ahead + back
+    if not bend.mean() < 0.0:
+        return 0.0, math.inf
+    turn = -0.5 * step_deg * float(slope.mean() / bend.mean())
+    rest = 0.5 * step_deg * slope + turn * bend
+    return turn, float(rest.std() / -bend.mean()) / math.sqrt(independent)
 
 
 def _z(correlations: Array) -> Array:

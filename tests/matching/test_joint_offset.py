@@ -309,7 +309,7 @@ def test_a_sun_that_does_as_well_is_a_doubt() -> None:
     """Turned by 20 deg it is not refused in so faint an image, but the shift under the better Sun
     is in the covariance.
     """
-    photo = with_sun(believed(faint(clear(), 0)), points().position_mcmf, 20.0, 0.0)
+    photo = with_sun(believed(faint(clear(), 0)), points().position_mcmf, -20.0, 0.0)
     sure, unsure = (together(photo, check_sun=check) for check in (False, True))
     assert unsure.pose is not None
     np.testing.assert_allclose(unsure.pose.correction, sure.pose.correction)

@@ -234,7 +234,7 @@ def test_another_place_is_not_this_one(points: Catalog) -> None:
     assert not far.matches.found.any()
 
 
-@pytest.mark.parametrize("turn", [-20.0, 20.0])
+@pytest.mark.parametrize("turn", [-20.0, -10.0, 10.0, 20.0])
 def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Image, turn: float) -> None:
     lied = with_sun(believed(photo), points.position_mcmf, turn, 0.0)
     answer = locate(points, lied, UNCERTAIN, LAW)

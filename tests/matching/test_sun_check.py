@@ -17,7 +17,7 @@ from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.sun_check import TURNS_DEG, check_points, with_sun
+from lcp_catalog.matching.sun_check import TURNS_DEG, best_turn, check_points, with_sun
 
 
 def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
@@ -51,6 +51,45 @@ def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bo
     assert check.preferred == 2
     assert check.fits == fits
     assert check.complaint.endswith("raised by -10 deg") != fits
+
+
+@pytest.mark.parametrize("turn_deg", [-13.0, 0.0, 4.0])
+def test_the_best_turn_is_the_vertex_of_a_parabola(turn_deg: float) -> None:
+    """Points that lose the square of the Sun's distance, each by its own factor."""
+    rng = np.random.default_rng(0)
+    loss = rng.uniform(1e-4, 3e-3, 40)
+    z = [-loss * (at - turn_deg) ** 2 for at in (-20.0, 0.0, 20.0)]
+    turn, sigma = best_turn(z[0] - z[1], z[2] - z[1], 20.0, 40)
+    assert turn == pytest.approx(turn_deg)
+    assert sigma == pytest.approx(0.0, abs=1e-9)
+    assert best_turn(z[1] - z[0], z[1] - z[2], 20.0, 40) == (0.0, math.inf)
+
+
+def test_the_best_turns_sigma_is_its_scatter() -> None:
+    """Over 4000 draws of 60 points; half as many independent ones scatter by the root of 2 more."""
+    rng = np.random.default_rng(1)
+    draws = [
+        best_turn(*(rng.normal(mean, 0.4, 60) for mean in (-0.3, -0.5)), 20.0, 60)
+        for _ in range(4000)
+    ]
+    turns, sigmas = np.array(draws).T
+    assert turns.std() == pytest.approx(sigmas.mean(), rel=0.05)
+    assert turns.mean() == pytest.approx(-2.5, abs=0.1)
+    back, ahead = rng.normal(-0.5, 0.4, (2, 60))
+    whole, half = (best_turn(back, ahead, 20.0, n)[1] for n in (60, 30))
+    assert half == pytest.approx(math.sqrt(2.0) * whole)
+
+
+@pytest.mark.parametrize(
+    ("turn", "sigma", "fits"),
+    [(5.9, 0.1, True), (-6.1, 0.1, False), (9.0, 3.1, True), (9.0, 2.9, False)],
+)
+def test_a_best_turn_is_refused_if_far_and_sure(turn: float, sigma: float, fits: bool) -> None:
+    check = replace(light(0.2), best_turn_deg=turn, best_turn_sigma_deg=sigma)
+    assert check.preferred is None
+    assert check.fits == fits
+    assert (f"turned by {turn:+.0f} deg +- {sigma:.1f}" in check.complaint) != fits
+    assert replace(check, points=4).fits
 
 
 def test_a_sun_is_turned_and_raised() -> None:
