@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
+.PHONY: all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
 
 all: catalog
 
@@ -31,6 +31,9 @@ docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
+
+evidence: $(READY)  # LCP_SHARED_DATA: the folder of the lunar photographs and DEMs
+	$(BIN)/python benchmarks/evidence.py --suns
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile

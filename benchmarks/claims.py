@@ -72,8 +72,9 @@ def main(argv: list[str] | None = None) -> None:
 
 def shared_data() -> Path:
     """The folder of `LCP_SHARED_DATA`, else beside or in the checkout."""
-    beside = [ROOT / "shared" / "data", ROOT.parent / "shared" / "data"]
-    places = [Path(p) for p in [os.environ.get("LCP_SHARED_DATA", "")] if p] + beside
+    if "LCP_SHARED_DATA" in os.environ:
+        return Path(os.environ["LCP_SHARED_DATA"])
+    places = [ROOT / "shared" / "data", ROOT.parent / "shared" / "data"]
     return next((place for place in places if place.is_dir()), places[0])
 
 

@@ -117,11 +117,11 @@ def _one(folder: Path, data: Path, name: str, build: Build) -> Result:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}-{build.name}.npz"
     if not path.exists():
-        photo, files, dem = _opened(data, name)
+        photo, files, dem = opened(data, name)
         stem = name if files.camera else "series"
-        catalog, seconds = _built(folder / f"{stem}-{build.name}.h5", photo, dem, data, build)
+        catalog, seconds = built(folder / f"{stem}-{build.name}.h5", photo, dem, data, build)
         figures: dict[str, Any] = {"frame": name, "seconds": seconds, "bytes": 0, "points": 0}
-        figures["sun_elevation_deg"] = _angles(photo)[1]
+        figures["sun_elevation_deg"] = angles(photo)[1]
         claims = Claims.none(reason="no point was built")
         figures["verdict"] = "no catalogue"
         if catalog is not None:
@@ -139,7 +139,7 @@ def _one(folder: Path, data: Path, name: str, build: Build) -> Result:
         )
 
 
-def _opened(data: Path, name: str) -> tuple[Image, ImageFiles, Path]:
+def opened(data: Path, name: str) -> tuple[Image, ImageFiles, Path]:
     """The frame, its files, and the DEM of its ground."""
     if name in located_frames.FRAMES:
         ground = located_frames.FRAMES[name]
@@ -151,7 +151,7 @@ def _opened(data: Path, name: str) -> tuple[Image, ImageFiles, Path]:
 
 
 def _validated(catalog: Path, data: Path, photo: Image, files: ImageFiles, build: Build) -> Any:
-    lon, lat, _ = mcmf_to_lonlat(_to_sun(photo))
+    lon, lat, _ = mcmf_to_lonlat(to_sun(photo))
     request = Validation(
         catalog,
         (files,),
@@ -163,13 +163,13 @@ def _validated(catalog: Path, data: Path, photo: Image, files: ImageFiles, build
     return validate(request).verdict.images[0]
 
 
-def _built(
+def built(
     path: Path, photo: Image, dem: Path, data: Path, build: Build
 ) -> tuple[Path | None, float]:
     """The catalogue, built by the command unless it is there, and the seconds that this took; None without a point."""
     if path.exists():
         return path, math.nan
-    azimuth, elevation = _angles(photo)
+    azimuth, elevation = angles(photo)
     around = SUN_STEP_DEG * (math.floor(azimuth / SUN_STEP_DEG) + np.arange(2)) % 360.0
     k = int(np.clip(np.searchsorted(ELEVATIONS_DEG, elevation), 1, len(ELEVATIONS_DEG) - 1))
     suns = [
@@ -219,16 +219,16 @@ def _ground(photo: Image, pixels: np.ndarray) -> np.ndarray:
     return MOON_RADIUS_M * photo.sensor.ground(pixels)
 
 
-def _to_sun(photo: Image) -> np.ndarray:
+def to_sun(photo: Image) -> np.ndarray:
     """Unit MCMF direction (3,) to the Sun from the middle of the frame."""
     return photo.sun_directions(_middle_mcmf(photo)[None]).reshape(-1, 3)[0]
 
 
-def _angles(photo: Image) -> tuple[float, float]:
+def angles(photo: Image) -> tuple[float, float]:
     """Azimuth and elevation of the Sun in the middle of the frame, degrees."""
     lon, lat, _ = mcmf_to_lonlat(_middle_mcmf(photo))
     frame = EnuFrame(float(lon) % 360.0, float(lat))
-    azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(_to_sun(photo)))
+    azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(to_sun(photo)))
     return float(azimuth) % 360.0, float(elevation)
 
 
