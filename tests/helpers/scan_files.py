@@ -22,12 +22,19 @@ MOON_TURNS = 2.66e-6  # radians per second
 CENTRE_ET = 763387200.0  # 2024-03-10
 
 
+def body_at(t: float) -> Rotation:
+    """J2000 to MCMF."""
+    return Rotation.from_rotvec([0.1, 0.0, 0.0]) * Rotation.from_rotvec(
+        [0, 0, -0.7 - MOON_TURNS * t]
+    )
+
+
 def flight(lon: float, lat: float, altitude_m: float, times: np.ndarray, speed_m_s: float) -> dict:
     """Tables of a flight at a speed over the ground that passes a place at time 0."""
     places, axes, bodies = [], [], []
     for t in times:
         here = EnuFrame(lon, lat - np.degrees(speed_m_s * t / MOON_RADIUS_M))
-        body = Rotation.from_rotvec([0.0, 0.0, -MOON_TURNS * t])  # J2000 to MCMF
+        body = body_at(t)
         camera = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]) @ here.rotation)
         places.append(body.inv().apply(here.to_mcmf([0.0, 0.0, altitude_m])))
         axes.append((camera * body).as_quat()[[3, 0, 1, 2]])
@@ -64,7 +71,7 @@ def scan(
     speed = over * pixel_m / lasts_s
     times = np.linspace(-0.6 * lasts_s, 0.6 * lasts_s, 41)
     per_mm = altitude_m / pixel_m / 50.0
-    sun = 1.5e8 * direction_from_subsolar(*subsolar)
+    sun = body_at(0.0).inv().apply(1.5e8 * direction_from_subsolar(*subsolar))
     document = fixture(
         kind,
         image_lines=rows,

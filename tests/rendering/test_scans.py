@@ -27,6 +27,7 @@ from lcp_catalog.rendering.pipeline import prepare, prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.rendering.scans import SUN_MOVES_DEG
 from lcp_catalog.sun.ephemeris import sun_direction_at
+from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.validation.orthoimage import orthorectify
 
@@ -237,6 +238,17 @@ def test_nodes_are_hidden_along_their_own_lines_of_sight(tmp_path):
     assert not far[1].any()
     out = np.abs(nodes_enu(scene.terrain.field, scene.terrain.core)[..., 1]) > 2000.0
     assert not seen[out].any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_nodes_in_the_image_are_visible(dem, tmp_path, kind):
+    path = scan(tmp_path / "scan.json", kind)
+    scene = prepare_terrain(request(dem, path, plane=False, area=Area(30.5, 10.5, 12.0)))
+    seen, sensor = scene.expose().visible, read_sensor(path)
+    points = scene.frame.to_mcmf(nodes_enu(scene.terrain.field, scene.terrain.core))
+    inside = sensor.in_image(sensor.project(points))
+    assert 0.2 < inside.mean() < 0.6
+    np.testing.assert_array_equal(seen, inside)
 
 
 def test_what_a_scanner_cannot_have_is_refused(dem, tmp_path):
