@@ -19,10 +19,11 @@ import numpy as np
 
 from .._version import __version__
 from ..atomic_files import check_output
-from ..catalog.schema import SCHEMA_VERSION
+from ..catalog.hdf5 import open_catalog
+from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
 from ..dem.consistency import warn_of_disagreements
 from ..dem.error_maps import ErrorMaps
-from ..dem.height_errors import height_errors
+from ..dem.height_errors import height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError, SunError
 from ..landmarks.error_model import ErrorModel
@@ -31,6 +32,7 @@ from ..photometry.facet_file import law_file
 from ..photometry.law_choice import Choice
 from ..sun.reachable import highest_sun_deg
 from ..terrain.area import Area
+from ..terrain.region_warnings import warn_of_region
 from ..terrain.useful_cell import Cell, useful_cell
 from .area_job import AreaJob, run_area
 from .areas import AreaTask
@@ -91,6 +93,8 @@ class Build:
         region = region_of(dems, config)
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
+        if config.area.region is not None:
+            warn_of_region(dems, region, config.area.gsd_m)
         cells = level_cells(config, dems, region)
         cell = cells[0] if cells else _cell(config, dems, region)
         law = law_file(config.model.reflectance)
@@ -205,6 +209,8 @@ def error_model(
     places = region.lattice(_ERROR_PLACES)
     if maps is not None:
         maps.check_cover(*places, region.bounds)
+    if config.errors.height_sigma_m is None and config.dem.sigma_map is None:
+        warn_of_unknown(dems, *places)
     sigma, length = height_errors(dems, *places, maps)
     known = np.isfinite(sigma)
     if not known.any():
@@ -312,7 +318,33 @@ def finish(
     else:
         points = _write(build, output, checkpoints, names, overwrite)
     checkpoints.remove()
+    if not points:
+        _warn_of_no_points(output)
     return BuildReport(points, len(names), failed, tuple(build.files))
+
+
+_HELP = {
+    "featureless": "a finer --gsd, a DEM with known errors ([errors] height_sigma_m) or a smaller --noise help",
+    "ambiguous": "a smaller --search helps",
+    "dependent": "lower limits of dependence ([points] max_dependence) or higher --sun-elevations help",
+    "nodata": "another area or DEM helps",
+}
+"""What helps where most cells have no point for a reason of `schema.COVERAGE_STATUS`."""
+
+
+def _warn_of_no_points(output: Path) -> None:
+    """Log a warning about a catalogue without points, with its cells by cause."""
+    status = np.asarray(open_catalog(output).coverage.status)
+    counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
+    most = max(_HELP, key=lambda cause: counts[cause])
+    cells = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
+    log.warning(
+        "%s: holds no point; cells by cause: %s; where most are %s, %s",
+        output,
+        cells or "none",
+        most,
+        _HELP[most],
+    )
 
 
 def _write(
@@ -398,6 +430,11 @@ def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
         return
     least = min(abs(task.lat_deg) for task in tasks)
     lowest = min(config.sun.elevations_deg)
+    if lowest <= highest_sun_deg(least):
+        raise SunError(
+            f"the Sun never reaches the requested directions: at latitude {least:.1f} deg it does not stand at these "
+            "elevations in these azimuths; give others of --sun-elevations or --sun-azimuths"
+        )
     raise SunError(
         f"the Sun never reaches the requested directions: at latitude {least:.1f} deg its elevation is at most "
         f"{highest_sun_deg(least):.1f} deg, the lowest of --sun-elevations is {lowest:g}; give lower ones"

@@ -9,6 +9,7 @@ effective resolution apart correlate by exp(-2) = 0.14.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from ..arrays import Array
 from .dem import Dem
 from .error_maps import ErrorMaps
 from .mosaic import DemSet
+
+log = logging.getLogger(__name__)
 
 LENGTH_PER_RESOLUTION = 0.5
 """Correlation length of height errors (l of exp(-r^2 / (2 l^2))) over the effective resolution,
@@ -65,6 +68,25 @@ def errors_of_file(dem: Dem) -> HeightErrors:
     else:
         length = LENGTH_PER_RESOLUTION * dem.gsd_m, "half of the posting: no resolution is known"
     return HeightErrors(sigma[0], length[0], sigma[1], length[1])
+
+
+def warn_of_unknown(dems: DemSet, lon_deg: ArrayLike, lat_deg: ArrayLike) -> None:
+    """Log a warning that names the files used at places (n,) for whose heights no 1 sigma is known."""
+    used = np.unique(dems.product_at(lon_deg, lat_deg))
+    facts = {dems.dems[n].path.name: dems.dems[n].facts for n in used[used >= 0].tolist()}
+    unknown = [
+        name
+        for name, fact in facts.items()
+        if fact.sigma_m is None and fact.calibrated_sigma_m is None
+    ]
+    if unknown:
+        log.warning(
+            "%s: not recognised as a known product (was the file renamed?): a 1 sigma of %g m is assumed for its "
+            "heights, and what they resolve is estimated from them; give [errors] height_sigma_m in a BUILD.toml, or "
+            "maps: --dem-sigma, --dem-resolution, [dem]",
+            ", ".join(unknown),
+            UNKNOWN_SIGMA_M,
+        )
 
 
 def height_errors(

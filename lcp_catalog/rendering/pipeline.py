@@ -28,6 +28,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.colour_map import ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
+from ..terrain.region_warnings import warn_of_region
 from ..terrain.surroundings import build_surrounded, surroundings
 from ..terrain.terrain import Terrain, native_gsd_m, require_room, terrain_from_area
 from . import decisions
@@ -156,9 +157,13 @@ def render(request: Request) -> Rendering:
 def prepare(request: Request) -> Scene:
     """The scene of a request, on terrain or on the plain sphere. Raises the library's errors for a
     request that cannot be rendered. For ``surface="sphere"`` a DEM gives only the area and the cell
-    size.
+    size. Logs a warning for a stated area that the DEM does not fill or resolve.
     """
-    return _prepare_sphere(request) if request.surface == "sphere" else prepare_terrain(request)
+    if request.surface == "sphere":
+        return _prepare_sphere(request)
+    if isinstance(request.area, Area):
+        warn_of_region(request.dems, request.area, request.gsd_m)
+    return prepare_terrain(request)
 
 
 def prepare_terrain(request: Request) -> HeightfieldScene:
