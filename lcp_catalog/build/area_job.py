@@ -22,7 +22,7 @@ from ..dem.error_maps import ErrorMaps
 from ..dem.height_errors import height_errors
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
-from ..landmarks.corners import Persistence, candidates
+from ..landmarks.corners import Persistence, candidates_of_groups
 from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap, Cover
 from ..photometry.law_choice import Choice
@@ -206,13 +206,22 @@ class _Core:
 def _find(
     sweep: Sweep, core: _Core, config: BuildConfig, gsd_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Corners at the area's own nodes that persist over the Suns, in the view nearest to straight down."""
-    nadir = int(np.argmin(sweep.conditions.off_nadir_deg))
-    persistence = Persistence(core.z.shape)
+    """Corners at the area's own nodes that persist over the Suns, or over a group of them, in the view
+    nearest to straight down.
+    """
+    nadir, number = int(np.argmin(sweep.conditions.off_nadir_deg)), sweep.conditions.sun_groups
+    groups: dict[int, Persistence] = {}
     for image in sweep.images(views=(nadir,)):
-        persistence.add(image.radiance)
-    return candidates(
-        persistence.score(),
+        group = groups.setdefault(int(number[image.sun]), Persistence(core.z.shape))
+        group.add(image.radiance)
+    every = Persistence(core.z.shape)
+    for group in groups.values():
+        every.include(group)
+    return candidates_of_groups(
+        every.score(),
+        [
+            groups[k].score() for k in sorted(groups, reverse=True)
+        ],  # high Suns have the fewest points
         spacing_px=config.points.spacing_nodes(gsd_m),
         per_cell=config.points.candidates_per_cell,
         border=core.halo,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
-from ..arrays import Array, Mask
+from ..arrays import Array, Index, Mask
 from ..cameras.view import View, slant_range_m
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
@@ -38,6 +38,12 @@ from ..terrain.occlusion import occluded, occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .config import BuildConfig
+
+BANDS_DEG = (12.5, 37.5)
+"""Elevations between low, middle and high Suns."""
+
+SECTORS = 4
+"""Sectors of the Sun's azimuth, the first around north."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,13 @@ class Conditions:
             sun_azimuth_deg=azimuths,
             reachable=reachable_suns(lat_deg, azimuths, elevations),
         )
+
+    @property
+    def sun_groups(self) -> Index:
+        """Number of the group of each Sun, (elevation, azimuth): `SECTORS` for each of the `BANDS_DEG`."""
+        band = np.digitize(self.sun_elevation_deg, BANDS_DEG)
+        sector = np.floor(self.sun_azimuth_deg / 360.0 * SECTORS + 0.5).astype(np.int64) % SECTORS
+        return np.asarray(SECTORS * band[:, None] + sector)
 
     @property
     def view_ranges_m(self) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 from ..constants import MOON_RADIUS_M
 from ..dem.cache_limits import CACHES_BYTES
 from ..errors import ConfigError
+from ..landmarks.corners import GROUP_EXTRA
 from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import most_nodes
 from .area_job import conditions_at
@@ -79,7 +80,7 @@ def area_mb(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfi
     images = min(max(1, _BATCH_NODES // nodes), max(1, conditions.count))
     spacing = config.points.spacing_nodes(gsd_m)
     cells = math.prod(side // spacing + 2 for side in window.shape)
-    found = config.points.candidates_per_cell * cells
+    found = (config.points.candidates_per_cell + GROUP_EXTRA) * cells
     scales = len(image_scales(config.points.patch_nodes))
     results = found * int(np.prod(conditions.shape)) * (16 * scales + 21)
     turned = _TURNED if _turns(window, lat_deg, gsd_m, config) else 1.0

@@ -7,6 +7,7 @@ does (`Persistence`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -19,6 +20,13 @@ _HIGH_PERCENTILE = 99.0
 """Percentile of the response that counts as 1: below the maximum, so that a single bright spot does
 not set the scale.
 """
+
+
+GROUP_GAIN = 1.2
+"""Least ratio of the scores of a group of conditions of another candidate and of those that a cell has."""
+
+GROUP_EXTRA = 2
+"""Most candidates in a cell besides the best of all conditions."""
 
 
 def fill_missing(image: Float32, size: int) -> Float32:
@@ -142,6 +150,12 @@ class Persistence:
         """Mean relative response 0..1 over the added conditions; 0 without any."""
         return (self.total / max(self.conditions, 1)).astype(np.float32)
 
+    def include(self, other: Persistence) -> None:
+        """Add the conditions of another one of the same shape."""
+        self.total += other.total
+        self.lit += other.lit
+        self.conditions += other.conditions
+
 
 def candidates(
     score: Float32,
@@ -161,7 +175,7 @@ def candidates(
     of node [0, 0] in a fixed grid, from whose origin cells are counted: every build then divides
     the same terrain into the same cells.
     """
-    radius = max(1, spacing_px // 8) if radius is None else radius
+    radius = _radius(spacing_px) if radius is None else radius
     usable = _inner(score.shape, border) & np.isfinite(score)
     if valid is not None:
         usable &= valid
@@ -170,11 +184,61 @@ def candidates(
     rows, cols = np.nonzero((clean == highest) & (clean > 0.0))
     first = _first_of_equals(rows, cols, radius, clean.shape)
     rows, cols = rows[first], cols[first]
-    cell_row, cell_col = (rows + origin[0]) // spacing_px, (cols + origin[1]) // spacing_px
+    cell_row, cell_col = _cells(rows, cols, spacing_px, origin).T
     order = np.lexsort((cols, rows, -clean[rows, cols], cell_col, cell_row))
     keep = order[_rank_in_group(cell_row[order], cell_col[order]) < per_cell]
     keep = keep[np.lexsort((cols[keep], rows[keep]))]
     return rows[keep], cols[keep]
+
+
+def candidates_of_groups(
+    score: Float32,
+    groups: Sequence[Float32],
+    spacing_px: int,
+    per_cell: int,
+    border: int,
+    valid: Mask | None = None,
+    origin: tuple[int, int] = (0, 0),
+) -> tuple[Index, Index]:
+    """`candidates` of a score, and besides, group by group, those that exceed by a factor of
+    `GROUP_GAIN`, in the score of the group, all that are taken in their cell so far, and are none of
+    their neighbours: at most one of each group in a cell, and `GROUP_EXTRA` of all groups. Rows and
+    columns, ordered by (row, column).
+    """
+    given, radius = (border, valid, None, origin), _radius(spacing_px)
+    rows, cols = candidates(score, spacing_px, per_cell, *given)
+    most = per_cell + GROUP_EXTRA
+    for group in groups:
+        more = candidates(group, spacing_px, 1, *given)
+        cells = [_cells(*places, spacing_px, origin) for places in ((rows, cols), more)]
+        _, number = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+        own, new = np.split(number.ravel(), [len(rows)])
+        best, count = np.zeros(number.size), np.zeros(number.size, dtype=np.int64)
+        np.maximum.at(best, own, np.nan_to_num(group[rows, cols]))
+        np.add.at(count, own, 1)
+        gain = (group[more] > GROUP_GAIN * best[new]) & (count[new] < most)
+        gain &= ~_near(rows, cols, radius, group.shape)[more]
+        rows, cols = (np.concatenate([a, b[gain]]) for a, b in zip((rows, cols), more, strict=True))
+    order = np.lexsort((cols, rows))
+    return rows[order], cols[order]
+
+
+def _near(rows: Index, cols: Index, radius: int, shape: tuple[int, ...]) -> Mask:
+    """True within ``radius`` nodes, in both axes, of the given ones."""
+    given = np.zeros(shape, np.uint8)
+    given[rows, cols] = 1
+    square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    return np.asarray(cv2.dilate(given, square) > 0)
+
+
+def _radius(spacing_px: int) -> int:
+    """Nodes around a maximum in which there is no higher one."""
+    return max(1, spacing_px // 8)
+
+
+def _cells(rows: Index, cols: Index, spacing_px: int, origin: tuple[int, int]) -> Index:
+    """Row and column of the spacing cells of nodes, (n, 2)."""
+    return np.stack([(rows + origin[0]) // spacing_px, (cols + origin[1]) // spacing_px], axis=1)
 
 
 def _first_of_equals(rows: Index, cols: Index, radius: int, shape: tuple[int, ...]) -> Mask:

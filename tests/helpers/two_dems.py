@@ -22,7 +22,7 @@ CONFIG = BuildConfig(
     area=AreaConfig(center_deg=(1.0, 9.0), size_km=36.0, levels_m=(FINE_M, COARSE_M)),
     sun=SunConfig((90.0, 270.0), (10.0,)),
     view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
-    points=PointConfig(patch_nodes=17, search_m=2000.0, spacing_m=2500.0),
+    points=PointConfig(patch_nodes=17, search_m=4000.0, spacing_m=2500.0),
     model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=5.0, area_nodes_max=64),
 )
 

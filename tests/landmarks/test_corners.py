@@ -10,9 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.landmarks.corners import (
+    GROUP_EXTRA,
+    GROUP_GAIN,
     Persistence,
     _percentiles,
     candidates,
+    candidates_of_groups,
     fill_missing,
     harris,
     relative_response,
@@ -222,3 +225,43 @@ def test_relative_response_is_the_fourth_root_of_the_share_of_the_99th_percentil
     expected = np.where(lit, np.clip(response / high, 0.0, 1.0) ** 0.25, 0.0)
     expected[np.isnan(response)] = np.nan
     np.testing.assert_allclose(relative_response(image), expected, atol=1e-6)
+
+
+def test_what_stands_out_in_a_group_is_a_candidate_besides():
+    """Two of the mean in the only cell; one of the first group, far better there; none of the second,
+    whose best is hardly better than what is there, and none of the third, whose best is taken.
+    """
+    mean, *groups = np.zeros((4, 60, 60), np.float32)
+    mean[20, 20], mean[40, 40], mean[30, 30] = 0.6, 0.5, 0.2
+    groups[0][20, 20], groups[0][30, 30] = 0.3, 0.8
+    groups[1][40, 40], groups[1][25, 45] = 0.5, 0.5 * GROUP_GAIN - 0.01
+    groups[2][30, 30] = 0.4
+    found = np.stack(candidates_of_groups(mean, groups, 60, 2, 5), axis=1)
+    assert found.tolist() == [[20, 20], [30, 30], [40, 40]]
+    alone = np.stack(candidates(mean, 60, 2, 5), axis=1)
+    assert alone.tolist() == [[20, 20], [40, 40]]
+
+
+def test_a_cell_has_no_more_candidates_than_its_limit():
+    """Each group has a place of its own in every cell of 20 nodes; cells are counted from the origin."""
+    mean = np.zeros((60, 60), np.float32)
+    mean[10::20, 10::20] = 0.1
+    groups = []
+    for k in range(GROUP_EXTRA + 3):
+        group = np.zeros_like(mean)
+        group[3 * k + 1 :: 20, 3::20] = 0.5
+        groups.append(group)
+    rows, cols = candidates_of_groups(mean, groups, 20, 1, 0, origin=(40, -20))
+    assert (
+        np.histogram2d(rows, cols, bins=3, range=[[0, 60], [0, 60]])[0] == 1 + GROUP_EXTRA
+    ).all()
+    assert len(set(zip(rows.tolist(), cols.tolist(), strict=True))) == len(rows)
+    assert (np.diff(rows * 60 + cols) > 0).all()
+    few = candidates_of_groups(mean, groups[:2], 20, 1, 0)
+    assert len(few[0]) == 9 * 3
+
+
+def test_groups_without_places_of_their_own_change_nothing():
+    score = np.random.default_rng(3).random((80, 80)).astype(np.float32)
+    plain = candidates(score, 16, 2, 4)
+    np.testing.assert_array_equal(candidates_of_groups(score, [score, score], 16, 2, 4), plain)
