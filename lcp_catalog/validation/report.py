@@ -110,6 +110,7 @@ def _facts(image: ImageVerdict) -> list[tuple[str, str]]:
         ("without data", percent(f.missing_share) if f.missing_share > 0 else ""),
         ("chance agreement", _chance(image)),
         ("check of the Sun", _light(image.located.sun)),
+        ("encoding", image.encoding.sentence if image.encoding else ""),
         ("rendered DEM", w.against if w else ""),
         ("window cells", f"{number(w.compared.gsd_m, 4)} m: {w.resolution}" if w else ""),
         ("offset", w.offset_sentence if w else ""),

@@ -14,6 +14,7 @@ from helpers.pages import Page, decoded, measured, parsed
 
 from lcp_catalog.plots.greyscale import PIXELS_MAX, grey
 from lcp_catalog.validation import report_points, report_windows, result
+from lcp_catalog.validation.encoding_check import EncodingCheck
 from lcp_catalog.validation.report import render
 from lcp_catalog.validation.result import Pictures
 from lcp_catalog.validation.window_correlation import of_patches
@@ -211,6 +212,14 @@ def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
     other = replace(image, located=replace(image.located, sun=light))
     assert "fits (rendered with hapke, which fits the image better)" in texts(alone(other))
     assert result.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+
+
+def test_the_check_of_the_encoding_is_told() -> None:
+    image = verdicts.image()
+    assert "<dt>encoding</dt>" not in alone(image)
+    check = EncodingCheck("linear", 100, 0.803, 0.824, 0.72, 3.8)
+    html = alone(replace(image, encoding=check))
+    assert f"<dt>encoding</dt><dd>{check.sentence}</dd>" in html
 
 
 def test_the_table_has_every_point(html: str) -> None:
