@@ -6,7 +6,7 @@
 The photographs are not in the repository: `--data` or the environment variable LCP_SHARED_DATA names their folder. Written are
 `evidence.html` (table, pictures and histograms), `evidence.md` (the tables of docs/measurements/evidence.md) and the pictures.
 Catalogues and finished photographs are kept in the folder and used again. `--suns` adds the measurement of wrong Suns
-(`evidence_suns.py`). About 20 minutes of one core; 5 more with `--suns`.
+(`evidence_suns.py`). About 10 minutes of one core; as much again with `--suns`.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ def cells(row: Row) -> list[str]:
     return [
         row.name,
         _or_none(f["sun"]["elevation_deg"], ".0f"),
-        _or_none(f["pixel_m"], ".3g"),
+        _or_none(f["pixel_m"], ".0f" if (f["pixel_m"] or 0.0) >= 100.0 else ".3g"),
         f["verdict"] + by,
         f"{f['points_found']} of {f['points_in_view']}",
         off + stated,
