@@ -35,10 +35,10 @@ def write_sample(folder: Path, overwrite: bool = False) -> tuple[Path, ...]:
     ``overwrite``) or no folder can be at that place (OutputError).
     """
     source = sample_folder()
-    for name in sorted({Path(name).parent for name in SAMPLE_FILES}):
-        names = [Path(one).name for one in SAMPLE_FILES if Path(one).parent == name]
-        if (folder / name).exists() or name == Path():
-            check_folder(folder / name, names, overwrite)
+    for part in sorted({Path(name).parent for name in SAMPLE_FILES}):
+        names = [Path(name).name for name in SAMPLE_FILES if Path(name).parent == part]
+        if (folder / part).exists() or part == Path():
+            check_folder(folder / part, names, overwrite)
     for name in SAMPLE_FILES:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_bytes(folder / name, (source / name).read_bytes(), overwrite)

@@ -1,6 +1,6 @@
 """Find a camera's position from the control points in its image.
 
-Usage: python locate_camera.py CATALOG.h5 [IMAGE CAMERA.json]; the defaults are the Apollo frame in sample_data/.
+Usage: python locate_camera.py CATALOG.h5 [IMAGE CAMERA.json]; the defaults are the Apollo frame of the sample.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import lcp_catalog as lcp
+from lcp_catalog.sample import sample_folder
 
-SAMPLE = Path(__file__).parents[2] / "sample_data"
-IMAGE, CAMERA = SAMPLE / "AS15-M-0414.png", SAMPLE / "AS15-M-0414_camera.json"
+IMAGE = sample_folder() / "AS15-M-0414.png"
+CAMERA = sample_folder() / "AS15-M-0414_camera.json"
 
 
 def main(

@@ -71,6 +71,6 @@ def test_an_empty_catalogue_is_intact(path: Path, capsys: pytest.CaptureFixture)
     assert json.loads(capsys.readouterr().out)["usable_share"] is None
 
 
-def test_a_missing_file_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert run(["inspect", str(tmp_path / "none.h5")]) == 2
+def test_a_missing_file_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert run(["inspect", str(tmp_path / "none.h5")]) == 1
     assert "none.h5" in capsys.readouterr().err

@@ -109,7 +109,7 @@ def test_what_is_there_is_kept(
         ),
         ([DEM, "-o", "no/such/folder/x"], 1, "folder"),
         ([DEM, "-o", DEM], 1, "not a folder"),
-        ([DEM, "-o", "x", "--config", "nowhere.toml"], 2, "nowhere.toml"),
+        ([DEM, "-o", "x", "--config", "nowhere.toml"], 1, "nowhere.toml"),
         ([DEM, "-o", "x", "--sun-elevations", "5;6"], 2, "A,B,C"),
         ([DEM, "-o", "x", "--accuracy", "draft"], 2, "--accuracy"),
     ],
