@@ -14,12 +14,13 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, printable
-from ..catalog.catalogue import BLOCK_BYTES, Catalog, Coverage
+from ..catalog.catalogue import BLOCK_BYTES, Catalog, Coverage, Guarantee, Promises
 from ..catalog.cell_levels import levels
 from ..catalog.hdf5 import new_catalog, open_catalog
 from ..catalog.map_levels import overview_levels
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.packing import packing
+from ..catalog.promise import merged_promises
 from ..catalog.schema import PACKED, usable
 from ..catalog.stored import StoredFile, content_digests
 from ..errors import CatalogError, ConfigError
@@ -142,7 +143,8 @@ def merge_catalogs(
 
     Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
-    one. Coverage and overview are joined (`MergedMaps`); what single builds promise (`Guarantee`) is left out.
+    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Guarantee`) stays for
+    those whose points are all kept (`merged_promises`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
     errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
@@ -192,7 +194,13 @@ class _Merge:
             places = points["lon_deg"], points["lat_deg"]
             with file.flags() as condition:
                 coverage = self.maps.coverage(places, condition)
-            file.finish(coverage)
+            file.finish(coverage, *self._promises())
+
+    def _promises(self) -> tuple[Guarantee | None, Promises | None]:
+        """The promises of the inputs whose points are all kept."""
+        kept = np.bincount(self.chosen["input"], minlength=len(self.catalogs))
+        whole = [c for c, n in zip(self.catalogs, kept, strict=True) if len(c) == n]
+        return merged_promises(whole)
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""

@@ -27,8 +27,10 @@ from .schema import (
     LEVELS_VERSION,
     OPTIONAL,
     PACKED,
+    PROMISES_VERSION,
     SCHEMA_VERSION,
     UNCLAIMED_LEVELS_VERSION,
+    UNCLAIMED_PROMISES_VERSION,
     UNCLAIMED_VERSION,
     universal,
 )
@@ -93,6 +95,26 @@ class Guarantee:
     footprint_m: float  # diameter of the ground that a camera sees
     radius_m: float  # around a place that every camera sees whose nearest place it is
     lower_bound: float  # points that every choice with the same promise has at least; 0: unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Promises:
+    """The promises of several builds, for several cell sizes or regions, in one `Guarantee`: its places are
+    theirs, one promise after the other. Its ``footprint_m`` and ``radius_m`` are the largest, its
+    ``lower_bound`` is the sum. p promises.
+    """
+
+    places: AnyArray  # (p,) number of places of each
+    gsd: AnyArray  # (p,) cell size, metres, of the points that are counted
+    per_view: AnyArray  # (p,)
+    footprint: AnyArray  # (p,) metres
+    radius: AnyArray  # (p,) metres
+    lower_bound: AnyArray  # (p,)
+
+    def parts(self) -> list[slice]:
+        """The places of each promise in the guarantee."""
+        ends = np.cumsum(self.places).tolist()
+        return [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +221,7 @@ class Catalog:
     level: AnyArray | None = None  # (n,) index of the cell size, None: 0
     sigma_step_m: float | None = None  # step of stored sigmas, None: from the smallest cell
     guarantee: Guarantee | None = None  # None: no promise was made
+    promises: Promises | None = None  # None: one promise, or none
     overview_levels: OverviewLevels | None = None  # None: a region that a tangent plane shows
     coverage_levels: CoverageLevels | None = None
 
@@ -243,6 +266,8 @@ class Catalog:
     @property
     def _written_version(self) -> str:
         """Schema of the file that is written."""
+        if self.promises is not None:
+            return PROMISES_VERSION if self.has_claims else UNCLAIMED_PROMISES_VERSION
         if self.overview_levels is not None:
             return LEVELS_VERSION if self.has_claims else UNCLAIMED_LEVELS_VERSION
         return SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION
@@ -316,7 +341,8 @@ class Catalog:
                 else getattr(self, field.name)
             )
             given[field.name] = value
-        return Catalog(**given | {"coverage": coverage, "guarantee": None, "coverage_levels": None})
+        without = dict.fromkeys(("guarantee", "promises", "coverage_levels"))
+        return Catalog(**given | {"coverage": coverage} | without)
 
     def within(self, west: float, south: float, east: float, north: float) -> Catalog:
         """The catalogue in memory of the points and coverage cells within a box, degrees; longitudes
@@ -373,6 +399,8 @@ class Catalog:
         if self.guarantee is not None:
             found["guarantee/place"] = np.arange(len(self.guarantee.longitude))
             found["guarantee/step"] = np.arange(len(self.guarantee.size))
+        if self.promises is not None:
+            found["promises/promise"] = np.arange(len(self.promises.gsd))
         if self.coverage_levels is not None:
             found["coverage_levels/block"] = np.arange(len(self.coverage_levels.factor))
             found["coverage_levels/code"] = np.arange(np.shape(self.coverage_levels.cells)[1])

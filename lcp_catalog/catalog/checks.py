@@ -462,6 +462,23 @@ def _check_guarantee(values: Values) -> Iterator[Finding]:
     yield from _where("guarantee/cause", wrong, "is not as demand and points say")
 
 
+def _check_promises(values: Values) -> Iterator[Finding]:
+    if "promises/promise" not in values:
+        return
+    if not np.array_equal(values["promises/promise"], np.arange(len(values["promises/promise"]))):
+        yield Finding("promises/promise", "is not 0, 1, 2, ...")
+    places = values["promises/places"]
+    yield from _where("promises/places", places < 1, "has none")
+    if places.sum() != len(values.get("guarantee/place", ())):
+        yield Finding("promises/places", "are not those of the guarantee")
+    for name in ("gsd", "footprint", "radius"):
+        found = values[f"promises/{name}"]
+        yield from _where(f"promises/{name}", ~((found > 0.0) & np.isfinite(found)), "not above 0")
+    for name in ("per_view", "lower_bound"):
+        found = values[f"promises/{name}"]
+        yield from _where(f"promises/{name}", ~((found >= 0) & np.isfinite(found)), "below 0")
+
+
 def _check_scales(values: Values, least: float) -> Iterator[Finding]:
     scale = values["image_scale"]
     if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
@@ -518,7 +535,7 @@ _CLAIM_CHECKS = {
 }
 
 _CHECKS = {
-    "axes": (_check_axes, _check_guarantee, _check_map_levels),
+    "axes": (_check_axes, _check_guarantee, _check_promises, _check_map_levels),
     "points": (
         _check_places,
         _check_rotations,

@@ -35,6 +35,7 @@ from .schema import (
     OVERVIEW,
     OVERVIEW_LEVELS,
     PACKED,
+    PROMISES,
     VARIABLES,
     Cause,
     Variable,
@@ -47,6 +48,7 @@ GROUPS: dict[str, dict[str, Variable]] = {
     "overview": OVERVIEW,
     "coverage": COVERAGE,
     "guarantee": GUARANTEE,
+    "promises": PROMISES,
     "overview_levels": OVERVIEW_LEVELS,
     "coverage_levels": COVERAGE_LEVELS,
 }
@@ -223,6 +225,8 @@ def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
         if name in variable.dims:
             return {"standard_name": f"projection_{name[0]}_coordinate", "axis": name[0].upper()}
         return {CRS_ATTRIBUTE: CRS}
+    if group not in _PLACES:
+        return {}
     dim, own = _PLACES[group]
     if variable.dims[0] != dim or name in (dim, *own.split()):
         return {}

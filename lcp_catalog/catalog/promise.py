@@ -4,12 +4,14 @@ and by the number of points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from ..arrays import AnyArray
-from .catalogue import Catalog
+from .catalogue import Catalog, Guarantee, Promises
 from .schema import NO_CELL, Cause
 from .sun_cells import SunCells
 
@@ -19,26 +21,96 @@ WORST = 5
 _CURVE_STEPS = 12
 
 
+def single_promises(catalog: Catalog) -> tuple[Guarantee, Promises] | None:
+    """The guarantee of a catalogue with its promises one by one, also if it is a single one; None without."""
+    told = catalog.guarantee
+    if told is None:
+        return None
+    if catalog.promises is not None:
+        return told, catalog.promises
+    count, gsd_m = np.array([len(told.longitude)]), np.max(catalog.gsd, initial=0.0)
+    figures = (round(told.per_view), told.footprint_m, told.radius_m, told.lower_bound)
+    return told, Promises(count, np.array([gsd_m]), *(np.array([value]) for value in figures))
+
+
+def merged_promises(
+    catalogs: Sequence[Catalog],
+) -> tuple[Guarantee | None, Promises | None]:
+    """The guarantees of catalogues whose points all stand in one, promise after promise from fine to
+    coarse cells. Points of one do not count for the promises of another: there may be more. The
+    curves against the number of points are left out. (None, None) without a guarantee.
+    """
+    given = [found for one in catalogs if len(one) and (found := single_promises(one))]
+    if not given:
+        return None, None
+    parts = [(told, own, k) for told, own in given for k in range(len(own.gsd))]
+    parts.sort(key=lambda part: float(part[1].gsd[part[2]]))
+    columns = {
+        field.name: np.array([getattr(own, field.name)[k] for _, own, k in parts])
+        for field in fields(Promises)
+    }
+    promises = Promises(**columns)
+    rows = ("longitude", "latitude", "demand", "points", "cause")
+    joined = {
+        name: np.concatenate([getattr(told, name)[own.parts()[k]] for told, own, k in parts])
+        for name in rows
+    }
+    bounds, nothing = promises.lower_bound, np.zeros(0)
+    guarantee = Guarantee(
+        **joined,
+        size=nothing.astype(np.int32),
+        met=nothing,
+        served=nothing,
+        per_view=float(promises.per_view.max()),
+        footprint_m=float(promises.footprint.max()),
+        radius_m=float(promises.radius.max()),
+        lower_bound=float(bounds.sum()) if (bounds > 0.0).all() else 0.0,
+    )
+    return guarantee, promises
+
+
 def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
     """Figures of the promise, ready for JSON; None for a catalogue without one.
 
     A condition is a view and a cell of the Sun grid at a place at which something is promised.
     ``kept_share``: of all conditions; ``causes``: shares of them by cause; ``worst_suns``: views and
     Suns with the smallest shares of places at which the promise is kept; ``curve``: pairs of a
-    number of points and the share of the conditions with as many points as the candidates allow.
+    number of points and the share of the conditions with as many points as the candidates allow;
+    ``levels``: the figures of each of several promises, else empty.
     """
     promise = catalog.guarantee
     if promise is None:
         return None
     cause = catalog.part("guarantee/cause")
-    counts = np.bincount(cause.ravel(), minlength=NO_CELL + 1)[: max(Cause) + 1]
-    total = max(1, int(counts.sum()))
     bound = promise.lower_bound
     steps = np.unique(np.linspace(0, len(promise.size) - 1, _CURVE_STEPS).astype(np.int64))
+    several = catalog.promises
+    levels = [] if several is None else zip(several.parts(), range(len(several.gsd)), strict=True)
     return {
-        "per_view": int(promise.per_view),
-        "footprint_km": promise.footprint_m / 1e3,
-        "places": len(promise.longitude),
+        **_kept(cause, promise.per_view, promise.footprint_m),
+        "lower_bound": bound or None,
+        "size_over_bound": len(catalog) / bound if bound else None,
+        "worst_suns": _worst(catalog, cause),
+        "curve": [
+            [int(promise.size[k]), float(promise.met[k])] for k in steps if len(promise.size)
+        ],
+        "levels": [
+            {"gsd_m": float(several.gsd[k])}
+            | _kept(cause[part], several.per_view[k], several.footprint[k])
+            for part, k in levels
+            if several is not None
+        ],
+    }
+
+
+def _kept(cause: AnyArray, per_view: float, footprint_m: float) -> dict[str, Any]:
+    """Figures of the places with these causes (place, v, e, a)."""
+    counts = np.bincount(cause.ravel(), minlength=NO_CELL + 1)[: max(Cause) + 1]
+    total = max(1, int(counts.sum()))
+    return {
+        "per_view": int(per_view),
+        "footprint_km": float(footprint_m) / 1e3,
+        "places": len(cause),
         "conditions": int(counts.sum()),
         "kept_share": float(counts[Cause.MET] / total),
         "causes": {
@@ -46,12 +118,6 @@ def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
             for cause in Cause
             if cause != Cause.MET and counts[cause]
         },
-        "lower_bound": bound or None,
-        "size_over_bound": len(catalog) / bound if bound else None,
-        "worst_suns": _worst(catalog, cause),
-        "curve": [
-            [int(promise.size[k]), float(promise.met[k])] for k in steps if len(promise.size)
-        ],
     }
 
 
@@ -89,16 +155,19 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
     """Figures of `kept_promise` as names and lines of text."""
     if found is None:
         return []
-    causes = ", ".join(f"{name} {100.0 * share:.1f} %" for name, share in found["causes"].items())
-    rows = [
-        (
-            "promise",
-            f"{found['per_view']} usable points in every footprint of {found['footprint_km']:.4g} km: kept in "
-            f"{100.0 * found['kept_share']:.1f} % of {found['conditions']} places x views x Suns",
+    rows = []
+    for level in found["levels"] or [found]:
+        name = f"promise, {level['gsd_m']:g} m" if found["levels"] else "promise"
+        text = (
+            f"{level['per_view']} usable points in every footprint of {level['footprint_km']:.4g} km: kept in "
+            f"{100.0 * level['kept_share']:.1f} % of {level['conditions']} places x views x Suns"
         )
-    ]
-    if causes:
-        rows.append(("  else", causes))
+        rows.append((name, text))
+        if level["causes"]:
+            shares = level["causes"].items()
+            rows.append(
+                ("  else", ", ".join(f"{why} {100.0 * share:.1f} %" for why, share in shares))
+            )
     rows += [("  worst Sun", worst_text(sun)) for sun in found["worst_suns"]]
     if found["lower_bound"]:
         text = f"at least {found['lower_bound']:.1f} points keep it, {found['size_over_bound']:.2f} times as many do"

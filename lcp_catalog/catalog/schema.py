@@ -21,6 +21,9 @@ UNCLAIMED_VERSION = "1.3"
 LEVELS_VERSION, UNCLAIMED_LEVELS_VERSION = "2.3", "1.4"
 """Versions of files of large regions, with and without claims: those with levels of the maps."""
 
+PROMISES_VERSION, UNCLAIMED_PROMISES_VERSION = "2.4", "1.5"
+"""Versions of joined files that keep the promises of several builds."""
+
 WITHOUT_PLACES = ("1.0", "1.1", "1.2", "2.0", "2.1")
 """Versions whose variables do not name their coordinates and their CRS."""
 
@@ -39,7 +42,7 @@ PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
 """Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
 
-OPTIONAL_GROUPS = ("guarantee", "overview_levels", "coverage_levels")
+OPTIONAL_GROUPS = ("guarantee", "promises", "overview_levels", "coverage_levels")
 """Groups that a file has only if the catalogue was built with them."""
 
 OPTIONAL = ("albedo",)
@@ -326,6 +329,23 @@ GUARANTEE = {
     ),
     "served": Variable(
         ("step",), "f8", "1", "share of all points that places and conditions ask for"
+    ),
+}
+
+
+PROMISES = {
+    "promise": Variable(("promise",), "i4", "1", "number of the promise"),
+    "places": Variable(
+        ("promise",), "i4", "1", "number of its places; those of the first promise come first"
+    ),
+    "gsd": Variable(("promise",), "f8", "m", "cell size of the points that it counts"),
+    "per_view": Variable(("promise",), "i4", "1", "usable points promised in a footprint"),
+    "footprint": Variable(("promise",), "f8", "m", "diameter of the ground that a camera sees"),
+    "radius": Variable(
+        ("promise",), "f8", "m", "around a place that every camera sees whose nearest place it is"
+    ),
+    "lower_bound": Variable(
+        ("promise",), "f8", "1", "points that every choice with the same promise has at least"
     ),
 }
 

@@ -25,6 +25,7 @@ from .catalogue import (
     Guarantee,
     Overview,
     OverviewLevels,
+    Promises,
 )
 from .file_structure import HDF5_ERRORS, group_names, line_of, variables
 from .layout import (
@@ -293,6 +294,10 @@ class _StoredGuarantee(Guarantee):
     _source: _Source
 
 
+class _StoredPromises(Promises):
+    _source: _Source
+
+
 class _StoredOverviewLevels(OverviewLevels):
     _source: _Source
 
@@ -303,6 +308,7 @@ class _StoredCoverageLevels(CoverageLevels):
 
 _SOMETIMES = {
     "guarantee": _StoredGuarantee,
+    "promises": _StoredPromises,
     "overview_levels": _StoredOverviewLevels,
     "coverage_levels": _StoredCoverageLevels,
 }

@@ -18,7 +18,7 @@ from ..arrays import AnyArray, Bytes
 from ..atomic_files import write_aside
 from ..errors import CatalogError
 from ..held_signals import HeldSignals
-from .catalogue import Catalog, Coverage, Guarantee
+from .catalogue import Catalog, Coverage, Guarantee, Promises
 from .checks import first_few, lines, part_findings, shape_problems
 from .disk_stream import DiskStream
 from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
@@ -41,7 +41,7 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
     products = values["dem_product"]
     with new_catalog(catalog, len(catalog), products, path, overwrite) as file:
         file.add(values)
-        file.finish(catalog.coverage, catalog.guarantee)
+        file.finish(catalog.coverage, catalog.guarantee, catalog.promises)
 
 
 @contextmanager
@@ -147,7 +147,12 @@ class NewCatalog:
         if problems:
             raise CatalogError(f"not a catalogue: {first_few(problems)}")
 
-    def finish(self, coverage: Coverage, guarantee: Guarantee | None = None) -> None:
+    def finish(
+        self,
+        coverage: Coverage,
+        guarantee: Guarantee | None = None,
+        promises: Promises | None = None,
+    ) -> None:
         """Write the groups, the attributes and the digests of the content, which is read again.
         CatalogError if points are missing or have the same id.
         """
@@ -159,6 +164,7 @@ class NewCatalog:
             self._head,
             coverage=coverage,
             guarantee=guarantee,
+            promises=promises,
             coverage_levels=coverage_levels(coverage) if self._head.overview_levels else None,
         )
         self._fixed = head.values()

@@ -214,3 +214,9 @@ def working_image(
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
     factor = max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
     return image.reduced(factor)
+
+
+def patch_width_px(catalog: Catalog, sensor: Sensor, rows: Index) -> float:
+    """Side of a patch in an image, pixels; the median of some points."""
+    ground = pixel_size_m(sensor, catalog.position_mcmf[rows])
+    return float(np.nanmedian(catalog.gsd[rows] * (catalog.patch_nodes - 1) / ground))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import Array, Index, Mask
-from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
+from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -30,7 +30,7 @@ from .consensus import (
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches
 from .places_apart import none_in_view
-from .point_choice import likeliest, points_in_view, working_image
+from .point_choice import likeliest, patch_width_px, points_in_view, working_image
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
@@ -244,8 +244,7 @@ class _Search:
 
     def width_px(self, rows: Index) -> float:
         """Side of a patch in the image, the median of some points."""
-        ground = pixel_size_m(self.image.sensor, self.catalog.position_mcmf[rows])
-        return float(np.nanmedian(self.catalog.gsd[rows] * (self.catalog.patch_nodes - 1) / ground))
+        return patch_width_px(self.catalog, self.image.sensor, rows)
 
     def agreement(self, matches: Matches, area: SearchArea) -> Consensus:
         found = agree(

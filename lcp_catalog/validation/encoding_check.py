@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..matching.consensus import independent_share
-from ..matching.point_choice import evenly, working_image
+from ..matching.point_choice import evenly, patch_width_px, working_image
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import PositionFix
 from ..photometry.laws import Reflectance
@@ -104,8 +103,7 @@ def check_encoding(
 
     linear, srgb = (correlations(image) for image in images)
     gain = _z(srgb) - _z(linear)
-    ground = pixel_size_m(sensor, catalog.position_mcmf[rows])
-    width_px = float(np.median(catalog.gsd[rows] * (catalog.patch_nodes - 1) / ground))
+    width_px = patch_width_px(catalog, sensor, rows)
     independent = len(rows) * independent_share(matches.found_px[chosen], width_px)
     error = float(gain.std() / np.sqrt(independent))
     return EncodingCheck(

@@ -19,10 +19,11 @@ from lcp_catalog.build.merged_maps import MergedMaps, Part
 from lcp_catalog.build.merging import merge_catalogs
 from lcp_catalog.build.run import build_catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
-from lcp_catalog.catalog.hdf5 import Catalog, verify, write_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, Guarantee, verify, write_catalog
 from lcp_catalog.catalog.origins import Origin, origins
+from lcp_catalog.catalog.promise import kept_promise, promise_rows
 from lcp_catalog.catalog.report import render_report
-from lcp_catalog.catalog.schema import usable
+from lcp_catalog.catalog.schema import Cause, usable
 from lcp_catalog.catalog.stored import StoredCatalog, StoredFile
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.catalog.verification import all_problems
@@ -248,6 +249,70 @@ def test_levels_are_kept_apart(inputs: list[Catalog], tmp_path: Path) -> None:
                 )
     radius = search_radius_m(found, np.arange(len(found)))
     np.testing.assert_allclose(radius, 64.0 * found.gsd)
+
+
+def promising(catalog: Catalog, seed: int, footprint_m: float) -> Catalog:
+    """A catalogue with a promise at random places."""
+    dice, shape = np.random.default_rng(seed), np.shape(catalog.condition)[1:]
+    cells = (7 + seed, shape[0], shape[1], shape[2])
+    points = dice.integers(0, 12, cells).astype(np.uint8)
+    cause = np.where(points >= 8, Cause.MET, Cause.FEATURELESS).astype(np.uint8)
+    return replace(
+        catalog,
+        guarantee=Guarantee(
+            longitude=dice.uniform(2.0, 4.0, cells[0]), latitude=dice.uniform(25.0, 27.0, cells[0]),
+            demand=np.full(cells[0], 8, np.uint8), points=points, cause=cause,
+            size=np.arange(1, 5), met=np.linspace(0.2, 0.9, 4), served=np.linspace(0.2, 0.9, 4),
+            per_view=8.0, footprint_m=footprint_m, radius_m=0.4 * footprint_m, lower_bound=10.0 + seed,
+        ),
+    )  # fmt: skip
+
+
+def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path: Path) -> None:
+    """Two levels of the same ground without common ids, then a third; one that loses points loses its
+    promise.
+    """
+    alone = replace(inputs[0], config=merges.config(2.1, 3.9, spacing_m=1.0))  # keeps all points
+    coarse = promising(alone, 1, 4e5)
+    away = merges.moved(coarse, coarse.longitude + 0.011, coarse.latitude + 0.007)
+    levels = [
+        promising(
+            replace(
+                away if k == 1 else merges.moved(away, away.longitude + 0.01, away.latitude),
+                **{name: getattr(away, name) / 4.0**k for name in ("gsd", "gsd_min", "gsd_max")},
+                config=merges.config(2.1, 3.9, 118.0 / 4.0**k, 1.0),
+            ),
+            k + 1,
+            4e5 / 4.0**k,
+        )
+        for k in (1, 2)
+    ]
+    a, b, c = written(tmp_path, [coarse, *levels])
+    merge_catalogs([a, b], tmp_path / "two.h5")
+    merge_catalogs([tmp_path / "two.h5", c], tmp_path / "m.h5")
+    assert all_problems(str(tmp_path / "m.h5")) == []
+    found = read(tmp_path / "m.h5")
+    assert found.schema_version == "2.4"
+    told, own = found.guarantee, found.promises
+    assert own.gsd.tolist() == [118.0 / 16.0, 118.0 / 4.0, 118.0]
+    assert own.footprint.tolist() == [4e5 / 16.0, 4e5 / 4.0, 4e5]
+    assert told.lower_bound == 11.0 + 12.0 + 13.0
+    for part, one in zip(own.parts(), [levels[1], levels[0], coarse], strict=True):
+        for name in ("longitude", "latitude", "demand", "points", "cause"):
+            expected = getattr(one.guarantee, name)
+            np.testing.assert_array_equal(getattr(told, name)[part], expected)
+    figures = kept_promise(found)
+    assert figures is not None
+    for level, one in zip(figures["levels"], [levels[1], levels[0], coarse], strict=True):
+        assert level["kept_share"] == pytest.approx((one.guarantee.points >= 8).mean())
+    assert figures["kept_share"] == pytest.approx((told.points >= 8).mean())
+    names = [name for name, _ in promise_rows(figures)]
+    assert names[:3] == ["promise, 7.375 m", "  else", "promise, 29.5 m"]
+    (tmp_path / "more").mkdir()
+    (d,) = written(tmp_path / "more", [promising(merges.disturbed(coarse, 2), 4, 4e5)])
+    merge_catalogs([a, d], tmp_path / "lost.h5")
+    lost = read(tmp_path / "lost.h5")
+    assert lost.promises is None or len(lost.promises.gsd) < 2
 
 
 def test_no_sigma_is_cut_off_that_an_input_holds(inputs: list[Catalog], tmp_path: Path) -> None:
