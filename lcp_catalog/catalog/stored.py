@@ -213,6 +213,7 @@ class StoredCatalog(Catalog):
         with stored.opened() as file:
             found, groups = attributes(file), group_attributes(file)
             shapes = {name: file[name].shape for name in variables(file)}
+        held = {name.partition("/")[0] for name in shapes if "/" in name}
         source = _Source(stored, shapes, found.get("sigma_step_m", 1.0))
         texts = {name: found[name] for name in _ATTRIBUTES if name in found}
         for name in ("sources", "scene_plan", "albedo_map", "errors"):
@@ -224,7 +225,7 @@ class StoredCatalog(Catalog):
             overview=_stored(_StoredOverview, source, groups["overview"]),
             coverage=_stored(_StoredCoverage, source, groups["coverage"]),
             **{
-                group: _stored(kind, source, groups[group]) if group in groups else None
+                group: _stored(kind, source, groups.get(group, {})) if group in held else None
                 for group, kind in _SOMETIMES.items()
             },
             _source=source,

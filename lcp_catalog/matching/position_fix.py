@@ -58,8 +58,8 @@ would not be significant, because the points are too few, the place is not refut
 """
 
 LEAST_USABLE = 6
-"""Least number of usable points among those that agree, from which a pose is solved with them alone:
-twice as many as determine it.
+"""Least number of points that agree, without those that are known not to be usable, from which a pose
+is solved with them alone: twice as many as determine it.
 """
 
 _ROUNDS = 10
@@ -297,13 +297,14 @@ class _Search:
         return pose, with_inliers(matches, agrees)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
-        """The pose by the agreeing matches, and by those alone that the catalogue calls usable if there
-        are `LEAST_USABLE`: the errors of the others are larger than stated. ``doubt_px``: an
-        additional error common to all of them.
+        """The pose by the agreeing matches, without those that the catalogue knows and does not call
+        usable if `LEAST_USABLE` others agree: their errors are larger than stated. ``doubt_px``:
+        an additional error common to all of them.
         """
         ground, found, covariance = self.places(matches)
-        if (agrees & matches.usable).sum() >= LEAST_USABLE:
-            agrees = agrees & matches.usable
+        trusted = agrees & (matches.usable | ~np.isfinite(matches.prior))
+        if trusted.sum() >= LEAST_USABLE:
+            agrees = trusted
         shared = SharedTerrain.of(
             self.catalog, matches.point, ground, self.catalog.rotation_mcmf_to_enu[matches.point]
         )
