@@ -98,14 +98,11 @@ class Site:
                 file = self.folder.with_suffix(".json")
                 file.unlink(missing_ok=True)
                 place = ["--scheduler-file", str(file), "--no-dashboard"]
-                scheduler, worker = (
-                    f"distributed.cli.dask_{one}" for one in ("scheduler", "worker")
-                )
+                scheduler = "distributed.cli.dask_scheduler"
                 made["scheduler"] = self._start("-m", scheduler, "--port", "0", *place)
                 while not file.exists() and made["scheduler"].poll() is None:
                     time.sleep(0.02)
-                two = ["--nworkers", "2", "--nthreads", "1"]
-                made["workers"] = self._start("-m", worker, *two, *place)
+                made["workers"] = self._workers()
                 made["lcp"] = self.lcp("--resume", "--scheduler", str(file))
             elif way == "parts":
                 made |= {
@@ -119,6 +116,20 @@ class Site:
                 if not is_gone(process.pid):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
+
+    def _workers(self) -> subprocess.Popen[bytes]:
+        """The command that starts the workers of a cluster."""
+        place = ["--scheduler-file", str(self.folder.with_suffix(".json")), "--no-dashboard"]
+        two = ["--nworkers", "2", "--nthreads", "1"]
+        return self._start("-m", "distributed.cli.dask_worker", *two, *place)
+
+    def keep_workers(self, processes: dict[str, subprocess.Popen[bytes]]) -> None:
+        """Start a cluster's workers again if their command has ended, as what runs a cluster does: dask
+        ends it if a worker is killed while it starts.
+        """
+        workers, scheduler = processes.get("workers"), processes.get("scheduler")
+        if workers and workers.poll() is not None and scheduler and scheduler.poll() is None:
+            processes["workers"] = self._workers()
 
     def catalogue(self, way: str) -> bytes:
         """The finished catalogue; of parts, after their merge."""
@@ -191,6 +202,7 @@ def disturbed(
         builds = builds_of(processes)
 
         def ended() -> bool:
+            site.keep_workers(processes)
             return all(build.poll() is not None for build in builds)
 
         wait_for(ended, moment - time.monotonic())
