@@ -166,7 +166,8 @@ def _drawn(groups: dict[str, list[Outcome]], figures: dict[str, Any]) -> str:
         for a, b in zip(x, y, strict=True)
     )
     stated = axes.line(heights, [figures[name]["stated_m"] for name in known], "stated")
-    rms = axes.line(heights, [figures[name]["rms_m"] for name in known], "rms")
+    solved = [name for name in known if figures[name]["located"]]
+    rms = axes.line([float(n) for n in solved], [figures[n]["rms_m"] for n in solved], "rms")
     note = f'<text class="end" x="{_WIDTH:g}" y="-9">line: predicted 1 sigma; dots: simulated; dashed: their rms</text>'
     inside = Markup(dots) + stated + rms + Markup(note)
     label = "predicted and simulated error of the position against altitude"
