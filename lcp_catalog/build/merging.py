@@ -143,8 +143,8 @@ def merge_catalogs(
 
     Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
-    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Guarantee`) stays for
-    those whose points are all kept (`merged_promises`).
+    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Guarantee`) stays, less
+    the points that are left out (`merged_promises`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
     errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
@@ -197,10 +197,13 @@ class _Merge:
             file.finish(coverage, *self._promises())
 
     def _promises(self) -> tuple[Guarantee | None, Promises | None]:
-        """The promises of the inputs whose points are all kept."""
-        kept = np.bincount(self.chosen["input"], minlength=len(self.catalogs))
-        whole = [c for c, n in zip(self.catalogs, kept, strict=True) if len(c) == n]
-        return merged_promises(whole)
+        """The promises of the inputs, without the points that are left out."""
+        lost = []
+        for k, catalog in enumerate(self.catalogs):
+            kept = np.zeros(len(catalog), bool)
+            kept[self.chosen["row"][self.chosen["input"] == k]] = True
+            lost.append(np.flatnonzero(~kept))
+        return merged_promises(self.catalogs, lost)
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""

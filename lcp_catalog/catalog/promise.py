@@ -5,12 +5,14 @@ and by the number of points.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Index
+from ..constants import MOON_RADIUS_M
+from ..geometry.frames import lonlat_to_mcmf
 from .catalogue import Catalog, Guarantee, Promises
 from .schema import NO_CELL, Cause
 from .sun_cells import SunCells
@@ -34,13 +36,20 @@ def single_promises(catalog: Catalog) -> tuple[Guarantee, Promises] | None:
 
 
 def merged_promises(
-    catalogs: Sequence[Catalog],
+    catalogs: Sequence[Catalog], lost: Sequence[Index]
 ) -> tuple[Guarantee | None, Promises | None]:
-    """The guarantees of catalogues whose points all stand in one, promise after promise from fine to
-    coarse cells. Points of one do not count for the promises of another: there may be more. The
-    curves against the number of points are left out. (None, None) without a guarantee.
+    """The guarantees of catalogues whose points stand in one file, but for the rows ``lost`` of each;
+    promise after promise from fine to coarse cells. (None, None) without a guarantee.
+
+    Points of one do not count for the promises of another, and a lost point is taken from all
+    conditions near it: there may be more points than stated. The curves against the number of
+    points are left out.
     """
-    given = [found for one in catalogs if len(one) and (found := single_promises(one))]
+    given = []
+    for catalog, rows in zip(catalogs, lost, strict=True):
+        found = single_promises(catalog) if len(catalog) else None
+        if found is not None:
+            given.append((_without(catalog, rows, *found), found[1]))
     if not given:
         return None, None
     parts = [(told, own, k) for told, own in given for k in range(len(own.gsd))]
@@ -50,10 +59,10 @@ def merged_promises(
         for field in fields(Promises)
     }
     promises = Promises(**columns)
-    rows = ("longitude", "latitude", "demand", "points", "cause")
+    names = ("longitude", "latitude", "demand", "points", "cause")
     joined = {
         name: np.concatenate([getattr(told, name)[own.parts()[k]] for told, own, k in parts])
-        for name in rows
+        for name in names
     }
     bounds, nothing = promises.lower_bound, np.zeros(0)
     guarantee = Guarantee(
@@ -67,6 +76,24 @@ def merged_promises(
         lower_bound=float(bounds.sum()) if (bounds > 0.0).all() else 0.0,
     )
     return guarantee, promises
+
+
+def _without(catalog: Catalog, rows: Index, told: Guarantee, own: Promises) -> Guarantee:
+    """The guarantee without points (rows) of the catalogue."""
+    radius = np.repeat(own.radius, own.places)
+    gone = np.zeros(len(told.longitude), np.int64)
+    here = lonlat_to_mcmf(told.longitude, told.latitude, 0.0)
+    for row in rows.tolist():
+        there = lonlat_to_mcmf(catalog.longitude[row], catalog.latitude[row], 0.0)
+        chord = np.linalg.norm(here - there, axis=-1)
+        arc = 2.0 * MOON_RADIUS_M * np.arcsin(np.minimum(1.0, 0.5 * chord / MOON_RADIUS_M))
+        gone += (arc <= radius) & np.isin(catalog.gsd[row], own.gsd)
+    nothing = told.cause == NO_CELL
+    left = np.maximum(told.points.astype(np.int64) - gone[:, None, None, None], 0)
+    points = np.where(nothing, NO_CELL, left).astype(np.uint8)
+    short = (told.cause == Cause.MET) & (points < told.demand[:, None, None, None])
+    cause = np.where(short, Cause.FEW, told.cause).astype(np.uint8)
+    return replace(told, points=points, cause=cause)
 
 
 def kept_promise(catalog: Catalog) -> dict[str, Any] | None:

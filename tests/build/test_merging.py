@@ -312,7 +312,19 @@ def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path:
     (d,) = written(tmp_path / "more", [promising(merges.disturbed(coarse, 2), 4, 4e5)])
     merge_catalogs([a, d], tmp_path / "lost.h5")
     lost = read(tmp_path / "lost.h5")
-    assert lost.promises is None or len(lost.promises.gsd) < 2
+    kept = {int(i) for i in lost.point_id}
+    assert len(lost.promises.gsd) == 2
+    by_place = {float(one.guarantee.longitude[0]): one for one in (coarse, read(d))}
+    for part in lost.promises.parts():
+        one = by_place[float(lost.guarantee.longitude[part][0])]
+        gone = [k for k, i in enumerate(one.point_id.tolist()) if i not in kept]
+        seen_from = np.stack([one.guarantee.longitude, one.guarantee.latitude], axis=1)
+        away = merges.distances_m(seen_from, merges.places(one)[gone])
+        near = (away <= one.guarantee.radius_m).sum(axis=1)[:, None, None, None]
+        expected = np.maximum(one.guarantee.points.astype(int) - near, 0)
+        assert (lost.guarantee.points[part] <= expected).all()
+        met = lost.guarantee.cause[part] == Cause.MET
+        np.testing.assert_array_equal(met, lost.guarantee.points[part] >= 8)
 
 
 def test_no_sigma_is_cut_off_that_an_input_holds(inputs: list[Catalog], tmp_path: Path) -> None:

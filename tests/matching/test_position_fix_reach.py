@@ -28,6 +28,7 @@ from lcp_catalog.matching.position_fix import (
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
+from lcp_catalog.matching.shared_terrain import SharedTerrain
 from lcp_catalog.matching.sun_check import SunCheck
 
 QUICK = Options(check_sun=False)
@@ -90,7 +91,8 @@ def test_reaches_are_in_the_searched_photographs_pixels(
     assert suns == [6.0]
     found = answer.matches
     places = few.position_mcmf[found.point], found.found_px, found.covariance_px2
-    plain = solve(camera, *places, Uncertainty(200.0), answer.pose.used, answer.pose.overlap)
+    shared = SharedTerrain.of(few, found.point, places[0], few.rotation_mcmf_to_enu[found.point])
+    plain = solve(camera, *places, Uncertainty(200.0), answer.pose.used, shared)
     middle = few.position_mcmf[[len(few) // 2]]
     more = spread_px2(camera, middle, answer.pose.covariance - plain.covariance)[0]
     assert np.allclose(np.diag(more), 0.4**2, rtol=0.3)
