@@ -37,7 +37,7 @@ from .joined_areas import JoinedAreas
 from .levels import sources
 from .region_maps import has_heights, overview_bytes, region_coverage, region_overview
 
-BLOCK_BYTES = 2**26
+BLOCK_BYTES = 2**25
 """Records of points that are in memory together; the checks of their values take several times as much."""
 
 

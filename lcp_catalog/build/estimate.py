@@ -17,6 +17,7 @@ from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose
 from .evaluation import image_scales
 from .finished_area import record_type, table_of
+from .guarantee import Places
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build, most_poleward
 
@@ -56,6 +57,10 @@ EDGE_SPACINGS = 0.75
 """Spacings by which the sides of an area seem longer when its points are chosen alone. With it, 34 points
 are expected of nine areas (tests/data/nine_areas.toml) that have 32; without it, 61."""
 
+PROMISE_POINTS = 4.5
+"""Points of a catalogue for each that its promise asks for under one Sun and view: 2.4 to 5.5 in eight
+catalogues (docs/explanation/selection.md)."""
+
 _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
@@ -77,13 +82,19 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
-    seconds, (result, _) = _measured(build, sample, order[0])
-    ground = [math.prod(build.jobs[k].task.window.shape) for k in order]
-    share = sum(ground) / ground[len(order) // 2]
-    alone = len(choose(table_of(result.candidates, config), config, build.gsd_m))
-    points = alone * share * _share_among_others(build, sample)
+    measured = (sample, order[0])
+    seconds, (result, other) = _measured(build, *measured)
+    ground = {k: math.prod(build.jobs[k].task.window.shape) for k in order}
+    share = sum(ground.values()) / sum(ground[k] for k in measured)
+    candidates = share * (len(result.candidates) + len(other.candidates))
+    alone = [
+        len(choose(table_of(found.candidates, config), config, build.gsd_m))
+        * _share_among_others(build, k)
+        for k, found in zip(measured, (result, other), strict=True)
+    ]
+    points = min(share * sum(alone), _promised(build))
     before_mb = (peak_mb(), resident_mb()) if min(workers, len(build.jobs)) == 1 else planned_mb
-    merge_mb = _merge_mb(build, points, len(result.candidates) * share)
+    merge_mb = _merge_mb(build, points, candidates)
     layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
     claims = int(np.prod(conditions[sample].shape)) * (
@@ -97,7 +108,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "memory_mb_per_worker": round(peak_mb()),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
-            _seconds(build, (sample, order[0]), seconds, min(workers, len(build.jobs))), 1
+            _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1
         ),
         "bytes_estimate": int(
             FILE_BYTES
@@ -119,6 +130,17 @@ def _share_among_others(build: Build, index: int) -> float:
     spacing = EDGE_SPACINGS * build.config.points.spacing_nodes(build.gsd_m)
     sides = build.jobs[index].task.window.shape
     return math.prod(side / (side + spacing) for side in sides)
+
+
+def _promised(build: Build) -> float:
+    """Points that the promise takes; infinite without one."""
+    points = build.config.points
+    if not points.promised:
+        return math.inf
+    conditions = math.prod(conditions_at(0.0, build.config).shape)
+    places = Places.of(build.region, points, build.gsd_m, conditions)
+    footprints = build.region.bounds_m2 / (math.pi * places.radius_m**2)
+    return PROMISE_POINTS * footprints * float(places.demand.mean())
 
 
 def _merge_mb(build: Build, points: float, candidates: float) -> float:

@@ -20,6 +20,7 @@ from ..errors import CatalogError
 from ..held_signals import HeldSignals
 from .catalogue import Catalog, Coverage, Guarantee, Promises
 from .checks import first_few, lines, part_findings, shape_problems
+from .chunk_writing import ChunkWriter
 from .disk_stream import DiskStream
 from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
 from .map_levels import coverage_levels
@@ -61,8 +62,11 @@ def new_catalog(
         DiskStream(aside) as stream,
     ):
         try:
-            with _create(stream) as file:
-                yield NewCatalog(head, points, products, file, stream, signals)
+            with (
+                _create(stream) as file,
+                NewCatalog(head, points, products, file, stream, signals) as catalog,
+            ):
+                yield catalog
         finally:
             stream.check()  # the cause of whatever HDF5 says
         stream.sync()
@@ -87,7 +91,7 @@ class _Flags:
 
 
 class NewCatalog:
-    """A catalogue file that is being written (`new_catalog`): `add` its points in order, then
+    """A catalogue file that is being written (`new_catalog`), a context: `add` its points in order, then
     `finish` it.
     """
 
@@ -110,7 +114,14 @@ class NewCatalog:
             for name, variable in GROUPS[""].items()
             if variable.dims[0] == "point" and name in self._fixed and name != "point"
         ]
+        self._rows = ChunkWriter(_DEFLATE_LEVEL, self._check)
         self._create_group("")
+
+    def __enter__(self) -> NewCatalog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._rows.close()
 
     @contextmanager
     def flags(self) -> Iterator[AnyArray]:
@@ -125,14 +136,15 @@ class NewCatalog:
         """Write the next points: their variables by name, in the types of the file. CatalogError for
         values that are out of range or do not fit together.
         """
-        first, self._added = self._added, self._added + len(points["point_id"])
+        self._added += len(points["point_id"])
         self._require_sound(points)
         for name in self._of_points:
-            values = points[name]
-            self._file[name][first : self._added] = (
-                self._as_bytes(values) if values.dtype == object else values
-            )
-            self._check()
+            values, dataset = points[name], self._file[name]
+            if values.dtype == object:
+                values = self._as_bytes(values)
+            self._rows.add(dataset, values.astype(dataset.dtype, copy=False))
+        if self._added == self._points:
+            self._rows.finish()
 
     def _check(self) -> None:
         """Between two calls of HDF5: raise what the disk or a signal has brought."""
