@@ -3,7 +3,7 @@ within its memory and time.
 
     PYTHONPATH=tests python benchmarks/damage.py [FLIPS [RANGES [SEED]]]
 
-Damages copies of a small catalogue with claims at random: 1000 times one bit, 9000 times a range of
+Damages copies of a small catalogue with claims, levels of maps and promises at random: 1000 times one bit, 9000 times a range of
 bytes (cleared, replaced, copied from elsewhere, erased pages, cut files); and as often the checkpoint of
 a finished area, which a build must then compute again. Prints survived / tried.
 `docs/explanation/reliability.md` holds the figures.
@@ -29,7 +29,7 @@ def main() -> None:
     flips, ranges, seed = (*given, *(1000, 9000, 1)[len(given) :])
     with tempfile.TemporaryDirectory() as folder:
         whole, copy = Path(folder, "whole.h5"), Path(folder, "copy.h5")
-        write_catalog(catalogs.claimed(12), whole)
+        write_catalog(catalogs.full(12), whole)
         for name, damages, count in (
             ("bits", (damaged_catalogs.flip,), flips),
             ("ranges", damaged_catalogs.RANGES, ranges),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.catalogs import catalog as made
+from helpers.catalogs import promised
 
 from lcp_catalog.catalog.catalogue import Catalog, Guarantee
 from lcp_catalog.catalog.comparison import compare
@@ -17,31 +18,6 @@ from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.summary import describe, summary_rows
 from lcp_catalog.errors import CatalogError
-
-
-def promised(plain: Catalog) -> Guarantee:
-    """Random counts at 7 places; in the first view the second elevation is the worst, as it is dark."""
-    rng = np.random.default_rng(1)
-    shape = (7, *np.shape(plain.condition)[1:])
-    points = rng.integers(0, 6, shape).astype(np.uint8)
-    cause = np.where(points >= 2, Cause.MET, Cause.FEW).astype(np.uint8)
-    points[:, 0, 1, 2], cause[:, 0, 1, 2] = 0, Cause.DARK
-    points[rng.random(shape) < 0.2] = NO_CELL
-    cause[points == NO_CELL] = NO_CELL
-    return Guarantee(
-        longitude=np.linspace(1.0, 2.0, 7),
-        latitude=np.linspace(10.0, 11.0, 7),
-        demand=np.full(7, 2, np.uint8),
-        points=points,
-        cause=cause,
-        size=np.array([1, 2, 3], np.int32),
-        met=np.array([0.25, 0.75, 1.0]),
-        served=np.array([0.5, 0.75, 1.0]),
-        per_view=2.0,
-        footprint_m=40_000.0,
-        radius_m=17_000.0,
-        lower_bound=2.5,
-    )
 
 
 @pytest.fixture(scope="module")

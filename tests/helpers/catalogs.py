@@ -13,10 +13,13 @@ import h5py
 import numpy as np
 import rasterio
 
+from lcp_catalog.build.region_maps import coverage_cells
 from lcp_catalog.catalog import file_structure, layout, stored
+from lcp_catalog.catalog.catalogue import Guarantee, Promises
 from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
-from lcp_catalog.catalog.schema import COVERAGE_STATUS, summarise_usable
+from lcp_catalog.catalog.map_levels import overview_levels
+from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
     EnuFrame,
@@ -25,6 +28,8 @@ from lcp_catalog.geometry.frames import (
     lonlat_to_mcmf,
     mcmf_to_lonlat,
 )
+from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR
+from lcp_catalog.terrain.area import Area
 
 HADLEY = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 CENTER = (3.5, 26.0)
@@ -224,6 +229,67 @@ def _coverage(rng, frame, side, step_m, lon):
     )
     status = rng.choice(list(COVERAGE_STATUS), len(xx), p=[0.6, *[0.1] * 4, 0.0]).astype(np.uint8)
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
+
+
+def promised(plain: Catalog) -> Guarantee:
+    """Random counts at 7 places; in the first view the second elevation is the worst, as it is dark."""
+    rng = np.random.default_rng(1)
+    shape = (7, *np.shape(plain.condition)[1:])
+    points = rng.integers(0, 6, shape).astype(np.uint8)
+    cause = np.where(points >= 2, Cause.MET, Cause.FEW).astype(np.uint8)
+    points[:, 0, 1, 2], cause[:, 0, 1, 2] = 0, Cause.DARK
+    points[rng.random(shape) < 0.2] = NO_CELL
+    cause[points == NO_CELL] = NO_CELL
+    return Guarantee(
+        longitude=np.linspace(1.0, 2.0, 7),
+        latitude=np.linspace(10.0, 11.0, 7),
+        demand=np.full(7, 2, np.uint8),
+        points=points,
+        cause=cause,
+        size=np.array([1, 2, 3], np.int32),
+        met=np.array([0.25, 0.75, 1.0]),
+        served=np.array([0.5, 0.75, 1.0]),
+        per_view=2.0,
+        footprint_m=40_000.0,
+        radius_m=17_000.0,
+        lower_bound=2.5,
+    )
+
+
+def full(count: int = 12) -> Catalog:
+    """A catalogue with claims, levels of its maps and two promises: all groups that a file can have."""
+    plain = claimed(count)
+    rng, shape = np.random.default_rng(7), np.shape(plain.condition)[1:]
+    lon, lat, step_m = coverage_cells(Area.from_bounds(-180.0, -90.0, 180.0, 90.0), 4e5, 400)
+    cells = Coverage(
+        longitude=lon,
+        latitude=lat,
+        status=rng.integers(0, 6, len(lon)).astype(np.uint8),
+        spacing_m=plain.coverage.spacing_m,
+        usable=rng.choice(np.array([0, 1, 255], np.uint8), (len(lon), *shape)),
+        step_m=step_m,
+    )
+    x, y = np.arange(-32.0, 32.0) * 1.7e5, np.arange(16.0, -16.0, -1.0) * 1.7e5
+    height = rng.normal(0.0, 2e3, (len(y), len(x))).astype(np.float32)
+    overview = Overview(height, x, y, 0.0, 0.0, EQUIRECTANGULAR)
+    own = Promises(
+        places=np.array([3, 4]),
+        gsd=np.array([GSD_M, 2.0 * GSD_M]),
+        per_view=np.array([2, 2]),
+        footprint=np.array([20_000.0, 40_000.0]),
+        radius=np.array([8_000.0, 17_000.0]),
+        lower_bound=np.array([1.0, 1.5]),
+    )
+    nothing = np.zeros(0)
+    told = replace(promised(plain), size=nothing.astype(np.int32), met=nothing, served=nothing)
+    return replace(
+        plain,
+        overview=overview,
+        overview_levels=overview_levels(overview),
+        coverage=cells,
+        guarantee=told,
+        promises=own,
+    )
 
 
 def noticed_damage(
