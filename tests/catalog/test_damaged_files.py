@@ -26,7 +26,7 @@ from lcp_catalog.errors import CatalogError
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("catalog") / "sound.h5"
-    write_catalog(catalogs.claimed(6), path)
+    write_catalog(catalogs.full(6), path)
     return path
 
 
