@@ -199,7 +199,9 @@ class NewCatalog:
         dataset = self._file[name]
         if h5py.check_string_dtype(dataset.dtype) is None:
             return dataset
-        return np.array([bytes(text).decode() for text in dataset[()]], dtype=object)
+        texts = dataset[()].tolist()
+        names = {text: text.decode() for text in set(texts)}  # few: the names of products
+        return np.array([names[text] for text in texts], dtype=object)
 
     def _create_group(
         self, group: str, attributes: Mapping[str, float | str] | None = None
@@ -259,7 +261,8 @@ class NewCatalog:
         checksummed.
         """
         kind = h5py.string_dtype("utf-8", self._text_bytes)
-        return np.array([text.encode() for text in texts], dtype=kind)
+        codes = {text: text.encode() for text in set(texts.tolist())}
+        return np.array([codes[text] for text in texts.tolist()], dtype=kind)
 
 
 def _chunks(full: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:
