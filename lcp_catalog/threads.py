@@ -20,6 +20,11 @@ def thread_limit() -> int:
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # made when numba is imported
 
 
+def thread_count() -> int:
+    """Number of threads that the kernels use now (`limit_threads`)."""
+    return int(numba.get_num_threads())
+
+
 class limit_threads:  # noqa: N801  (used like a function; ``with`` restores the limit)
     """Limit the kernels, and OpenCV if it is imported, to ``count`` threads.
 

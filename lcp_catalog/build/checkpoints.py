@@ -247,8 +247,10 @@ class Checkpoints:
         """
         first, count = int(rows.min()), int(np.ptp(rows)) + 1
         span = self._stored(name, kind, before, first, count)
-        if len(span) == count and np.array_equal(checksums(span[rows - first]), expected):
-            return span[rows - first]
+        if len(span) == count:
+            found = span[rows - first]
+            if np.array_equal(checksums(found), expected):
+                return found
         raise lost_area(self.path(name))
 
     def _stored(

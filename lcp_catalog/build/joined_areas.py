@@ -67,16 +67,23 @@ class JoinedAreas:
         """
         found = np.empty(len(rows), kind)
         order = np.argsort(self.area[rows], kind="stable")
-        areas, starts = np.unique(self.area[rows][order], return_index=True)
-        for area, places in zip(areas.tolist(), np.split(order, starts[1:]), strict=True):
-            found[places] = self.checkpoints.records(
+        rows = rows[order]
+        areas, starts = np.unique(self.area[rows], return_index=True)
+        ends = [*starts[1:].tolist(), len(rows)]
+        for area, start, end in zip(areas.tolist(), starts.tolist(), ends, strict=True):
+            own = rows[start:end]
+            found[start:end] = self.checkpoints.records(
                 self.names[area],
                 kind,
                 int(self.before[area]),
-                self.record[rows[places]],
-                self.table["checksum"][rows[places]],
+                self.record[own],
+                self.table["checksum"][own],
             )
-        return found
+        if (np.diff(order) > 0).all():
+            return found
+        back = np.empty(len(order), np.int64)
+        back[order] = np.arange(len(order))
+        return found[back]
 
 
 def _found(checkpoints: Checkpoints, name: str) -> StoredArea:

@@ -302,7 +302,8 @@ def _check_axes(values: Values) -> Iterator[Finding]:
     for name in ("view", "sun_elevation", "sun_azimuth"):
         if not len(values[name]):
             yield Finding(name, "has no values")
-    repeated = len(values["point_id"]) - len(np.unique(values["point_id"]))
+    # np.unique takes 10 times as long
+    repeated = np.count_nonzero(np.diff(np.sort(values["point_id"])) == 0)
     if repeated:
         yield Finding("point_id", f"{repeated} numbers occur more than once")
 
@@ -341,9 +342,11 @@ def _check_patches(values: Values) -> Iterator[Finding]:
     off = ~(np.abs(dem[:, rows // 2, cols // 2]) <= _CENTRE_TOLERANCE_M)
     yield from _where("dem", off, "the centre node is not at 0")
     products = values["dem_product"]
-    yield from _where("dem_product", np.array([not text for text in products], bool), "is empty")
-    wrong = np.array([not text.isprintable() for text in products], bool)
-    yield from _where("dem_product", wrong, "has characters that cannot be printed")
+    yield from _where("dem_product", products == "", "is empty")
+    odd = [text for text in set(products.tolist()) if not text.isprintable()]
+    yield from _where(
+        "dem_product", np.isin(products, odd), "has characters that cannot be printed"
+    )
 
 
 def _check_albedo(values: Values) -> Iterator[Finding]:

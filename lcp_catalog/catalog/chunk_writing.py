@@ -6,36 +6,46 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import product
 
 import h5py
 import numpy as np
 
 from ..arrays import AnyArray
-from ..threads import thread_limit
+from ..threads import thread_count
 
 _WAITING_BYTES = 2**25
 """Most bytes of chunks that are compressed, or wait for it, at a time."""
+
+
+@dataclass(frozen=True)
+class Deflate:
+    """How zlib compresses."""
+
+    level: int
+    strategy: int = zlib.Z_DEFAULT_STRATEGY
+
 
 _Chunk = tuple[h5py.Dataset, tuple[int, ...], int, "Future[bytes]"]
 
 
 class ChunkWriter:
-    """Writes rows of chunked datasets that have the filters shuffle, deflate of ``level`` and
-    Fletcher32, in this order, as HDF5 would. The order of what is written does not depend
+    """Writes rows of chunked datasets that have the filters shuffle, deflate and Fletcher32, in this
+    order, as HDF5 would. The order of what is written does not depend
     on the number of threads.
 
     ``check``: called after each chunk that was written.
     """
 
-    def __init__(self, level: int, check: Callable[[], None]) -> None:
-        self._level, self._check = level, check
-        self._pool = ThreadPoolExecutor(thread_limit(), "compression")
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+        self._pool = ThreadPoolExecutor(thread_count(), "compression")
         self._chunks: deque[_Chunk] = deque()
         self._waiting = 0  # bytes of their content
         self._started: dict[str, tuple[int, AnyArray]] = {}  # first row, rows of a chunk
 
-    def add(self, dataset: h5py.Dataset, rows: AnyArray) -> None:
+    def add(self, dataset: h5py.Dataset, rows: AnyArray, deflate: Deflate) -> None:
         """The next rows of a dataset, from its first one on, in its type. Each chunk is written when
         all of its rows are there, or all of the dataset's.
         """
@@ -46,15 +56,17 @@ class ChunkWriter:
         height, end = dataset.chunks[0], first + len(rows)
         while first < end and (first + height <= end or end == len(dataset)):
             for offset, chunk in _chunks(dataset, first, rows[:height]):
-                self._compress(dataset, offset, chunk)
+                self._compress(dataset, offset, chunk, deflate)
             rows, first = rows[height:], min(first + height, end)
         if first < len(dataset):
             self._started[name] = first, rows.copy()
 
-    def _compress(self, dataset: h5py.Dataset, offset: tuple[int, ...], chunk: AnyArray) -> None:
+    def _compress(
+        self, dataset: h5py.Dataset, offset: tuple[int, ...], chunk: AnyArray, deflate: Deflate
+    ) -> None:
         while self._waiting > _WAITING_BYTES:
             self._write()
-        work = self._pool.submit(compressed, chunk, dataset.chunks, self._level)
+        work = self._pool.submit(compressed, chunk, dataset.chunks, deflate)
         self._chunks.append((dataset, offset, chunk.nbytes, work))
         self._waiting += chunk.nbytes
         while self._chunks and self._chunks[0][3].done():
@@ -87,7 +99,7 @@ def _chunks(
         yield (first, *start), rows[(slice(None), *part)]
 
 
-def compressed(chunk: AnyArray, shape: tuple[int, ...], level: int) -> bytes:
+def compressed(chunk: AnyArray, shape: tuple[int, ...], deflate: Deflate) -> bytes:
     """The stored bytes of a chunk of this shape: shuffled, compressed (RFC 1950), with the checksum.
     What ``chunk`` lacks at the edge of its dataset is 0.
     """
@@ -97,7 +109,8 @@ def compressed(chunk: AnyArray, shape: tuple[int, ...], level: int) -> bytes:
         chunk = whole
     content = np.ascontiguousarray(chunk).reshape(-1).view(np.uint8)
     shuffled = np.ascontiguousarray(content.reshape(-1, chunk.dtype.itemsize).T)
-    data = zlib.compress(shuffled.data, level)
+    stream = zlib.compressobj(deflate.level, strategy=deflate.strategy)
+    data = stream.compress(shuffled.data) + stream.flush()
     return data + fletcher32(data).to_bytes(4, "little")
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +21,7 @@ from ..errors import CatalogError
 from ..held_signals import HeldSignals
 from .catalogue import Catalog, Coverage, Guarantee, Promises
 from .checks import first_few, lines, part_findings, shape_problems
-from .chunk_writing import ChunkWriter
+from .chunk_writing import ChunkWriter, Deflate
 from .disk_stream import DiskStream
 from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
 from .map_levels import coverage_levels
@@ -28,8 +29,15 @@ from .schema import Variable
 
 _CHUNK_BYTES = 2**18
 
-_DEFLATE_LEVEL = 2
-"""Level of compression: 2 % more bytes than level 4 on the sample, a quarter less time."""
+_DEFLATE = Deflate(2)
+"""Level 2: 2 % more bytes than level 4 on the sample, a quarter less time."""
+
+_DEFLATE_RUNS = Deflate(1, zlib.Z_RLE)
+"""Compression that looks for runs of equal bytes only, in half the time."""
+
+_RUNS = ("dem", "latitude", "longitude", "position_mcmf", "rotation_mcmf_to_enu")
+"""Variables that `_DEFLATE_RUNS` suits, because their bytes seldom repeat: heights become 1 to 3 %
+smaller, coordinates 2 to 11 % larger (measured on the sample and on `benchmarks/merge.py`)."""
 
 
 def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:
@@ -114,7 +122,7 @@ class NewCatalog:
             for name, variable in GROUPS[""].items()
             if variable.dims[0] == "point" and name in self._fixed and name != "point"
         ]
-        self._rows = ChunkWriter(_DEFLATE_LEVEL, self._check)
+        self._rows = ChunkWriter(self._check)
         self._create_group("")
 
     def __enter__(self) -> NewCatalog:
@@ -142,7 +150,8 @@ class NewCatalog:
             values, dataset = points[name], self._file[name]
             if values.dtype == object:
                 values = self._as_bytes(values)
-            self._rows.add(dataset, values.astype(dataset.dtype, copy=False))
+            deflate = _DEFLATE_RUNS if name in _RUNS else _DEFLATE
+            self._rows.add(dataset, values.astype(dataset.dtype, copy=False), deflate)
         if self._added == self._points:
             self._rows.finish()
 
@@ -170,7 +179,9 @@ class NewCatalog:
         """
         if self._added != self._points:
             raise CatalogError(f"{self._added} points were added instead of {self._points}")
-        if len(np.unique(self._file["point_id"][()])) < self._points:
+        if not (
+            np.diff(np.sort(self._file["point_id"][()])) > 0
+        ).all():  # np.unique: 10 times as long
             raise CatalogError("not a catalogue: point_id: numbers occur more than once")
         head = dataclasses.replace(
             self._head,
@@ -240,7 +251,7 @@ class NewCatalog:
                 length or None for length in shape
             ),  # HDF5 has no chunk for a fixed length of 0
             compression="gzip",
-            compression_opts=_DEFLATE_LEVEL,
+            compression_opts=_DEFLATE.level,
             shuffle=True,
             fletcher32=True,
             track_times=False,

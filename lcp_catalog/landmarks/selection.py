@@ -15,6 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
 from ..kernels.points import thinned
+from ..threads import thread_count
 
 Places = tuple[ArrayLike, ArrayLike]
 
@@ -139,7 +140,7 @@ def nearest(
     )
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
-    chord, index = cKDTree(there).query(here)
+    chord, index = cKDTree(there).query(here, workers=thread_count())
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 

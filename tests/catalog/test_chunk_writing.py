@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lcp_catalog.catalog.chunk_writing import ChunkWriter, compressed, fletcher32
+from lcp_catalog.catalog.chunk_writing import ChunkWriter, Deflate, compressed, fletcher32
 
 SHAPES = {  # dataset, chunk, type
     "numbers": ((1000,), (300,), "<f8"),
@@ -33,10 +33,12 @@ def _dataset(
     return file.create_dataset("x", shape, kind, chunks=chunk, maxshape=unlimited, **filters)
 
 
-@pytest.mark.parametrize("waiting", [100, 10**6])
+@pytest.mark.parametrize(
+    ("waiting", "deflate"), [(100, Deflate(2)), (10**6, Deflate(1, zlib.Z_RLE))]
+)
 @pytest.mark.parametrize("name", SHAPES)
 def test_hdf5_reads_rows_that_come_in_parts(
-    name: str, waiting: int, monkeypatch: pytest.MonkeyPatch
+    name: str, waiting: int, deflate: Deflate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("lcp_catalog.catalog.chunk_writing._WAITING_BYTES", waiting)
     shape, chunk, kind = SHAPES[name]
@@ -44,11 +46,11 @@ def test_hdf5_reads_rows_that_come_in_parts(
     stream, checks = io.BytesIO(), []
     with h5py.File(stream, "w") as file:
         writer, dataset = (
-            ChunkWriter(2, lambda: checks.append(1)),
+            ChunkWriter(lambda: checks.append(1)),
             _dataset(file, shape, chunk, kind),
         )
         for part in np.split(values, np.sort(rng.integers(0, shape[0], 4))):
-            writer.add(dataset, part)
+            writer.add(dataset, part, deflate)
         writer.finish()
         writer.close()
     with h5py.File(stream) as file:
@@ -68,7 +70,7 @@ def test_chunks_are_those_of_hdf5(name: str) -> None:
             offset = dataset.id.get_chunk_info(number).chunk_offset
             theirs = dataset.id.read_direct_chunk(offset)[1]
             part = tuple(slice(k, k + side) for k, side in zip(offset, chunk, strict=True))
-            ours = compressed(values[part], chunk, 2)
+            ours = compressed(values[part], chunk, Deflate(2))
             assert zlib.decompress(ours[:-4]) == zlib.decompress(theirs[:-4])
             assert fletcher32(theirs[:-4]) == int.from_bytes(theirs[-4:], "little")
             assert fletcher32(ours[:-4]) == int.from_bytes(ours[-4:], "little")
@@ -92,10 +94,10 @@ def test_checksum_is_that_of_hdf5(data: bytes) -> None:
 def test_threads_do_not_change_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
     values, files = _content((5000, 8), "<f4", 6), []
     for threads in (1, 7):
-        monkeypatch.setattr("lcp_catalog.catalog.chunk_writing.thread_limit", lambda n=threads: n)
+        monkeypatch.setattr("lcp_catalog.catalog.chunk_writing.thread_count", lambda n=threads: n)
         stream = io.BytesIO()
         with h5py.File(stream, "w", libver=("earliest", "v110")) as file:
-            writer = ChunkWriter(2, lambda: None)
+            writer = ChunkWriter(lambda: None)
             filters = {
                 "compression": "gzip",
                 "compression_opts": 2,
@@ -105,7 +107,7 @@ def test_threads_do_not_change_the_order(monkeypatch: pytest.MonkeyPatch) -> Non
             dataset = file.create_dataset(
                 "x", values.shape, "<f4", chunks=(64, 8), track_times=False, **filters
             )
-            writer.add(dataset, values)
+            writer.add(dataset, values, Deflate(2))
             writer.finish()
             writer.close()
         files.append(stream.getvalue())
