@@ -22,7 +22,9 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.matching.position_fix import LOCATED, locate
+from lcp_catalog.matching.point_claims import LEAST_SIGMA_PX
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.position_fix import LOCATED, Options, locate
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import Frame
 from lcp_catalog.photometry.laws import reflectance_model
@@ -87,13 +89,20 @@ def work(folder: Path, frames: Path, data: Path, count: int) -> list[Outcome]:
 
 
 def outcome(
-    catalog: Catalog, photo: Image, camera: Camera, about: tuple[str, int, float, float]
+    catalog: Catalog,
+    photo: Image,
+    camera: Camera,
+    about: tuple[str, int, float, float],
+    before: Uncertainty = BEFORE,
+    pixel_sigma_px: float = LEAST_SIGMA_PX,
 ) -> Outcome:
     """The expected and the solved position of a frame; ``about``: its site, number, Sun's elevation and pixel size."""
-    query = Query(attitude_sigma_rad=BEFORE.attitude_rad)
+    query = Query(attitude_sigma_rad=before.attitude_rad, pixel_sigma_px=pixel_sigma_px)
     (answer,) = answers(catalog, [Frame.lit(camera, SunChoice())], query)
     covariance = answer.position.position_covariance_m2
-    fix = locate(catalog, _offered(photo, camera, about[1]), BEFORE, reflectance_model(LAW))
+    offered = _offered(photo, camera, about[1], before)
+    options = Options(criteria=Criteria(floor_px=pixel_sigma_px))
+    fix = locate(catalog, offered, before, reflectance_model(LAW), options)
     error = None
     if fix.verdict == LOCATED and fix.pose is not None:
         error = (fix.pose.position_mcmf_m - camera.position_mcmf_m).tolist()
@@ -101,13 +110,13 @@ def outcome(
     return Outcome(*about, answer.usable, stated, fix.verdict, error)
 
 
-def _offered(photo: Image, camera: Camera, number: int) -> Image:
+def _offered(photo: Image, camera: Camera, number: int, before: Uncertainty) -> Image:
     """The image with a camera that is wrong by what is stated as known before."""
     dice = np.random.default_rng([SEED, 1, number])
     wrong = replace(
         camera,
-        position_mcmf_m=camera.position_mcmf_m + dice.normal(0.0, BEFORE.position_m, 3),
-        rotation_mcmf_to_camera=turned(dice.normal(0.0, BEFORE.attitude_rad, 3))
+        position_mcmf_m=camera.position_mcmf_m + dice.normal(0.0, before.position_m, 3),
+        rotation_mcmf_to_camera=turned(dice.normal(0.0, before.attitude_rad, 3))
         @ camera.rotation_mcmf_to_camera,
     )
     return replace(photo, sensor=wrong)

@@ -32,7 +32,7 @@ GROUPS = {
     ),
     "What is known before": (
         *("--position-sigma", "--attitude-sigma", "--height-sigma", "--map-sigma"),
-        "--known-pose",
+        *("--pixel-sigma", "--known-pose"),
     ),
     "Windows": ("--window", "--step", "--remove-offset"),
     "Image": (

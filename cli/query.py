@@ -88,6 +88,14 @@ _ACCURACY_OPTIONS = (
         metavar="M",
         help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's frame.",
     ),
+    click.option(
+        "--pixel-sigma",
+        "pixel_sigma_px",
+        type=Number(0.0),
+        metavar="PX",
+        help="1 sigma, each axis, of what a match errs beyond its claim, in pixels not finer than the point's cells; "
+        "default: 0.02.",
+    ),
 )
 
 
@@ -174,12 +182,15 @@ def query_of(
     attitude_deg: float | None,
     height_sigma_m: float | None,
     map_sigma_m: float,
+    pixel_sigma_px: float | None,
     **_sun: Any,
 ) -> Query:
+    from lcp_catalog.matching.point_claims import LEAST_SIGMA_PX
     from lcp_catalog.navigation.expected_position import Query
 
     attitude = math.inf if attitude_deg is None else math.radians(attitude_deg)
-    return Query(most, attitude, height_sigma_m, map_sigma_m)
+    pixel_px = LEAST_SIGMA_PX if pixel_sigma_px is None else pixel_sigma_px
+    return Query(most, attitude, height_sigma_m, map_sigma_m, pixel_px)
 
 
 def frames_of(camera: str | None, trajectory: str | None, flags: dict[str, Any]) -> list[Frame]:

@@ -134,7 +134,7 @@ def agreeing(
     points_mcmf_m: Array,
     found_px: Array,
     covariance_px2: Array,
-    tolerance_px: float,
+    tolerance_px: ArrayLike,
     gate: float = GATE,
 ) -> Mask:
     """True (n,) for the matches that lie within their gates of where a sensor projects their
@@ -144,9 +144,10 @@ def agreeing(
     return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= gate**2
 
 
-def widened(covariance_px2: Array, tolerance_px: float) -> Array:
-    """Covariances (n, 2, 2) whose gates are widened by a tolerance, added in quadrature."""
-    return np.asarray(covariance_px2 + (tolerance_px / GATE) ** 2 * np.eye(2))
+def widened(covariance_px2: Array, tolerance_px: ArrayLike) -> Array:
+    """Covariances (n, 2, 2) whose gates are widened by a tolerance, one or (n,), added in quadrature."""
+    tolerance = np.asarray(tolerance_px, np.float64)[..., None, None]
+    return np.asarray(covariance_px2 + (tolerance / GATE) ** 2 * np.eye(2))
 
 
 def independent_share(places_px: Array, width_px: float) -> float:

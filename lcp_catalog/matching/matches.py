@@ -5,6 +5,7 @@ was not found.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -101,6 +102,14 @@ class Matches:
         """Number of points of each reason that occurs, in the order of `REASONS`."""
         seen = Counter(self.code.tolist())
         return {reason: seen[code] for code, reason in enumerate(REASONS) if seen[code]}
+
+
+def joined(parts: Sequence[Matches]) -> Matches:
+    """Several tables in one, in their order."""
+    names = Matches.__dataclass_fields__
+    return Matches(
+        **{name: np.concatenate([getattr(one, name) for one in parts]) for name in names}
+    )
 
 
 def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:

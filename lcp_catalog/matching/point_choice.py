@@ -200,8 +200,13 @@ def working_image(
     several levels (`at_one_scale`) the coarsest counts.
     """
     rows = np.asarray(points, dtype=np.int64)
-    if not len(rows):
-        return image
+    return image.reduced(reduction(catalog, image, rows, resolution_share)) if len(rows) else image
+
+
+def reduction(
+    catalog: Catalog, image: Image, rows: Index, resolution_share: float = RESOLUTION_SHARE
+) -> int:
+    """The whole number of `working_image`, for at least one point."""
     level = np.asarray(catalog.level)[rows]
     rows = rows[level == level.max()]
     pixel = float(np.nanmedian(pixel_size_m(image.sensor, catalog.position_mcmf[rows])))
@@ -212,8 +217,7 @@ def working_image(
     narrow = gsd * catalog.patch_nodes / _NARROWEST_PX
     target = max(gsd, min(resolution_share * true, narrow))
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
-    factor = max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
-    return image.reduced(factor)
+    return max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
 
 
 def patch_width_px(catalog: Catalog, sensor: Sensor, rows: Index) -> float:

@@ -18,7 +18,7 @@ from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from .matches import CODE, Matches
+from .matches import CODE, Matches, joined
 from .point_choice import points_in_view
 from .point_claims import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least
 from .search_image import SearchImage, full_pixels
@@ -113,8 +113,7 @@ def find_points(
         _match_chunk(task, rows[part], reach[part], offset[part], claims.some(part))
         for part in parts
     ]
-    names = Matches.__dataclass_fields__
-    return Matches(**{n: np.concatenate([getattr(f, n) for f in found]) for n in names})
+    return joined(found)
 
 
 def _at_once(catalog: Catalog, image: Image, rows: Index) -> int:

@@ -28,9 +28,16 @@ from .consensus import (
     log10_false_alarms,
 )
 from .joint_offset import JointOffset, find_joint_offset
-from .matches import CODE, FOUND, Matches
+from .matches import CODE, FOUND, Matches, joined
 from .places_apart import none_in_view
-from .point_choice import likeliest, patch_width_px, points_in_view, working_image
+from .point_choice import (
+    at_one_scale,
+    likeliest,
+    patch_width_px,
+    points_in_view,
+    reduction,
+    working_image,
+)
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
@@ -127,8 +134,10 @@ def locate(
     ``model``: reflectance law of the renders.
     """
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
+    area = area.only(np.isin(area.points, at_one_scale(catalog, area.points, image.sensor)))
     working = working_image(catalog, image, area.points)
-    search = _Search(catalog, image, working, uncertainty, model, options)
+    levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
+    search = _Search(catalog, image, working, uncertainty, model, options, levels)
     if not len(area):
         return PositionFix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
     if (missing := nothing_in(image)) is not None:
@@ -144,6 +153,7 @@ class _Search:
     uncertainty: Uncertainty
     model: Reflectance
     options: Options
+    levels: frozenset[int]  # of the first search
 
     @property
     def factor(self) -> int:
@@ -153,6 +163,10 @@ class _Search:
     @property
     def tolerance_px(self) -> float:
         return self.options.tolerance_px * self.factor
+
+    def tolerances_px(self, rows: Index) -> Array:
+        """Tolerances (n,) of matches by `near`."""
+        return self.options.tolerance_px * self.factors(rows).astype(float)
 
     def unmatched(self, rows: Index = _NOBODY) -> Matches:
         """Points without a match."""
@@ -270,14 +284,29 @@ class _Search:
         return matches, pose
 
     def near(self, pose: Pose) -> Matches:
-        """Matches near the projections of the corrected sensor."""
+        """Matches near the projections of the corrected sensor, of each level at its own scale."""
         rows = points_in_view(self.catalog, pose.sensor)
-        reach = np.full(len(rows), self.options.second_reach_px * self.factor)
-        return self.sought(self.corrected(pose), SearchArea(rows, np.zeros((len(rows), 2)), reach))
+        factors = self.factors(rows)
+        parts = [self.unmatched()]
+        for factor in np.unique(factors).tolist():
+            some = rows[factors == factor]
+            reach = np.full(len(some), self.options.second_reach_px * factor)
+            area = SearchArea(some, np.zeros((len(some), 2)), reach)
+            image = self.working if factor == self.factor else self.image.reduced(factor)
+            parts.append(self.sought(corrected(image, pose), area))
+        return joined(parts)
 
-    def corrected(self, pose: Pose) -> Image:
-        """The searched image with the corrected sensor."""
-        return self.working.with_sensor(self.working.sensor.moved(pose.correction))
+    def factors(self, rows: Index) -> Index:
+        """Pixels of the full-resolution image along the side of one of the image in which a point (rows
+        (n,)) is searched, once the sensor is corrected: that of the first search for the levels that
+        took part in it, else that of its level alone.
+        """
+        factors = np.full(len(rows), self.factor)
+        level = np.asarray(self.catalog.level)[rows]
+        for other in set(np.unique(level).tolist()) - self.levels:
+            own = level == other
+            factors[own] = reduction(self.catalog, self.image, rows[own])
+        return factors
 
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
         """The pose solved from the matches that agree with a pose, repeated until they stay the
@@ -286,8 +315,9 @@ class _Search:
         ground, found, covariance = self.places(matches)
 
         def who(sensor: Sensor) -> Mask:
-            return agreeing(sensor, ground, found, covariance, self.tolerance_px)
+            return agreeing(sensor, ground, found, covariance, tolerance)
 
+        tolerance = self.tolerances_px(matches.point)
         agrees = who(pose.sensor)
         for _ in range(_ROUNDS):
             pose = self.solution(matches, agrees)
@@ -380,7 +410,8 @@ class _Search:
             )
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
-        used = agreeing(whole.pose.sensor, ground, found, covariance, self.tolerance_px)
+        tolerance = self.tolerances_px(matches.point)
+        used = agreeing(whole.pose.sensor, ground, found, covariance, tolerance)
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
@@ -436,18 +467,26 @@ class _Search:
         return f"the position is {off:.1f} stated sigmas away; state a larger uncertainty if that is possible"
 
     def sun(self, matches: Matches, pose: Pose) -> SunCheck:
-        rows = matches.point[pose.used]
-        offset = matches.found_px[pose.used] - pose.sensor.project(self.catalog.position_mcmf[rows])
+        """The check by the points of the levels of the first search."""
+        own = np.isin(np.asarray(self.catalog.level)[matches.point], [*self.levels])
+        used = pose.used & own
+        rows = matches.point[used]
+        offset = matches.found_px[used] - pose.sensor.project(self.catalog.position_mcmf[rows])
         return check_points(
             self.catalog,
-            self.corrected(pose),
+            corrected(self.working, pose),
             self.model,
             rows,
             offset,
             self.options.criteria,
-            independent_share(matches.found_px[pose.used], self.width_px(matches.point)),
+            independent_share(matches.found_px[used], self.width_px(matches.point[own])),
             self.options.sun_reach_px * self.factor,
         )
+
+
+def corrected(image: Image, pose: Pose) -> Image:
+    """A searched image with the corrected sensor."""
+    return image.with_sensor(image.sensor.moved(pose.correction))
 
 
 def with_inliers(matches: Matches, agrees: Mask) -> Matches:

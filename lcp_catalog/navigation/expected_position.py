@@ -37,13 +37,16 @@ class Query:
     (`information.best_points`); None: all usable ones. ``attitude_sigma_rad``: 1 sigma of the known
     attitude about each axis; inf: unknown, 0: exact. ``height_sigma_m``: 1 sigma of the points'
     heights in place of the catalogue's ``elevation_sigma``. ``map_sigma_m``: 1 sigma, each axis, of
-    an error of place that is the same for all points.
+    an error of place that is the same for all points. ``pixel_sigma_px``: 1 sigma, each axis, of what
+    a match errs beyond its claim, pixels of the searched image, which are not finer than the cells;
+    `Criteria.floor_px` of a search.
     """
 
     most: int | None = None
     attitude_sigma_rad: float = math.inf
     height_sigma_m: float | None = None
     map_sigma_m: float = 0.0
+    pixel_sigma_px: float = LEAST_SIGMA_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +157,8 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         level @ np.swapaxes(level, -1, -2)
     )
     match = level @ points.claims.covariance_m2[usable] @ np.swapaxes(level, -1, -2)
-    pixel = np.broadcast_to(LEAST_SIGMA_PX**2 * np.eye(2), match.shape)
+    searched = np.maximum(catalog.gsd[rows] / points.pixel_m[usable], 1.0)  # side, in pixels
+    pixel = (query.pixel_sigma_px * searched)[:, None, None] ** 2 * np.eye(2)
     raised = on_ground[:, :, 2] * _heights(catalog, rows, query)[:, None]
     height = raised[:, :, None] * raised[:, None, :]
     errors = {"match": match - place, "place": place, "pixel": pixel, "height": height}

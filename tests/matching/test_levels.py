@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.posed import HADLEY
-from helpers.small_world import overhead
+from helpers.small_world import GSD_M, LAW, World, overhead
 from helpers.twins_match import catalog_of_patches
 
+from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
-from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_choice import at_one_scale, working_image
+from lcp_catalog.matching.point_search import find_points
+from lcp_catalog.matching.pose import position_error
+from lcp_catalog.matching.position_fix import locate
 
 UP = HADLEY.rotation[2]
 CELLS_M = (100.0, 200.0, 400.0)
@@ -68,3 +75,60 @@ def test_the_image_is_searched_at_the_scale_of_the_coarsest_level() -> None:
     fine, both = np.arange(8), np.arange(12)
     assert working_image(catalog, image, fine).sensor.factor == 10
     assert working_image(catalog, image, both).sensor.factor == 20
+
+
+def two_levels(world: World) -> Catalog:
+    """Points of a small world with cells of 400 m, and others with every other node of wider patches."""
+    steps = (7e3, 14e3)
+    frames = [[frame_at(world, x, y) for x in axis for y in axis] for axis in map(lattice, steps)]
+    fine = [world.patch(frame, 33) for frame in frames[0]]
+    coarse = [world.patch(frame, 65)[::2, ::2] for frame in frames[1]]
+    level = np.repeat([0, 1], [len(fine), len(coarse)]).astype(np.int32)
+    gsd = GSD_M * 2.0**level
+    return catalog_of_patches(
+        np.array(fine + coarse, np.float32),
+        [*frames[0], *frames[1]],
+        GSD_M,
+        gsd=gsd,
+        gsd_min=gsd / 4.0,
+        gsd_max=4.0 * gsd,
+        dem_resolution=gsd,
+        level=level,
+    )
+
+
+def lattice(step_m: float) -> np.ndarray:
+    return np.arange(-14e3, 14e3 + 1.0, step_m)
+
+
+def frame_at(world: World, east_m: float, north_m: float) -> EnuFrame:
+    lon, lat, _ = mcmf_to_lonlat(world.frame.to_mcmf([[east_m, north_m, 0.0]]))
+    return EnuFrame(lon[0], lat[0], world.level(lon, lat)[0])
+
+
+def test_a_position_is_solved_from_all_levels_each_at_its_own_scale(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pixels of 190 m: the first search takes the points of 400 m, in pixels twice as large; the second
+    those of 800 m besides, in pixels four times as large.
+    """
+    world, uncertain = World(), Uncertainty(1000.0, np.radians(0.2))
+    catalog, camera = two_levels(world), overhead(pixel_m=190.0, size_px=300)
+    photo = world.photo(camera)
+    given = photo.with_sensor(camera.moved([900.0, -700.0, 500.0, 0.002, -0.003, 0.002]))
+    asked: list[tuple[set[int], int]] = []
+
+    def listen(sought: Catalog, image: Image, *args: object, **options: Any) -> Matches:
+        levels = set(np.asarray(sought.level)[options["points"]].tolist())
+        asked.append((levels, image.sensor.factor))
+        return find_points(sought, image, *args, **options)
+
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
+    both = locate(catalog, given, uncertain, LAW)
+    assert asked[:3] == [({0}, 2), ({0}, 2), ({1}, 4)]
+    assert {(min(levels), factor) for levels, factor in asked} == {(0, 2), (1, 4)}
+    assert both.pose is not None
+    level = np.asarray(catalog.level)[both.matches.point]
+    assert both.pose.used[level == 0].sum() >= 15
+    assert both.pose.used[level == 1].sum() >= 5
+    assert position_error(both.pose, camera).squared < 16.3

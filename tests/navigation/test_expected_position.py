@@ -266,6 +266,23 @@ def test_the_budget_is_that_of_each_error_alone(catalog: Catalog, taken: Camera)
     assert together == pytest.approx(answer.position.position_sigma_m, rel=1e-6)
 
 
+@pytest.mark.parametrize("cells", [0.5, 1.6, 3.0])
+def test_a_pixels_error_is_one_of_the_searched_image(
+    catalog: Catalog, taken: Camera, cells: float
+) -> None:
+    """An error of 20 pixels outweighs all others; pixels are not finer than the cells."""
+    pixel_m = np.median(asked(catalog, taken).pixel_m)
+    catalog = replace(catalog, gsd=np.full(len(catalog), cells * pixel_m))
+    answer = asked(catalog, taken, Query(pixel_sigma_px=20.0))
+    searched = np.maximum(cells * pixel_m / answer.pixel_m, 1.0)
+    slopes = slopes_by_opencv(taken, catalog.position_mcmf[answer.rows])
+    weight = answer.probability / (20.0 * searched) ** 2
+    variance = np.linalg.inv(np.einsum("n,nki,nkj->ij", weight, slopes, slopes))
+    budget = answer.position.budget_m
+    assert budget is not None
+    assert budget["pixel"] == pytest.approx(np.sqrt(np.trace(variance[:3, :3])), rel=0.01)
+
+
 def test_heights_of_the_catalogue_count_unless_others_are_given(taken: Camera) -> None:
     known = everywhere_usable(elevation_sigma=np.full(60, 200.0))
     unknown = everywhere_usable(elevation_sigma=np.full(60, np.nan))
