@@ -61,6 +61,8 @@ bench-moon: $(READY)
 soak: $(READY)
 	$(BIN)/python benchmarks/kills.py --kills 200
 	$(BIN)/python benchmarks/faults.py
+	PYTHONPATH=tests $(BIN)/python benchmarks/damage.py 1000 1000
+	$(BIN)/python benchmarks/fuzz.py --inputs 6250
 
 bench-query: $(READY)
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/query.py
