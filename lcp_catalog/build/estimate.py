@@ -1,4 +1,4 @@
-"""Estimate of a build's size, time and memory, from two of its areas that are computed."""
+"""Estimate of a build's size, time and memory, from a few of its areas that are computed."""
 
 from __future__ import annotations
 
@@ -53,6 +53,9 @@ COVERAGE_COPIES = 1.3
 ``benchmarks/merge.py`` (1875 to 1 000 000 points, records of 434 and 15 382 bytes): they state the peak to
 -12 and +16 MB."""
 
+SPREAD_AREAS = 3
+"""Areas that are computed besides the middle one and the smallest."""
+
 EDGE_SPACINGS = 0.75
 """Spacings by which the sides of an area seem longer when its points are chosen alone. With it, 34 points
 are expected of nine areas (tests/data/nine_areas.toml) that have 32; without it, 61."""
@@ -66,9 +69,9 @@ _CLAIM_BYTES = 6
 
 
 def estimate(build: Build, workers: int) -> dict[str, Any]:
-    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a computed
-    area the memory, time, file size and scene plan; a second one, the smallest, counts for the time.
-    Areas that no configured Sun reaches are not among the two. Of a build of several levels the sums,
+    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a few
+    computed areas the memory, time, file size and scene plan. Areas that no configured Sun reaches are
+    not among them. Of a build of several levels the sums,
     and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
     """
     if build.levels:
@@ -82,15 +85,15 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
-    measured = (sample, order[0])
-    seconds, (result, other) = _measured(build, *measured)
+    measured = _spread(order, sample)
+    seconds, results = _measured(build, *measured)
     ground = {k: math.prod(build.jobs[k].task.window.shape) for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
-    candidates = share * (len(result.candidates) + len(other.candidates))
+    candidates = share * sum(len(result.candidates) for result in results)
     alone = [
-        len(choose(table_of(found.candidates, config), config, build.gsd_m))
+        len(choose(table_of(result.candidates, config), config, build.gsd_m))
         * _share_among_others(build, k)
-        for k, found in zip(measured, (result, other), strict=True)
+        for k, result in zip(measured, results, strict=True)
     ]
     points = min(share * sum(alone), _promised(build))
     before_mb = (peak_mb(), resident_mb()) if min(workers, len(build.jobs)) == 1 else planned_mb
@@ -118,9 +121,18 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "decisions": [
             _cell_decision(build),
             _sun_decision(build),
-            *result.plan.to_json()["decisions"],
+            *results[0].plan.to_json()["decisions"],
         ],
     }
+
+
+def _spread(order: list[int], middle: int) -> list[int]:
+    """The areas that are computed, of those in the ``order`` of their work: the middle one, some spread
+    evenly over the region, and at last the smallest.
+    """
+    along = sorted(order)
+    places = (int((k + 0.5) / SPREAD_AREAS * len(along)) for k in range(SPREAD_AREAS))
+    return list(dict.fromkeys([middle, *(along[place] for place in places), order[0]]))
 
 
 def _share_among_others(build: Build, index: int) -> float:
@@ -176,12 +188,14 @@ def _together(build: Build, levels: list[dict[str, Any]], workers: int) -> dict[
     }
 
 
-def _seconds(build: Build, indices: tuple[int, int], measured: list[float], workers: int) -> float:
-    """Time of a build from the seconds of two areas: a constant for each area, and seconds
-    proportional to its `AreaJob.work`.
+def _seconds(build: Build, indices: list[int], measured: list[float], workers: int) -> float:
+    """Time of a build from the seconds of some areas, the smallest as the last: a constant for each
+    area, and seconds proportional to its `AreaJob.work`.
     """
     work = np.array([job.work for job in build.jobs], dtype=np.float64)
-    (large, small), (most, least) = work[list(indices)], measured
+    others = slice(0, max(1, len(indices) - 1))
+    large, most = float(np.mean(work[indices[others]])), float(np.mean(measured[others]))
+    small, least = float(work[indices[-1]]), measured[-1]
     rate = most / max(large, 1.0)
     if large > small:
         rate = min(rate, max(0.0, (most - least) / (large - small)))
