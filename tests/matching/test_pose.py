@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.posed import HADLEY, PlainMap, camera, covariances, ground, noise, turned
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.special import chdtri
@@ -73,8 +73,10 @@ def test_without_noise_and_without_a_prior_it_comes_back_exactly(
     dice = np.random.default_rng(seed)
     known = camera(tilt=(right, down, roll))
     points = ground(known, 12, dice)
+    pixels = known.project(points)
+    assume(np.isfinite(pixels).all())  # no corner looks above the horizon
     prior = known.moved(UNCERTAIN.sigmas(known) * dice.normal(size=6))
-    pose = solve(prior, points, known.project(points), np.tile(np.eye(2), (12, 1, 1)), NO_PRIOR)
+    pose = solve(prior, points, pixels, np.tile(np.eye(2), (12, 1, 1)), NO_PRIOR)
     assert np.abs(pose.sensor.position_mcmf_m - known.position_mcmf_m).max() < 0.5
     assert np.abs(pose.residual_px).max() < 1e-4
 
