@@ -24,13 +24,13 @@ from .files import FileCommand
 from .messages import echo, log_format_option, say
 from .options import (
     albedo_options,
-    area_options,
     dem_argument,
     depfile_option,
     model_options,
     output_option,
     overwrite_option,
     product_order_option,
+    region_options,
 )
 from .value_types import POSITIVE
 
@@ -58,7 +58,7 @@ _NAMES = 8
 @product_order_option
 @output_option("CATALOG.h5", required=False)
 @config_option
-@area_options
+@region_options
 @level_options
 @sweep_options
 @model_options

@@ -73,12 +73,16 @@ def _refuse_endings(ctx: click.Context) -> None:
     """Raise a usage error for an output whose ending states another format than the option writes."""
     for option in ctx.command.params:
         name = ctx.params.get(option.name or "")
-        meant = re.findall(r"\.\w+", option.metavar or "")
-        if name is None or not meant or not isinstance(option.type, OutputFile):
+        if name is None or not isinstance(option.type, OutputFile):
             continue
+        meant = re.findall(r"\.\w+", option.metavar or "")
         ending = Path(name).suffix.lower()
         known: set[str] = next((one for one in FORMATS if ending in one), set())
-        if known and not known & set(meant):
+        if known and option.metavar == "DIR" and not Path(name).is_dir():
+            raise click.UsageError(
+                f"{option.opts[0]} {name}: the output is a folder; name it without {ending}"
+            )
+        if known and meant and not known & set(meant):
             wanted = " or ".join(meant)
             raise click.UsageError(f"{option.opts[0]} {name}: the output must end in {wanted}")
 
@@ -109,10 +113,11 @@ class FileCommand(click.Command):
         refuse_same_files(ctx)
         _refuse_endings(ctx)
         _refuse_names_for_make(ctx)
-        read = [path for _, path in _files(ctx, "inputs")]
+        read = list(dict.fromkeys(path for _, path in _files(ctx, "inputs")))
+        name = ctx.command_path.partition(" ")[2]
         rule = self._rule(ctx)
         began = time.perf_counter()
-        log.info("%s: reads %s", ctx.info_name, ", ".join(map(str, read)) or "no file")
+        log.info("%s: reads %s", name, ", ".join(map(str, read)) or "no file")
         try:
             result = super().invoke(ctx)
         except ConfigError:
@@ -123,7 +128,10 @@ class FileCommand(click.Command):
 
             depfile, target = rule
             write_bytes(depfile, depfile_rule(target, read), overwrite=True)
-        log.info("%s: done in %.1f s", ctx.info_name, time.perf_counter() - began)
+        written = [path for _, path in _files(ctx, "outputs") if path.exists()]
+        if written:
+            log.info("%s: wrote %s", name, ", ".join(map(str, written)))
+        log.info("%s: done in %.1f s", name, time.perf_counter() - began)
         return result
 
     def _rule(self, ctx: click.Context) -> tuple[str, Path] | None:

@@ -60,33 +60,45 @@ dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DE
 
 catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=InputFile())
 
-area_options = option_group(
-    click.option(
-        "--center",
-        nargs=2,
-        type=click.Tuple([LONGITUDE, LATITUDE]),
-        metavar="LON LAT",
-        help="Centre of the area, degrees; needs --size. Default area: what the camera sees, else the whole DEM.",
-    ),
-    click.option(
-        "--size", "size_km", type=POSITIVE, metavar="KM", help="Side length of the square area."
-    ),
-    click.option(
-        "--bounds",
-        nargs=4,
-        type=click.Tuple([LONGITUDE, LATITUDE] * 2),
-        metavar="W S E N",
-        help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian. "
-        "Default: as of --center.",
-    ),
-    click.option(
-        "--gsd",
-        "gsd_m",
-        type=CELL_SIZE,
-        metavar="M",
-        help="Cell size; default: that of the DEM, and of a build about half of what the DEM resolves.",
-    ),
+
+def _area_group(area: str, cell: str) -> Callable[[Command], Command]:
+    """The options of an area. ``area``, ``cell``: its default, and that of the cell size, in words."""
+    return option_group(
+        click.option(
+            "--center",
+            nargs=2,
+            type=click.Tuple([LONGITUDE, LATITUDE]),
+            metavar="LON LAT",
+            help=f"Centre of the area, degrees; needs --size. Default area: {area}.",
+        ),
+        click.option(
+            "--size", "size_km", type=POSITIVE, metavar="KM", help="Side length of the square area."
+        ),
+        click.option(
+            "--bounds",
+            nargs=4,
+            type=click.Tuple([LONGITUDE, LATITUDE] * 2),
+            metavar="W S E N",
+            help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian. "
+            "Default: as of --center.",
+        ),
+        click.option(
+            "--gsd",
+            "gsd_m",
+            type=CELL_SIZE,
+            metavar="M",
+            help=f"Cell size; default: {cell}.",
+        ),
+    )
+
+
+area_options = _area_group("what the camera sees, else the whole DEM", "that of the DEM")
+"""Area of a render."""
+
+region_options = _area_group(
+    "the whole DEM", "about half of what the DEM resolves, at least its own"
 )
+"""Area of a build."""
 
 sun_angle_options = option_group(
     click.option(

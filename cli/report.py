@@ -82,5 +82,5 @@ def _refuse_dossier_options() -> None:
     for parameter in context.command.params:
         name = parameter.name or ""
         used = context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT
-        if used and name not in ("catalog", "output", "overwrite"):
+        if used and name not in ("catalog", "output", "overwrite", "depfile"):
             raise click.UsageError(f"{parameter.opts[0]} needs --dossier")

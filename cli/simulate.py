@@ -118,7 +118,12 @@ def _written(frame: str) -> Iterator[Path]:
     help="Bits of a pixel's number.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Seed of the noise.",
 )
 @click.option(
     "--samples",

@@ -15,11 +15,11 @@ from .options import (
     LAW,
     REFLECTANCE_HELP,
     albedo_options,
-    area_options,
     dem_argument,
     output_option,
     overwrite_option,
     product_order_option,
+    region_options,
 )
 
 
@@ -39,7 +39,7 @@ def _written(folder: str) -> Iterator[Path]:
 @product_order_option
 @output_option("DIR", written=_written)
 @config_option
-@area_options
+@region_options
 @sweep_options
 @click.option(
     "--reflectance",

@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from ..errors import ConfigError
+from ..errors import ConfigError, InputError
 from ..toml_files import is_number, parse_toml
 from .facet_labunets2019 import DEFAULT, NAMED, named_model
 from .facet_model import FacetModel, Node, Optics, Shadowing
@@ -58,9 +58,11 @@ class FacetFile:
 
 
 def load_model(path: Path | str) -> FacetFile:
-    """Read a MODEL.toml; the ConfigError of an invalid file names it."""
+    """Read a MODEL.toml; the ConfigError of an invalid file names it. InputError if there is none."""
     try:
         return FacetFile.from_toml(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file") from error
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

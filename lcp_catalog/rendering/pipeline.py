@@ -206,7 +206,32 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         others.append(motion)
     plan = replace(plan, others=(*plan.others, *others))
     files = _files(request, dems, choice.model)
+    _log_scene(terrain, light, choice.model, plan)
     return HeightfieldScene(request, terrain, light, choice.model, view, plan, files, moving)
+
+
+def _log_scene(terrain: Terrain, light: Lighting, model: Reflectance, plan: ScenePlan) -> None:
+    """Log what is rendered and, in detail, the scene plan."""
+    frame, field, (row0, row1, col0, col1) = terrain.frame, terrain.field, terrain.core
+    first = light.first.direction
+    log.info(
+        "terrain around %.4f, %.4f: %d x %d nodes of %.5g m, %d x %d with its surroundings",
+        *(
+            frame.lon_deg,
+            frame.lat_deg,
+            col1 - col0,
+            row1 - row0,
+            field.gsd_m,
+            *field.z_m.shape[::-1],
+        ),
+    )
+    log.info(
+        "light from azimuth %.2f, elevation %.2f; %s; modelled: %s",
+        *(first.azimuth_deg, first.elevation_deg, model.name),
+        ", ".join(one.effect for one in plan.decisions if one.modelled) or "nothing else",
+    )
+    for one in plan.decisions:
+        log.debug("%s: %s: %s", one.effect, "modelled" if one.modelled else "not", one.reason)
 
 
 def _ground(

@@ -23,7 +23,7 @@ from ..catalog.summary import Statistics, summary, summary_rows
 from ..constants import FRAME
 from ..errors import ConfigError
 from ..navigation.expected_position import SOURCES, Answer, Query, answers
-from ..navigation.frame_points import Frame
+from ..navigation.frame_points import Frame, require_claims
 from ..plots.html_page import page
 from ..plots.numbers import number
 from .requirement import NUMBERS, Requirement
@@ -184,6 +184,7 @@ def write_dossier(
     given = [Evidence.read(path) for path in evidence]
     asked = query or Query()
     catalog = open_catalog(catalog_path)
+    require_claims(catalog)
     found = list(answers(catalog, frames, asked)) if frames else []
     verdict = None if requirement is None else Verdict.of(requirement, found, given)
     name = Path(catalog_path).name

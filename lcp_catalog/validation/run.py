@@ -244,6 +244,7 @@ def _one(
     options = FAINT if request.faint else Options()
     image, catalog, located, encoding = _searched(request, catalog, files, image, options)
     best = image.with_sensor(located.pose.sensor) if located.pose else image
+    log.info("%s: %s: %s", name, located.verdict, located.reason)
     ground, why = _ground(request, catalog, best)
     why = files.named(why)
     result = ImageVerdict(

@@ -186,7 +186,7 @@ def test_a_render_names_the_model_and_its_file(csv, capsys):
     assert (
         run(["render", str(DEM), "-o", "no.tif", *AREA, *light[:-1], "facet:models/none.toml"]) != 0
     )
-    assert "models/none.toml: No such file" in capsys.readouterr().err
+    assert "models/none.toml: there is no such file" in capsys.readouterr().err
     assert not (csv / "no.tif").exists()
 
 

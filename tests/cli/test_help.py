@@ -57,7 +57,7 @@ def test_a_flag_has_one_group() -> None:
     flags = [flag for flags in GROUPS.values() for flag in flags]
     assert len(flags) == len(set(flags))
     known = {flag for one in COMMANDS.values() for p in one.params for flag in p.opts}
-    assert set(flags) - known <= {"--bounce"}
+    assert set(flags) <= known
 
 
 @EVERY
@@ -94,6 +94,19 @@ REQUIRED = {
     "render": ["--sun-azimuth", "96", "--sun-elevation", "14"],
     "simulate": ["--camera", "none.json", "--sun-azimuth", "96", "--sun-elevation", "14"],
 }
+
+
+def test_a_missing_model_is_a_missing_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was wrong usage: exit code 2."""
+    dem = Path(__file__).parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
+    words = [str(dem), "--reflectance", "facet:none.toml", "--center", "3.5", "26", "--size", "20"]
+    for name, out in (("render", "o.tif"), ("build-catalog", "c.h5"), ("trade", "t")):
+        sun = REQUIRED["render"] if name == "render" else []
+        assert run([name, *words, *sun, "-o", str(tmp_path / out)]) == 1
+        assert capsys.readouterr().err == "lcp: none.toml: there is no such file\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_INPUT))
@@ -155,6 +168,28 @@ def test_a_depfile_lists_what_was_read(tmp_path: Path, capsys: pytest.CaptureFix
     assert run([*words, "-o", str(out), "--overwrite", "--depfile", str(out)]) == 2
 
 
+@pytest.mark.parametrize("name", ["validate", "trade"])
+def test_a_folder_is_not_named_like_a_file(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = _least(COMMANDS[name], tmp_path, "none.h5")
+    words[words.index("-o") + 1] = str(tmp_path / "report.html")
+    assert run([name, *words]) == 2
+    assert "report.html: the output is a folder" in capsys.readouterr().err
+    words[words.index("-o") + 1] = str(tmp_path / "v1.2")
+    assert run([name, *words]) == 1
+
+
+def test_the_help_speaks_of_the_command_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    """`build-catalog` and `trade` have no camera; `--seed` had the type "INTEGER RANGE"."""
+    for name, whole in (("render", True), ("build-catalog", False), ("trade", False)):
+        assert run([name, "--help"]) == 0
+        assert ("what the camera sees" in " ".join(capsys.readouterr().out.split())) == whole
+    for name in COMMANDS:
+        assert run([*name.split(), "--help"]) == 0
+        assert "RANGE" not in capsys.readouterr().out.replace("--range", "").replace("PHRASE", "")
+
+
 def test_sun_takes_the_place_once(capsys: pytest.CaptureFixture[str]) -> None:
     when = ["--time", "1971-07-31T01:25:52", "--json"]
     said = []
@@ -194,6 +229,10 @@ def test_the_log_is_ours_alone(capfd: pytest.CaptureFixture[str]) -> None:
     said = capfd.readouterr().err
     assert "sun: reads no file" in said
     assert "sun: done in" in said
+    dem = Path(__file__).parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
+    assert run(["-v", "dem", "info", str(dem)]) == 0
+    said = capfd.readouterr().err
+    assert f"dem info: reads {dem}\n" in said  # once, and with the command's whole name
     show_log(logging.DEBUG)
     for name in ("rasterio.env", "h5py._conv", "numba.core"):
         assert not logging.getLogger(name).isEnabledFor(logging.INFO)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from helpers import catalogs
+from helpers import catalogs, navigable
 from lcp_cli.main import run
 
 from lcp_catalog.catalog.hdf5 import write_catalog
@@ -44,3 +44,21 @@ def test_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert run(["report", str(tmp_path / "none.h5"), "-o", str(tmp_path / "p.html")]) == 1
     assert "none.h5" in capsys.readouterr().err
     assert run(["report", str(tmp_path)]) == 2
+
+
+def test_it_has_a_depfile_with_and_without_a_dossier(path: Path) -> None:
+    """`lcp report -o r.html --depfile r.d` was refused: "--depfile needs --dossier"."""
+    write_catalog(navigable.everywhere_usable(9), path.with_name("claims.h5"))
+    for name, more in (("c", []), ("claims", ["--dossier"])):
+        of, page, rule = (path.with_name(f"{name}.{ending}") for ending in ("h5", "html", "d"))
+        words = ["report", str(of), "-o", str(page), "--depfile", str(rule)]
+        assert run([*words, *more]) == 0
+        assert rule.read_text().startswith(f"{page}: {of}")
+
+
+def test_a_dossier_needs_claims(path: Path, capsys: pytest.CaptureFixture) -> None:
+    """It was an AttributeError for a catalogue of schema 1."""
+    page = path.with_name("page.html")
+    assert run(["report", str(path), "-o", str(page), "--dossier"]) == 1
+    assert "states no detection probabilities (schema 1)" in capsys.readouterr().err
+    assert not page.exists()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.errors import ConfigError
+from lcp_catalog.errors import ConfigError, InputError
 from lcp_catalog.photometry.facet_file import FORMAT, FacetFile, facet_model, load_model, model_path
 from lcp_catalog.photometry.facet_labunets2019 import NAMED, named_model
 from lcp_catalog.photometry.facet_model import FacetModel, Node, Optics, Shadowing
@@ -51,7 +51,7 @@ def test_which_is_a_file(tmp_path, monkeypatch):
     assert model_path("paint") is None
     (tmp_path / "paint").write_text(FacetFile(FULL).to_toml())
     assert str(model_path("paint")) == "paint"
-    with pytest.raises(ConfigError, match=r"none\.toml: No such file"):
+    with pytest.raises(InputError, match=r"none\.toml: there is no such file"):
         reflectance_model("facet:none.toml")
 
 
