@@ -45,6 +45,7 @@ from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
 from lcp_catalog.plots.greyscale import grey, shrunk
+from lcp_catalog.plots.numbers import typeset
 from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
 from lcp_catalog.validation.report_windows import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
@@ -196,6 +197,7 @@ def histogram(correlation: np.ndarray, part: str, title: str) -> Markup:
         Axis(0.0, top, round_ticks(0.0, top, 5), "share of the windows, %", grid=True),
         width=330.0,
         height=150.0,
+        top=62.0,
     )
     bars = axes.bars(
         (low, low + BIN, share, "high" if low > SHARE - 1e-9 else "bar", f"{share:.1f} %")
@@ -207,9 +209,9 @@ def histogram(correlation: np.ndarray, part: str, title: str) -> Markup:
     own = figures_of(correlation)
     plural = "s" * (own.count != 1)
     text = Markup(
-        '<path class="paper" d="M{x:.1f} 0V{h:g}"/><text class="own" x="8" y="14">{own:.0%} above 0.9, mode {m:.3f}, '
-        '{n} window{s}</text><text class="note" x="8" y="30">paper: {share:.0%} above 0.9, mode {mode}</text>'
-        '<text x="0" y="-10">{title}</text>'
+        '<path class="paper" d="M{x:.1f} 0V{h:g}"/><text class="own" x="0" y="-28">{own:.0%} above 0.9, mode {m:.3f}, '
+        '{n} window{s}</text><text class="note" x="0" y="-11">paper: {share:.0%} above 0.9, mode {mode}</text>'
+        '<text x="0" y="-46">{title}</text>'
     ).format(
         x=x, h=axes.height, own=own.share_above(SHARE), m=own.mode, n=own.count, s=plural, share=share,
         mode=mode, title=title,
@@ -306,35 +308,64 @@ def summary(rows: list[Row]) -> str:
 # -- the page
 
 
-def page(rows: list[Row], folder: Path, tables: str) -> str:
-    """A page with the table, and picture and histograms of each photograph, those that failed first."""
-    head = (
-        "<!doctype html><html lang='en'><meta charset='utf-8'><title>Photographs</title><style>body{font:15px system-ui;"
-        "max-width:75rem;margin:1rem auto;padding:0 1rem}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 8px;"
-        "border-bottom:1px solid #ddd;text-align:right}td:first-child,td:nth-child(4){text-align:left}img{max-width:100%}"
-        "svg{width:26rem}</style>"
-    )
-    names = HEAD.splitlines()[0].strip("| ").split(" | ")
-    lines = [head, "<h1>Every photograph</h1>", f"<p>{html.escape(summary(rows))}</p><table><tr>"]
-    lines += [f"<th>{html.escape(name)}</th>" for name in names]
-    for row in rows:
-        values = "".join(f"<td>{html.escape(value)}</td>" for value in cells(row))
-        lines.append(f"</tr><tr>{values}")
-    lines.append("</tr></table>")
+PAGE_STYLE = """:root{color-scheme:light dark}body{font:15px system-ui;max-width:75rem;margin:1rem auto;padding:0 1rem}
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 8px;border-bottom:1px solid #8886;
+text-align:right}td{white-space:nowrap}td:first-child,th:first-child{text-align:left}img{max-width:100%}svg{width:26rem;max-width:100%}"""
+
+
+def page(rows: list[Row], folder: Path, more: Iterable[str]) -> str:
+    """A page with the table, and picture and histograms of each photograph, those that failed first. ``more``: Markdown
+    that follows (figure 4, wrong Suns).
+    """
+    lines = [
+        "<!doctype html><html lang='en'><meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
+        f"<title>Photographs</title><style>{PAGE_STYLE}</style><h1>Every photograph</h1>",
+        as_html(summary(rows)),
+        as_html(LEGEND),
+        as_html(table(rows)),
+        as_html(PANELS),
+    ]
     for row in sorted(rows, key=lambda row: row.figures["verdict"] == "located"):
         f = row.figures
         lines.append(f"<h2>{html.escape(row.name)}: {html.escape(f['verdict'])}</h2>")
-        lines.append(f"<p>{html.escape(f.get('reason') or '')} ({html.escape(f['licence'])})</p>")
+        lines.append(as_html(f"{f.get('reason') or ''} ({f['licence']})"))
         if row.picture:
-            lines.append(f"<img src='{row.picture.relative_to(folder).as_posix()}' alt=''>")
+            name = row.picture.relative_to(folder).as_posix()
+            lines.append(f"<img src='{name}' alt='photograph, render, correlation'>")
         lines += [str(drawing) for drawing in drawings(row).values()]
-    return "\n".join([*lines, "</html>\n"])
+    return "\n".join([*lines, *map(as_html, more), "</html>\n"])
+
+
+LEGEND = (
+    "Off: distance of the solved position from the known one, in brackets its stated sigma. Windows: 16 x 16 cells at the "
+    "DEM's true resolution; the share that correlates above 0.9 and 0.7 with a render, and the mode. Usable points found: of "
+    "the points claimed usable. Brier: score of the claimed probabilities, in brackets that of their mean."
+)
+PANELS = (
+    "Below: photograph, render of the DEM, correlation of the windows (yellow above 0.95, light green above 0.9, green above "
+    "0.8, dark below 0.5, white without one). The photographs that are not located come first."
+)
+
+
+def as_html(markdown: str) -> str:
+    """Paragraphs and tables of Markdown, powers of ten raised."""
+    parts = []
+    for block in markdown.strip().split("\n\n"):
+        lines = html.escape(typeset(block)).splitlines()
+        if not lines[0].startswith("|"):
+            parts.append(f"<p>{' '.join(lines)}</p>")
+            continue
+        cells = [line.strip("|").split("|") for line in lines if not line.startswith("| ---")]
+        body = ["".join(f"<td>{cell.strip()}</td>" for cell in row) for row in cells]
+        body[0] = body[0].replace("td>", "th>")
+        parts.append(f"<div class='wide'><table><tr>{'<tr>'.join(body)}</table></div>")
+    return "\n".join(parts)
 
 
 def sheet(rows: list[Row]) -> str:
     """SVG of the histograms of several photographs, one row each."""
     pairs = [list(drawings(row).values()) for row in rows]
-    wide, high = 430, 250
+    wide, high = 430, 280
     parts = [
         str(drawing).replace(
             "<svg", f'<svg x="{wide * column}" y="{high * line}" width="{wide}" height="{high}"', 1
@@ -379,15 +410,21 @@ def main() -> None:
     rows = [judged(case, asked.data, folder) for case in chosen]
     both = [row for row in rows if len(row.fine)]
     (asked.output / "figure_4.svg").write_text(sheet(both), encoding="utf-8")
-    parts = [summary(rows), table(rows), "Not located:\n", failures(rows), figure_4(rows)]
+    parts = [summary(rows), table(rows), "Not located:\n", failures(rows)]
+    more = ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
+    _write(asked.output, rows, parts, more)
     if asked.suns:
         from evidence_suns import report
 
-        parts.append(report(chosen, asked.data, asked.output / "suns"))
-    text = "\n".join(parts)
-    (asked.output / "evidence.md").write_text(text, encoding="utf-8")
-    (asked.output / "evidence.html").write_text(page(rows, asked.output, text), encoding="utf-8")
-    print(text)
+        more += ["Suns wrong by 10 deg:\n", report(chosen, asked.data, asked.output / "suns")]
+        _write(asked.output, rows, parts, more)
+    print("\n".join([*parts, *more]))
+
+
+def _write(folder: Path, rows: list[Row], parts: list[str], more: list[str]) -> None:
+    """The tables as Markdown, and the page."""
+    (folder / "evidence.md").write_text("\n".join([*parts, *more]), encoding="utf-8")
+    (folder / "evidence.html").write_text(page(rows, folder, more), encoding="utf-8")
 
 
 if __name__ == "__main__":
