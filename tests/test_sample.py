@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -75,6 +76,11 @@ def test_the_version_stands_in_all_its_places() -> None:
     version = lcp_catalog.__version__
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\n## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_image_tags_of_the_docs_are_of_this_version() -> None:
+    text = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"/lcp:([\w.]+)", text)) == {lcp_catalog.__version__}
 
 
 @pytest.fixture(scope="module")
