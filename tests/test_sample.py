@@ -70,6 +70,9 @@ def test_the_sample_is_package_data_with_its_provenance() -> None:
         (about,) = [text for text in paragraphs if text.startswith(name + "\n")]
         assert "What:" in about
         assert "icence:" in about or "public domain" in about, name
+    named = set(re.findall(r"tests/[\w/]+\.py", provenance))
+    assert named
+    assert all((ROOT / path).is_file() for path in named), named
 
 
 def test_the_version_stands_in_all_its_places() -> None:

@@ -239,7 +239,7 @@ def test_one_incidence_has_no_curve():
 
 
 REMARKS = """\
-# Synthetic: the model "glossy paint" of tests/test_facet_fit.py with 1 % relative noise, made by `as_csv` there.
+# Synthetic: the model "glossy paint" of tests/photometry/test_facet_fit.py with 1 % relative noise, made by `as_csv` there.
 # emission_deg is signed in the plane of incidence: positive on the source's side, the specular direction at -incidence.
 incidence_deg,emission_deg,intensity
 """
