@@ -60,7 +60,7 @@ SHARE = 0.9
 BIN, LOWEST = 0.01, -0.2
 PICTURE_PX = 300
 STYLE = (
-    "svg{background:#fff;font:12px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
+    "svg{background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
     ".middle{text-anchor:middle}.end{text-anchor:end}.bar{fill:#8aa8cf}.high{fill:#1f5fbf}"
     ".paper{fill:none;stroke:#c05a00;stroke-width:1.5;stroke-dasharray:5 3}.note{fill:#c05a00}.own{fill:#1f5fbf}"
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -197,6 +198,12 @@ def test_the_chart_names_the_holes(catalog: Catalog, cameras: list[Camera], tmp_
     assert "<svg" in page
     assert "a &lt;b&gt;" in page
     assert "<script" not in page
+    least, wide = (
+        int(re.search(p, page)[1]) for p in (r"min-width: (\d+)px; height", r"0 0 (\d+) ")
+    )
+    assert (
+        13.0 * least / wide >= 11.0
+    )  # pixels of the text on a narrow screen, where the charts scroll
     with pytest.raises(OutputError, match=r"\.svg or \.html"):
         chart.encode("way.png", "way")
 

@@ -149,6 +149,14 @@ def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
     assert page.counts["tr"] == len(report.COLUMNS) + 1 + len(trade.models.rows())
     assert f"2 of {trade.compared['areas_of']} areas" in html
     assert "craters.tif" in html
+    text = (
+        r"\.pareto { min-width: (\d+)px.*font-size: (\d+)px",
+        r'chart pareto" viewBox="\S+ \S+ (\d+) ',
+    )
+    (least, size), (wide,) = (map(int, re.search(one, html).groups()) for one in text)
+    assert (
+        size * least / wide >= 11.0
+    )  # pixels of the text on a narrow screen, where the chart scrolls
     assert str(Path.home()) not in html
     assert "nan" not in re.sub(r"base64,[^'\"]*", "", html).lower().split()
 
