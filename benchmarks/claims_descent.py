@@ -1,5 +1,5 @@
 """Predicted and simulated errors of the position along the descent of docs/tutorial/descent.md: `lcp query` states a covariance for
-each frame; the frame is taken by an independent renderer over clones of the DEM, offered from a place and an attitude that are a
+each frame; the frame is taken by an independent renderer over clones of all DEMs, offered from a place and an attitude that are a
 little wrong, and located (as in `claims_positions`).
 """
 
@@ -9,13 +9,13 @@ import importlib.util
 import json
 import math
 import os
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from claims_frames import BITS, LAW, SEED
+from claims_frames import BITS, SEED
 from claims_positions import INSIDE_95, Outcome, outcome
 from helpers.closed_loops import embree_frame
 from helpers.dem_clones import Errors, clone
@@ -23,21 +23,33 @@ from helpers.embree_camera import Ground
 from helpers.embree_mesh import Nodes, mcmf, read_nodes
 from lcp_cli.main import run
 from markupsafe import Markup
+from scipy.ndimage import map_coordinates
 
+from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
+from lcp_catalog.dem.dem import Dem
+from lcp_catalog.dem.height_errors import errors_of_file
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
-from lcp_catalog.plots.axes import Axes, Axis, round_ticks
+from lcp_catalog.images.image import Image
+from lcp_catalog.plots.axes import Axes, Axis
 from lcp_catalog.sun.ephemeris import apparent_sun
 
 ROOT = Path(__file__).resolve().parents[1]
-DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
-SPAN = 0.62
-"""Half a frame's width on the ground over the altitude, with a margin for curvature."""
+SAMPLE = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
+SPAN, AROUND_M = 0.62, 3e3
+"""Half the width of the ground of a frame over the altitude, and more of it on all sides: for relief, curvature and shadows."""
+POSITION_SHARE, ATTITUDE_DEG = 0.02, 0.1
+"""What is known before a frame, 1 sigma of each axis: the place, over the altitude; the attitude."""
+FAR_M = 100e3  # beyond the made DEMs
+PIXEL_SIGMA_PX = 0.05  # by which two renderers differ (docs/explanation/claims.md)
+SAMPLES = 3  # of a pixel, each way: the ground has detail below a pixel
+BANDS_KM = ((60, 100), (30, 60), (15, 30), (8, 15), (5, 8))
 
-_WIDTH, _HEIGHT = 640.0, 260.0
+_WIDTH, _HEIGHT = 640.0, 300.0
 _STYLE = (
     "text{font:12px sans-serif;fill:#444}.end{text-anchor:end}.middle{text-anchor:middle}.grid{stroke:#ddd;fill:none}"
     ".axis{stroke:#444;fill:none}.stated{stroke:#1f5fbf;stroke-width:2;fill:none}.error{fill:#c0392b;opacity:.7}"
@@ -45,9 +57,9 @@ _STYLE = (
 )
 
 
-def _example() -> ModuleType:
-    """docs/examples/descent.py."""
-    spec = importlib.util.spec_from_file_location("descent", ROOT / "docs/examples/descent.py")
+def _example(name: str) -> ModuleType:
+    """A module of docs/examples."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/examples/{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -55,61 +67,132 @@ def _example() -> ModuleType:
     return module
 
 
-def built(path: Path) -> Path:
-    """The catalogue of the tutorial, built by its command unless it is there."""
-    if not path.exists():
-        where = ["--center", "3.3", "26.1", "--size", "130", "--gsd", "474", "--spacing", "4"]
-        suns = ["--sun-azimuths", "90,105,120", "--sun-elevations", "10,20,30"]
-        how = ["--reflectance", LAW, "--jobs", str(os.cpu_count() or 1)]
-        if run(["build-catalog", str(DEM), "-o", str(path), *where, *suns, *how]):
-            raise SystemExit(f"{path.name}: the build failed")
-    return path
+@dataclass(frozen=True)
+class Descent:
+    """The tutorial's files in a folder, made unless they are there."""
+
+    folder: Path
+    example: ModuleType
+    dems: tuple[tuple[Path, float, int], ...]  # file, 1 sigma, pixels along one of the sample
+
+    @classmethod
+    def of(cls, folder: Path) -> Descent:
+        made = _example("made_dem")
+        made.SAMPLE, made.FOLDER = str(SAMPLE), folder
+        dems = tuple((folder / f"made_{m}m.tif", sigma, times) for m, times, _, sigma in made.DEMS)
+        if not all(path.exists() for path, *_ in dems):
+            made.main()
+        return cls(folder, _example("descent"), dems)
+
+    def catalog(self) -> Catalog:
+        """The catalogue by the tutorial's command."""
+        path = self.folder / "descent.h5"
+        if not path.exists():
+            config = ["--config", str(ROOT / "docs/examples/descent.toml")]
+            sigma = ["--dem-sigma", str(self.folder / "made_sigma.tif")]
+            files = [str(dem) for dem, *_ in self.dems] + [str(SAMPLE), "-o", str(path)]
+            jobs = ["--jobs", str(os.cpu_count() or 1)]
+            if run(["build-catalog", *files, *config, *sigma, *jobs]):
+                raise SystemExit(f"{path.name}: the build failed")
+        return open_catalog(path)
+
+    def camera(self, step: int) -> Camera:
+        """The camera of a step, with the Sun of its time."""
+        taken = self.example.camera(self.example.ALTITUDES_KM[step])
+        time = np.datetime64(self.example.START) + np.timedelta64(self.example.STEP_S * step, "s")
+        directions, distance_au = apparent_sun([str(time)])
+        sun_m = ASTRONOMICAL_UNIT_M * distance_au[0] * directions[0]
+        return replace(taken, sun_position_mcmf_m=sun_m, time_utc=str(time))
+
+    def photo(self, catalog: Catalog, camera: Camera, altitude_km: float, number: int) -> Image:
+        """A frame of new clones of the DEMs by the independent renderer."""
+        lon, lat, _ = (float(v) for v in mcmf_to_lonlat(camera.position_mcmf_m))
+        surface, brightness = self.truth(catalog, lon, lat, altitude_km, number)
+        ground = Ground(surface, mcmf(lon, lat), brightness)
+        noise = float(catalog.errors["sensor_noise"])
+        return embree_frame(ground, camera, 1.0 / noise, BITS, samples=SAMPLES, seed=number)
+
+    def truth(
+        self, catalog: Catalog, lon: float, lat: float, altitude_km: float, number: int
+    ) -> tuple[Nodes, Array]:
+        """Clones of all DEMs in one grid around a place, as fine as the finest DEM of each row and column, but
+        not finer than half a pixel needs; and the brightness of its nodes.
+        """
+        dice = np.random.default_rng([SEED, 2, number])
+        model = catalog.errors
+        errors = Errors(*(float(model[k]) for k in Errors.__dataclass_fields__))
+        half_m = 1e3 * altitude_km * SPAN + AROUND_M
+        wide, bright = clone(read_nodes(SAMPLE, lon, lat, half_m), errors, dice)
+        pixel_m = 1e3 * altitude_km / self.example.FOCAL_PX
+        posting_m = Dem.open(SAMPLE).gsd_m
+        most = next((n for *_, n in self.dems if 2.0 * posting_m / n <= pixel_m), self.dems[-1][2])
+        clones = []
+        for path, sigma_m, times in self.dems:
+            length_m = errors_of_file(Dem.open(path)).length_m
+            own = replace(errors, height_sigma_m=sigma_m, height_length_m=length_m)
+            site = self.example.LON_DEG, self.example.LAT_DEG
+            fine, _ = clone(read_nodes(path, *site, FAR_M), own, dice)
+            clones.append((fine, min(times, most)))
+        grid = _grid(wide, clones)
+        heights, shade = (_at(wide, values, grid) for values in (wide.height_m, bright))
+        for fine, _ in clones:
+            here = _at(fine, fine.height_m, grid)
+            heights = np.where(np.isfinite(here), here, heights)
+        return replace(grid, height_m=heights), shade
+
+
+def _grid(wide: Nodes, inside: list[tuple[Nodes, int]]) -> Nodes:
+    """The grid of the pixels of a DEM, those in the rows and columns of others, from coarse to fine, in as many
+    parts as stated; without heights.
+    """
+    axes = []
+    for pick in (lambda nodes: nodes.lat_deg[:, 0], lambda nodes: nodes.lon_deg[0]):
+        own = pick(wide)
+        parts = np.ones(len(own), int)
+        for fine, times in inside:
+            low, high = np.sort(pick(fine)[[0, -1]])
+            parts[(own > low) & (own < high)] = times
+        places = [k + (np.arange(n) + 0.5) / n - 0.5 for k, n in enumerate(parts)]
+        axes.append(own[0] + np.concatenate(places) * (own[1] - own[0]))
+    lon, lat = np.meshgrid(axes[1], axes[0])
+    return Nodes(lon, lat, np.full(lon.shape, np.nan), is_ring=False, pole=0)
+
+
+def _at(nodes: Nodes, values: Array, grid: Nodes) -> Array:
+    """Values of nodes at those of another grid, bilinear; NaN outside."""
+    lat, lon = nodes.lat_deg[:, 0], nodes.lon_deg[0]
+    rows = (grid.lat_deg - lat[0]) / (lat[1] - lat[0])
+    cols = (grid.lon_deg - lon[0]) / (lon[1] - lon[0])
+    return np.asarray(map_coordinates(values, [rows, cols], order=1, cval=np.nan))
 
 
 def work(folder: Path, count: int) -> list[Outcome]:
     """So many frames, over all altitudes in turn; those in the folder are kept."""
     folder.mkdir(parents=True, exist_ok=True)
-    example, catalog = _example(), open_catalog(built(folder / "descent.h5"))
+    descent = Descent.of(folder)
+    catalog, heights = descent.catalog(), descent.example.ALTITUDES_KM
     found = []
     for number in range(count):
-        step, turn = number % 16, number // 16
-        altitude_km = 100 - 5 * step
-        path = folder / f"{altitude_km}-{turn}.json"
+        step, turn = number % len(heights), number // len(heights)
+        altitude_km = float(heights[step])
+        path = folder / f"{altitude_km:g}-{turn}.json"
         if not path.exists():
-            camera = _lit(example.camera(altitude_km), example.START.isoformat(), step)
-            photo = _taken(catalog, camera, altitude_km, number)
-            lon, lat, _ = mcmf_to_lonlat(camera.position_mcmf_m)
+            camera = descent.camera(step)
+            photo = descent.photo(catalog, camera, altitude_km, number)
             pixel_m = 1e3 * altitude_km / camera.focal_length_px
-            about = (str(altitude_km), number, 20.0, pixel_m)
-            path.write_text(json.dumps(asdict(outcome(catalog, photo, camera, about))))
-            print(path.name, f"{lon:.2f} {lat:.2f}", flush=True)
+            before = Uncertainty(1e3 * altitude_km * POSITION_SHARE, math.radians(ATTITUDE_DEG))
+            about = (f"{altitude_km:g}", number, 20.0, pixel_m)
+            path.write_text(
+                json.dumps(asdict(outcome(catalog, photo, camera, about, before, PIXEL_SIGMA_PX)))
+            )
+            print(path.name, flush=True)
         found.append(Outcome(**json.loads(path.read_text())))
     return found
 
 
-def _lit(camera: Camera, start: str, step: int) -> Camera:
-    """The camera with the Sun of its time."""
-    time = np.datetime64(start) + np.timedelta64(30 * step, "s")
-    directions, distance_au = apparent_sun([str(time)])
-    sun_m = ASTRONOMICAL_UNIT_M * distance_au[0] * directions[0]
-    return replace(camera, sun_position_mcmf_m=sun_m, time_utc=str(time))
-
-
-def _taken(catalog: Catalog, camera: Camera, altitude_km: float, number: int) -> Any:
-    """A frame of a new clone by the independent renderer."""
-    lon, lat, _ = (float(v) for v in mcmf_to_lonlat(camera.position_mcmf_m))
-    nodes: Nodes = read_nodes(DEM, lon, lat, 1e3 * altitude_km * SPAN * math.sqrt(2.0) + 10e3)
-    model = catalog.errors
-    errors = Errors(*(float(model[k]) for k in Errors.__dataclass_fields__))
-    surface, brightness = clone(nodes, errors, np.random.default_rng([SEED, 2, number]))
-    ground = Ground(surface, mcmf(lon, lat), brightness)
-    return embree_frame(
-        ground, camera, 1.0 / float(model["sensor_noise"]), BITS, samples=2, seed=number
-    )
-
-
 HEAD = (
-    "| altitude, km | usable points | predicted 1 sigma, m | rms error, m | frames | located | squared error / 3 | within 95 % |\n"
+    "| altitude, km | usable points | predicted 1 sigma, m (rms) | rms error, m | frames | located | squared error / 3 | "
+    "within 95 % |\n"
     "| ---: |" + " ---: |" * 7
 )
 
@@ -117,25 +200,30 @@ HEAD = (
 def report(found: list[Outcome], chart: Path) -> tuple[str, dict[str, Any]]:
     """Markdown, figures, and the chart."""
     rows, figures = [HEAD], {}
-    groups = {f"{km}": [one for one in found if one.site == f"{km}"] for km in range(100, 24, -5)}
-    for name, some in (groups | {"all": found}).items():
+    heights = {one.site: float(one.site) for one in found}
+    single = {name: [one for one in found if one.site == name] for name in heights}
+    bands = {
+        f"{high:g} to {low:g}": [one for one in found if low <= heights[one.site] <= high]
+        for low, high in BANDS_KM
+    }
+    for name, some in (single | bands | {"all": found}).items():
         if some:
             figures[name] = _scored(some)
             cells = [f"{v:.3g}" if isinstance(v, float) else f"{v}" for v in figures[name].values()]
             rows.append("| " + " | ".join([name, *cells]) + " |")
-    chart.write_text(_drawn(groups, figures), encoding="utf-8")
+    chart.write_text(_drawn(single, figures), encoding="utf-8")
     return "\n".join(rows) + "\n", figures
 
 
 def _scored(some: list[Outcome]) -> dict[str, Any]:
     judged = [one for one in some if np.isfinite(one.squared)]
     squared = np.array([one.squared for one in judged])
-    stated = [math.sqrt(np.trace(one.covariance)) for one in some if one.covariance is not None]
+    stated = [np.trace(one.covariance) for one in some if one.covariance is not None]
     errors = [float(np.linalg.norm(one.error_m)) for one in judged]
     nothing = float("nan")
     return {
         "usable": float(np.median([one.usable for one in some])),
-        "stated_m": float(np.median(stated)) if stated else nothing,
+        "stated_m": math.sqrt(np.mean(stated)) if stated else nothing,
         "rms_m": float(np.sqrt(np.mean(np.square(errors)))) if errors else nothing,
         "frames": len(some),
         "located": sum(one.error_m is not None for one in some),
@@ -146,7 +234,6 @@ def _scored(some: list[Outcome]) -> dict[str, Any]:
 
 def _drawn(groups: dict[str, list[Outcome]], figures: dict[str, Any]) -> str:
     """Errors of single frames, their root mean square, and the predicted sigma, against altitude."""
-    heights = [float(name) for name, some in groups.items() if some]
     known = [name for name, some in groups.items() if some]
     places = [
         (float(one.site), float(np.linalg.norm(one.error_m)))
@@ -154,10 +241,13 @@ def _drawn(groups: dict[str, list[Outcome]], figures: dict[str, Any]) -> str:
         for one in some
         if one.error_m is not None
     ]
-    top = max([error for _, error in places] + [figures[name]["stated_m"] for name in known])
+    shown = [error for _, error in places] + [figures[name]["stated_m"] for name in known]
     axes = Axes(
-        Axis(20.0, 105.0, round_ticks(20.0, 105.0, 8), "altitude, km", grid=True),
-        Axis(0.0, 1.05 * top, round_ticks(0.0, 1.05 * top, 5), "error of the position, m", grid=True),
+        Axis(110.0, 4.5, _ticks(4.5, 110.0), "altitude, km", log=True, grid=True),
+        Axis(
+            low := 0.8 * min(shown), top := 1.25 * max(shown), _ticks(low, top),
+            "error of the position, m", log=True, grid=True,
+        ),
         _WIDTH, _HEIGHT, 70.0, 20.0, 30.0, 50.0,
     )  # fmt: skip
     x, y = axes.at([h for h, _ in places], [e for _, e in places])
@@ -165,6 +255,7 @@ def _drawn(groups: dict[str, list[Outcome]], figures: dict[str, Any]) -> str:
         f'<circle class="error" cx="{a:.1f}" cy="{b:.1f}" r="3"/>'
         for a, b in zip(x, y, strict=True)
     )
+    heights = [float(name) for name in known]
     stated = axes.line(heights, [figures[name]["stated_m"] for name in known], "stated")
     solved = [name for name in known if figures[name]["located"]]
     rms = axes.line([float(n) for n in solved], [figures[n]["rms_m"] for n in solved], "rms")
@@ -172,3 +263,9 @@ def _drawn(groups: dict[str, list[Outcome]], figures: dict[str, Any]) -> str:
     inside = Markup(dots) + stated + rms + Markup(note)
     label = "predicted and simulated error of the position against altitude"
     return str(axes.draw(inside, label, style=_STYLE)) + "\n"
+
+
+def _ticks(low: float, high: float) -> list[tuple[float, str]]:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of 10."""
+    values = [step * 10.0**power for power in range(-1, 4) for step in (1, 2, 5)]
+    return [(value, f"{value:g}") for value in values if low <= value <= high]

@@ -18,6 +18,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..kernels.matching import correlation
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .consensus import SHARE_IF_HERE
 from .point_choice import likeliest
 from .search_image import SearchImage
 from .templates import POINT_SPREAD_PX, render_patches
@@ -44,7 +45,9 @@ _PLATEAU = 0.05
 class CoarseShift:
     """The offset on which most points agree, in pixels of the full-resolution image.
     ``log10_false_alarms``: log10 of the expected number of offsets with as high an agreement by
-    chance in an area of this size; ``rival_log10``: the same for the best offset elsewhere.
+    chance in an area of this size; ``rival_log10``: the same for the best offset elsewhere;
+    ``if_here_log10``: the same if `SHARE_IF_HERE` of the points gave one offset the highest vote that a
+    map can give, and the others the mean vote.
     """
 
     offset_px: tuple[float, float]
@@ -52,6 +55,7 @@ class CoarseShift:
     rival_log10: float
     precision_px: float  # the grid's own pixel, and the slack
     points: int
+    if_here_log10: float = -math.inf
 
 
 def coarse_shift(
@@ -185,7 +189,11 @@ def _peak(
         for at in ((row, col), away)
     ]
     offset = (float(middle[1] * factor), float(middle[0] * factor))
-    return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), int(voters.max()))
+    most = int(voters.max())
+    highest = math.log(max(known.sum() / (1 + 2 * slack) ** 2, math.e))  # of a plateau of the slack
+    total = most * (1.0 + SHARE_IF_HERE * (highest - 1.0))
+    if_here = math.log10(known.sum()) + _log10_gamma_tail(most, total, share)
+    return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), most, if_here)
 
 
 def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:

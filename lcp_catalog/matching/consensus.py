@@ -39,6 +39,11 @@ SIGNIFICANT = -6.0
 million.
 """
 
+SHARE_IF_HERE = 0.25
+"""Least share of the searchable points that agree in an image of this place. If such an agreement
+would not be significant, because the points are too few, the place is not refuted.
+"""
+
 GATE = 3.0
 """Sigmas within which a match agrees."""
 

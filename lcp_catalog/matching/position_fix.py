@@ -20,6 +20,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import (
+    SHARE_IF_HERE,
     SIGNIFICANT,
     Consensus,
     agree,
@@ -57,11 +58,6 @@ NOT_FOUND = ("weak", "no peak", "no exact place", "ambiguous", "not confirmed", 
 SEARCHED = tuple(CODE[reason] for reason in (FOUND, *NOT_FOUND))
 """Codes of points that could be searched for, so that their result is evidence for or against the
 place.
-"""
-
-SHARE_IF_HERE = 0.25
-"""Least share of the searchable points that agree in an image of this place. If such an agreement
-would not be significant, because the points are too few, the place is not refuted.
 """
 
 LEAST_USABLE = 6

@@ -21,6 +21,7 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..photometry.laws import Reflectance
 from .coarse_offset import coarse_shift
+from .consensus import SIGNIFICANT
 from .point_choice import facing
 from .pose import jacobian
 
@@ -29,6 +30,10 @@ _FARTHEST = 2.0
 reaches of the middle are left out: that far off, a pinhole's linear reach is invalid.
 """
 _NOBODY = np.zeros(0, dtype=np.int64)
+_TELLS = -3.0
+"""log10 of the false alarms that a quarter of the points could reach, above which the lack of a common
+offset says nothing.
+"""
 _ROUGH = 2
 """Pixels of the coarse grid by which its offset may be wrong beyond its own precision."""
 
@@ -98,7 +103,8 @@ def narrowed(
     offsets as clear by chance; and the distance, in pixels, by which turning and scaling move
     single points from a common offset (1 sigma, the median).
 
-    If no offset can be found: the area as it is, and minus infinity. ``image`` is the searched
+    If no offset can be found, or none could be significant because the points are too few for the
+    slack: the area as it is, and minus infinity. ``image`` is the searched
     image, ``sensor`` that of the full-resolution image.
     """
     prior = np.diag(uncertainty.sigmas(sensor) ** 2)
@@ -113,7 +119,8 @@ def narrowed(
         points=area.points,
         slack_px=slack,
     )
-    if shift is None:
+    vague = shift is not None and shift.if_here_log10 > _TELLS
+    if shift is None or (vague and shift.log10_false_alarms > SIGNIFICANT):
         return area, -math.inf, slack
     noise = (_ROUGH * shift.precision_px) ** 2 * np.eye(2)
     gain = prior @ common.T @ np.linalg.inv(common @ prior @ common.T + noise)

@@ -94,6 +94,23 @@ def test_the_tail_of_a_sum_of_votes(n, share):
     assert _log10_gamma_tail(n, n * share) == pytest.approx(float(exact), rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize(("count", "slack", "reach"), [(12, 0, 40), (12, 4, 40), (60, 4, 40)])
+def test_what_a_quarter_of_the_points_could_show(count: int, slack: int, reach: int) -> None:
+    """Every fourth of the maps has its peak in the middle: no offset of it exceeds what is stated."""
+    dice, side = np.random.default_rng(count + slack), 2 * reach + 1
+    known, votes = np.ones((side, side), bool), np.zeros((side, side))
+    for k in range(count):
+        score = dice.uniform(-0.4, 0.4, (side, side)).astype(np.float32)
+        if k % 4 == 0:
+            score[reach, reach] = 0.9
+        votes += _vote(score, known, slack)
+    middle = votes[reach, reach]
+    found = _peak(votes, count * known, 1, slack, 8.0 + 2 * slack, 1.0)
+    mean = (middle - count // 4 * np.log(side**2 / (2 * slack + 1) ** 2)) / (count - count // 4)
+    exact = mpmath.gammainc(count, middle + (1.0 - mean) * (count - count // 4), mpmath.inf, regularized=True)  # fmt: skip
+    assert found.if_here_log10 == pytest.approx(float(mpmath.log10(side**2 * exact)), abs=0.05)
+
+
 # -- in which pixels
 
 

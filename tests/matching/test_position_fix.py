@@ -128,6 +128,26 @@ def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: I
     assert is_right(answer, points, photo.sensor)
 
 
+def test_points_too_few_for_a_significant_shift_are_searched_for_one_by_one(
+    points: Catalog, photo: Image
+) -> None:
+    """12 points: a quarter of them agreeing on a shift would be no evidence, so none is no evidence
+    against the place.
+    """
+    far = Uncertainty(9000.0, np.radians(0.5))
+    few = points.take(np.linspace(0, len(points) - 1, 12).astype(int))
+    given = photo.with_sensor(photo.sensor.moved([9e3, -1.2e4, 5e3, 0.01, -0.008, 0.005]))
+    area = perhaps_in_view(few, given.sensor, far, 3.0)
+    assert np.median(area.reach_px) > QUICK.most_reach_px
+    _, chance, _ = narrowed(area, few, given, given.sensor, far, LAW, 3.0, 16.0)
+    assert chance == -math.inf
+    answer = locate(few, given, far, LAW, QUICK)
+    assert answer.verdict == LOCATED
+    assert is_right(answer, few, photo.sensor)
+    for how in ("left-right", "180"):
+        assert locate(few, mirrored(given, how), far, LAW, QUICK).verdict != LOCATED
+
+
 def test_a_shift_of_the_image_leaves_what_it_does_not_decide(
     points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
