@@ -39,41 +39,37 @@ GROUPS = {
         *("--encoding", "--band", "--nodata", "--faint", "--blur", "--shot-share", "--exposure"),
         *("--bits", "--seed", "--samples"),
     ),
+    "Fit": ("--c", "--refractive-index", "--polarisation", "--normalize", "--name"),
     "Run": (
         *("--config", "--jobs", "--memory", "--scheduler", "--part", "--list-parts", "--merge"),
         *("--resume", "--keep-going", "--areas", "--rounds"),
     ),
     "Output": (
         *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),
-        *("--evidence", "--require", "--plan", "--explain", "--json", "--depfile", "--overwrite"),
-        *("--log-format",),
+        *("--evidence", "--require", "--set", "--quick", "--plan", "--explain", "--json"),
+        *("--depfile", "--overwrite", "--log-format", "--help"),
     ),
 }
 """Flags of all commands by what they are about; a flag has one place in every command."""
 
-OTHER = "Other options"
-"""Heading of the flags that belong to one command alone, and of ``--help``."""
-
 
 def grouped(command: click.Command, context: click.Context) -> dict[str, list[click.Option]]:
-    """Options of a command by heading, in the order of `GROUPS`; options of none of them before the output."""
-    shown = [
-        one
-        for one in command.get_params(context)
-        if isinstance(one, click.Option) and not one.hidden
-    ]
-    place = {flag: heading for heading, flags in GROUPS.items() for flag in flags}
-    order = [*list(GROUPS)[:-1], OTHER, list(GROUPS)[-1]]
-    found: dict[str, list[click.Option]] = {heading: [] for heading in order}
-    for one in shown:
-        heading = next((place[flag] for flag in one.opts if flag in place), OTHER)
-        found["Output" if one.opts[-1] == "--help" else heading].append(one)
-    for heading, members in found.items():
-        flags = GROUPS.get(heading, ())
-        members.sort(
-            key=lambda one: min((flags.index(f) for f in one.opts if f in flags), default=99)
-        )
+    """Options of a command by heading, in the order of `GROUPS`. KeyError for a flag that is not there."""
+    place = {
+        flag: (heading, k) for heading, flags in GROUPS.items() for k, flag in enumerate(flags)
+    }
+    found: dict[str, list[click.Option]] = {heading: [] for heading in GROUPS}
+    for one in command.get_params(context):
+        if isinstance(one, click.Option) and not one.hidden:
+            found[place[_flag(one)][0]].append(one)
+    for members in found.values():
+        members.sort(key=lambda one: place[_flag(one)][1])
     return {heading: members for heading, members in found.items() if members}
+
+
+def _flag(option: click.Option) -> str:
+    """The long name of an option."""
+    return next(name for name in option.opts if name.startswith("--"))
 
 
 def write_options(

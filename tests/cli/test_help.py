@@ -56,8 +56,8 @@ def test_options_stand_in_groups_and_an_example_is_valid(
 def test_a_flag_has_one_group() -> None:
     flags = [flag for flags in GROUPS.values() for flag in flags]
     assert len(flags) == len(set(flags))
-    known = {flag for one in COMMANDS.values() for p in one.params for flag in p.opts}
-    assert set(flags) <= known
+    every = (flag for one in COMMANDS.values() for p in one.params for flag in p.opts)
+    assert set(flags) == {flag for flag in every if flag.startswith("--")} | {"--help"}
 
 
 @EVERY
@@ -102,6 +102,9 @@ def test_a_missing_model_is_a_missing_input(
     """It was wrong usage: exit code 2."""
     dem = Path(__file__).parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
     words = [str(dem), "--reflectance", "facet:none.toml", "--center", "3.5", "26", "--size", "20"]
+    for name, out in (("build-catalog", "c.h5"), ("trade", "t")):
+        assert run([name, str(dem), "--config", "none.toml", "-o", str(tmp_path / out)]) == 1
+        assert capsys.readouterr().err == "lcp: none.toml: there is no such file\n"
     for name, out in (("render", "o.tif"), ("build-catalog", "c.h5"), ("trade", "t")):
         sun = REQUIRED["render"] if name == "render" else []
         assert run([name, *words, *sun, "-o", str(tmp_path / out)]) == 1
