@@ -2,9 +2,10 @@
 
     python benchmarks/promised_cameras.py CATALOG.h5 ...
 
-For each level 1000 random places at which something is promised, each under a random Sun of a random cell of the grid that can
-happen there and for which any point near makes a claim; the Sun has the same angles at all points. Points within half a footprint
-(haversine formula) are counted that `predict` calls usable straight down.
+For each level 1000 random cameras near places at which something is promised, each at a moment: the Sun stands over a
+random place within 1.54 degrees of the equator, far away, and has at each point the elevation and azimuth of that point.
+Moments count if something is promised for the Sun's angles at the camera's place and any point near makes a claim.
+Points within half a footprint (haversine formula) are counted that `predict` calls usable straight down.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
 
-COUNT, TRIED = 1000, 12000
+COUNT, TRIED = 1000, 40000
 DECLINATION_DEG = 1.54
 """Greatest latitude of the subsolar point that counts as one that happens."""
 
@@ -34,6 +35,36 @@ def arcs_m(lon: np.ndarray, lat: np.ndarray, lons: np.ndarray, lats: np.ndarray)
     return np.asarray(2.0 * MOON_RADIUS_M * np.arcsin(np.sqrt(half)))
 
 
+def local_angles(
+    lon: np.ndarray, lat: np.ndarray, sun: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Elevation and azimuth, degrees, of Suns over the places ``sun`` (2, n), by the formulas of spherical astronomy."""
+    turn, declination, lat = np.radians(sun[0] - lon), np.radians(sun[1]), np.radians(lat)
+    sine = np.sin(lat) * np.sin(declination) + np.cos(lat) * np.cos(declination) * np.cos(turn)
+    north = np.cos(lat) * np.tan(declination) - np.sin(lat) * np.cos(turn)
+    azimuth = np.degrees(np.arctan2(np.sin(turn), north)) % 360.0
+    return np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))), azimuth
+
+
+def displaced(
+    lon: np.ndarray, lat: np.ndarray, away: np.ndarray, towards: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places at an angle from others, in a direction from north, both in radians."""
+    first = np.radians(lat)
+    sine = np.sin(first) * np.cos(away) + np.cos(first) * np.sin(away) * np.cos(towards)
+    turn = np.arctan2(
+        np.sin(towards) * np.sin(away) * np.cos(first), np.cos(away) - np.sin(first) * sine
+    )
+    return lon + np.degrees(turn), np.degrees(np.arcsin(sine))
+
+
+def cell_of(values: np.ndarray, start: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The number of the interval of a circle in which each value lies; -1 for none."""
+    wide = (start[after] - start) % 360.0
+    inside = (values[:, None] - start) % 360.0 < wide
+    return np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
+
+
 def main() -> None:
     print("| catalogue | cells, m | cameras | promise kept there | fewer points than stated |")
     print("| --- | ---: | ---: | ---: | ---: |")
@@ -43,47 +74,49 @@ def main() -> None:
         if found is None:
             raise SystemExit(f"{path}: promises nothing")
         told, own = found
-        grid, rng = (
-            SunCells.of(catalog.sun_elevation, catalog.sun_azimuth),
-            np.random.default_rng(7),
-        )
-        high = np.asarray(catalog.sun_elevation)[np.asarray(grid.above)]
+        rng = np.random.default_rng(7)
+        low, start = np.asarray(catalog.sun_elevation), np.asarray(catalog.sun_azimuth)
+        grid = SunCells.of(low, start)
         for part, gsd, footprint, radius in zip(
             own.parts(), own.gsd, own.footprint, own.radius, strict=True
         ):
             stored, cause = told.points[part][:, 0], told.cause[part][:, 0]
-            cells = np.argwhere(stored != NO_CELL)
-            place, row, column = cells[rng.integers(0, len(cells), TRIED)].T
-            elevation = rng.uniform(np.asarray(catalog.sun_elevation)[row], high[row])
-            start = np.asarray(catalog.sun_azimuth)[column]
-            step = (np.asarray(catalog.sun_azimuth)[np.asarray(grid.after)[column]] - start) % 360.0
-            azimuth = np.radians(start + rng.uniform(0.0, 1.0, TRIED) * step)
+            place = rng.integers(0, len(stored), TRIED)
+            lon, lat = told.longitude[part][place], told.latitude[part][place]
+            sun = np.stack(
+                [
+                    rng.uniform(0.0, 360.0, TRIED),
+                    rng.uniform(-DECLINATION_DEG, DECLINATION_DEG, TRIED),
+                ]
+            )
+            elevation, azimuth = local_angles(lon, lat, sun)
+            row = np.searchsorted(low, elevation, side="right") - 1
+            column = cell_of(azimuth, start, np.maximum(grid.after, 0))
+            asked = (row >= 0) & (elevation <= low[-1]) & (column >= 0)
+            asked &= stored[place, row, column] != NO_CELL
+            some = np.flatnonzero(asked)
+            place, row, column, sun = place[some], row[some], column[some], sun[:, some]
             # the camera is anywhere from which its footprint holds the circle of the place
-            slack = np.degrees((footprint / 2.0 - radius) / MOON_RADIUS_M)
-            lat = told.latitude[part][place] + rng.uniform(-0.7, 0.7, TRIED) * slack
-            lon = told.longitude[part][place] + rng.uniform(-0.7, 0.7, TRIED) * slack / np.cos(
-                np.radians(lat)
+            away = (
+                (footprint / 2.0 - radius) / MOON_RADIUS_M * np.sqrt(rng.uniform(0, 1, len(some)))
             )
-            sine = np.sin(np.radians(lat)) * np.sin(np.radians(elevation)) + np.cos(
-                np.radians(lat)
-            ) * np.cos(np.radians(elevation)) * np.cos(azimuth)
-            happens = np.flatnonzero(np.abs(sine) <= np.sin(np.radians(DECLINATION_DEG)))
-            lon, lat, elevation, azimuth, place, row, column = (
-                values[happens] for values in (lon, lat, elevation, azimuth, place, row, column)
-            )
+            lon, lat = displaced(lon[some], lat[some], away, rng.uniform(0, 2 * np.pi, len(some)))
             rows = np.flatnonzero(catalog.gsd == gsd)
-            seen = arcs_m(
-                lon[:, None], lat[:, None], catalog.longitude[rows], catalog.latitude[rows]
+            points = catalog.longitude[rows], catalog.latitude[rows]
+            camera, point = np.nonzero(
+                arcs_m(lon[:, None], lat[:, None], *points) <= footprint / 2.0
             )
-            camera, point = np.nonzero(seen <= footprint / 2.0)
-            e, a = np.radians(elevation)[camera], azimuth[camera]
-            towards = np.stack([np.sin(a), np.cos(a), np.tan(e)], axis=1)
-            towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+            own_elevation, own_azimuth = local_angles(
+                points[0][point], points[1][point], sun[:, camera]
+            )
+            e, a = np.radians(own_elevation), np.radians(own_azimuth)
+            towards = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=1)
             down = np.broadcast_to([0.0, 0.0, 1.0], towards.shape)
-            found_there = predict(catalog, rows[point], towards, down, np.full(len(point), gsd))
-            claims = np.isfinite(found_there.detection_probability)
+            pixel = np.full(len(point), gsd)
+            answer = predict(catalog, rows[point], towards, down, pixel)
+            claims = np.isfinite(answer.detection_probability)
             claimed = np.flatnonzero(np.bincount(camera, claims, len(place)) > 0)[:COUNT]
-            count = np.bincount(camera, found_there.usable, len(place))[claimed]
+            count = np.bincount(camera, answer.usable, len(place))[claimed]
             place, row, column = place[claimed], row[claimed], column[claimed]
             met = cause[place, row, column] == Cause.MET
             short = count < stored[place, row, column]

@@ -17,11 +17,12 @@ from ..constants import MOON_RADIUS_M
 from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
-from ..landmarks.multicover import Cover, choose_cover, least_size, packed
+from ..landmarks.multicover import choose_cover, least_size, packed, unpacked
 from ..landmarks.selection import Nearby, nearest, select, stable_id
 from ..sun.reachable import reachable_suns
 from ..terrain.area import Area
 from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
+from .moments import moment_cover
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
 
 _FINEST, _COARSEST = 12.0, 4.0
@@ -175,10 +176,14 @@ class Promise:
         promise is kept. ``has_heights``: of the places; ``most``: greatest number of points.
         """
         pool = self._pool(table)
-        links = self._links(table["lon_deg"][pool], table["lat_deg"][pool])
-        bits = np.concatenate(self._bits)[pool]
-        cover = Cover(*links, bits, *self.exists.shape)
-        demand = self._demand()
+        sites = table["lon_deg"][pool], table["lat_deg"][pool]
+        usable = unpacked(np.concatenate(self._bits)[pool], len(self.columns))
+        given = (self.places.lon_deg, self.places.lat_deg), self.places.radius_m
+        grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
+        cover, happens = moment_cover(
+            sites, usable, *given, self._links(*sites), grid, self.columns
+        )
+        demand = np.where(happens, self._demand(), 0).astype(np.int16)
         wanted = np.minimum(demand, cover.counts(np.arange(len(pool))))
         choice = choose_cover(cover, wanted, most)
         found = cover.counts(choice.chosen)

@@ -98,6 +98,14 @@ class SunCells:
         largest[cells] = np.where(happens, margin, 0.0).max(axis=1, initial=0.0)
         return CellClaims(exists, counts, _stored_at_least(min_detection, largest))
 
+    def happens(self, lat_deg: float) -> Mask:
+        """Cells (e, a) in which the Sun can stand at a latitude, degrees."""
+        found = np.zeros(self.shape, np.bool_)
+        row, column = np.nonzero((self.above >= 0)[:, None] & (self.after >= 0))
+        cells = row.astype(np.int64), column.astype(np.int64)
+        found[cells] = self._samples(lat_deg, cells)[1].any(axis=1)
+        return found
+
     def _samples(self, lat_deg: float, cells: tuple[Index, Index]) -> tuple[Array, Mask]:
         """Weights of the corners (4, n, s) at Suns over n cells, and (n, s) whether the Sun can stand
         there at a latitude.

@@ -1,7 +1,7 @@
 """Multicover by bit sets: candidates that serve, at some places, some of the conditions there.
 
 Candidate i serves condition c of place p if p is one of ``place[first[i]:first[i + 1]]`` and bit c of
-``bits[i]`` (words of 64 bits) is set. ``slack`` (place, condition): how many more of the chosen
+``bits[row[k]]`` (words of 64 bits) is set, where place[k] is p. ``slack`` (place, condition): how many more of the chosen
 candidates serve it than are wanted; `FREE` where none is wanted.
 """
 
@@ -46,7 +46,7 @@ def raise_to(best, first, place, values):
 
 
 @njit(cache=True, nogil=True)
-def count(found, first, place, bits, rows):
+def count(found, first, place, row, bits, rows):
     """Add to found (place, condition), int16, how many of the candidates ``rows`` serve each, up to
     `FREE`.
     """
@@ -54,7 +54,7 @@ def count(found, first, place, bits, rows):
         for k in range(first[i], first[i + 1]):
             own = found[place[k]]
             for w in range(bits.shape[1]):
-                word = bits[i, w]
+                word = bits[row[k], w]
                 while word:
                     c = 64 * w + _lowest(word)
                     own[c] = min(own[c] + 1, FREE)
@@ -62,19 +62,19 @@ def count(found, first, place, bits, rows):
 
 
 @njit(cache=True, nogil=True)
-def _gain(i, first, place, bits, lacking):
+def _gain(i, first, place, row, bits, lacking):
     """Number of conditions with negative slack that a candidate serves."""
     found = 0
     for k in range(first[i], first[i + 1]):
         for w in range(bits.shape[1]):
-            word = bits[i, w] & lacking[place[k], w]
+            word = bits[row[k], w] & lacking[place[k], w]
             if word:
                 found += _ones(word)
     return found
 
 
 @njit(cache=True, nogil=True)
-def _add(i, sign, first, place, bits, slack, lacking, tight):
+def _add(i, sign, first, place, row, bits, slack, lacking, tight):
     """Add a candidate to the chosen ones, or take it away (sign -1); return the number of conditions
     that have no negative slack any more.
     """
@@ -82,7 +82,7 @@ def _add(i, sign, first, place, bits, slack, lacking, tight):
     for k in range(first[i], first[i + 1]):
         p = place[k]
         for w in range(bits.shape[1]):
-            word = bits[i, w]
+            word = bits[row[k], w]
             while word:
                 bit = word & (~word + _ONE)
                 c = 64 * w + _ones(bit - _ONE)
@@ -105,24 +105,24 @@ def _add(i, sign, first, place, bits, slack, lacking, tight):
 
 
 @njit(cache=True, nogil=True)
-def _is_needed(i, first, place, bits, tight):
+def _is_needed(i, first, place, row, bits, tight):
     """True if a condition would have negative slack without the candidate."""
     for k in range(first[i], first[i + 1]):
         for w in range(bits.shape[1]):
-            if bits[i, w] & tight[place[k], w]:
+            if bits[row[k], w] & tight[place[k], w]:
                 return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def greedy(first, place, bits, slack, lacking, tight, most):
+def greedy(first, place, row, bits, slack, lacking, tight, most):
     """Choose up to ``most`` candidates, always the one that serves most conditions with negative
     slack, of several the first. Return their numbers in the order of the choice, and after each how
     many conditions have no negative slack any more and how much of all that was lacking is served.
     """
     heap = [(np.int64(0), np.int64(0)) for _ in range(0)]
     for i in range(len(first) - 1):
-        gain = _gain(i, first, place, bits, lacking)
+        gain = _gain(i, first, place, row, bits, lacking)
         if gain:
             heap.append((-gain, np.int64(i)))
     heapq.heapify(heap)
@@ -131,13 +131,13 @@ def greedy(first, place, bits, slack, lacking, tight, most):
     size = done = total = 0
     while heap and size < len(chosen):
         stored, i = heapq.heappop(heap)
-        gain = _gain(i, first, place, bits, lacking)
+        gain = _gain(i, first, place, row, bits, lacking)
         if gain == 0:
             continue
         if gain < -stored:
             heapq.heappush(heap, (-gain, i))
             continue
-        done += _add(i, 1, first, place, bits, slack, lacking, tight)
+        done += _add(i, 1, first, place, row, bits, slack, lacking, tight)
         total += gain
         chosen[size], met[size], served[size] = i, done, total
         size += 1
@@ -145,17 +145,17 @@ def greedy(first, place, bits, slack, lacking, tight, most):
 
 
 @njit(cache=True, nogil=True)
-def drop(chosen, is_chosen, first, place, bits, slack, lacking, tight):
+def drop(chosen, is_chosen, first, place, row, bits, slack, lacking, tight):
     """Take away the chosen candidates, the last first, that no condition needs."""
     for k in range(len(chosen) - 1, -1, -1):
         i = chosen[k]
-        if is_chosen[i] and not _is_needed(i, first, place, bits, tight):
-            _add(i, -1, first, place, bits, slack, lacking, tight)
+        if is_chosen[i] and not _is_needed(i, first, place, row, bits, tight):
+            _add(i, -1, first, place, row, bits, slack, lacking, tight)
             is_chosen[i] = False
 
 
 @njit(cache=True, nogil=True)
-def exchange(is_chosen, first, place, bits, slack, lacking, tight, first_at, candidate_at):
+def exchange(is_chosen, first, place, row, bits, slack, lacking, tight, first_at, candidate_at):
     """Add each candidate in turn that makes at least two chosen ones superfluous, and take those away;
     return the number of exchanges. ``first_at``, ``candidate_at``: the candidates of each place.
     """
@@ -165,7 +165,7 @@ def exchange(is_chosen, first, place, bits, slack, lacking, tight, first_at, can
     for j in range(len(is_chosen)):
         if is_chosen[j]:
             continue
-        _add(j, 1, first, place, bits, slack, lacking, tight)
+        _add(j, 1, first, place, row, bits, slack, lacking, tight)
         size = 0
         seen[j] = j
         for k in range(first[j], first[j + 1]):
@@ -173,8 +173,8 @@ def exchange(is_chosen, first, place, bits, slack, lacking, tight, first_at, can
                 i = candidate_at[m]
                 if is_chosen[i] and seen[i] != j:
                     seen[i] = j
-                    if not _is_needed(i, first, place, bits, tight):
-                        _add(i, -1, first, place, bits, slack, lacking, tight)
+                    if not _is_needed(i, first, place, row, bits, tight):
+                        _add(i, -1, first, place, row, bits, slack, lacking, tight)
                         gone[size] = i
                         size += 1
         if size > 1:
@@ -184,20 +184,20 @@ def exchange(is_chosen, first, place, bits, slack, lacking, tight, first_at, can
             done += 1
         else:
             for k in range(size):
-                _add(gone[k], 1, first, place, bits, slack, lacking, tight)
-            _add(j, -1, first, place, bits, slack, lacking, tight)
+                _add(gone[k], 1, first, place, row, bits, slack, lacking, tight)
+            _add(j, -1, first, place, row, bits, slack, lacking, tight)
     return done
 
 
 @njit(cache=True, nogil=True)
-def prices(first, place, bits, price):
+def prices(first, place, row, bits, price):
     """Sum of the prices (place, condition) of what each candidate serves, float64."""
     found = np.zeros(len(first) - 1)
     for i in range(len(found)):
         total = 0.0
         for k in range(first[i], first[i + 1]):
             for w in range(bits.shape[1]):
-                word = bits[i, w]
+                word = bits[row[k], w]
                 while word:
                     total += price[place[k], 64 * w + _lowest(word)]
                     word &= word - _ONE

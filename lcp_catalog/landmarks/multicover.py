@@ -4,7 +4,7 @@ lower bound of their number.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,15 +31,16 @@ _PLACES_LEFT = 2
 
 @dataclass(frozen=True)
 class Cover:
-    """What candidates serve: candidate i serves condition c of place p if p is among
-    ``place[first[i]:first[i + 1]]`` and bit c of ``bits[i]`` is set (`packed`).
+    """What candidates serve: candidate i serves condition c of place p if p is ``place[k]`` with k in
+    ``first[i]:first[i + 1]`` and bit c of ``bits[row[k]]`` is set (`packed`).
 
     Candidates are in order of preference: among equally good choices the first is taken.
     """
 
     first: Index  # (n + 1,)
     place: AnyArray  # (k,) int32
-    bits: AnyArray  # (n, words) uint64
+    row: AnyArray  # (k,) int32
+    bits: AnyArray  # (rows, words) uint64
     places: int
     conditions: int
 
@@ -51,17 +52,22 @@ class Cover:
         `kernels.multicover.FREE`.
         """
         found = np.zeros((self.places, self.conditions), np.int16)
-        kernels.count(found, self.first, self.place, self.bits, np.asarray(rows, np.int64))
+        kernels.count(found, *self.links, np.asarray(rows, np.int64))
         return found
+
+    @property
+    def links(self) -> tuple[Index, AnyArray, AnyArray, AnyArray]:
+        return self.first, self.place, self.row, self.bits
 
     def at_places(self, some: Index) -> Cover:
         """The same candidates at some of the places, which are numbered anew."""
         number = np.full(self.places, -1, np.int32)
         number[some] = np.arange(len(some), dtype=np.int32)
         place = number[self.place]
-        candidate = np.repeat(np.arange(len(self)), np.diff(self.first))[place >= 0]
+        near = place >= 0
+        candidate = np.repeat(np.arange(len(self)), np.diff(self.first))[near]
         first = np.concatenate([[0], np.cumsum(np.bincount(candidate, minlength=len(self)))])
-        return Cover(first, place[place >= 0], self.bits, len(some), self.conditions)
+        return Cover(first, place[near], self.row[near], self.bits, len(some), self.conditions)
 
     @cached_property
     def _at_places(self) -> tuple[Index, Index]:
@@ -93,6 +99,12 @@ def packed(serves: Mask) -> AnyArray:
     return np.ascontiguousarray(padded).view("<u8")
 
 
+def unpacked(bits: AnyArray, conditions: int) -> Mask:
+    """The truth values (n, conditions) of bit sets (`packed`)."""
+    whole = np.unpackbits(bits.view(np.uint8), axis=1, count=conditions, bitorder="little")
+    return whole.astype(np.bool_)
+
+
 def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> Choice:
     """The fewest candidates found that serve each condition ``wanted`` (place, condition) times, which
     must not exceed `Cover.counts` of all; or, of the choices of ``most``, a greedy one.
@@ -105,7 +117,7 @@ def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> Choice
         raise ValueError("most must be at least 1")
     slack = np.where(wanted > 0, -wanted, kernels.FREE).astype(np.int16)
     lacking, tight = packed(slack < 0), packed(slack == 0)
-    state = (cover.first, cover.place, cover.bits, slack, lacking, tight)
+    state = (*cover.links, slack, lacking, tight)
     order, met, served = kernels.greedy(*state, len(cover) if most is None else most)
     total = max(1, int(wanted.sum(dtype=np.int64)))
     is_chosen = np.zeros(len(cover), np.bool_)
@@ -142,7 +154,7 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
     price = np.where(need > 0.0, 1.0 / np.maximum(shared, 1.0), 0.0)
     best, pace, since = 0.0, 1.0, 0
     for _ in range(steps):
-        sums = kernels.prices(cover.first, cover.place, cover.bits, price)
+        sums = kernels.prices(*cover.links, price)
         scale, bound = _scaled(sums, float((need * price).sum()))
         if bound > best * (1.0 + 1e-4):
             best, since = bound, 0
@@ -165,16 +177,14 @@ def _part(cover: Cover, wanted: Int16, places: int, conditions: int) -> tuple[Co
     """The problem at every so many-th place, in every so many-th condition."""
     part = cover.at_places(np.arange(0, cover.places, places))
     asked = np.arange(cover.conditions) % conditions == 0
-    fewer = Cover(
-        part.first, part.place, part.bits & packed(asked[None]), part.places, part.conditions
-    )
+    fewer = replace(part, bits=part.bits & packed(asked[None]))
     return fewer, np.where(asked, wanted[::places], 0).astype(np.int16)
 
 
 def _work(cover: Cover) -> int:
     """Prices that a step of the ascent adds up."""
     bits = np.bitwise_count(cover.bits).sum(axis=1, dtype=np.int64)
-    return 2 * int((np.diff(cover.first) * bits).sum())
+    return 2 * int(bits[cover.row].sum())
 
 
 def _scaled(sums: Array, worth: float) -> tuple[float, float]:

@@ -111,7 +111,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     usable = np.bincount(camera, found.usable, len(some))[claimed]
     asked = some[claimed]
     assert len(asked) >= 1000
-    assert np.count_nonzero(cause[asked] == Cause.MET) > 300
+    assert np.count_nonzero(cause[asked] == Cause.MET) > 100
     assert (usable >= stored[asked]).all()
     enough = usable >= told.demand[place[asked]]
     assert enough[cause[asked] == Cause.MET].all()

@@ -19,7 +19,9 @@ def instance(
     rows = [np.sort(rng.choice(places, near, replace=False)) for _ in range(n)]
     serves = rng.random((n, conditions)) < rng.uniform(0.0, 0.7, (n, 1))
     first = near * np.arange(n + 1)
-    cover = Cover(first, np.concatenate(rows).astype(np.int32), packed(serves), places, conditions)
+    place, bits = np.concatenate(rows).astype(np.int32), packed(serves)
+    row = np.repeat(np.arange(n, dtype=np.int32), near)
+    cover = Cover(first, place, row, bits, places, conditions)
     matrix = np.zeros((places, conditions, n))
     for k, row in enumerate(rows):
         matrix[row, :, k] = serves[k]
