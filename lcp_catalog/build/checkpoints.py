@@ -96,10 +96,16 @@ class Checkpoints:
     def locked(self, shared: bool = False) -> Iterator[None]:
         """The folder, made if needed, for this run alone, or ``shared`` with other parts of a build:
         OutputExistsError while another build uses it. The lock ends with the process, however that ends.
+        A folder of this run alone that an error leaves without a finished area is removed.
         """
         stream = self._own_lock(shared)
         try:
             yield
+        except BaseException:
+            kept = (_AREAS, _OF_LEVEL, _LEVEL)
+            if not shared and not any(any(self.folder.glob(name)) for name in kept):
+                self.remove()
+            raise
         finally:
             os.close(stream)
 

@@ -71,3 +71,25 @@ def test_a_record_that_is_damaged_after_the_choice_is_an_error(checkpoints: Chec
     path.unlink()
     with pytest.raises(AreaFailedError, match="no longer there"):
         JoinedAreas.read(checkpoints, NAMES)
+
+
+@pytest.mark.parametrize(
+    ("shared", "names", "kept"), [(False, (), False), (True, (), True), (False, NAMES[:1], True)]
+)
+def test_an_error_before_the_first_area_leaves_nothing(
+    shared: bool, names: tuple[str, ...], kept: bool, tmp_path: Path
+) -> None:
+    """But for a part of a build: others may be at work in the folder."""
+    found = Checkpoints.beside(tmp_path / "x.h5", "ab" * 32)
+
+    def fail() -> None:
+        with found.locked(shared):
+            found.begin(resume=False)
+            for name, one in zip(names, AREAS, strict=False):
+                found.write(name, one)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert found.folder.exists() == kept
+    assert all(found.is_whole(name) for name in names)
