@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -262,19 +263,31 @@ def digest(values: Values, attributes: dict[str, Any], groups: Groups) -> str:
     """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own.
 
     ``values``: arrays, or what gives arrays for slices along the first axis; numbers are read piece by
-    piece, text as a whole.
+    piece, text as a whole. While a piece is read, a thread adds the one before.
     """
     total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
+    with ThreadPoolExecutor(1, "digest") as pool:
+        before: Future[None] | None = None
+        for piece in _pieces(values):
+            if before is not None:
+                before.result()
+            before = pool.submit(total.update, piece)
+        if before is not None:
+            before.result()
+    return total.hexdigest()
+
+
+def _pieces(values: Values) -> Iterator[bytes]:
+    """Names, shapes and content as `digest` adds them."""
     for name in sorted(values):
         array = values[name]
-        total.update(f"{name} {array.shape}".encode())
+        yield f"{name} {array.shape}".encode()
         if array.dtype == object:
-            total.update(json.dumps(list(array.ravel())).encode())
+            yield json.dumps(list(array.ravel())).encode()
             continue
         rows = max(1, _PIECE_BYTES // max(1, array[:1].nbytes))
         for start in range(0, len(array), rows):
-            total.update(array[start : start + rows].tobytes())
-    return total.hexdigest()
+            yield array[start : start + rows].tobytes()
 
 
 def digests(
