@@ -108,7 +108,7 @@ def test_what_is_there_is_kept(
             "no height in the DEM, which covers",
         ),
         ([DEM, "-o", "no/such/folder/x"], 1, "folder"),
-        ([DEM, "-o", DEM], 1, "the output is a folder; name it without .tif"),
+        ([DEM, "-o", DEM], 2, "the output is a folder; name it without .tif"),
         ([DEM, "-o", "x", "--config", "nowhere.toml"], 1, "nowhere.toml"),
         ([DEM, "-o", "x", "--sun-elevations", "5;6"], 2, "A,B,C"),
         ([DEM, "-o", "x", "--accuracy", "draft"], 2, "--accuracy"),
