@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @options.sun_options
 @render_options.earthshine_option
 @environment_options
-@render_options.bounce_option
+@render_options.bounce_option("auto")
 @render_options.view_options
 @render_options.around_option
 @pointing_options.pointing_options

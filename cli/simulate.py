@@ -11,7 +11,7 @@ import click
 
 from lcp_catalog.choices import PNG, TIFF
 
-from . import options, pointing_options
+from . import options, pointing_options, render_options
 from .environment_options import check_environment, environment, environment_options
 from .files import FileCommand, InputFile, raster_files
 from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Number
@@ -72,6 +72,7 @@ def _written(frame: str) -> Iterator[Path]:
     help="With --fov: altitude of the camera above the reference sphere.",
 )
 @options.sun_options
+@render_options.bounce_option("off")
 @environment_options
 @options.model_options
 @options.albedo_options
@@ -212,9 +213,10 @@ def _surface(
     choice = SunChoice(*sun)
     how["environment"] = environment(flags)
     if is_catalog(source[0]):
-        if len(source) > 1 or albedo[0] or flags["gsd_m"] or flags["product_order"]:
+        of_dems = albedo[0], flags["gsd_m"], flags["product_order"], flags["bounce"] == "on"
+        if len(source) > 1 or any(of_dems):
             raise click.UsageError(
-                f"{source[0]} is a catalogue: give it alone, without --gsd, --albedo and --product-order"
+                f"{source[0]} is a catalogue: give it alone, without --gsd, --albedo, --bounce and --product-order"
             )
         return PatchSurface.lit(Path(source[0]), choice, camera, **how)
     request = Request(
@@ -224,6 +226,7 @@ def _surface(
         view=ViewChoice.of(camera),
         product_order=flags["product_order"] or (),
         albedo=open_grey_map(*albedo) if albedo[0] else None,
+        bounce=flags["bounce"],
         **how,
     )
     return DemSurface.seen(request, detector.margin_px)
