@@ -4,8 +4,12 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from pathlib import Path
 from typing import Protocol
+
+import numpy as np
 
 from ..cameras.view import View, sees_nothing
 from ..errors import CameraError
@@ -17,6 +21,8 @@ from ..terrain.area import NodeWindow
 from .plan import ScenePlan
 from .renderer import Rendering
 from .request import Request
+
+log = logging.getLogger(__name__)
 
 
 class Scene(Protocol):
@@ -71,12 +77,23 @@ class Scene(Protocol):
 
 
 def require_visible(scene: Scene, result: Rendering) -> Rendering:
-    """The result itself; CameraError if nothing is visible and there is no background."""
+    """The result itself; CameraError if nothing is visible and there is no background. Logs a warning
+    if ground is visible and none of it is lit.
+    """
     if not result.visible.any() and scene.request.backdrop is None:
         camera = scene.view.camera or scene.view.scanner
         if scene.view.camera and scene.request.area is None and not scene.request.dem_paths:
             raise sees_nothing(scene.view.camera)
         raise CameraError(
             f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"
+        )
+    seen = np.asarray(result.visible) > 0
+    if seen.any() and not np.any(result.radiance[seen] > 0.0):
+        first = scene.light.first
+        log.warning(
+            "nothing of the ground in the image is lit: terrain hides the %s, which is at an elevation of %.2f deg "
+            "at the area's centre; the ground is black",
+            first.name,
+            math.degrees(math.asin(min(max(first.direction.vector[2], -1.0), 1.0))),
         )
     return result

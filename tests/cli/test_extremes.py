@@ -10,7 +10,7 @@ import os
 import numpy as np
 import pytest
 from helpers.products import cylinder
-from helpers.renders import read
+from helpers.renders import read, write_dem
 from lcp_cli.main import run
 
 from lcp_catalog.accuracy import TIERS
@@ -198,3 +198,18 @@ def _same_in_a_larger_area(moon, folder, elevation):
     large = render(moon, folder / "large.tif", "--size", 20, *sun)
     for band, values in small.items():
         np.testing.assert_array_equal(values, large[band][5:-5, 5:-5], band)
+
+
+def test_ground_without_light_is_warned_of(tmp_path, caplog):
+    """A wall hides the Sun from the whole area: the image is written, and one line says that it is black."""
+    heights = np.zeros((128, 128), np.float32)
+    heights[:, 100:] = 300.0
+    dem = write_dem(tmp_path / "wall.tif", heights, 30.0, 11.0)
+    area = ["--center", "30.3", "10.75", "--size", "4", "--sun-azimuth", "90"]
+    out = tmp_path / "o.tif"
+    assert run(["render", dem, *area, "--sun-elevation", "45", "-o", str(out)]) == 0
+    assert not caplog.messages
+    assert run(["render", dem, *area, "--sun-elevation", "3", "-o", str(out), "--overwrite"]) == 0
+    assert (read(out)[0]["sunlit"] == 0.0).all()
+    (said,) = caplog.messages
+    assert "terrain hides the Sun, which is at an elevation of 3.00 deg" in said
