@@ -221,19 +221,34 @@ def _one_pool(
     running: dict[Future[Any], int] = {}
     broken = False
     try:
-        while (waiting and not broken) or running:
-            while waiting and not broken and len(running) < jobs:
-                index = waiting.pop(0)
-                running[_submit(pool, _on_one_thread, function, tasks[index])] = index
+        _fill(running, waiting, jobs, pool, function, tasks)
+        while running:
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in sorted(ended, key=running.__getitem__):
-                outcome = _result_of(future)
-                broken = broken or isinstance(outcome, BrokenProcessPool)
-                yield running.pop(future), outcome
+            outcomes = {running.pop(future): _result_of(future) for future in ended}
+            broken = broken or any(isinstance(v, BrokenProcessPool) for v in outcomes.values())
+            # Before the results are taken: the caller may write files for them, and no worker waits.
+            if not broken:
+                _fill(running, waiting, jobs, pool, function, tasks)
+            for index in sorted(outcomes):
+                yield index, outcomes[index]
     except BaseException:
         _stop(pool)
         raise
     pool.shutdown(wait=True)
+
+
+def _fill(
+    running: dict[Future[Any], int],
+    waiting: list[int],
+    jobs: int,
+    pool: ProcessPoolExecutor,
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+) -> None:
+    """Give a pool tasks that wait until ``jobs`` are running."""
+    while waiting and len(running) < jobs:
+        index = waiting.pop(0)
+        running[_submit(pool, _on_one_thread, function, tasks[index])] = index
 
 
 def _result_of(future: Future[Any]) -> Any:

@@ -44,6 +44,23 @@ def test_a_dying_worker_takes_only_its_own_task() -> None:
     assert "process died" in str(outcomes[2])
 
 
+def write_name(path: Path) -> Path:
+    path.touch()
+    return path
+
+
+def test_no_worker_waits_while_a_result_is_taken(tmp_path: Path) -> None:
+    """Two processes have begun a third task while the caller still holds the result of the first."""
+    files = [tmp_path / f"{k}" for k in range(4)]
+    outcomes = run_tasks(write_name, files, 2)
+    next(outcomes)
+    deadline = time.monotonic() + 60.0
+    while sum(path.exists() for path in files) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert sum(path.exists() for path in files) >= 3
+    assert len(list(outcomes)) == 3
+
+
 def test_no_jobs_is_refused() -> None:
     with pytest.raises(ConfigError, match="--jobs"):
         list(run_tasks(square, [1], jobs=0))
@@ -126,7 +143,9 @@ def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(executor, "_PATIENCE_S", 0.2)
     with executor.processes(1) as pool:
         pool.submit(ignore_the_end).result()
-        pool.submit(time.sleep, 60.0)
+        asleep = pool.submit(time.sleep, 60.0)
+        while not asleep.running():  # a task that has not begun is cancelled
+            time.sleep(0.01)
         (worker,) = pool._processes.values()
         start = time.monotonic()
     assert time.monotonic() - start < 10.0
