@@ -358,13 +358,20 @@ class _Search:
             if said is not None and said.shows:
                 return self.by_all_points(matches, said)
         figures = (None, score.log10_false_alarms, score.rival_log10)
-        if self.if_here(area.reach_px[searched]) > SIGNIFICANT:
+        reach, expected = area.reach_px[searched], self.expected(matches, searched)
+        if self.if_here(reach, expected) > SIGNIFICANT:
             count = int(searched.sum())
             reason = (
                 f"too few points can be searched for: {count}, and at least "
                 f"{self.fewest(area, count)} are needed; of {len(matches)} that may be in view "
                 f"{_counted(matches)}"
             )
+            if self.if_here(reach, math.inf) <= SIGNIFICANT:
+                reason = (
+                    f"{matches.found.sum()} of {count} points searched for were found, but they agree on no place; "
+                    f"that says little, because the catalogue expects only {expected:.3g} to be found in this "
+                    "light, view and scale"
+                )
             return PositionFix(CANNOT_SAY, reason, matches, *figures)
         if undecided:
             reason = "the points found agree about equally well on two places"
@@ -421,17 +428,25 @@ class _Search:
         """
         reach = float(np.median(area.reach_px))
         more = range(too_few + 1, _MOST_NEEDED)
-        enough = (n for n in more if self.if_here(np.full(n, reach)) <= SIGNIFICANT)
+        enough = (n for n in more if self.if_here(np.full(n, reach), math.inf) <= SIGNIFICANT)
         return next(enough, _MOST_NEEDED)
 
-    def if_here(self, reach_px: Array) -> float:
+    def expected(self, matches: Matches, searched: Mask) -> float:
+        """Number of the searched points that the catalogue expects to be found; infinite if it claims
+        nothing about any point.
+        """
+        if not self.catalog.has_claims:
+            return math.inf
+        return float(np.nansum(matches.prior[searched]))
+
+    def if_here(self, reach_px: Array, expected: float) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of points searched within ``reach_px`` (n,)
-        agreed.
+        agreed, or half of those ``expected`` to be found if these are fewer.
         """
         gate = math.pi * self.tolerance_px**2
         chance = np.minimum(1.0, gate / (2.0 * reach_px + 1.0) ** 2)
         least = -(-len(self.image.sensor.corrections) // 2)
-        agrees = np.arange(len(chance)) < SHARE_IF_HERE * len(chance)
+        agrees = np.arange(len(chance)) < min(SHARE_IF_HERE * len(chance), 0.5 * expected)
         if agrees.sum() <= least:
             return 0.0
         return log10_false_alarms(np.sort(chance)[::-1], agrees, least)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.claiming import claiming
 from helpers.posed import PlainMap
 from helpers.small_world import GSD_M, LAW, World, mirrored, overhead
 from helpers.suns import light
@@ -354,6 +355,26 @@ def test_few_points_refute_no_place(world: World, photo: Image) -> None:
     refuted = locate(more, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
     assert np.isin(refuted.matches.code, SEARCHED).sum() >= needed
     assert refuted.verdict == NOT_HERE
+
+
+def test_points_that_are_not_expected_to_be_found_refute_no_place(
+    points: Catalog, photo: Image
+) -> None:
+    """The verdict on the image of another place depends on what the catalogue claims for its Sun."""
+    sure = claiming(points, 40.0, 5000.0)
+    hardly = replace(
+        sure,
+        detection_probability=0.02 * np.asarray(sure.detection_probability),
+        errors=dict(sure.errors) | {"min_detection": 0.01},
+    )
+    turned = believed(mirrored(photo, "180"))
+    refuted, undecided = (locate(one, turned, UNCERTAIN, LAW, QUICK) for one in (sure, hardly))
+    assert refuted.verdict == NOT_HERE
+    assert undecided.verdict == CANNOT_SAY
+    searched = np.isin(undecided.matches.code, SEARCHED)
+    expected = np.nansum(undecided.matches.prior[searched])
+    assert f"the catalogue expects only {expected:.3g} to be found" in undecided.reason
+    assert 0.0 < expected < 0.02 * searched.sum()
 
 
 def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Image) -> None:
