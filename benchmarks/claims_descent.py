@@ -45,8 +45,7 @@ SPAN, AROUND_M = 0.62, 3e3
 POSITION_SHARE, ATTITUDE_DEG = 0.02, 0.1
 """What is known before a frame, 1 sigma of each axis: the place, over the altitude; the attitude."""
 FAR_M = 100e3  # beyond the made DEMs
-PIXEL_SIGMA_PX = 0.05  # by which two renderers differ (docs/explanation/claims.md)
-SAMPLES = 3  # of a pixel, each way: the ground has detail below a pixel
+SAMPLES_LEAST, SAMPLES_MOST = 3, 8  # of a pixel, each way: about one for the finest DEM's posting
 BANDS_KM = ((60, 100), (30, 60), (15, 30), (8, 15), (5, 8))
 
 _WIDTH, _HEIGHT = 640.0, 300.0
@@ -108,31 +107,31 @@ class Descent:
         """A frame of new clones of the DEMs by the independent renderer."""
         lon, lat, _ = (float(v) for v in mcmf_to_lonlat(camera.position_mcmf_m))
         surface, brightness = self.truth(catalog, lon, lat, altitude_km, number)
+        pixel_m = 1e3 * altitude_km / self.example.FOCAL_PX
+        finest_m = Dem.open(SAMPLE).gsd_m / self.dems[-1][2]
+        samples = min(max(SAMPLES_LEAST, math.ceil(pixel_m / finest_m)), SAMPLES_MOST)
         ground = Ground(surface, mcmf(lon, lat), brightness)
         noise = float(catalog.errors["sensor_noise"])
-        return embree_frame(ground, camera, 1.0 / noise, BITS, samples=SAMPLES, seed=number)
+        return embree_frame(ground, camera, 1.0 / noise, BITS, samples=samples, seed=number)
 
     def truth(
         self, catalog: Catalog, lon: float, lat: float, altitude_km: float, number: int
     ) -> tuple[Nodes, Array]:
-        """Clones of all DEMs in one grid around a place, as fine as the finest DEM of each row and column, but
-        not finer than half a pixel needs; and the brightness of its nodes.
+        """Clones of all DEMs in one grid around a place, as fine as the finest DEM of each row and column at any
+        altitude (a coarser grid aliases the fine relief); and the brightness of its nodes.
         """
         dice = np.random.default_rng([SEED, 2, number])
         model = catalog.errors
         errors = Errors(*(float(model[k]) for k in Errors.__dataclass_fields__))
         half_m = 1e3 * altitude_km * SPAN + AROUND_M
         wide, bright = clone(read_nodes(SAMPLE, lon, lat, half_m), errors, dice)
-        pixel_m = 1e3 * altitude_km / self.example.FOCAL_PX
-        posting_m = Dem.open(SAMPLE).gsd_m
-        most = next((n for *_, n in self.dems if 2.0 * posting_m / n <= pixel_m), self.dems[-1][2])
         clones = []
         for path, sigma_m, times in self.dems:
             length_m = errors_of_file(Dem.open(path)).length_m
             own = replace(errors, height_sigma_m=sigma_m, height_length_m=length_m)
             site = self.example.LON_DEG, self.example.LAT_DEG
             fine, _ = clone(read_nodes(path, *site, FAR_M), own, dice)
-            clones.append((fine, min(times, most)))
+            clones.append((fine, times))
         grid = _grid(wide, clones)
         heights, shade = (_at(wide, values, grid) for values in (wide.height_m, bright))
         for fine, _ in clones:
@@ -170,24 +169,25 @@ def work(folder: Path, count: int) -> list[Outcome]:
     """So many frames, over all altitudes in turn; those in the folder are kept."""
     folder.mkdir(parents=True, exist_ok=True)
     descent = Descent.of(folder)
-    catalog, heights = descent.catalog(), descent.example.ALTITUDES_KM
-    found = []
-    for number in range(count):
-        step, turn = number % len(heights), number // len(heights)
-        altitude_km = float(heights[step])
-        path = folder / f"{altitude_km:g}-{turn}.json"
-        if not path.exists():
-            camera = descent.camera(step)
-            photo = descent.photo(catalog, camera, altitude_km, number)
-            pixel_m = 1e3 * altitude_km / camera.focal_length_px
-            before = Uncertainty(1e3 * altitude_km * POSITION_SHARE, math.radians(ATTITUDE_DEG))
-            about = (f"{altitude_km:g}", number, 20.0, pixel_m)
-            path.write_text(
-                json.dumps(asdict(outcome(catalog, photo, camera, about, before, PIXEL_SIGMA_PX)))
-            )
-            print(path.name, flush=True)
-        found.append(Outcome(**json.loads(path.read_text())))
-    return found
+    catalog = descent.catalog()
+    return [_frame(descent, catalog, folder, number) for number in range(count)]
+
+
+def _frame(descent: Descent, catalog: Catalog, folder: Path, number: int) -> Outcome:
+    """A frame: taken and located, or read from the folder."""
+    heights = descent.example.ALTITUDES_KM
+    step, turn = number % len(heights), number // len(heights)
+    altitude_km = float(heights[step])
+    path = folder / f"{altitude_km:g}-{turn}.json"
+    if not path.exists():
+        camera = descent.camera(step)
+        photo = descent.photo(catalog, camera, altitude_km, number)
+        pixel_m = 1e3 * altitude_km / camera.focal_length_px
+        before = Uncertainty(1e3 * altitude_km * POSITION_SHARE, math.radians(ATTITUDE_DEG))
+        about = (f"{altitude_km:g}", number, 20.0, pixel_m)
+        path.write_text(json.dumps(asdict(outcome(catalog, photo, camera, about, before))))
+        print(path.name, flush=True)
+    return Outcome(**json.loads(path.read_text()))
 
 
 HEAD = (

@@ -22,9 +22,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.matching.point_claims import LEAST_SIGMA_PX
-from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.position_fix import LOCATED, Options, locate
+from lcp_catalog.matching.position_fix import LOCATED, locate
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import Frame
 from lcp_catalog.photometry.laws import reflectance_model
@@ -94,15 +92,13 @@ def outcome(
     camera: Camera,
     about: tuple[str, int, float, float],
     before: Uncertainty = BEFORE,
-    pixel_sigma_px: float = LEAST_SIGMA_PX,
 ) -> Outcome:
     """The expected and the solved position of a frame; ``about``: its site, number, Sun's elevation and pixel size."""
-    query = Query(attitude_sigma_rad=before.attitude_rad, pixel_sigma_px=pixel_sigma_px)
+    query = Query(attitude_sigma_rad=before.attitude_rad)
     (answer,) = answers(catalog, [Frame.lit(camera, SunChoice())], query)
     covariance = answer.position.position_covariance_m2
     offered = _offered(photo, camera, about[1], before)
-    options = Options(criteria=Criteria(floor_px=pixel_sigma_px))
-    fix = locate(catalog, offered, before, reflectance_model(LAW), options)
+    fix = locate(catalog, offered, before, reflectance_model(LAW))
     error = None
     if fix.verdict == LOCATED and fix.pose is not None:
         error = (fix.pose.position_mcmf_m - camera.position_mcmf_m).tolist()

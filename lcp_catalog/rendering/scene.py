@@ -87,7 +87,7 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
         raise CameraError(
             f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"
         )
-    seen = np.asarray(result.visible) > 0
+    seen = np.asarray(result.visible, dtype=np.bool_)
     if seen.any() and not np.any(result.radiance[seen] > 0.0):
         first = scene.light.first
         log.warning(
