@@ -35,6 +35,11 @@ _SHARP_PX = 1e-6
 BRIGHT_PERCENTILE, BRIGHT_SHARE = 99.5, 0.8
 """Default exposure: this percentile of the lit signal falls at this share of full scale."""
 
+_LIT_SHARE = 0.02
+"""Share of the bright signal (`BRIGHT_PERCENTILE`) from which a pixel is lit. Shadows have less: by way of
+other ground up to 1 % on the crater of docs/explanation/lighting.md.
+"""
+
 
 @dataclass(frozen=True)
 class Detector:
@@ -72,12 +77,12 @@ class Detector:
         """Radiance factor of full scale; 1 if none is stated and nothing is lit."""
         if self.full_scale is not None:
             return self.full_scale
-        lit = signal[signal > 0.0]
+        lit = lit_signal(signal)
         return float(np.percentile(lit, BRIGHT_PERCENTILE)) / BRIGHT_SHARE if lit.size else 1.0
 
     def noisy(self, signal: Array) -> Array:
         """A non-negative signal (rows, cols) with noise."""
-        lit = signal[signal > 0.0]
+        lit = lit_signal(signal)
         if self.noise == 0.0 or not lit.size:
             return signal
         mean, dice = float(lit.mean()), np.random.default_rng(self.seed)
@@ -94,6 +99,12 @@ class Detector:
         scaled = self.noisy(np.where(known, signal, 0.0)) * (self.highest / full_scale)
         read = np.where(known, np.clip(np.rint(scaled), 0, self.highest), 0)
         return read.astype(np.uint8) if self.bits <= 8 else read.astype(np.uint16)
+
+
+def lit_signal(signal: Array) -> Array:
+    """Values of the lit pixels of a signal (rows, cols), (n,)."""
+    some = signal[signal > 0.0]
+    return some[some > _LIT_SHARE * np.percentile(some, BRIGHT_PERCENTILE)] if some.size else some
 
 
 def response(blur_px: float, samples: int) -> Array:

@@ -118,6 +118,16 @@ def test_shadow_is_not_lit_and_has_read_noise_only():
     assert abs(dark.mean()) < 1e-4
 
 
+def test_faint_light_in_shadow_changes_neither_noise_nor_exposure():
+    """Shadow with 1 % of the brightness, four fifths of the image, beside black shadow."""
+    sunlit, shadow = lit(0.1, (100, 500)), lit(0.0)
+    frames = [np.concatenate([shadow + faint, sunlit]) for faint in (0.0, 0.001)]
+    detector = Detector(noise=0.1, shot_share=0.0, seed=2)
+    black, grey = (detector.noisy(one) - one for one in frames)
+    np.testing.assert_allclose(grey, black, atol=1e-12)
+    assert detector.scale_of(frames[0]) == detector.scale_of(frames[1])
+
+
 def test_a_seed_is_a_noise():
     one, again, other = (Detector(noise=0.1, seed=seed).noisy(lit()) for seed in (1, 1, 2))
     assert (one == again).all()
