@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -37,21 +39,29 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 class _Pace:
-    """Rate of a task, per second, and its time left; both 0 until a step is done."""
+    """Rate of a task, per second, and its time left; both 0 until a step is done. The rate is that of the later
+    half of the steps: the first ones may wait for kernels that are compiled.
+    """
 
     per_second = left_s = 0.0
 
     def __init__(self) -> None:
-        self._first: tuple[int, float] | None = None
+        self._seen: list[tuple[int, float]] = []
 
     def update(self, done: int, total: int) -> None:
         now = time.monotonic()
-        if self._first is None:
-            self._first = done, now
-        steps, seconds = done - self._first[0], now - self._first[1]
+        self._seen.append((done, now))
+        middle = (self._seen[0][0] + done) // 2
+        since = self._seen[bisect_left(self._seen, (middle, -math.inf))]
+        steps, seconds = done - since[0], now - since[1]
         if steps > 0 and seconds > 0.0:
             self.per_second = steps / seconds
             self.left_s = (total - done) / self.per_second
+
+    @property
+    def is_known(self) -> bool:
+        """More steps than the first are done."""
+        return bool(self._seen) and self._seen[-1][0] > self._seen[0][0] + 1
 
 
 class _Lines:
@@ -72,9 +82,9 @@ class _Lines:
         if now - self._said_at < _EVERY_S[is_json()] and not last:
             return
         self._said_at = now
-        rate, left = 60.0 * pace.per_second, duration_text(pace.left_s)
+        rate, left = 60.0 * pace.per_second, f", {duration_text(pace.left_s)} left"
         say(
-            f"{self._label}: {done} of {total}, {rate:.3g} a minute, {left} left",
+            f"{self._label}: {done} of {total}, {rate:.3g} a minute{left if pace.is_known else ''}",
             "progress",
             label=self._label,
             done=done,

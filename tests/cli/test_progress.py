@@ -43,6 +43,21 @@ def test_a_pipe_gets_a_line_now_and_then(
     assert capsys.readouterr().err == ""
 
 
+def test_a_slow_first_step_does_not_count_in_the_time_left(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first area takes 200 s, because kernels are compiled, and each other one 11 s."""
+    with progress("areas") as update:
+        update(0, 12)
+        for done in range(1, 6):
+            clock[0] += 200.0 if done == 1 else 11.0
+            update(done, 12)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "areas: 1 of 12, 0.3 a minute"
+    assert lines[1] == "areas: 2 of 12, 5.45 a minute, 1 min 50 s left"
+    assert lines[-1] == "areas: 5 of 12, 5.45 a minute, 1 min 17 s left"
+
+
 def test_json_has_rate_and_time_left(
     clock: list[float], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
