@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from lcp_catalog.build.config import BuildConfig
+
 ROOT = Path(__file__).resolve().parents[2]
 LCP = Path(sys.executable).with_name("lcp")
 
@@ -38,6 +40,16 @@ def parts_of(text: str) -> list[str]:
     return sorted(line.split("--part ")[1].split("/")[0] for line in lines if "--part " in line)
 
 
+@pytest.mark.parametrize(
+    "path",
+    ["sample_data/hadley.toml", "sample_data/pipeline/site.toml", "docs/examples/descent.toml"],
+)
+def test_the_configurations_that_are_shipped_are_valid(path: str) -> None:
+    config = BuildConfig.from_toml(ROOT / path)
+    for gsd_m in filter(None, (config.area.gsd_m, *config.area.levels_m)):
+        config.points.check_cells(gsd_m)  # raises
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_a_pipeline_is_interrupted_resumed_and_begins_again_with_a_newer_dem(
@@ -50,6 +62,7 @@ def test_a_pipeline_is_interrupted_resumed_and_begins_again_with_a_newer_dem(
     process = started(tmp_path)
     until = time.monotonic() + 600.0
     while not list(out.glob("part-*")) and time.monotonic() < until:
+        assert process.poll() is None, process.communicate()[0]
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
     process.communicate(timeout=60)
