@@ -39,6 +39,7 @@ from .point_choice import (
     reduction,
     working_image,
 )
+from .point_claims import NO_CLAIM
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
@@ -369,7 +370,7 @@ class _Search:
             if self.if_here(reach, math.inf) <= SIGNIFICANT:
                 reason = (
                     f"{matches.found.sum()} of {count} points searched for were found, but they agree on no place; "
-                    f"that says little, because the catalogue expects only {expected:.3g} to be found in this "
+                    f"that says little, because only {expected:.3g} are expected to be found in this "
                     "light, view and scale"
                 )
             return PositionFix(CANNOT_SAY, reason, matches, *figures)
@@ -432,12 +433,10 @@ class _Search:
         return next(enough, _MOST_NEEDED)
 
     def expected(self, matches: Matches, searched: Mask) -> float:
-        """Number of the searched points that the catalogue expects to be found; infinite if it claims
-        nothing about any point.
+        """Number of the searched points that are expected to be found: by the catalogue's claims, half
+        of those about which it claims nothing.
         """
-        if not self.catalog.has_claims:
-            return math.inf
-        return float(np.nansum(matches.prior[searched]))
+        return float(np.nan_to_num(matches.prior[searched], nan=NO_CLAIM).sum())
 
     def if_here(self, reach_px: Array, expected: float) -> float:
         """log10 of the false alarms if `SHARE_IF_HERE` of points searched within ``reach_px`` (n,)

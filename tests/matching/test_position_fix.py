@@ -360,7 +360,9 @@ def test_few_points_refute_no_place(world: World, photo: Image) -> None:
 def test_points_that_are_not_expected_to_be_found_refute_no_place(
     points: Catalog, photo: Image
 ) -> None:
-    """The verdict on the image of another place depends on what the catalogue claims for its Sun."""
+    """The verdict on the image of another place depends on what the catalogue claims for its Sun. Half of the
+    points about which it claims nothing count as expected.
+    """
     sure = claiming(points, 40.0, 5000.0)
     hardly = replace(
         sure,
@@ -372,9 +374,9 @@ def test_points_that_are_not_expected_to_be_found_refute_no_place(
     assert refuted.verdict == NOT_HERE
     assert undecided.verdict == CANNOT_SAY
     searched = np.isin(undecided.matches.code, SEARCHED)
-    expected = np.nansum(undecided.matches.prior[searched])
-    assert f"the catalogue expects only {expected:.3g} to be found" in undecided.reason
-    assert 0.0 < expected < 0.02 * searched.sum()
+    expected = np.nan_to_num(undecided.matches.prior[searched], nan=0.5).sum()
+    assert f"only {expected:.3g} are expected to be found" in undecided.reason
+    assert 0.0 < expected < 0.25 * searched.sum()
 
 
 def test_an_uncertainty_beyond_any_search(points: Catalog, photo: Image) -> None:
