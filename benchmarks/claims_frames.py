@@ -34,6 +34,9 @@ from lcp_catalog.validation.claims import Claims, Scores, score
 LAW = "lommel-seeliger"  # that of the independent renderer
 BITS = 12
 SEED = 14
+SMOOTH_TOML = (
+    "[errors]\nshadow_shift = 0.0\n"  # the ground has no relief that the DEM's cells do not show
+)
 MARGIN = 1.2
 """Half the patch, times this, lies between a point that counts and the frame's border: patches are turned and foreshortened."""
 REACH_M = 190e3  # of the mesh around a site's centre
@@ -112,7 +115,10 @@ def built(path: Path, dem: Path, place: Place) -> Path:
         centre = [str(v) for v in place.center_deg]
         where = ["--center", *centre, "--size", str(place.size_km), "--gsd", str(place.gsd_m)]
         how = ["--spacing", str(place.spacing_km), "--reflectance", LAW, "--jobs", "2"]
-        if run(["build-catalog", str(dem), "-o", str(path), *where, *how]):
+        config = path.with_suffix(".toml")
+        config.write_text(SMOOTH_TOML, encoding="utf-8")
+        words = ["build-catalog", str(dem), "-o", str(path), *where, *how, "--config", str(config)]
+        if run(words):
             raise SystemExit(f"{path.name}: the build failed")
     return path
 

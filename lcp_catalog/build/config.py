@@ -506,6 +506,7 @@ class ErrorConfig:
     albedo_length_m: float = 1900.0
     position_sigma_m: float = 25.0
     spread: float = 0.25
+    shadow_shift: float = 0.11
 
     def __post_init__(self) -> None:
         self.model(height_sigma_m=1.0, height_length_m=1.0)

@@ -24,13 +24,9 @@ from .schema import (
     ADDED_IN_1_1,
     CLAIMS,
     COVERAGE_UNKNOWN,
-    LEVELS_VERSION,
     OPTIONAL,
     PACKED,
-    PROMISES_VERSION,
     SCHEMA_VERSION,
-    UNCLAIMED_LEVELS_VERSION,
-    UNCLAIMED_PROMISES_VERSION,
     UNCLAIMED_VERSION,
     universal,
 )
@@ -159,6 +155,19 @@ class CoverageLevels:
 
 
 @dataclass(frozen=True, eq=False)
+class CoverageMap:
+    """The coverage as a raster in the plane of the overview: each node is the nearest cell."""
+
+    status: AnyArray  # (y_cell, x_cell) uint8 of the cell; 255: no cell is near
+    usable_share: AnyArray  # (y_cell, x_cell) of its known conditions; NaN: none is known
+    x_cell: AnyArray  # metres, rising
+    y_cell: AnyArray  # metres, falling
+    center_lon: float
+    center_lat: float
+    projection: str
+
+
+@dataclass(frozen=True, eq=False)
 class Catalog:
     """A catalogue in memory: the variables of the file under their own names, with their units.
 
@@ -224,6 +233,7 @@ class Catalog:
     promises: Promises | None = None  # None: one promise, or none
     overview_levels: OverviewLevels | None = None  # None: a region that a tangent plane shows
     coverage_levels: CoverageLevels | None = None
+    coverage_map: CoverageMap | None = None
 
     def __post_init__(self) -> None:
         self._complete_claims()
@@ -266,10 +276,6 @@ class Catalog:
     @property
     def _written_version(self) -> str:
         """Schema of the file that is written."""
-        if self.promises is not None:
-            return PROMISES_VERSION if self.has_claims else UNCLAIMED_PROMISES_VERSION
-        if self.overview_levels is not None:
-            return LEVELS_VERSION if self.has_claims else UNCLAIMED_LEVELS_VERSION
         return SCHEMA_VERSION if self.has_claims else UNCLAIMED_VERSION
 
     def _packing(self, name: str) -> Packing:
@@ -341,7 +347,7 @@ class Catalog:
                 else getattr(self, field.name)
             )
             given[field.name] = value
-        without = dict.fromkeys(("guarantee", "promises", "coverage_levels"))
+        without = dict.fromkeys(("guarantee", "promises", "coverage_levels", "coverage_map"))
         return Catalog(**given | {"coverage": coverage} | without)
 
     def within(self, west: float, south: float, east: float, north: float) -> Catalog:

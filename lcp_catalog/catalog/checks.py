@@ -161,8 +161,10 @@ def text_problems(
         and (problem := json_problem(texts[name]) or check(json.loads(texts[name])))
     ]
     found += _plane_problems(**groups["overview"])
-    if groups.get("overview_levels", groups["overview"]) != groups["overview"]:
-        found.append("overview_levels: is in another plane than the overview")
+    plane: Mapping[str, float | str] = {"projection": ORTHOGRAPHIC, **groups["overview"]}
+    for group in ("overview_levels", "coverage_map"):
+        if {**plane, **groups.get(group, {})} != plane:
+            found.append(f"{group}: is in another plane than the overview")
     numbers: dict[str, float] = {
         f"{group}: {name}": n
         for group in groups
@@ -430,6 +432,8 @@ def _check_map_levels(values: Values) -> Iterator[Finding]:
                     yield Finding(f"overview_levels/{name}_{factor}", text)
             height = f"overview_levels/height_{factor}"
             yield from _where(height, np.isinf(values[height]), "infinite")
+    if "coverage_map/status" in values:
+        yield from _coverage_map_findings(values)
     if "coverage_levels/block" not in values:
         return
     for name in ("coverage_levels/block", "coverage_levels/code"):
@@ -442,6 +446,18 @@ def _check_map_levels(values: Values) -> Iterator[Finding]:
     yield from _where("coverage_levels/cells", values["coverage_levels/cells"] < 0, "below 0")
     share = values["coverage_levels/usable_share"]
     yield from _where("coverage_levels/usable_share", (share < 0) | (share > 1), "not in 0..1")
+
+
+def _coverage_map_findings(values: Values) -> Iterator[Finding]:
+    for name, sign in (("x_cell", 1), ("y_cell", -1)):
+        axis = values[f"coverage_map/{name}"]
+        if not (np.isfinite(axis).all() and (np.diff(axis) * sign > 0).all()):
+            text = f"is not strictly {'rising' if sign > 0 else 'falling'}"
+            yield Finding(f"coverage_map/{name}", text)
+    unknown = ~np.isin(values["coverage_map/status"], [*COVERAGE_STATUS, NO_CELL])
+    yield from _where("coverage_map/status", unknown, "has no meaning")
+    share = values["coverage_map/usable_share"]
+    yield from _where("coverage_map/usable_share", (share < 0) | (share > 1), "not in 0..1")
 
 
 def _check_guarantee(values: Values) -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from .layout import (
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
+    LEVEL,
     NUMBERS,
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
@@ -27,6 +28,7 @@ from .layout import (
     grid_mapping,
     key,
     variable_attributes,
+    without_level,
 )
 from .schema import (
     ADDED_IN_1_1,
@@ -102,11 +104,9 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 expected = variable_attributes(
                     group, short, members[short], step, _projection(place)
                 )
-                if not placed:
-                    expected = former_attributes(expected)
                 faults = [
                     *_type_faults(dataset, members[short], scales),
-                    *_attribute_faults(dataset, short, expected),
+                    *_attribute_faults(dataset, short, _of_version(expected, dataset, placed)),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]
@@ -311,6 +311,17 @@ def _attribute_faults(
 def _both_nan(found: Any, expected: Any) -> bool:
     numbers = isinstance(found, np.floating) and isinstance(expected, np.floating)
     return bool(numbers and np.isnan(found) and np.isnan(expected))
+
+
+def _of_version(expected: dict[str, Any], dataset: h5py.Dataset, placed: bool) -> dict[str, Any]:
+    """Attributes of a variable as a file of its version has them: before schema 2.2 (not ``placed``) without
+    coordinates, before 2.5 without the level among them.
+    """
+    if not placed:
+        return former_attributes(expected)
+    found = None if _attribute_fault(dataset, "coordinates") else dataset.attrs["coordinates"]
+    named = not isinstance(found, str) or LEVEL in found.split()
+    return expected if named else without_level(expected)
 
 
 def _has_fewer_codes(short: str, name: str, found: Any, expected: Any) -> bool:

@@ -26,6 +26,7 @@ from .schema import (
     COORDINATES,
     COVERAGE,
     COVERAGE_LEVELS,
+    COVERAGE_MAP,
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,
     FLAG_MASKS,
@@ -52,6 +53,7 @@ GROUPS: dict[str, dict[str, Variable]] = {
     "promises": PROMISES,
     "overview_levels": OVERVIEW_LEVELS,
     "coverage_levels": COVERAGE_LEVELS,
+    "coverage_map": COVERAGE_MAP,
 }
 """Every dataset of the file by group and name; the root group has no name."""
 
@@ -61,6 +63,7 @@ GROUP_ATTRIBUTES = {
     "guarantee": ("per_view", "footprint_m", "radius_m", "lower_bound"),
     "overview_levels": ("center_lon", "center_lat", "projection"),
     "coverage_levels": ("step_m",),
+    "coverage_map": ("center_lon", "center_lat", "projection"),
 }
 
 OPTIONAL_GROUP_ATTRIBUTES = {"overview": "projection", "coverage": "step_m"}
@@ -125,7 +128,7 @@ def is_claim(path: str) -> bool:
     return path in CLAIMS
 
 
-_RASTERS = ("overview", "overview_levels")
+_RASTERS = ("overview", "overview_levels", "coverage_map")
 """Groups of rasters in the plane of the overview."""
 
 CRS, CRS_ATTRIBUTE = "crs", "grid_mapping"
@@ -203,16 +206,20 @@ def variable_attributes(
         found["_FillValue"] = np.uint8(NO_CELL)
     if name == "usable":
         found["_FillValue"] = np.uint8(COVERAGE_UNKNOWN)
-    if group in _RASTERS and name.startswith("height"):
-        found["_FillValue"] = np.float32(np.nan)  # GDAL reads NaN as 0 without it
+    if group in _RASTERS and len(variable.dims) == 2:
+        whole = variable.dtype == "u1"  # GDAL reads NaN as 0 without a fill value
+        found["_FillValue"] = np.uint8(NO_CELL) if whole else np.float32(np.nan)
     return found | _places(group, name, variable)
 
 
 _VIEWS = "view_off_nadir view_azimuth view_altitude"
 """Coordinates of variables that depend on the view."""
 
+LEVEL = "level"
+"""Coordinate of points that files without claims, and those before schema 2.5, do not name."""
+
 _PLACES = {
-    "": ("point", "point_id longitude latitude"),
+    "": ("point", f"point_id longitude latitude {LEVEL}"),
     "coverage": ("cell", "longitude latitude"),
     "guarantee": ("place", "longitude latitude"),
     "coverage_levels": ("block", "longitude latitude"),
@@ -234,6 +241,12 @@ def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
     if group:
         return {"coordinates": own, CRS_ATTRIBUTE: CRS}
     return {"coordinates": f"{own} {_VIEWS}" if "view" in variable.dims else own}
+
+
+def without_level(attributes: dict[str, Any]) -> dict[str, Any]:
+    """Attributes of a variable in files that do not name `LEVEL`."""
+    names = [name for name in str(attributes.get("coordinates", "")).split() if name != LEVEL]
+    return attributes | ({"coordinates": " ".join(names)} if names else {})
 
 
 def former_attributes(attributes: dict[str, Any]) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def coverage_levels(cells: Coverage) -> CoverageLevels | None:
     if cells.step_m is None:
         return None
     lon, lat = np.asarray(cells.longitude, np.float64), np.asarray(cells.latitude, np.float64)
-    near, known = _usable(cells)
+    near, known = usable_conditions(cells)
     parts: list[tuple[AnyArray, ...]] = []
     for factor in LEVEL_FACTORS:
         places, own = _ring_cells(lon, lat, factor * cells.step_m)
@@ -78,7 +78,7 @@ def coverage_levels(cells: Coverage) -> CoverageLevels | None:
     return CoverageLevels(level, west, south, count, share, cells.step_m)
 
 
-def _usable(cells: Coverage) -> tuple[Array, Array]:
+def usable_conditions(cells: Coverage) -> tuple[Array, Array]:
     """Numbers of conditions with a usable point near a cell, and of those that are known, (cell,)."""
     near, known = np.zeros(len(cells.longitude)), np.zeros(len(cells.longitude))
     if cells.usable is None:

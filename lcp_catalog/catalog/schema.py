@@ -12,17 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
 
-SCHEMA_VERSION = "2.2"
+SCHEMA_VERSION = "2.5"
 """Version of files that state claims; later minor versions are read as well."""
 
-UNCLAIMED_VERSION = "1.3"
+UNCLAIMED_VERSION = "1.6"
 """Version of files without claims: readers of schema 1 open them."""
-
-LEVELS_VERSION, UNCLAIMED_LEVELS_VERSION = "2.3", "1.4"
-"""Versions of files of large regions, with and without claims: those with levels of the maps."""
-
-PROMISES_VERSION, UNCLAIMED_PROMISES_VERSION = "2.4", "1.5"
-"""Versions of joined files that keep the promises of several builds."""
 
 WITHOUT_PLACES = ("1.0", "1.1", "1.2", "2.0", "2.1")
 """Versions whose variables do not name their coordinates and their CRS."""
@@ -42,7 +36,7 @@ PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
 """Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
 
-OPTIONAL_GROUPS = ("guarantee", "promises", "overview_levels", "coverage_levels")
+OPTIONAL_GROUPS = ("guarantee", "promises", "overview_levels", "coverage_levels", "coverage_map")
 """Groups that a file has only if the catalogue was built with them."""
 
 OPTIONAL = ("albedo",)
@@ -306,6 +300,17 @@ COVERAGE_LEVELS = {
     "usable_share": Variable(
         ("block",), "f4", "1", "share of cells and conditions with a usable point near"
     ),
+}
+
+COVERAGE_MAP = {
+    "status": Variable(
+        ("y_cell", "x_cell"), "u1", "1", "status of the nearest cell of the coverage"
+    ),
+    "usable_share": Variable(
+        ("y_cell", "x_cell"), "f4", "1", "share of its conditions with a usable point near"
+    ),
+    "x_cell": Variable(("x_cell",), "f8", "m", "east of the centre, orthographic"),
+    "y_cell": Variable(("y_cell",), "f8", "m", "north of the centre, orthographic"),
 }
 
 _NEAR = ("place", "view", "sun_elevation", "sun_azimuth")

@@ -22,6 +22,7 @@ from .catalogue import (
     Catalog,
     Coverage,
     CoverageLevels,
+    CoverageMap,
     Guarantee,
     Overview,
     OverviewLevels,
@@ -307,11 +308,16 @@ class _StoredCoverageLevels(CoverageLevels):
     _source: _Source
 
 
+class _StoredCoverageMap(CoverageMap):
+    _source: _Source
+
+
 _SOMETIMES = {
     "guarantee": _StoredGuarantee,
     "promises": _StoredPromises,
     "overview_levels": _StoredOverviewLevels,
     "coverage_levels": _StoredCoverageLevels,
+    "coverage_map": _StoredCoverageMap,
 }
 """Classes of the groups that only some catalogues have."""
 

@@ -22,8 +22,19 @@ from ..held_signals import HeldSignals
 from .catalogue import Catalog, Coverage, Guarantee, Promises
 from .checks import first_few, lines, part_findings, shape_problems
 from .chunk_writing import ChunkWriter, Deflate
+from .coverage_map import coverage_map
 from .disk_stream import DiskStream
-from .layout import CRS, GROUPS, TEXT, Values, digests, grid_mapping, key, variable_attributes
+from .layout import (
+    CRS,
+    GROUPS,
+    TEXT,
+    Values,
+    digests,
+    grid_mapping,
+    key,
+    variable_attributes,
+    without_level,
+)
 from .map_levels import coverage_levels
 from .schema import Variable
 
@@ -189,6 +200,7 @@ class NewCatalog:
             guarantee=guarantee,
             promises=promises,
             coverage_levels=coverage_levels(coverage) if self._head.overview_levels else None,
+            coverage_map=coverage_map(coverage, self._head.overview.plane),
         )
         self._fixed = head.values()
         for group in GROUPS:
@@ -242,6 +254,8 @@ class NewCatalog:
         attributes = variable_attributes(
             group, name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
         )
+        if not self._head.has_claims:
+            attributes = without_level(attributes)
         dataset = place.create_dataset(
             name,
             shape,

@@ -43,7 +43,9 @@ class ErrorModel:
     the ground that the render lacks. ``position_sigma_m``: 1 sigma, for each axis, of a patch's
     place on the ground, from errors of the DEM's control and of the camera model that are not
     common to an image. ``spread``: standard deviation of the logarithm of the noise between places;
-    the noise of a place is that of the model times exp(spread x), x normal.
+    the noise of a place is that of the model times exp(spread x), x normal. ``shadow_shift``: 1 sigma,
+    in cells, at grazing light, of the shift that shadows below a cell give all points of an image
+    along the Sun's azimuth (`matching.shadow_shift`).
     """
 
     sensor_noise: float = 0.02
@@ -53,6 +55,7 @@ class ErrorModel:
     albedo_length_m: float = 2000.0
     position_sigma_m: float = 0.0
     spread: float = 0.0
+    shadow_shift: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():

@@ -33,6 +33,7 @@ from .point_choice import likeliest
 from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
 from .search_image import SearchImage
+from .shadow_shift import shadow_shift_px
 from .subpixel import peaks
 from .sun_check import SunCheck, check_sun
 
@@ -244,6 +245,8 @@ class _Search:
 
     def solved(self, found_px: Array, covariance_px2: Array, doubt_px: float = 0.0) -> Pose:
         """The sensor corrected by the one place."""
+        row = self.area.points[self.middle : self.middle + 1]
+        sun = self.image.sun_directions(self.ground[None])
         return solve(
             self.given,
             self.ground[None],
@@ -252,6 +255,7 @@ class _Search:
             self.uncertainty,
             [True],
             common_px=math.hypot(self.common_px, doubt_px),
+            shift_px=shadow_shift_px(self.catalog, row, self.given, sun),
         )
 
     def is_beyond(self, off_px: Array, covariance_px2: Array) -> bool:

@@ -169,6 +169,7 @@ def solve(
     inliers: ArrayLike | None = None,
     shared: SharedTerrain | None = None,
     common_px: float = 0.0,
+    shift_px: ArrayLike | None = None,
 ) -> Pose:
     """The sensor corrected by points (n, 3), MCMF metres, found at pixels (n, 2), each with its
     covariance (n, 2, 2).
@@ -178,8 +179,9 @@ def solve(
     if no point remains, or if the points do not determine a correction without a prior.
 
     ``shared``: pairs of the n points whose patches overlap, so that they have errors in common.
-    ``common_px``: 1 sigma of an error that is the same for all places, in either coordinate. Both
-    add to the covariance and change nothing else.
+    ``common_px``: 1 sigma of an error that is the same for all places, in either coordinate.
+    ``shift_px`` (n, 2): 1 sigma of an error that moves every place by its own shift times one number.
+    They add to the covariance and change nothing else.
     """
     problem = _problem(
         sensor, points_mcmf_m, found_px, covariance_px2, uncertainty.sigmas(sensor), inliers
@@ -193,7 +195,8 @@ def solve(
         sensor=corrected,
         correction=problem.correction(last.unknown),
         covariance=problem.covariance(last.matrix)
-        + problem.pulled(last, common_px)
+        + problem.pulled(last, common_px * np.eye(2))
+        + problem.pulled(last, _columns(shift_px))
         + problem.shared(last, shared),
         solved=problem.sigmas > 0.0,
         used=problem.used,
@@ -201,6 +204,10 @@ def solve(
         chi2=first.chi2,
         dof=first.dof,
     )
+
+
+def _columns(shift_px: ArrayLike | None) -> Array:
+    return np.zeros((2, 1)) if shift_px is None else np.asarray(shift_px, np.float64)[..., None]
 
 
 def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:
@@ -403,15 +410,18 @@ class _Problem:
             full[np.ix_(self.free, self.free)] = gain @ cross @ gain.T
         return full
 
-    def pulled(self, last: _Solved, common_px: float) -> Array:
-        """Contribution of an error common to all places (1 sigma of either coordinate) to the
-        covariance (k, k).
+    def pulled(self, last: _Solved, errors_px: Array) -> Array:
+        """Contribution of independent errors common to all places to the covariance (k, k):
+        ``errors_px`` (2, e), or (n, 2, e) of each place, is what 1 sigma of each moves it by.
         """
         full = np.zeros((len(self.sigmas),) * 2)
-        if common_px > 0.0 and len(self.free):
+        if errors_px.any() and len(self.free):
             weight = self.weights(self.residual(last.unknown))
-            pull = np.einsum("n,nia,nij->aj", weight, self.slope(last.unknown), self.whitening)
-            gain = common_px * self.steps[:, None] * (self.inverse(last.matrix) @ pull)
+            moved = np.broadcast_to(errors_px, (len(self.used), *errors_px.shape[-2:]))[self.used]
+            pull = np.einsum(
+                "n,nia,nie->ae", weight, self.slope(last.unknown), self.whitening @ moved
+            )
+            gain = self.steps[:, None] * (self.inverse(last.matrix) @ pull)
             full[np.ix_(self.free, self.free)] = gain @ gain.T
         return full
 

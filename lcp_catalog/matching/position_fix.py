@@ -44,6 +44,7 @@ from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, perhaps_in_view
 from .search_image import nothing_in
+from .shadow_shift import shadow_shift_px
 from .shared_terrain import SharedTerrain
 from .sun_check import SunCheck, check_points
 
@@ -332,6 +333,7 @@ class _Search:
         trusted = agrees & (matches.usable | ~np.isfinite(matches.prior))
         if trusted.sum() >= LEAST_USABLE:
             agrees = trusted
+        suns = self.image.sun_directions(ground)
         shared = SharedTerrain.of(
             self.catalog, matches.point, ground, self.catalog.rotation_mcmf_to_enu[matches.point]
         )
@@ -344,6 +346,7 @@ class _Search:
             agrees,
             shared=shared,
             common_px=math.hypot(self.options.common_px * self.factor, doubt_px),
+            shift_px=shadow_shift_px(self.catalog, matches.point, self.image.sensor, suns),
         )
 
     def refused(

@@ -18,13 +18,15 @@ from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..matching.matches import error_ellipses
 from ..matching.point_claims import LEAST_SIGMA_PX
 from ..matching.pose import jacobian
+from ..matching.shadow_shift import shadow_shift_m
 from ..matching.shared_terrain import SharedTerrain
 from .frame_points import Frame, FramePoints, points_of_frames
 from .information import Information, best_points, dilution
 
-SOURCES = ("match", "place", "pixel", "height", "map", "attitude")
+SOURCES = ("match", "place", "pixel", "height", "shadow", "map", "attitude")
 """Errors of a position: of the matches; of each point's place on the ground; of a pixel's least
-error; of the points' heights; of the place common to all points; of the attitude known before.
+error; of the points' heights; by shadows below a cell (`matching.shadow_shift`); of the place common
+to all points; of the attitude known before.
 """
 
 LEAST_POINTS = 4
@@ -168,6 +170,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         points.claims.detection_probability[usable],
         query.attitude_sigma_rad,
         SharedTerrain.of(catalog, rows, places, rotation) if len(rows) else None,
+        np.einsum("nij,nj->ni", level, shadow_shift_m(catalog, rows, rotation @ points.frame.sun)),
     )
     middle = _position(sensor)
     listed = np.arange(len(rows))
@@ -222,7 +225,8 @@ def _expected(
     if covariance is not None:
         parts = {name: information.part_of(part) for name, part in errors.items()}
         parts |= {"map": np.pad(shared, ((0, 3), (0, 3))), "attitude": information.attitude_part()}
-        parts["match"] = parts["match"] + information.common_part()
+        parts["match"] = parts["match"] + information.terrain_part()
+        parts["shadow"] = information.shift_part()
         traces = {name: float(np.trace(parts[name][:3, :3])) for name in SOURCES}
         budget = {name: math.sqrt(max(0.0, trace)) for name, trace in traces.items()}
         covariance = covariance + parts["map"]

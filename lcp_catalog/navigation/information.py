@@ -6,7 +6,8 @@ about the camera's own axes, radians. A point i with the derivatives J_i (2 x 6)
 covariance C_i (2 x 2) of its place in the image and the probability p_i that it is found adds
 p_i J_i^T C_i^-1 J_i to the normal matrix. Points whose patches overlap have errors in common
 (`matching.shared_terrain`): with the correlation r_ij and the derivatives a_i in sigmas, the
-covariance is N^-1 (N + sum_ij p_i p_j r_ij a_i^T a_j) N^-1.
+covariance is N^-1 (N + sum_ij p_i p_j r_ij a_i^T a_j + b b^T) N^-1, with b = sum_i p_i J_i^T C_i^-1 d_i
+for an error that moves each place by d_i (`matching.shadow_shift`).
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ class Information:
     probability: Array  # (n,) that the point is found
     attitude_sigma_rad: float = math.inf  # known before, about each axis; inf: not, 0: exact
     shared: SharedTerrain | None = None  # points with common errors; None: there are none
+    shift_px: Array | None = (
+        None  # (n, 2) by which 1 sigma of an error moves all places; None: no such
+    )
 
     def __len__(self) -> int:
         return len(self.probability)
@@ -48,6 +52,7 @@ class Information:
             self.probability[which],
             self.attitude_sigma_rad,
             None if self.shared is None else self.shared.some(which),
+            None if self.shift_px is None else self.shift_px[which],
         )
 
     @cached_property
@@ -75,20 +80,40 @@ class Information:
         """What errors common to several points add to the covariance (6, 6) of the right side of the
         normal equations.
         """
+        return self.common_shift + self.common_terrain
+
+    @cached_property
+    def common_terrain(self) -> Array:
+        """`common` by the terrain that patches share."""
         if self.shared is None:
             return np.zeros((6, 6))
         weight = np.sqrt(self.probability)[:, None, None]  # a pair counts if both are found
         return self.shared.cross(weight * self.whitened)
 
-    def common_part(self) -> Array:
-        """Part (6, 6) of `covariance` by the errors that points have in common."""
+    @cached_property
+    def common_shift(self) -> Array:
+        """`common` by the error that moves all places."""
+        if self.shift_px is None:
+            return np.zeros((6, 6))
+        weight = np.linalg.inv(self.covariance_px2)
+        pull = np.einsum("n,nai,nab,nb->i", self.probability, self.slopes, weight, self.shift_px)
+        return np.outer(pull, pull)
+
+    def terrain_part(self) -> Array:
+        """Part (6, 6) of `covariance` by the terrain that patches share."""
         gain = self._gain()
-        return np.asarray(gain @ self.common @ gain)
+        return np.asarray(gain @ self.common_terrain @ gain)
+
+    def shift_part(self) -> Array:
+        """Part (6, 6) of `covariance` by the error that moves all places."""
+        gain = self._gain()
+        return np.asarray(gain @ self.common_shift @ gain)
 
     def part_of(self, covariance_px2: Array) -> Array:
         """Part (6, 6) of `covariance` by errors of the places whose covariances (n, 2, 2) are a part of
-        ``covariance_px2``. The parts of all errors, that of the attitude known before, which is
-        `attitude_part`, and `common_part` are the whole. LinAlgError if the points do not determine the corrections.
+        ``covariance_px2``. The parts of all errors, `attitude_part` of the attitude known before,
+        `terrain_part` and `shift_part` are the whole. LinAlgError if the points do not determine the
+        corrections.
         """
         weight = np.linalg.inv(self.covariance_px2)
         pull = np.swapaxes(self.slopes, -1, -2) @ weight  # (n, 6, 2)

@@ -47,6 +47,7 @@ MEANINGS = {
     "place": "place of a patch on the ground, different for each point (errors.position_sigma_m)",
     "pixel": "least error of a place in an image",
     "height": "heights of the points (elevation_sigma, or --height-sigma)",
+    "shadow": "shadows that cells do not resolve, common to all points (errors.shadow_shift)",
     "map": "tie of the map to the Moon's frame, common to all points (--map-sigma)",
     "attitude": "attitude of the camera as known before (--attitude-sigma)",
 }

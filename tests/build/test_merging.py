@@ -86,7 +86,7 @@ def test_a_merged_catalogue_is_intact_and_read_as_any(inputs: list[Catalog], mer
     assert verify(merged) == []
     facts = describe(merged)
     assert facts["intact"]
-    assert facts["schema_version"] == "2.2"
+    assert facts["schema_version"] == "2.5"
     assert "</html>" in render_report(read(merged), "m.h5")
     builds = origins(read(merged).config)
     assert {one.name for one in builds} == {"a.h5", "b.h5"}
@@ -292,7 +292,7 @@ def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path:
     merge_catalogs([tmp_path / "two.h5", c], tmp_path / "m.h5")
     assert all_problems(str(tmp_path / "m.h5")) == []
     found = read(tmp_path / "m.h5")
-    assert found.schema_version == "2.4"
+    assert found.schema_version == "2.5"
     told, own = found.guarantee, found.promises
     assert own.gsd.tolist() == [118.0 / 16.0, 118.0 / 4.0, 118.0]
     assert own.footprint.tolist() == [4e5 / 16.0, 4e5 / 4.0, 4e5]

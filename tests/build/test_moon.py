@@ -80,7 +80,7 @@ def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
 ) -> None:
     assert verify(polar) == []
     found = open_catalog(polar)
-    assert found.schema_version == "2.3"
+    assert found.schema_version == "2.5"
     assert found.overview.projection == "polar stereographic"
     lon, lat = found.overview.plane.lonlat(*np.meshgrid(found.overview.x, found.overview.y))
     assert (np.isfinite(found.overview.height) == (lat >= 66.0)).mean() > 0.999

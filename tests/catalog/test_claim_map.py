@@ -6,7 +6,6 @@ import base64
 import dataclasses
 import json
 import re
-import shutil
 import zlib
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import catalogs
-from helpers.pages import logged, parsed
+from helpers.pages import in_browser, logged, parsed
 
 from lcp_catalog.catalog import claim_map, report
 from lcp_catalog.catalog.catalogue import Catalog
@@ -154,7 +153,7 @@ def test_the_page_holds_coverage_and_heights() -> None:
     np.testing.assert_allclose(z * patches["step_m"], catalog.dem, atol=patches["step_m"])
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium: the script is not run")
+@in_browser
 @pytest.mark.parametrize(("view", "sun", "scale"), [(0, 0, 0), (1, 3, 0), (2, 5, 1)])
 def test_the_script_counts_as_the_catalogue_does(
     tmp_path: Path, view: int, sun: int, scale: int

@@ -38,7 +38,7 @@ def copy(written: Path, tmp_path: Path) -> Path:
 def test_what_was_written_is_read(written: Path) -> None:
     before, after = catalogs.claimed(12), open_catalog(written)
     assert verify(written) == []
-    assert before.schema_version == after.schema_version == "2.2"
+    assert before.schema_version == after.schema_version == "2.5"
     for name, array in before.values().items():
         np.testing.assert_array_equal(after.values()[name], array, err_msg=name)
     for name in (*NAMES, "image_scale", "universal", "level"):
@@ -71,22 +71,41 @@ def test_xarray_unpacks_it_by_name(written: Path) -> None:
         assert found["image_scale"].values.tolist() == [1.0, 2.0, 4.0]
         assert found["universal"].values.tolist() == after.universal.tolist()
         assert found["level"].values.tolist() == [0] * 12
+        assert "level" in found["harris_response"].coords
         assert json.loads(found.attrs["errors"]) == catalogs.ERRORS
     with xarray.open_dataset(written, engine="h5netcdf", group="coverage") as found:
         assert found["usable"].dims == ("cell", "view", "sun_elevation", "sun_azimuth")
 
 
-def test_a_file_without_claims_is_one_of_schema_1_3(tmp_path: Path) -> None:
+def test_a_file_of_schema_2_4_is_read(written: Path, tmp_path: Path) -> None:
+    """Without a raster of the coverage, and without the level among the coordinates."""
+    old = tmp_path / "old.h5"
+    old.write_bytes(written.read_bytes())
+    with h5py.File(old, "r+") as file:
+        file.attrs["schema_version"] = "2.4"
+        del file["coverage_map"]
+        for item in file.values():
+            if "coordinates" in item.attrs:
+                item.attrs["coordinates"] = item.attrs["coordinates"].replace(" level", "")
+        catalogs.sign(file)
+    assert verify(old) == []
+    found = open_catalog(old)
+    assert found.coverage_map is None
+    write_catalog(found, tmp_path / "new.h5")
+    assert (tmp_path / "new.h5").read_bytes() == written.read_bytes()
+
+
+def test_a_file_without_claims_is_one_of_schema_1_6(tmp_path: Path) -> None:
     """The layout that lcp 0.1 wrote: no variable and no attribute of schema 2."""
     path = tmp_path / "old.h5"
     write_catalog(catalogs.catalog(12), path)
     with h5py.File(path) as file:
-        assert file.attrs["schema_version"] == "1.3"
+        assert file.attrs["schema_version"] == "1.6"
         assert not {"errors", "sigma_step_m"} & set(file.attrs)
         assert not {*NAMES, "image_scale", "universal", "level"} & set(file)
         assert set(file["coverage"]) == {"cell", "longitude", "latitude", "status", "crs"}
     found = open_catalog(path)
-    assert found.schema_version == "1.3"
+    assert found.schema_version == "1.6"
     assert not found.has_claims
     assert found.detection_probability is found.errors is found.min_detection is None
     assert found.level.tolist() == [0] * 12
@@ -257,7 +276,7 @@ def test_no_damage_raises_or_passes(written: Path, tmp_path: Path) -> None:
 def test_the_summary_counts_universal_points() -> None:
     found = catalogs.claimed(12)
     says = summary.summary(found)
-    assert says["schema_version"] == "2.2"
+    assert says["schema_version"] == "2.5"
     assert says["universal_points"] == int(found.universal.sum())
     assert says["min_detection"] == 0.9
     assert summary.summary(catalogs.catalog(12))["min_detection"] is None

@@ -198,7 +198,7 @@ def test_axes_cells_and_settings_are_named() -> None:
     assert (found.amounts["gsd"] == 118.0).all()
     json.loads("".join(found.json_pieces()))
     unclaimed = compare_catalogs(one, catalogs.catalog(9))
-    assert unclaimed.attributes["schema_version"] == ("2.2", "1.3")
+    assert unclaimed.attributes["schema_version"] == ("2.5", "1.6")
     assert "sigma_major" in unclaimed.not_compared
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import catalogs
-from helpers.pages import decoded, measured, parsed
+from helpers.pages import decoded, in_browser, measured, parsed
 
 from lcp_catalog.catalog import report
 from lcp_catalog.catalog.hdf5 import Overview, write_catalog
@@ -35,6 +35,7 @@ def test_what_the_page_uses_it_holds(html: str) -> None:
     assert used <= set(page.ids)
 
 
+@in_browser
 @pytest.mark.parametrize("width", [400, 600])
 def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:
     found = measured(html, width, tmp_path)

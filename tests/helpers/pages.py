@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shutil
 import subprocess
 import threading
 from html.parser import HTMLParser
@@ -12,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -55,6 +57,11 @@ def parsed(html: str) -> Page:
     page.close()
     assert page.open == []
     return page
+
+
+in_browser = pytest.mark.skipif(
+    shutil.which("chromium") is None, reason="no Chromium: the page's scripts are not run"
+)
 
 
 def decoded(address: str) -> np.ndarray:

@@ -328,6 +328,23 @@ def test_an_error_that_all_share_adds_to_the_covariance() -> None:
     assert np.abs((shared.covariance - plain.covariance - added) / unit).max() < 2e-3
 
 
+def test_an_error_that_moves_each_place_by_its_own_shift_adds_to_the_covariance() -> None:
+    """By trial: all places moved by their shifts. A quarter of the points is not used."""
+    dice = np.random.default_rng(23)
+    known = camera(tilt=(0.2, 0.0, 0.5))
+    points = ground(known, 60, dice)
+    covariance, shift = covariances(60, dice), dice.normal(0.005, 0.005, (60, 2))
+    found, agrees = known.project(points), np.arange(60) % 4 > 0
+    plain = solve(known, points, found, covariance, UNCERTAIN, agrees)
+    common = solve(known, points, found, covariance, UNCERTAIN, agrees, shift_px=shift)
+    assert np.array_equal(common.correction, plain.correction)
+    move = solve(known, points, found + shift, covariance, UNCERTAIN, agrees).correction
+    unit = np.outer(common.sigma, common.sigma)
+    added = (common.covariance - plain.covariance) / unit
+    wanted = np.outer(move, move) / unit
+    assert np.abs(added - wanted).max() < 5e-3 * np.abs(wanted).max()
+
+
 def test_how_far_places_may_be_off() -> None:
     dice = np.random.default_rng(14)
     known = camera()

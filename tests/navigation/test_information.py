@@ -24,16 +24,20 @@ def made(attitude_rad: float, shared: bool = True) -> tuple[Information, np.ndar
     correlation[first, second] = correlation[second, first] = share
     pairs = SharedTerrain(first, second, share, COUNT) if shared else None
     covariance = roots @ np.swapaxes(roots, -1, -2)
-    return Information(slopes, covariance, np.ones(COUNT), attitude_rad, pairs), correlation
+    shift = dice.normal(size=(COUNT, 2)) if shared else None
+    return Information(slopes, covariance, np.ones(COUNT), attitude_rad, pairs, shift), correlation
 
 
 @pytest.mark.parametrize("attitude_rad", [np.inf, 1e-4, 0.0])
 def test_it_is_that_of_weighted_least_squares(attitude_rad: float) -> None:
-    """Weights are the points' own; the errors' covariance has the blocks r_ij L_i L_j^T."""
+    """Weights are the points' own; the errors' covariance has the blocks r_ij L_i L_j^T + d_i d_j^T."""
     information, correlation = made(attitude_rad)
+    assert information.shift_px is not None
+    shift = information.shift_px.ravel()
     roots = np.linalg.cholesky(information.covariance_px2)
     errors = np.einsum("ij,iab,jcb->iajc", correlation, roots, roots).reshape(2 * COUNT, -1)
     weight = np.linalg.inv(errors * np.kron(np.eye(COUNT), np.ones((2, 2))))
+    errors = errors + np.outer(shift, shift)
     free = 3 if attitude_rad == 0.0 else 6
     rows = information.slopes.reshape(-1, 6)[:, :free]
     prior = np.zeros((free, free))
@@ -48,7 +52,8 @@ def test_it_is_that_of_weighted_least_squares(attitude_rad: float) -> None:
     alone = made(attitude_rad, shared=False)[0].covariance()
     assert alone is not None
     assert abs(np.trace(found[:3, :3]) / np.trace(alone[:3, :3]) - 1.0) > 0.01
-    np.testing.assert_allclose(found - alone, information.common_part(), atol=1e-6 * np.abs(found).max())  # fmt: skip
+    added = information.terrain_part() + information.shift_part()
+    np.testing.assert_allclose(found - alone, added, atol=1e-6 * np.abs(found).max())
     if attitude_rad == 0.0:
         np.testing.assert_allclose(information.covariance_known_attitude(), expected, rtol=1e-6)
 
@@ -59,4 +64,4 @@ def test_a_pair_counts_if_both_points_are_found() -> None:
     both = information.some(np.array([0, 1]))
     p = np.array([0.3, 0.8])
     likely = Information(both.slopes, both.covariance_px2, p, np.inf, both.shared)
-    np.testing.assert_allclose(likely.common, p.prod() * both.common, rtol=1e-9)
+    np.testing.assert_allclose(likely.common_terrain, p.prod() * both.common_terrain, rtol=1e-9)
