@@ -1,5 +1,5 @@
-"""Correlation of the sample catalogue's usable points with the photograph, compared with that of
-other places.
+"""The sample catalogue's usable points in the photograph: they are found as claimed, and they correlate better than
+other points and other places.
 """
 
 from __future__ import annotations
@@ -9,23 +9,37 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import rasterio
 
 from lcp_catalog.build.config import BuildConfig
 from lcp_catalog.build.run import build_catalog
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.catalog.hdf5 import open_catalog
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.catalog.schema import USABLE
+from lcp_catalog.images.image_file import ImageOptions, open_image
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
+from lcp_catalog.validation.claim_trials import ClaimSearch
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = SAMPLE / "hadley_gld100_256ppd.tif"
-HALF = 16
-PIXEL_NODES = 3.3
-"""A pixel of the photograph (390 m) in nodes of 118 m."""
+CAMERA = SAMPLE / "AS15-M-0414_camera.json"
+PHOTO = SAMPLE / "AS15-M-0414.png"
+PIXEL_M = 390.0  # of the photograph
+HALF = 16  # nodes from a patch's centre to its border
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def catalog(tmp_path_factory: pytest.TempPathFactory) -> Catalog:
+    path = tmp_path_factory.mktemp("sample") / "c.h5"
+    build_catalog([DEM], BuildConfig.from_toml(SAMPLE / "hadley.toml"), path, jobs=2)
+    return open_catalog(path)
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
@@ -35,31 +49,39 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float((a * b).sum()) / power if power > 0.0 else 0.0
 
 
-@pytest.mark.slow
-def test_usable_points_look_like_the_photograph(tmp_path: Path) -> None:
-    """Sun of AS15-M-0414 at the centre: azimuth 96.5, elevation 13.7; the nearest cells are 90 and
-    105 at 15 deg.
+def test_usable_points_are_found(catalog: Catalog) -> None:
+    """Within the search radius of the build, at their true places: at least the share that they claim, 0.9."""
+    photo = open_image(PHOTO, read_camera(CAMERA), options=ImageOptions(encoding="srgb"))
+    rows = points_in_view(catalog, photo.sensor)
+    law = reflectance_model("lommel-seeliger")
+    claims = ClaimSearch(catalog, photo, law, Criteria()).claims(rows, searched=True)
+    usable = claims.tried & claims.usable
+    assert usable.sum() >= 40
+    assert claims.found[usable].mean() >= 0.9  # 45 of 45 when this was written
+
+
+def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
+    """Windows of a patch, 33 nodes of 474 m. Sun of AS15-M-0414 at the centre: azimuth 96.5, elevation 13.7;
+    the nearest cells are 90 and 105 at 15 deg.
 
     Render and photograph are smoothed to the photograph's pixel. Nothing is fitted here; the camera
     was fitted to this DEM.
     """
-    config = BuildConfig.from_toml(SAMPLE / "hadley.toml")
-    build_catalog([DEM], config, tmp_path / "c.h5", jobs=2)
-    catalog = open_catalog(tmp_path / "c.h5")
-    assert len(catalog.point_id) >= 100
-    camera = read_camera(SAMPLE / "AS15-M-0414_camera.json")
-    scene = prepare_terrain(
-        Request([DEM], area=Area(3.5, 26.0, 158.0), view=ViewChoice(camera=camera))
-    )
+    assert len(catalog) >= 100
+    gsd_m = float(catalog.gsd[0])
+    assert catalog.patch_nodes == 2 * HALF + 1
+    camera = read_camera(CAMERA)
+    view = ViewChoice(camera=camera)
+    scene = prepare_terrain(Request([DEM], area=Area(3.5, 26.0, 158.0), gsd_m=gsd_m, view=view))
     shot = scene.expose()
     field, (row0, _, col0, _) = scene.terrain.field, scene.terrain.core
     pixels = camera.project(scene.terrain.frame.to_mcmf(nodes_enu(field, scene.terrain.core)))
-    with rasterio.open(SAMPLE / "AS15-M-0414.png") as file:
-        photo = file.read(1).astype(np.float32)
+    photo = cv2.imread(str(PHOTO), cv2.IMREAD_GRAYSCALE).astype(np.float32)
     at = [pixels[..., axis].astype(np.float32) for axis in (0, 1)]
-    image = cv2.GaussianBlur(cv2.remap(photo, *at, cv2.INTER_CUBIC), (0, 0), 0.4 * PIXEL_NODES)
+    nodes = PIXEL_M / gsd_m
+    image = cv2.GaussianBlur(cv2.remap(photo, *at, cv2.INTER_CUBIC), (0, 0), 0.4 * nodes)
     render = np.nan_to_num(shot.radiance).astype(np.float32)
-    render = cv2.GaussianBlur(render, (0, 0), 0.6 * PIXEL_NODES)
+    render = cv2.GaussianBlur(render, (0, 0), 0.6 * nodes)
 
     def judged(row: int, col: int) -> float:
         window = np.s_[row - HALF : row + HALF + 1, col - HALF : col + HALF + 1]
@@ -75,11 +97,10 @@ def test_usable_points_look_like_the_photograph(tmp_path: Path) -> None:
     azimuths = [list(catalog.sun_azimuth).index(a) for a in (90.0, 105.0)]
     usable = (catalog.condition[:, 0, elevation][:, azimuths] == USABLE).any(axis=1)
     works, rest = found[usable & np.isfinite(found)], found[~usable & np.isfinite(found)]
-    rng = np.random.default_rng(0)
-    places = rng.integers(40, np.array(render.shape) - 40, (500, 2))
+    places = np.random.default_rng(0).integers(HALF, np.array(render.shape) - HALF, (500, 2))
     anywhere = np.array([judged(r, c) for r, c in places])
     anywhere = anywhere[np.isfinite(anywhere)]
-    assert len(works) >= 30
-    assert (works > 0.8).mean() >= 0.9  # 96 % when this was written
-    assert (anywhere > 0.8).mean() <= 0.75  # 65 %: what a random place gives
-    assert (rest > 0.8).mean() <= 0.8  # 66 %: what the catalogue calls unusable at this Sun
+    assert (len(works) >= 100, len(rest) >= 10, len(anywhere) >= 400) == (True,) * 3
+    assert (works > 0.7).mean() >= 0.9  # 93 % when this was written
+    assert (anywhere > 0.7).mean() <= 0.88  # 86 %: what a random place gives
+    assert (rest > 0.7).mean() <= 0.4  # 17 %: what the catalogue calls unusable at this Sun
