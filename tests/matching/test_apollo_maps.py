@@ -1,4 +1,4 @@
-"""Map-projected images whose points are too faint under a high Sun, located by all points together.
+"""Map-projected images under a high Sun, whose points are faint.
 Skipped without the shared data, which may not be distributed. `benchmarks/locate_maps.py` makes the
 figures of docs/measurements/pose.md.
 """
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import apollo_maps as maps
 
-from lcp_catalog.matching.position_fix import BY_ALL_POINTS, BY_POINTS, LOCATED, locate
+from lcp_catalog.matching.position_fix import BY_POINTS, LOCATED, locate
 from lcp_catalog.photometry.laws import reflectance_model
 
 LAW = reflectance_model("lunar-lambert")
@@ -19,8 +19,8 @@ LAW = reflectance_model("lunar-lambert")
 
 @pytest.mark.slow
 def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
-    """Frames of the Apollo 16 series under Suns of 46 to 54 deg, with one to three points found:
-    their corrections agree with those of the whole series, whose control net is older and whose
+    """Frames of the Apollo 16 series under Suns of 46 to 54 deg, whose patches are weak or ambiguous
+    more often than found: their corrections agree with those of the whole series, whose control net is older and whose
     frames differ by 259 and 180 m (`apollo_maps.NET_M`).
     """
     catalog = maps.built(shared_data, tmp_path)
@@ -28,7 +28,7 @@ def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
         photo = maps.frame(shared_data, key)
         answer = locate(catalog, photo, maps.UNCERTAIN, LAW)
         assert answer.verdict == LOCATED
-        assert answer.by == BY_ALL_POINTS
+        assert answer.matches.found.sum() >= 30  # 99, 84 and 49 of some 300 when this was written
         spread = np.hypot(answer.pose.sigma, [259.0, 180.0])
         assert (np.abs(answer.pose.correction - maps.NET_M) < 3.0 * spread).all()
         for _, image in maps.not_this_place(photo, [], int(key[-4:])):
