@@ -89,7 +89,7 @@ class Term:
             return f"{image['image']}: {self.path} was not measured{_why(image, self.path)}; required: {self.text}"
         if OPERATORS[self.symbol](found, self.value):
             return None
-        shown = found if isinstance(found, str) else f"{found:.10g}"
+        shown = found if isinstance(found, str) else f"{found:.6g}"
         return f"{image['image']}: {self.path} is {shown}; required: {self.text}"
 
 

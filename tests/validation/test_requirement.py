@@ -124,7 +124,7 @@ def test_every_image_and_every_term_must_hold(document: dict[str, Any]) -> None:
     said = Requirement.parse(f"points_found>{found} AND mode>2 and count>1").failures(located)
     assert said == [
         f"frame.png: points_found is {found}; required: points_found>{found}",
-        f"frame.png: windows.mode is {located['images'][0]['windows']['mode']:.10g}; required: mode>2",
+        f"frame.png: windows.mode is {located['images'][0]['windows']['mode']:.6g}; required: mode>2",
     ]
     said = Requirement.parse(f"points_found>={found}").failures(document)
     assert said == [f"blank.png: points_found is 0; required: points_found>={found}"]
@@ -135,7 +135,7 @@ def test_claims_may_be_required(document: dict[str, Any]) -> None:
     brier = located["images"][0]["claims"]["brier"]
     assert Requirement.parse("brier<=0.9 and claims.count>=30").failures(located) == []
     assert Requirement.parse("brier<=0.01").failures(located) == [
-        f"frame.png: claims.brier is {brier:.10g}; required: brier<=0.01"
+        f"frame.png: claims.brier is {brier:.6g}; required: brier<=0.01"
     ]
     assert Requirement.parse("found_of_usable>=0").failures(elsewhere) == [
         "other.png: claims.found_of_usable was not measured (the image was not located); "
