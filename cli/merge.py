@@ -33,6 +33,6 @@ def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
     done = merge_catalogs(catalogs, output, overwrite)
     cells = ", ".join(" and ".join(f"{size:.5g}" for size in sizes) for sizes in done.levels_m)
     say(
-        f"{output}: {done.points} points of {sum(done.inputs)} in {len(done.inputs)} catalogues "
+        f"{output}: {done.points} points of {sum(done.inputs)} in {len(done.inputs)} catalogue{'s' * (len(done.inputs) != 1)} "
         f"({done.doubles} doubles, {done.crowded} nearer than the spacing), cells of {cells} m"
     )
