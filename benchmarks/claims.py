@@ -43,6 +43,10 @@ def main(argv: list[str] | None = None) -> None:
         help="frames, navigation, positions, descent: number of frames",
     )
     parser.add_argument(
+        "--relief", type=int, help="descent: seed of the made relief; default: the tutorial's"
+    )
+    parser.add_argument("--first", type=int, default=0, help="descent: number of the first frame")
+    parser.add_argument(
         "--set", choices=("fit", "kept"), default="fit", help="photographs: which ones"
     )
     parser.add_argument(
@@ -130,8 +134,9 @@ def positions(asked: argparse.Namespace) -> Section:
 def descent(asked: argparse.Namespace) -> Section:
     import claims_descent as section
 
-    found = section.work(asked.output / "descent", asked.frames)
-    return section.report(found, asked.output / "descent.svg")
+    name = "descent" if asked.relief is None else f"descent-{asked.relief}"
+    found = section.work(asked.output / name, asked.frames, asked.relief, asked.first)
+    return section.report(found, asked.output / f"{name}.svg")
 
 
 def sizes(asked: argparse.Namespace) -> Section:

@@ -75,9 +75,11 @@ class Descent:
     dems: tuple[tuple[Path, float, int], ...]  # file, 1 sigma, pixels along one of the sample
 
     @classmethod
-    def of(cls, folder: Path) -> Descent:
+    def of(cls, folder: Path, relief: int | None = None) -> Descent:
+        """``relief``: seed of the made relief in place of the tutorial's."""
         made = _example("made_dem")
         made.SAMPLE, made.FOLDER = str(SAMPLE), folder
+        made.SEED = made.SEED if relief is None else relief
         dems = tuple((folder / f"made_{m}m.tif", sigma, times) for m, times, _, sigma in made.DEMS)
         if not all(path.exists() for path, *_ in dems):
             made.main()
@@ -165,12 +167,12 @@ def _at(nodes: Nodes, values: Array, grid: Nodes) -> Array:
     return np.asarray(map_coordinates(values, [rows, cols], order=1, cval=np.nan))
 
 
-def work(folder: Path, count: int) -> list[Outcome]:
-    """So many frames, over all altitudes in turn; those in the folder are kept."""
+def work(folder: Path, count: int, relief: int | None = None, first: int = 0) -> list[Outcome]:
+    """So many frames, over all altitudes in turn, from a number on; those in the folder are kept."""
     folder.mkdir(parents=True, exist_ok=True)
-    descent = Descent.of(folder)
+    descent = Descent.of(folder, relief)
     catalog = descent.catalog()
-    return [_frame(descent, catalog, folder, number) for number in range(count)]
+    return [_frame(descent, catalog, folder, number) for number in range(first, first + count)]
 
 
 def _frame(descent: Descent, catalog: Catalog, folder: Path, number: int) -> Outcome:
