@@ -43,7 +43,11 @@ def main(argv: list[str] | None = None) -> None:
         help="frames, navigation, positions, descent: number of frames",
     )
     parser.add_argument(
-        "--relief", type=int, help="descent: seed of the made relief; default: the tutorial's"
+        "--relief",
+        type=int,
+        nargs="+",
+        metavar="SEED",
+        help="descent: seeds of made reliefs, which share the frames; default: the tutorial's",
     )
     parser.add_argument("--first", type=int, default=0, help="descent: number of the first frame")
     parser.add_argument(
@@ -134,9 +138,12 @@ def positions(asked: argparse.Namespace) -> Section:
 def descent(asked: argparse.Namespace) -> Section:
     import claims_descent as section
 
-    name = "descent" if asked.relief is None else f"descent-{asked.relief}"
-    found = section.work(asked.output / name, asked.frames, asked.relief, asked.first)
-    return section.report(found, asked.output / f"{name}.svg")
+    reliefs, found = asked.relief or [None], []
+    count = asked.frames // len(reliefs)
+    for k, relief in enumerate(reliefs):
+        folder = asked.output / ("descent" if relief is None else f"descent-{relief}")
+        found += section.work(folder, count, relief, asked.first + k * count)
+    return section.report(found, asked.output / "descent.svg")
 
 
 def sizes(asked: argparse.Namespace) -> Section:

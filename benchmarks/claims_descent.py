@@ -202,6 +202,7 @@ HEAD = (
 def report(found: list[Outcome], chart: Path) -> tuple[str, dict[str, Any]]:
     """Markdown, figures, and the chart."""
     rows, figures = [HEAD], {}
+    found = sorted(found, key=lambda one: -float(one.site))
     heights = {one.site: float(one.site) for one in found}
     single = {name: [one for one in found if one.site == name] for name in heights}
     bands = {
