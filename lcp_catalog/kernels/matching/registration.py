@@ -29,6 +29,10 @@ _PAIRS = ((0, 0), (1, 1), (0, 1), (2, 2), (3, 3))
 """Pairs of fields whose products with the noise have a covariance of interest."""
 _TEXTURED = 1e-12
 _DETERMINED = 1e-9
+_FLAT = 1e-6
+"""Share of a patch's power, a thousandth of its contrast, up to which another one is flat: differences of
+single precision have errors of 1e-7 of it, which differ between processors.
+"""
 _BLOCK = 4
 """Patches that share scratch memory."""
 
@@ -187,11 +191,12 @@ def _scaled(values, factor, mean, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _own_correlation(power, product, change):
     """Correlation of a patch with itself and a change, from the patch's squared norm, the product of
-    the patch of unit norm with the change, and the squared norm of the centred change.
+    the patch of unit norm with the change, and the squared norm of the centred change. 0 if the changed
+    patch is flat.
     """
     own = math.sqrt(power)
     whole = power + 2.0 * own * product + change
-    if not whole > 1e-14 * power:
+    if not whole > _FLAT * power:
         return 0.0
     return min(max((own + product) / math.sqrt(whole), -1.0), 1.0)
 
