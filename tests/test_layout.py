@@ -47,6 +47,7 @@ FENCES = {
     "distributed": {"build"},
     "click": set(),
     "numba": {"kernels", "threads"},
+    "llvmlite": {"kernels"},
     "erfa": {"sun", "light"},
     "scipy": {"dem", "images", "landmarks", "matching", "photometry", "validation"},
     "jinja2": {"plots"},

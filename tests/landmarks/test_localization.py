@@ -10,7 +10,8 @@ from helpers import twins_registration as twin
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.kernels.matching.registration import _slopes
+from lcp_catalog.kernels.matching import registration as kernel
+from lcp_catalog.kernels.vectors import LANES
 from lcp_catalog.landmarks.error_model import ErrorModel, NoiseTerms, PatchErrors
 from lcp_catalog.landmarks.localization import (
     harris_response,
@@ -22,6 +23,19 @@ from lcp_catalog.landmarks.localization import (
 P = 33
 CELL_M = 100.0
 WHITE = ErrorModel(sensor_noise=0.02, height_sigma_m=0.0, albedo_sigma=0.0)
+
+
+def slopes_of(patch):
+    """Derivatives of a patch (p, p) along its columns and rows, (p, p) each, by the kernel: of eight
+    patches that are computed together, those of the third.
+    """
+    p = len(patch)
+    stack = np.random.default_rng(5).normal(size=(LANES, p, p)).astype(np.float32)
+    stack[2] = patch
+    beside, across, down = np.full((3, p * p * LANES), np.nan, np.float32)
+    kernel.side_by_side(stack, 0, np.ones(LANES, np.float32), beside)
+    kernel.differentiate(p, beside, across, down, np.empty((kernel._SUMS, LANES), np.float32))
+    return [part.reshape(p, p, LANES)[..., 2] for part in (across, down)]
 
 
 class Texture:
@@ -303,9 +317,7 @@ def test_slopes_of_a_sine(axis):
     x = np.arange(17.0)
     wave = np.sin(2.0 * np.pi * x / 5.0)
     patch = np.ascontiguousarray(np.broadcast_to(wave[:, None] if axis == 1 else wave, (17, 17)))
-    slopes = np.empty((2, 17 * 17), np.float32)
-    _slopes(patch.astype(np.float32).ravel(), 17, *slopes)
-    across, down = slopes.reshape(2, 17, 17)
+    across, down = slopes_of(patch)
     along, other = (down.T, across) if axis == 1 else (across, down)
     true = 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * x / 5.0)[3:-3]
     np.testing.assert_allclose(along[:, 3:-3], np.broadcast_to(true, (17, 11)), rtol=0.03)
@@ -316,11 +328,23 @@ def test_slopes_of_a_sine(axis):
 def test_slopes_at_the_border_have_lower_orders(size):
     """Against NumPy; small patches have no node away from the border."""
     patch = np.random.default_rng(size).normal(size=(size, size)).astype(np.float32)
-    across, down = np.full((2, size * size), np.nan, np.float32)
-    _slopes(patch.ravel(), size, across, down)
-    for axis, found in ((2, across), (1, down)):
+    for axis, found in zip((2, 1), slopes_of(patch), strict=True):
         expected = twin.node_slopes(patch[None].astype(np.float64), axis)[0]
-        np.testing.assert_allclose(found.reshape(size, size), expected, atol=1e-6)
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("cell_m", [40.0, 900.0])
+def test_each_patch_has_its_own_statistics(cell_m):
+    """Patches are computed eight at a time; of 11 each is as it is alone, in both forms of the noise."""
+    rng = np.random.default_rng(3)
+    patches, level, east, south = rng.normal(1.0, 0.1, (4, 11, 9, 9)).astype(np.float32)
+    model, errors = ErrorModel(), PatchErrors(level, east, south)
+    assert bool(NoiseTerms.of(model, 9, cell_m).taps.size) == (cell_m > 100.0)
+    together = registration(patches, errors, model, cell_m)
+    for k in range(11):
+        one = registration(patches[k : k + 1], errors.rows([k]), model, cell_m)
+        for name in ("contrast", "noise_variance", "along", "covariance_px2", "bias", "own"):
+            np.testing.assert_array_equal(getattr(one, name)[0], getattr(together, name)[k])
 
 
 def test_levels_and_lit_shares_count_neither_shadow_nor_gaps():

@@ -1,11 +1,10 @@
 """Statistics of the registration of patches in images that differ from them by correlated noise.
 
 For every patch: its slopes, the covariances of the noise's products with four fields (both slopes,
-the patch, a constant), and all that follows for the match (`landmarks.localization`). The noise is
-that of `landmarks.error_model`: each of its terms is a function of the distance along the rows times
-one of the distance along the columns. A term is applied by its values at all distances at which it
-is not negligible (short correlation lengths), or by its principal components over a patch's rows and
-columns (long ones).
+the patch, a constant; `noise`), and all that follows for the match (`landmarks.localization`).
+
+`LANES` patches are computed together: node by node, the numbers of as many patches stand side by side
+(`kernels.vectors`). An array of n nodes has n LANES places, and sums are taken row by row.
 """
 
 import math
@@ -13,7 +12,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from .sums import add_shifted, dot
+from ..vectors import LANES, load, splat, store
+from .noise import FIELDS, PAIRS, by_components, by_distance, scratch, whole_tiles
 
 NUMBERS = 13
 """Results for each patch, in this order: contrast; variance of the noise about its mean; V; expected
@@ -23,169 +23,157 @@ difference; correlation with the image. Without a determined shift its covarianc
 are infinite.
 """
 
-_FIELDS = 4
-"""Slope along the columns, slope along the rows, patch of unit norm, constant of unit norm."""
-_PAIRS = ((0, 0), (1, 1), (0, 1), (2, 2), (3, 3))
-"""Pairs of fields whose products with the noise have a covariance of interest."""
 _TEXTURED = 1e-12
 _DETERMINED = 1e-9
 _FLAT = 1e-6
 """Share of a patch's power, a thousandth of its contrast, up to which another one is flat: differences of
 single precision have errors of 1e-7 of it, which differ between processors.
 """
-_BLOCK = 4
-"""Patches that share scratch memory."""
+_PARTS = 8
+"""Parts of the patches, for threads; those of a part share scratch memory."""
+
+# sums over a patch's nodes: the patch and its mean, the known change, the image and its two derivatives
+# with respect to slopes, the patch's two slopes (x, y), and products of these
+(
+    _MEAN, _CHANGE_MEAN, _IMAGE2, _EAST2, _SOUTH2, _PATCH2, _CHANGE2, _X, _Y, _X2, _Y2, _XY, _X_PATCH,
+    _Y_PATCH, _UNIT2, _UNIT_CHANGE, _X_CHANGE, _Y_CHANGE, _SUMS,
+) = range(19)  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread(field, factor, p, wide, out):
-    """A field times a factor, (p p,) each, into out (p wide,), where each row is followed by columns
-    that stay as they are.
+def side_by_side(stack, first, inverse, out):
+    """Write the nodes of patches first, first + 1 ... of a stack (n, p, p), times inverse (LANES,),
+    side by side into out; the last patch stands for those that are missing.
     """
-    for y in range(p):
-        row, own, target = field[y * p : y * p + p], factor[y * p : y * p + p], out[y * wide :]
-        for x in range(p):
-            target[x] = row[x] * own[x]
+    for k in range(LANES):
+        patch, factor = stack[min(first + k, stack.shape[0] - 1)].ravel(), inverse[k]
+        for x in range(patch.size):
+            out[x * LANES + k] = factor * patch[x]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _by_distance(fields, east, south, p, taps, work, products):
-    """Add the covariances of slope errors' products.
-
-    fields (4, p p); east, south (p p,): sensitivities to slopes along the columns and the rows. taps
-    (3, 2 b + 1): covariance of heights along an axis, its first derivative with the other sign, and
-    its second derivative with the other sign, at the distances -b..b. work (9, (p + 2 b) (p + b)): its
-    first eight arrays are 0 in b rows at both ends and in b columns behind each row.
-
-    A covariance is a sum over pairs of nodes. The pairs of two rows are the mirror images of those of
-    the same rows in the other order: the sums run over the distances of rows from 0 on only, with
-    half the term at 0, and both orders of a pair of fields are added.
-    """
-    value, first, second = taps[0], taps[1], taps[2]
-    b = value.size // 2
-    wide = p + b
-    inner = slice(b * wide, (b + p) * wide)
-    wider = slice(b * wide - b, (b + p) * wide + b)
-    halves = taps[:, b:].copy()
-    halves[:, 0] *= np.float32(0.5)
-    values, firsts, seconds = halves[0], -halves[1], halves[2]
-    for f in range(_FIELDS):
-        own = work[4 * (f == 1) : 4 * (f == 1) + 4]  # those of the first two fields are both kept
-        by_east, by_south, for_east, for_south = own[0], own[1], own[2], own[3]
-        _spread(fields[f], east, p, wide, by_east[b * wide :])
-        _spread(fields[f], south, p, wide, by_south[b * wide :])
-        for_east[inner] = np.float32(0.0)
-        for_south[inner] = np.float32(0.0)
-        for source, along_cols, along_rows, target in (
-            (by_east, second, values, for_east),
-            (by_south, first, firsts, for_east),
-            (by_south, value, seconds, for_south),
-            (by_east, first, firsts, for_south),
-        ):
-            straight = work[8]
-            straight[inner] = np.float32(0.0)
-            add_shifted(along_cols, 1, source[wider], straight[inner])
-            add_shifted(along_rows, wide, straight[b * wide :], target[inner])
-        same = dot(by_east[inner], for_east[inner]) + dot(by_south[inner], for_south[inner])
-        products[f if f < 2 else f + 1] += 2.0 * same
-        if f == 1:
-            products[2] += dot(work[0][inner], for_east[inner]) + dot(
-                work[1][inner], for_south[inner]
-            )
-            products[2] += dot(by_east[inner], work[2][inner]) + dot(
-                by_south[inner], work[3][inner]
-            )
+def _compare(p, patch, scaled, sums):
+    """Write the patch less the image into scaled[3]; means of both, powers of the others."""
+    n, zero = p * LANES, splat(np.float32(0.0))
+    image, east, south, change = scaled[0], scaled[1], scaled[2], scaled[3]
+    mean = off = light = across = down = zero
+    for y in range(0, p * n, n):
+        a = b = c = d = e = zero
+        for x in range(y, y + n, LANES):
+            u, v, g, h = load(patch, x), load(image, x), load(east, x), load(south, x)
+            store(change, x, u - v)
+            a, b, c, d, e = a + u, b + (u - v), c + v * v, d + g * g, e + h * h
+        mean, off, light, across, down = mean + a, off + b, light + c, across + d, down + e
+    share = splat(np.float32(1.0 / (p * p)))
+    store(sums[_MEAN], 0, mean * share)
+    store(sums[_CHANGE_MEAN], 0, off * share)
+    store(sums[_IMAGE2], 0, light)
+    store(sums[_EAST2], 0, across)
+    store(sums[_SOUTH2], 0, down)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _by_components(fields, factors, p, components, products):
-    """Add the covariances of the products of a sum of noise terms: fields (4, p p), the terms'
-    sensitivities (m, p p), and their principal components (2, m, r, p) along the rows and along the
-    columns.
-    """
-    count = components.shape[2]
-    n, m = _FIELDS * p, _FIELDS * count
-    source, by_rows = np.empty(p * n, np.float32), np.empty(n, np.float32)
-    turned = np.empty(p * m, np.float32)  # (p, 4, r)
-    found = np.zeros((count, m), np.float32)  # (r, 4, r)
-    for term in range(components.shape[1]):
-        for f in range(_FIELDS):
-            _spread(fields[f], factors[term], p, n, source[f * p :])
-        for k in range(count):
-            by_rows[:] = np.float32(0.0)
-            add_shifted(components[0, term, k], n, source, by_rows)
-            for f in range(_FIELDS):
-                for x in range(p):
-                    turned[x * m + f * count + k] = by_rows[f * p + x]
-        for k in range(count):
-            add_shifted(components[1, term, k], m, turned, found[k])
-    for k, (i, j) in enumerate(_PAIRS):
-        for c in range(count):
-            one, other = found[c, i * count :], found[c, j * count :]
-            products[k] += dot(one[:count], other[:count])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _slopes(image, p, across, down):
-    """Derivatives of an image along its columns and rows at the nodes, (p p,) each: differences of
-    the sixth order over seven nodes, of lower order in the three outer rows.
-    """
-    n = p * p
-    for step, out in ((1, across), (p, down)):
-        if n > 6 * step:
-            o, m = 3 * step, n - 6 * step
-            inner = out[o : o + m]
-            a, b, c = image[o + step :], image[o + 2 * step :], image[o + 3 * step :]
-            d, e, f = image[o - step :], image[o - 2 * step :], image[o - 3 * step :]
-            for x in range(m):
-                inner[x] = (
-                    np.float32(0.75) * (a[x] - d[x])
-                    - np.float32(0.15) * (b[x] - e[x])
-                    + np.float32(1.0 / 60.0) * (c[x] - f[x])
-                )
-        between = p if step == 1 else 1
-        for line in range(p):
-            for i in range(min(3, p)):
-                for k in (i, p - 1 - i):
-                    out[line * between + k * step] = _outer_slope(
-                        image[line * between :], step, p, k
-                    )
+def _less(p, values, mean):
+    """Subtract a mean, a vector, from values in place. Return what is left of it and the power."""
+    n, zero = p * LANES, splat(np.float32(0.0))
+    left = power = zero
+    for y in range(0, p * n, n):
+        a = b = zero
+        for x in range(y, y + n, LANES):
+            u = load(values, x) - mean
+            store(values, x, u)
+            a, b = a + u, b + u * u
+        left, power = left + a, power + b
+    return left * splat(np.float32(1.0 / (p * p))), power
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _outer_slope(line, step, p, k):
-    """Derivative at one of the three outer nodes of a line: over five nodes, three, or two."""
+def _centre(p, patch, change, sums):
+    """Centre the patch, twice because the mean is rounded, and the change; their powers."""
+    left, _ = _less(p, patch, load(sums[_MEAN], 0))
+    _, power = _less(p, patch, left)
+    store(sums[_PATCH2], 0, power)
+    _, power = _less(p, change, load(sums[_CHANGE_MEAN], 0))
+    store(sums[_CHANGE2], 0, power)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slope(image, at, step, k, p):
+    """Derivative at node k of the p nodes of a line, ``step`` places apart: a difference of the sixth
+    order over seven nodes, of lower order in the three outer ones.
+    """
     away = min(k, p - 1 - k)
-    if away >= 2:
-        near = line[(k + 1) * step] - line[(k - 1) * step]
-        middle = line[(k + 2) * step] - line[(k - 2) * step]
-        return (np.float32(8.0) * near - middle) / np.float32(12.0)
+    if away == 0:
+        if k == 0:
+            return load(image, at + step) - load(image, at)
+        return load(image, at) - load(image, at - step)
+    near = load(image, at + step) - load(image, at - step)
     if away == 1:
-        return np.float32(0.5) * (line[(k + 1) * step] - line[(k - 1) * step])
-    return line[step] - line[0] if k == 0 else line[(p - 1) * step] - line[(p - 2) * step]
+        return splat(np.float32(0.5)) * near
+    middle = load(image, at + 2 * step) - load(image, at - 2 * step)
+    if away == 2:
+        return splat(np.float32(2.0 / 3.0)) * near - splat(np.float32(1.0 / 12.0)) * middle
+    far = load(image, at + 3 * step) - load(image, at - 3 * step)
+    three, two = splat(np.float32(1.0 / 60.0)) * far, splat(np.float32(0.15)) * middle
+    return splat(np.float32(0.75)) * near - two + three
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _mean(values):
-    """Mean of an array (n,)."""
-    total = 0.0
-    for x in range(values.size):
-        total += np.float64(values[x])
-    return np.float32(total / values.size)
+@njit(cache=True, nogil=True, error_model="numpy")
+def differentiate(p, patch, across, down, sums):
+    """Write the patch's derivatives along its columns and rows; their means, powers, and products with
+    the patch.
+    """
+    n, zero = p * LANES, splat(np.float32(0.0))
+    mean_x = mean_y = xx = yy = xu = yu = zero
+    for y in range(p):
+        a = b = c = d = e = f = zero
+        for x in range(p):
+            at = y * n + x * LANES
+            u = load(patch, at)
+            g, h = _slope(patch, at, LANES, x, p), _slope(patch, at, n, y, p)
+            store(across, at, g)
+            store(down, at, h)
+            a, b, c, d, e, f = a + g, b + h, c + g * g, d + h * h, e + g * u, f + h * u
+        mean_x, mean_y, xx, yy, xu, yu = mean_x + a, mean_y + b, xx + c, yy + d, xu + e, yu + f
+    share = splat(np.float32(1.0 / (p * p)))
+    store(sums[_X], 0, mean_x * share)
+    store(sums[_Y], 0, mean_y * share)
+    store(sums[_X2], 0, xx)
+    store(sums[_Y2], 0, yy)
+    store(sums[_X_PATCH], 0, xu)
+    store(sums[_Y_PATCH], 0, yu)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _less(values, mean, share, other):
-    """values - mean - share other, in place; (n,)."""
-    for x in range(values.size):
-        values[x] = values[x] - mean - share * other[x]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _scaled(values, factor, mean, out):
-    """factor (values - mean) into out; (n,)."""
-    for x in range(values.size):
-        out[x] = factor * (values[x] - mean)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project(p, fields, change, scale, sums):
+    """Scale the patch to unit norm by scale (LANES,), and take their means and their shares of it
+    from the slopes; powers and products of all.
+    """
+    n, zero, s = p * LANES, splat(np.float32(0.0)), load(scale, 0)
+    across, down, unit = fields[0], fields[1], fields[2]
+    mean_x, mean_y = load(sums[_X], 0), load(sums[_Y], 0)
+    share_x, share_y = load(sums[_X_PATCH], 0) * s, load(sums[_Y_PATCH], 0) * s
+    xx = yy = xy = uu = uc = xc = yc = zero
+    for y in range(0, p * n, n):
+        a = b = c = d = e = f = i = zero
+        for x in range(y, y + n, LANES):
+            u, w = load(unit, x) * s, load(change, x)
+            g = load(across, x) - mean_x - share_x * u
+            h = load(down, x) - mean_y - share_y * u
+            store(unit, x, u)
+            store(across, x, g)
+            store(down, x, h)
+            a, b, c, d = a + g * g, b + h * h, c + g * h, d + u * u
+            e, f, i = e + u * w, f + g * w, i + h * w
+        xx, yy, xy, uu = xx + a, yy + b, xy + c, uu + d
+        uc, xc, yc = uc + e, xc + f, yc + i
+    store(sums[_X2], 0, xx)
+    store(sums[_Y2], 0, yy)
+    store(sums[_XY], 0, xy)
+    store(sums[_UNIT2], 0, uu)
+    store(sums[_UNIT_CHANGE], 0, uc)
+    store(sums[_X_CHANGE], 0, xc)
+    store(sums[_Y_CHANGE], 0, yc)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -221,53 +209,57 @@ def _shift(normal, products, x, y, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _register(patch, p, sources, level, noise, terms, fields, scaled, work, out):
-    """The statistics of one patch (p p,); the other arguments as in `registrations`, and scratch
-    arrays.
-    """
-    nodes = p * p
-    zero, one, inverse = np.float32(0.0), np.float32(1.0), np.float32(1.0 / level)
-    across, down, unit = fields[0], fields[1], fields[2]
-    east, south, image, change = scaled[0], scaled[1], scaled[2], scaled[3]
-    _scaled(sources[0], inverse, zero, image)
-    _scaled(sources[1], inverse, zero, east)
-    _scaled(sources[2], inverse, zero, south)
-    _scaled(patch, inverse, zero, change)
-    _less(change, zero, one, image)
-    _less(change, _mean(change), zero, change)  # patch less image, centred
-    _scaled(patch, inverse, _mean(patch), unit)
-    _less(unit, _mean(unit), zero, unit)  # the rounding of the mean
-    power = dot(unit, unit)
+def _write(sums, loss, products, noise, nodes, out):
+    """The statistics of a patch from its sums, its loss and the noise's products."""
+    power = sums[_PATCH2]
     textured = power > _TEXTURED * nodes
-    safe = power if textured else 1.0
-    _slopes(unit, p, across, down)
-    loss = (dot(across, across) + dot(down, down)) / safe / 24.0
-    _scaled(unit, np.float32(1.0 / math.sqrt(safe)), zero, unit)
-    _less(across, _mean(across), np.float32(dot(across, unit)), unit)
-    _less(down, _mean(down), np.float32(dot(down, unit)), unit)
-    fields[3] = np.float32(1.0 / p)
-    xx, yy, xy = dot(across, across), dot(down, down), dot(across, down)
-    products = np.array([xx, yy, xy, dot(unit, unit), 1.0])
-    products *= noise[0]
-    variance = noise[0] + noise[2] * dot(image, image) / nodes
-    variance += noise[1] * (dot(east, east) + dot(south, south)) / nodes
-    taps, heights, albedo = terms
-    if noise[1] > 0.0 and taps.shape[1]:
-        _by_distance(fields, east, south, p, taps, work, products)
-    elif noise[1] > 0.0:
-        _by_components(fields, scaled[:2], p, heights, products)
-    if noise[2] > 0.0:
-        _by_components(fields, scaled[2:3], p, albedo, products)
-
+    variance = noise[0] + noise[2] * sums[_IMAGE2] / nodes
+    variance += noise[1] * (sums[_EAST2] + sums[_SOUTH2]) / nodes
     out[0] = math.sqrt(power / nodes)
     out[1] = max(variance - products[4] / nodes, 0.0)
     out[2] = products[3] if textured else math.inf
     out[3] = min(max(loss, 0.0), 1.0)
-    out[7:10] = products[:3] / safe
-    out[12] = 0.0
-    if textured:
-        out[12] = _own_correlation(power, -dot(unit, change), dot(change, change))
-    _shift((xx, yy, xy), products, dot(across, change), dot(down, change), out)
+    out[7:10] = products[:3] / (power if textured else 1.0)
+    out[12] = _own_correlation(power, -sums[_UNIT_CHANGE], sums[_CHANGE2]) if textured else 0.0
+    _shift((sums[_X2], sums[_Y2], sums[_XY]), products, sums[_X_CHANGE], sums[_Y_CHANGE], out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _register(stacks, first, level, noise, terms, work, out):
+    """The statistics of the patches first, first + 1 ... of stacks (patches, images, east, south); the
+    other arguments as in `registrations`, and work arrays.
+    """
+    fields, scaled, sums, spare = work
+    p = stacks[0].shape[1]
+    scale, loss = np.empty(LANES, np.float32), np.empty(LANES)
+    for k in range(LANES):
+        scale[k] = 1.0 / level[min(first + k, level.size - 1)]
+    side_by_side(stacks[0], first, scale, fields[2])
+    for k in range(3):
+        side_by_side(stacks[k + 1], first, scale, scaled[k])
+    _compare(p, fields[2], scaled, sums)
+    _centre(p, fields[2], scaled[3], sums)
+    differentiate(p, fields[2], fields[0], fields[1], sums)
+    for k in range(LANES):
+        safe = sums[_PATCH2, k] if sums[_PATCH2, k] > _TEXTURED * p * p else np.float32(1.0)
+        loss[k] = (np.float64(sums[_X2, k]) + np.float64(sums[_Y2, k])) / safe / 24.0
+        scale[k] = 1.0 / math.sqrt(safe)
+    _project(p, fields, scaled[3], scale, sums)
+    fields[3] = np.float32(1.0 / p)
+    products = np.empty((len(PAIRS), LANES))
+    products[0], products[1], products[2] = sums[_X2], sums[_Y2], sums[_XY]
+    products[3], products[4] = sums[_UNIT2], 1.0
+    products *= noise[0]
+    taps, heights, albedo = terms
+    if noise[1] > 0.0 and taps.shape[1]:
+        by_distance(fields, scaled[1], scaled[2], p, taps, spare, products)
+    elif noise[1] > 0.0:
+        by_components(fields, scaled[1:3], p, heights, products)
+    if noise[2] > 0.0:
+        by_components(fields, scaled[:1], p, albedo, products)
+    for k in range(min(LANES, out.shape[0] - first)):
+        own = sums[:, k].astype(np.float64)
+        _write(own, loss[k], products[:, k], noise, p * p, out[first + k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -277,18 +269,22 @@ def registrations(patches, images, east, south, level, noise, taps, heights, alb
     patches, images, east, south (n, p, p) float32: the patches, the image at their places, and its
     derivatives with respect to the terrain's slopes; all are divided by level (n,). noise (3,):
     variances of white noise, of slope errors and of relative brightness. The slope errors' term is
-    given by taps (`_by_distance`) or, without any, by heights (2, 2, r, p), the brightness by albedo
-    (2, 1, r, p), principal components along the rows and along the columns.
+    given by taps (`noise.by_distance`) or, without any, by heights (2, 2, r, p), the brightness by
+    albedo (2, 1, r, p), principal components along the rows and along the columns.
     """
     n, p = patches.shape[0], patches.shape[1]
-    b = taps.shape[1] // 2
-    for block in prange((n + _BLOCK - 1) // _BLOCK):
-        fields = np.empty((_FIELDS, p * p), np.float32)
-        scaled = np.empty((4, p * p), np.float32)
-        work = np.zeros((9, (p + 2 * b) * (p + b)), np.float32)
-        for k in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
-            sources = images[k].ravel(), east[k].ravel(), south[k].ravel()
-            _register(
-                patches[k].ravel(), p, sources, level[k], noise, (taps, heights, albedo), fields,
-                scaled, work, out[k],
-            )  # fmt: skip
+    stacks, terms = (
+        (patches, images, east, south),
+        (taps, whole_tiles(heights), whole_tiles(albedo)),
+    )
+    groups = (n + LANES - 1) // LANES
+    parts = min(groups, _PARTS)
+    for part in prange(parts):
+        work = (
+            np.empty((FIELDS, p * p * LANES), np.float32),
+            np.empty((4, p * p * LANES), np.float32),
+            np.empty((_SUMS, LANES), np.float32),
+            scratch(p, taps.shape[1] // 2),
+        )
+        for group in range(part, groups, parts):
+            _register(stacks, group * LANES, level, noise, terms, work, out)

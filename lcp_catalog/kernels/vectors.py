@@ -1,0 +1,103 @@
+"""Vectors of eight float32 numbers for kernels: the compiler's own vectorisation of short loops tests
+in every call whether arrays overlap, and keeps sums in memory.
+
+A vector is a value of the compiled code: `load` and `store` move it from and to places of a
+one-dimensional float32 array, `splat` repeats a number, and + - * work number by number; a product and
+the sum that uses it may be rounded once (fused). Processors without such wide registers use
+several.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.typing import signature
+from numba.core.typing.templates import ConcreteTemplate, infer_global
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+LANES = 8
+"""Numbers of a vector."""
+
+_VECTOR = ir.VectorType(ir.FloatType(), LANES)
+_FUSED = ("contract",)
+
+
+class Vector(types.Type):
+    """The type of a vector in compiled code."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Vector{LANES}")
+
+
+vector = Vector()
+
+
+@register_model(Vector)
+class _Model(models.PrimitiveModel):
+    def __init__(self, manager: Any, of: Any) -> None:
+        super().__init__(manager, of, _VECTOR)
+
+
+def _address(context: Any, builder: Any, types_: Any, values: Any) -> Any:
+    """Pointer to a vector at a place of an array; types and values of (array, place)."""
+    place = context.cast(builder, values[1], types_[1], types.intp)
+    data = cgutils.create_struct_proxy(types_[0])(context, builder, value=values[0]).data
+    return builder.bitcast(builder.gep(data, [place]), _VECTOR.as_pointer())
+
+
+@intrinsic
+def load(_context: Any, array: Any, place: Any) -> Any:
+    """The vector of the numbers from ``place`` on; array (n,) float32, contiguous."""
+
+    def code(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        found = builder.load(_address(context, builder, sig.args, values))
+        found.align = 4
+        return found
+
+    return vector(array, place), code
+
+
+@intrinsic
+def store(_context: Any, array: Any, place: Any, value: Any) -> Any:
+    """Write a vector to the places from ``place`` on; array (n,) float32, contiguous."""
+
+    def code(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        builder.store(values[2], _address(context, builder, sig.args, values), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, place, value), code
+
+
+@intrinsic
+def splat(_context: Any, _number: Any) -> Any:
+    """The vector of a float32 number, repeated."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        empty = ir.Constant(_VECTOR, ir.Undefined)
+        index = ir.IntType(32)
+        one = builder.insert_element(empty, values[0], ir.Constant(index, 0))
+        return builder.shuffle_vector(
+            one, empty, ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
+        )
+
+    return vector(types.float32), code
+
+
+def _operation(symbol: Any, name: str) -> None:
+    """Let an operator of two vectors be an instruction."""
+
+    class Template(ConcreteTemplate):
+        cases = (signature(vector, vector, vector),)
+
+    infer_global(symbol)(Template)
+
+    @lower_builtin(symbol, Vector, Vector)
+    def code(_context: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return getattr(builder, name)(*values, flags=_FUSED)
+
+
+for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _operation(_symbol, _name)

@@ -1,0 +1,39 @@
+"""Vectors of numbers in compiled code against NumPy."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from lcp_catalog.kernels.vectors import LANES, load, splat, store
+
+
+@njit
+def _line(values, factor, out):
+    """factor values + values - factor, vector by vector."""
+    f = splat(factor)
+    for x in range(0, values.size, LANES):
+        v = load(values, x)
+        store(out, x, f * v + v - f)
+
+
+@njit
+def _moved(values, at, out, to):
+    store(out, to, load(values, at))
+
+
+def test_operators_work_number_by_number():
+    values = np.random.default_rng(0).normal(size=5 * LANES).astype(np.float32)
+    out = np.empty_like(values)
+    _line(values, np.float32(1.7), out)
+    factor = np.float64(np.float32(1.7))
+    np.testing.assert_allclose(out, values * (factor + 1.0) - factor, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("at", range(LANES + 1))
+@pytest.mark.parametrize("to", [0, 3])
+def test_a_vector_is_moved_from_and_to_any_place(at, to):
+    values, out = np.arange(2.0 * LANES + 1, dtype=np.float32), np.zeros(2 * LANES, np.float32)
+    _moved(values, at, out, to)
+    expected = np.zeros_like(out)
+    expected[to : to + LANES] = values[at : at + LANES]
+    np.testing.assert_array_equal(out, expected)
