@@ -101,3 +101,17 @@ def _operation(symbol: Any, name: str) -> None:
 
 for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
     _operation(_symbol, _name)
+
+
+@intrinsic
+def total(_context: Any, _vector: Any) -> Any:
+    """The sum of a vector's numbers, float32."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        name = f"llvm.vector.reduce.fadd.v{LANES}f32"
+        form = ir.FunctionType(ir.FloatType(), [ir.FloatType(), _VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, form, name)
+        zero = ir.Constant(ir.FloatType(), 0.0)
+        return builder.call(function, [zero, values[0]], fastmath=("reassoc",))
+
+    return types.float32(vector), code

@@ -107,8 +107,8 @@ def other_places(
     0. A patch without contrast has one other place with correlation 1; a patch that the image's
     border cuts has none.
 
-    Half resolution is searched first, then full resolution from its highest maxima; maxima below
-    ``least`` (n,), except the two highest, may be left out (`detection.least_rival`). ``exact``: full
+    Maxima below ``least`` (n,), except the two highest, may be left out (`detection.least_rival`). Half
+    resolution is searched first, then full resolution from its highest maxima. ``exact``: full
     resolution everywhere, as for small patches and small search areas. ValueError for images that are
     prepared for patches of another size.
     """

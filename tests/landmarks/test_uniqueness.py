@@ -180,13 +180,14 @@ def test_where_all_maxima_are_followed_none_gains():
         assert not quick[0][k, 0] > exact[0][k, 0] + 1e-5
 
 
-def test_places_below_the_least_are_left_out_and_those_above_are_not():
+@pytest.mark.parametrize("exact", [False, True])
+def test_places_below_the_least_are_left_out_and_those_above_are_not(exact):
     """Each patch's own least correlation; the two highest places stay."""
     image = field(2, (300, 300), smooth=2.0)
     rows, cols = np.random.default_rng(0).integers(80, 220, size=(2, 100))
-    whole, _ = others(image, rows, cols, 16, 60, exact=False)
+    whole, _ = others(image, rows, cols, 16, 60, exact=exact)
     least = np.linspace(0.2, 1.5, 100)
-    some, _ = others(image, rows, cols, 16, 60, exact=False, least=least)
+    some, _ = others(image, rows, cols, 16, 60, exact=exact, least=least)
     for k in range(100):
         left, all_of_them = (a[k][np.isfinite(a[k])] for a in (some, whole))
         assert np.isin(left, all_of_them).all()
@@ -196,9 +197,6 @@ def test_places_below_the_least_are_left_out_and_those_above_are_not():
     count = np.isfinite(some).sum(axis=1)
     assert count[:10].mean() > 5.0
     assert (count[-40:] <= 2).all()  # no correlation is above 1
-    np.testing.assert_array_equal(
-        others(image, rows, cols, 16, 60, least=least)[0], others(image, rows, cols, 16, 60)[0]
-    )
 
 
 @pytest.mark.parametrize(("half", "search"), [(7, 40), (16, 11), (8, 11), (3, 5)])

@@ -13,19 +13,20 @@ from numba import njit, prange
 
 from .correlation import FLAT, window
 from .maxima import maxima
-from .sums import add_shifted, dot
+from .template_products import at_all, at_four, at_nine, extent, padded, row_length
 
 _ASCENTS = 6
 """Greatest number of maxima at half resolution that are followed to full resolution."""
 _LOSS = 0.1
 """A maximum at full resolution is at most so much above the one at half resolution."""
 _AROUND = 3
-"""Pixels around a window that are copied with it; at least the greatest distance of the ring."""
+"""Greatest distance of the ring."""
 _STEPS = 8
 """Greatest number of steps of an ascent."""
 _MARGIN = 3.0
 """Pixels by which a maximum at half resolution may lie nearer than the exclusion."""
-_LOWEST = -1.5
+_FEW = 16
+"""Maxima at half resolution that are kept however low they are."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -96,17 +97,15 @@ def window_norms(stack, size, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _unit(template, wide):
-    """A template (p, q) less its mean, of unit norm, with zeros behind each row up to ``wide``
-    columns, (p, wide), all 0 if it is flat; and its norm.
-    """
+def _unit(template):
+    """A template (p, p) less its mean, of unit norm, all 0 if it is flat; and its norm."""
     rows, cols = template.shape
     total = 0.0
     for r in range(rows):
         for c in range(cols):
             total += np.float64(template[r, c])
     mean = total / (rows * cols)
-    out, power = np.zeros((rows, wide), np.float32), 0.0
+    out, power = np.empty((rows, cols), np.float32), 0.0
     for r in range(rows):
         for c in range(cols):
             x = template[r, c] - mean
@@ -140,115 +139,100 @@ def _blocks(template, row, col):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _copied(image, row, col, high, wide, out):
-    """Copy high x wide pixels from (row, col) on into out (high, wide), 0 outside the image."""
-    out[:] = np.float32(0.0)
-    first, last = max(0, -col), min(wide, image.shape[1] - col)
-    for r in range(max(0, -row), min(high, image.shape[0] - row)):
-        source, target = image[row + r, col + first : col + last], out[r, first:last]
-        for c in range(last - first):
-            target[c] = source[c]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _at(region, norms, template, row, col, top, left):
-    """Correlation of a template with the window whose first pixel is (row, col): region, a copy of
-    the image from (top, left) on, and template (`_unit`) have rows of the same length.
+def _around(image, row, col, p, margin):
+    """An image's pixels in rows, as `template_products` reads them, their length, and the place of the
+    pixel ``margin`` rows above and columns before (row, col): the image itself where templates of p x p
+    pixels, moved by up to 2 ``margin`` from there, do not leave its memory; else a copy with 0 outside.
     """
-    start, count = (row - top) * region.shape[1] + col - left, template.size - _AROUND * 2
-    return dot(template.ravel()[:count], region.ravel()[start : start + count]) * norms[row, col]
+    wide, away = image.shape[1], 2 * margin
+    start = (row - margin) * wide + col - margin
+    if start >= 0 and start + (p - 1 + away) * wide + away + row_length(p) <= image.size:
+        return image.ravel(), wide, start
+    out = np.zeros((p + away, row_length(p) + away), np.float32)
+    first, last = max(0, margin - col), min(p + away, wide + margin - col)
+    for y in range(max(0, margin - row), min(p + away, image.shape[0] + margin - row)):
+        for x in range(first, last):
+            out[y, x] = image[row - margin + y, col - margin + x]
+    return out.ravel(), out.shape[1], 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _map(image, norms, template, row, col, ny, nx):
-    """Correlations (ny, nx) of a template (`_unit`) with the windows from (row, col) on.
-
-    The pixels are copied row behind row. A sum over the template at all places is then a sum of
-    shifted copies of one array; the places between the rows' ends are computed in vain.
-    """
-    size = template.shape[0]
-    high, wide = ny + size - 1, nx + size - 1
+    """Correlations (ny, nx) of a template (`_unit`) with the windows from (row, col) on."""
+    p = template.shape[0]
+    high, wide = ny + p - 1, nx + p - 1
     mean = 0.0
     for y in range(0, high, 4):
         for x in range(0, wide, 4):
             mean += image[row + y, col + x]
     level = np.float32(mean / (((high + 3) // 4) * ((wide + 3) // 4)))
-    region, sums = np.empty(high * wide, np.float32), np.zeros(ny * wide, np.float32)
+    rows, length, many, long = extent(p, ny, nx)
+    region, sums = np.zeros((rows, length), np.float32), np.empty((many, long), np.float32)
     for y in range(high):
-        pixels, out = image[row + y, col : col + wide], region[y * wide : (y + 1) * wide]
+        pixels, out = image[row + y, col : col + wide], region[y]
         for x in range(wide):
             out[x] = pixels[x] - level
-    n = ny * wide - size + 1
-    for i in range(size):
-        add_shifted(template[i, :size], 1, region[i * wide :], sums[:n])
+    at_all(template.T.copy().ravel(), p, region.ravel(), ny, nx, sums.ravel())
     score = np.empty((ny, nx), np.float32)
     for y in range(ny):
-        found, own, out = sums[y * wide : y * wide + nx], norms[row + y, col : col + nx], score[y]
+        found, own, out = sums[y], norms[row + y, col : col + nx], score[y]
         for x in range(nx):
             out[x] = found[x] * own[x]
     return score
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _climb(image, norms, template, size, row, col, limits, region):
-    """Steepest ascent of a template's correlation from (row, col), one pixel a step, within limits
-    (first and last row and column). Return the last place, its correlation, and True if it is a
+def _climb(image, norms, template, p, row, col, limits):
+    """Steepest ascent of a template's correlation (`padded`) from (row, col), one pixel a step, within
+    limits (first and last row and column). Return the last place, its correlation, and True if it is a
     maximum.
     """
-    wide = size + 2 * _AROUND
-    top, left = row - _AROUND, col - _AROUND
-    _copied(image, top, left, wide, wide, region)
-    best = _at(region, norms, template, row, col, top, left)
-    old_row, old_col = row - 9, col - 9
+    around, best = np.empty(9, np.float32), 0.0
     for _ in range(_STEPS):
-        up, left_one = row, col
-        if abs(row - top - _AROUND) >= _AROUND or abs(col - left - _AROUND) >= _AROUND:
-            top, left = row - _AROUND, col - _AROUND
-            _copied(image, top, left, wide, wide, region)
-        for r in range(max(row - 1, limits[0]), min(row + 2, limits[1] + 1)):
-            for c in range(max(col - 1, limits[2]), min(col + 2, limits[3] + 1)):
-                if abs(r - old_row) <= 1 and abs(c - old_col) <= 1:  # compared a step before
-                    continue
-                if r == row and c == col:
-                    continue
-                here = _at(region, norms, template, r, c, top, left)
+        pixels, wide, start = _around(image, row, col, p, 1)
+        at_nine(template, p, pixels, wide, start, around)
+        best = np.float64(around[4] * norms[row, col])
+        k = 4
+        for i in range(9):
+            r, c = row + i // 3 - 1, col + i % 3 - 1
+            if limits[0] <= r <= limits[1] and limits[2] <= c <= limits[3]:
+                here = np.float64(around[i] * norms[r, c])
                 if here > best:
-                    best, up, left_one = here, r, c
-        if up == row and left_one == col:
+                    best, k = here, i
+        if k == 4:
             return row, col, best, True
-        old_row, old_col, row, col = row, col, up, left_one
+        row, col = row + k // 3 - 1, col + k % 3 - 1
     return row, col, best, False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _from_half(
-    image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion, least,
-    region, places, heights,
+    image, norms, half, half_norms, values, unit, row, col, limits, reach, exclusion, least, places,
+    heights,
 ):  # fmt: skip
     """The highest maxima by ascents from those at half resolution, into places (k, 2) and heights
     (k,), and their number; the other arguments as in `_rivals_of`.
     """
     blocks, top, left = _blocks(values, row, col)
     side = blocks.shape[0]
-    small, _ = _unit(blocks, side)
+    small, _ = _unit(blocks)
     box = window(half.shape, side, side, top, left, (reach + 1) // 2)
     if box[1] < box[0] or box[3] < box[2]:
         return 0
     score = _map(half, half_norms, small, box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1)
     away = max(0.5 * (exclusion - _MARGIN), 0.0)
-    found = maxima(score, _LOWEST, top - box[0], left - box[2], away, places, heights)
-    kept = 0
+    lowest, middle = least - _LOSS, (top - box[0], left - box[2])
+    found = maxima(score, lowest, _FEW, middle[0], middle[1], away, places, heights)
+    kept, template = 0, padded(unit)
     for k in range(found):
         height = np.float64(heights[k])
-        if kept > 1 and height < least - _LOSS:
+        if kept > 1 and height < lowest:
             break
         r = min(max(row + 2 * (places[k, 0] + box[0] - top), limits[0]), limits[1])
         c = min(max(col + 2 * (places[k, 1] + box[2] - left), limits[2]), limits[3])
         settled, again = True, False
         if k < _ASCENTS:
-            r, c, height, settled = _climb(
-                image, norms, template, values.shape[0], r, c, limits, region
-            )
+            r, c, height, settled = _climb(image, norms, template, values.shape[0], r, c, limits)
             for i in range(kept):
                 again = again or (places[i, 0] == r and places[i, 1] == c)
         if settled and not again and (r - row) ** 2 + (c - col) ** 2 > exclusion**2:
@@ -259,8 +243,8 @@ def _from_half(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rivals_of(
-    image, norms, half, half_norms, values, template, row, col, reach, exclusion, coarse, least,
-    region, places, heights,
+    image, norms, half, half_norms, values, unit, row, col, reach, exclusion, coarse, least, places,
+    heights,
 ):  # fmt: skip
     """The highest maxima of a template's correlation around (row, col), best first, into places (k,
     2) and heights (k,), and their number.
@@ -270,17 +254,37 @@ def _rivals_of(
     found = 0
     if coarse:
         found = _from_half(
-            image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion,
-            least, region, places, heights,
+            image, norms, half, half_norms, values, unit, row, col, limits, reach, exclusion, least,
+            places, heights,
         )  # fmt: skip
     if found == 0:
         ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
-        score = _map(image, norms, template[:, :size], limits[0], limits[2], ny, nx)
-        found = maxima(score, _LOWEST, row - limits[0], col - limits[2], exclusion, places, heights)
+        score = _map(image, norms, unit, limits[0], limits[2], ny, nx)
+        middle = row - limits[0], col - limits[2]
+        found = maxima(score, least, 2, middle[0], middle[1], exclusion, places, heights)
         for k in range(found):
             places[k, 0] += limits[0]
             places[k, 1] += limits[2]
     return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _near(image, norms, template, p, row, col, ring, around, contrast):
+    """Correlations of a template (`padded`) and contrasts at distances ring from (row, col), as in
+    `rivals`.
+    """
+    pixels, wide, start = _around(image, row, col, p, _AROUND)
+    starts, found = np.full(4, start), np.empty(4, np.float32)
+    for first in range(0, ring.shape[0], 4):
+        last = min(first + 4, ring.shape[0])
+        for k in range(first, last):
+            starts[k - first] = start + (ring[k, 1] + _AROUND) * wide + ring[k, 0] + _AROUND
+        at_four(template, p, pixels, wide, starts, found)
+        for k in range(first, last):
+            r, c = row + ring[k, 1], col + ring[k, 0]
+            if 0 <= r < norms.shape[0] and 0 <= c < norms.shape[1]:
+                around[k] = found[k - first] * norms[r, c]
+                contrast[k] = 1.0 / (norms[r, c] * p) if norms[r, c] > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -301,27 +305,26 @@ def rivals(
     same at the distances ring (m, 2; columns and rows) into around and contrast (n, m), NaN where
     the window leaves the image.
 
-    With half resolution first, maxima that are certainly below least (n,) are left out, except the
-    two highest; the highest 6 at half resolution are followed to full resolution, the others keep
-    their correlation. If no ascent ends at another place, the search is repeated at full resolution.
+    Maxima below least (n,) are left out, except the two highest. With half resolution first these are
+    the maxima that are certainly below it; the highest 6 at half resolution are followed to full
+    resolution, the others keep their correlation. If no ascent ends at another place, the search is
+    repeated at full resolution.
     """
     size = templates.shape[1]
-    wide = size + 2 * _AROUND
     for n in prange(templates.shape[0]):
         image, own = stack[which[n]], norms[which[n]]
         col, row = origins[n, 0], origins[n, 1]
         out[n], spread[n], around[n], contrast[n] = math.nan, math.nan, math.nan, math.nan
         if not (0 <= row < own.shape[0] and 0 <= col < own.shape[1]):
             continue
-        template, norm = _unit(templates[n], wide)
+        unit, norm = _unit(templates[n])
         if not norm > least_norm[which[n]]:
             out[n, 0], spread[n, 0] = 1.0, norm / size
             continue
-        region = np.empty((wide, wide), np.float32)
         places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
         found = _rivals_of(
-            image, own, half[which[n]], half_norms[which[n]], templates[n], template, row, col,
-            reach, exclusion, coarse, least[n], region, places, heights,
+            image, own, half[which[n]], half_norms[which[n]], templates[n], unit, row, col, reach,
+            exclusion, coarse, least[n], places, heights,
         )  # fmt: skip
         for k in range(found):
             i = k
@@ -331,9 +334,4 @@ def rivals(
             norm = own[places[k, 0], places[k, 1]]
             out[n, i] = heights[k]
             spread[n, i] = 1.0 / (norm * size) if norm > 0.0 else 0.0
-        _copied(image, row - _AROUND, col - _AROUND, wide, wide, region)
-        for k in range(ring.shape[0]):
-            r, c = row + ring[k, 1], col + ring[k, 0]
-            if 0 <= r < own.shape[0] and 0 <= c < own.shape[1]:
-                around[n, k] = _at(region, own, template, r, c, row - _AROUND, col - _AROUND)
-                contrast[n, k] = 1.0 / (own[r, c] * size) if own[r, c] > 0.0 else 0.0
+        _near(image, own, padded(unit), size, row, col, ring, around[n], contrast[n])

@@ -140,7 +140,7 @@ def _maxima(
             fine, fine_weight, template, mask, count, limits[0], limits[2],
             limits[1] - limits[0] + 1, limits[3] - limits[2] + 1, least_real,
         )  # fmt: skip
-        found = maxima(score, 0.0, 0, 0, -1.0, places, heights)
+        found = maxima(score, 0.0, 0, 0, 0, -1.0, places, heights)
         for k in range(found):
             places[k, 0], places[k, 1] = places[k, 0] + limits[0], places[k, 1] + limits[2]
         return found, real
@@ -156,7 +156,7 @@ def _maxima(
         half, half_weight, narrow, inside, few,
         box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1, least_real,
     )  # fmt: skip
-    found = maxima(score, 0.0, 0, 0, -1.0, places, heights)
+    found = maxima(score, 0.0, 0, 0, 0, -1.0, places, heights)
     kept, flat = 0, FLAT * variance * count
     for k in range(found):
         if kept > 0 and heights[k] < heights[0] - _SLACK:

@@ -1,0 +1,139 @@
+"""Sums of products of a template with windows of an image: at every place of a rectangle, at the 3 x 3
+places around one, and at single places.
+
+A template of p x p pixels stands in rows of `row_length` places, zeros behind its own, between two
+rows of zeros above and two below (`padded`). Images are copies of a part, in rows of any length; they
+must be finite wherever a row of a template can reach.
+"""
+
+import numpy as np
+from numba import njit
+
+from ..vectors import LANES, load, splat, store, total
+
+_ROWS = 4
+"""Rows of places whose sums are held in registers together."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def row_length(pixels):
+    """The next multiple of `LANES`."""
+    return (pixels + LANES - 1) // LANES * LANES
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def padded(template):
+    """The rows of a template (p, p) as `at_nine` and `at_four` read them."""
+    p = template.shape[0]
+    out = np.zeros((p + 4, row_length(p)), np.float32)
+    for y in range(p):
+        source, target = template[y], out[y + 2]
+        for x in range(p):
+            target[x] = source[x]
+    return out.ravel()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def at_nine(template, p, image, wide, start, out):
+    """Write the products of a template with the 3 x 3 windows from place ``start`` of an image (n,)
+    with rows of ``wide`` pixels on into out (9,), row by row.
+    """
+    n, zero = row_length(p), splat(np.float32(0.0))
+    a0 = a1 = a2 = b0 = b1 = b2 = c0 = c1 = c2 = zero
+    for y in range(p + 2):
+        for x in range(0, n, LANES):
+            at = start + y * wide + x
+            u, v, w = load(image, at), load(image, at + 1), load(image, at + 2)
+            t = load(template, (y + 2) * n + x)
+            a0, a1, a2 = a0 + t * u, a1 + t * v, a2 + t * w
+            t = load(template, (y + 1) * n + x)
+            b0, b1, b2 = b0 + t * u, b1 + t * v, b2 + t * w
+            t = load(template, y * n + x)
+            c0, c1, c2 = c0 + t * u, c1 + t * v, c2 + t * w
+    out[0], out[1], out[2] = total(a0), total(a1), total(a2)
+    out[3], out[4], out[5] = total(b0), total(b1), total(b2)
+    out[6], out[7], out[8] = total(c0), total(c1), total(c2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def at_four(template, p, image, wide, starts, out):
+    """Write the products of a template with the windows that begin at four places of the image into
+    out (4,).
+    """
+    n, zero = row_length(p), splat(np.float32(0.0))
+    a = b = c = d = zero
+    for y in range(p):
+        for x in range(0, n, LANES):
+            t, at = load(template, (y + 2) * n + x), y * wide + x
+            a, b = a + t * load(image, starts[0] + at), b + t * load(image, starts[1] + at)
+            c, d = c + t * load(image, starts[2] + at), d + t * load(image, starts[3] + at)
+    out[0], out[1], out[2], out[3] = total(a), total(b), total(c), total(d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sixteen(columns, p, image, wide, start, out, long, at):
+    """Products at 4 rows x 16 places; columns (p, p): the template's columns, one behind the other."""
+    zero = splat(np.float32(0.0))
+    a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
+    for j in range(p):
+        here = start + j
+        u0, u1, u2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += LANES
+        v0, v1, v2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here = start + j + 3 * wide
+        for i in range(p):
+            t, u3, v3 = splat(columns[j * p + i]), load(image, here), load(image, here + LANES)
+            a0, a1, a2, a3 = a0 + t * u0, a1 + t * u1, a2 + t * u2, a3 + t * u3
+            b0, b1, b2, b3 = b0 + t * v0, b1 + t * v1, b2 + t * v2, b3 + t * v3
+            u0, u1, u2, v0, v1, v2 = u1, u2, u3, v1, v2, v3
+            here += wide
+    store(out, at, a0)
+    store(out, at + LANES, b0)
+    store(out, at + long, a1)
+    store(out, at + long + LANES, b1)
+    store(out, at + 2 * long, a2)
+    store(out, at + 2 * long + LANES, b2)
+    store(out, at + 3 * long, a3)
+    store(out, at + 3 * long + LANES, b3)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _eight(columns, p, image, wide, start, out, long, at):
+    """Products at 4 rows x 8 places."""
+    zero = splat(np.float32(0.0))
+    a0 = a1 = a2 = a3 = zero
+    for j in range(p):
+        here = start + j
+        u0, u1, u2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += 3 * wide
+        for i in range(p):
+            t, u3 = splat(columns[j * p + i]), load(image, here)
+            a0, a1, a2, a3 = a0 + t * u0, a1 + t * u1, a2 + t * u2, a3 + t * u3
+            u0, u1, u2 = u1, u2, u3
+            here += wide
+    store(out, at, a0)
+    store(out, at + long, a1)
+    store(out, at + 2 * long, a2)
+    store(out, at + 3 * long, a3)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def extent(p, ny, nx):
+    """Rows and places of a row that `at_all` reads of the image, and those that it writes."""
+    high, long = (ny + _ROWS - 1) // _ROWS * _ROWS, row_length(nx)
+    return high + p - 1, long + p - 1, high, long
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def at_all(columns, p, image, ny, nx, out):
+    """Write the products of a template with the windows at ny x nx places into out, in rows; image and
+    out as in `extent`, columns (p p,): the template's columns, one behind the other.
+    """
+    _, wide, high, long = extent(p, ny, nx)
+    for y in range(0, high, _ROWS):
+        x = 0
+        while x + 2 * LANES <= long:
+            _sixteen(columns, p, image, wide, y * wide + x, out, long, y * long + x)
+            x += 2 * LANES
+        if x < long:
+            _eight(columns, p, image, wide, y * wide + x, out, long, y * long + x)
