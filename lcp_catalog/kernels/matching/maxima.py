@@ -33,7 +33,8 @@ def _peaks(above, row, below, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def maxima(score, lowest, few, row, col, exclusion, places, heights):
     """Insert the highest maxima (3 x 3) of a map into places (k, 2; row and column) and heights (k,),
-    best first: those above ``lowest``, and the ``few`` highest. Return their number. Places within ``exclusion`` (negative: none) of (row, col) are left out.
+    best first: those above ``lowest``, and the ``few`` highest. Return their number. Places within
+    ``exclusion`` (negative: none) of (row, col) are left out.
     """
     ny, nx = score.shape
     found, size, peak = 0, heights.size, np.empty(nx, np.bool_)
