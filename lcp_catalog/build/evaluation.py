@@ -259,12 +259,14 @@ class _Judge:
         match = models.registration(patches.alone, patches.errors, pixel_m, patches.level)
         search = max(1, points.search_nodes(self.gsd_m) // scale)
         images = SearchImages.of(patches.shown[0], patches.size)
-        chances = _chances(match, images, patches, search)
+        chances = _chances(match, images, patches, search, false_match=scale == 1)
         below, above = _DOUBT
         doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
         if len(again) and not searched_exactly(patches.size, search):
-            checked = _chances(match.rows(again), images, patches.some(again), search, exact=True)
+            checked = _chances(
+                match.rows(again), images, patches.some(again), search, scale == 1, exact=True
+            )
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
@@ -301,9 +303,16 @@ class _Chances(NamedTuple):
 
 
 def _chances(
-    match: Registration, images: SearchImages, patches: Patches, search: int, exact: bool = False
+    match: Registration,
+    images: SearchImages,
+    patches: Patches,
+    search: int,
+    false_match: bool,
+    exact: bool = False,
 ) -> _Chances:
-    """The probabilities of patches of images in a search of +-``search`` pixels."""
+    """The probabilities of patches of images in a search of +-``search`` pixels; that of a false match
+    may be NaN if it is not wanted.
+    """
     items = patches.items
     others = other_places(
         images, patches.alone, items.rows, items.cols, search, items.which,
@@ -311,7 +320,7 @@ def _chances(
     )  # fmt: skip
     unit = patches.level[:, None]
     detection, located, unique = detection_probability(
-        match, others.correlation, others.contrast / unit, match.own
+        match, others.correlation, others.contrast / unit, match.own, both=false_match
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
     return _Chances(

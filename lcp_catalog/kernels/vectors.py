@@ -115,3 +115,24 @@ def total(_context: Any, _vector: Any) -> Any:
         return builder.call(function, [zero, values[0]], fastmath=("reassoc",))
 
     return types.float32(vector), code
+
+
+@intrinsic
+def larger(_context: Any, _one: Any, _other: Any) -> Any:
+    """The larger one of two vectors' numbers, number by number."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", *values), *values)
+
+    return vector(vector, vector), code
+
+
+@intrinsic
+def not_below(_context: Any, _one: Any, _other: Any) -> Any:
+    """An integer whose bit k is 1 where number k of the first vector is not below that of the second."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        bits = builder.bitcast(builder.fcmp_ordered(">=", *values), ir.IntType(LANES))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.int64(vector, vector), code

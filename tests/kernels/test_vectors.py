@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from lcp_catalog.kernels.vectors import LANES, load, splat, store
+from lcp_catalog.kernels.vectors import LANES, larger, load, not_below, splat, store, total
 
 
 @njit
@@ -37,3 +37,20 @@ def test_a_vector_is_moved_from_and_to_any_place(at, to):
     expected = np.zeros_like(out)
     expected[to : to + LANES] = values[at : at + LANES]
     np.testing.assert_array_equal(out, expected)
+
+
+@njit
+def _compared(one, other, out):
+    a, b = load(one, 0), load(other, 0)
+    store(out, 0, larger(a, b))
+    return not_below(a, b), total(a)
+
+
+def test_comparisons_and_sum_are_those_of_numpy():
+    one, other = np.random.default_rng(1).normal(size=(2, LANES)).astype(np.float32)
+    other[2] = one[2]
+    out = np.empty_like(one)
+    bits, found = _compared(one, other, out)
+    np.testing.assert_array_equal(out, np.maximum(one, other))
+    assert [bool(bits >> k & 1) for k in range(LANES)] == (one >= other).tolist()
+    assert found == pytest.approx(one.sum(dtype=np.float64), abs=1e-6)

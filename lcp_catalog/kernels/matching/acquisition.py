@@ -95,12 +95,12 @@ def _above_all_from(mean, sigma, others, inverse, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def highest(mean, sigma, others, spreads, count, least, out):
+def highest(mean, sigma, others, spreads, count, least, both, out):
     """Write into out (3,): the probability that a normal variable is above ``least`` and above all
     its independent rivals; that it is above ``least``; that it is above all its rivals.
 
     others, spreads: means and sigmas of the rivals, which are normal, too; ``count`` of them count.
-    others and spreads are overwritten.
+    others and spreads are overwritten. Without ``both`` the third may be missing, NaN.
     """
     near = 0
     for j in range(count):  # the others are certainly below
@@ -112,7 +112,9 @@ def highest(mean, sigma, others, spreads, count, least, out):
     if near == 0:
         out[0], out[2] = out[1], 1.0
         return
-    out[2] = _above_all(mean, sigma, others[:near], spreads[:near])
+    out[2] = math.nan
+    if both or low <= -_SIGMAS:
+        out[2] = _above_all(mean, sigma, others[:near], spreads[:near])
     out[0] = out[2]
     if low >= _SIGMAS:
         out[0] = 0.0
@@ -122,7 +124,7 @@ def highest(mean, sigma, others, spreads, count, least, out):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def acquisition(
-    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, out
+    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, both, out
 ):
     """Write the three probabilities of `highest` for n patches into out (n, 3), as means over the
     noise of places.
@@ -130,7 +132,8 @@ def acquisition(
     contrast, noise, along, rho (n,): the patch's contrast, the variance of the noise about its mean,
     V, and the noise-free correlation at the true place. rivals (n, k) noise-free correlations and
     contrasts of other places, NaN where there are fewer. factors, weights (m,): of the noise's sigma
-    at places. All 0 for a patch without contrast or with an infinite V.
+    at places. Without ``both`` the third is not computed wherever the first does not need it: NaN. All 0
+    for a patch without contrast or with an infinite V.
     """
     for i in prange(contrast.size):
         out[i] = 0.0
@@ -153,7 +156,7 @@ def acquisition(
                     )
                     spreads[count] = math.sqrt(spread)
                     count += 1
-            highest(mean, math.sqrt(variance), others, spreads, count, least, part)
+            highest(mean, math.sqrt(variance), others, spreads, count, least, both, part)
             for k in range(3):
                 out[i, k] += weights[m] * part[k]
 

@@ -91,22 +91,30 @@ def blurred(stack, taps, out):
             out[k] = 0.0
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _light(row):
+    """Number of lit (above 0) values of a row (n,), and their sum: NaN where a value is missing."""
+    count, total = np.int32(0), np.float32(0.0)
+    for x in range(row.size):
+        value = row[x]
+        count += np.int32(value > np.float32(0.0))
+        total += np.float32(0.0) if value <= np.float32(0.0) else value  # NaN stays
+    return count, total
+
+
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def light(patches, share, level):
     """Write the share of each patch's nodes (n, p, p) that are lit (above 0) into share (n,), and
     their mean into level (n,): NaN where a node is missing or none is lit.
     """
     for n in prange(patches.shape[0]):
-        count, missing, total = 0, False, 0.0
+        count, total = 0, 0.0
         for i in range(patches.shape[1]):
-            for j in range(patches.shape[2]):
-                x = patches[n, i, j]
-                missing = missing or not math.isfinite(x)
-                if x > 0.0:
-                    count += 1
-                    total += x
+            lit, light_ = _light(patches[n, i])
+            count += lit
+            total += light_
         share[n] = count / (patches.shape[1] * patches.shape[2])
-        level[n] = math.nan if missing or count == 0 else total / count
+        level[n] = math.nan if count == 0 or not math.isfinite(total) else total / count
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

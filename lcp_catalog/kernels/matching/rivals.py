@@ -73,27 +73,31 @@ def window_norms(stack, size, out):
     for k in prange(stack.shape[0]):
         image, norms = stack[k], out[k]
         rows, cols = image.shape
-        first, second, spread = np.zeros(cols), np.zeros(cols), np.empty(cols, np.float32)
+        first, second = np.zeros(cols), np.zeros(cols)
+        before, before2 = np.zeros(cols + 1), np.zeros(cols + 1)
         flat = FLAT * _power(image) * count
         for r in range(rows):
             _window_sums(image, r, size, first, second)
-            if r < size - 1:
-                continue
-            one = two = 0.0
-            for c in range(size - 1):
-                one += first[c]
-                two += second[c]
-            for c in range(size - 1, cols):
-                one += first[c]
-                two += second[c]
-                own = two - one * one / count
-                spread[c] = own if own > 1e-12 * two else 0.0
-                one -= first[c - size + 1]
-                two -= second[c - size + 1]
-            line = norms[r - size + 1]
-            for c in range(line.size):
-                own = spread[size - 1 + c]
-                line[c] = np.float32(1.0) / np.sqrt(own) if own > flat else np.float32(0.0)
+            if r >= size - 1:
+                for c in range(cols):
+                    before[c + 1], before2[c + 1] = before[c] + first[c], before2[c] + second[c]
+                _norms_between(before, before2, size, flat, norms[r - size + 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _norms_between(before, before2, size, flat, out):
+    """Reciprocals of the norms of the windows of a row from the sums of the pixels and of their squares
+    over all columns before each column.
+    """
+    n, share = out.size, 1.0 / (size * size)
+    low, low2, high, high2 = before[:n], before2[:n], before[size:], before2[size:]
+    for c in range(n):
+        one, two = high[c] - low[c], high2[c] - low2[c]
+        own = two - one * one * share
+        found = (own > 1e-12 * two) & (own > flat)
+        out[c] = np.float32(1.0) / np.sqrt(np.float32(own if found else 1.0))
+        if not found:
+            out[c] = np.float32(0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
