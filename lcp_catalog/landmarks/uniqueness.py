@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array, Float32, Index
-from ..kernels.matching.rivals import rivals, window_norms
+from ..kernels.matching.rivals import centred, rivals, window_norms
 from .corners import fill_missing
 from .patches import halved
 
@@ -74,12 +74,13 @@ class SearchImages:
     @classmethod
     def of(cls, images: Float32, size: int) -> SearchImages:
         """The images; missing nodes hold the mean of the valid nodes around them."""
-        fine = np.asarray(images, np.float32)
-        if not np.isfinite(fine.sum()):
-            fine = np.stack([fill_missing(image, size) for image in fine])
-        fine = fine - fine.mean(axis=(1, 2), dtype=np.float64, keepdims=True).astype(np.float32)
+        given = np.ascontiguousarray(images, np.float32)
+        fine, power = np.empty_like(given), np.empty(len(given))
+        centred(given, fine, power)
+        if not np.isfinite(power).all():
+            given = np.stack([fill_missing(image, size) for image in given])
+            centred(given, fine, power)
         coarse = halved(fine)
-        power = np.einsum("kij,kij->k", fine, fine, dtype=np.float64) / fine[0].size
         parts = _norms(fine, size), coarse, _norms(coarse, size // 2)
         return cls(size, fine, *parts, _FLAT * np.sqrt(power) * size)
 

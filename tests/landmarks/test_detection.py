@@ -12,6 +12,7 @@ from helpers import twins_registration as twin
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from lcp_catalog.kernels.elementary import normal_lane
 from lcp_catalog.kernels.matching import acquisition as kernel
 from lcp_catalog.landmarks.detection import (
     detection_probability,
@@ -185,19 +186,14 @@ def test_moments_are_those_of_the_formula():
     assert kernel.moments(0.1, 1.0, 0.0, 0.0, NODES) == (1.0, pytest.approx(1e-12))
 
 
-def test_the_table_of_the_normal_distribution_is_that_of_scipy():
-    """At random places, at the table's, halfway between them, and at and beyond its ends."""
+def test_the_normal_distribution_is_that_of_scipy():
+    """At random places and far out, in single precision."""
     rng = np.random.default_rng(0)
-    places = [
-        rng.uniform(-7, 7, 20_000),
-        np.linspace(-6.0, 6.0, 2 * 12 * 256 + 1),
-        rng.normal(size=999),
-    ]
-    ends = [-np.inf, -1e6, -6.001, -6.0, -5.9999999, 5.9999999, 6.0, 6.001, 1e6, np.inf]
-    at = np.concatenate([*places, ends])
-    found = np.array([kernel.normal(z) for z in at])
-    assert np.abs(found - norm.cdf(at)).max() < 1e-6
-    assert (np.diff(found[np.argsort(at)]) >= 0.0).all()
+    places = rng.uniform(-7, 7, 20_000), rng.normal(size=999), rng.normal(size=99) * 1e-3
+    ends = [-np.inf, -1e6, -13.0, -6.0, 0.0, 6.0, 13.0, 1e6, np.inf]
+    at = np.concatenate([*places, ends]).astype(np.float32)
+    found = np.array([normal_lane(z) for z in at], np.float64)
+    assert np.abs(found - norm.cdf(at.astype(np.float64))).max() < 3e-7
 
 
 def random_cases(rng, n: int, spread: float) -> tuple[Registration, np.ndarray]:

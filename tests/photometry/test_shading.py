@@ -14,7 +14,7 @@ from rendering.test_renderer import hills, make
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import nadir_view, oblique_view
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.kernels.photometry.hapke_simd import exp_lane, gap_lane, log_lane
+from lcp_catalog.kernels.elementary import exp_lane, gap_lane, log_lane
 from lcp_catalog.kernels.photometry.images import add_light, angles_deg, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.light.sources import Lighting, Source

@@ -5,11 +5,15 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..elementary import normal_lane
+
+_FLAGS = {"contract", "nnan", "ninf", "nsz", "arcp"}
 _SIGMAS = 5.5
 _AT, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-_STEP = 0.5
-_WHOLE = np.arange(-_SIGMAS, _SIGMAS + 1.5 * _STEP, _STEP, dtype=np.float32)
-_WHOLE_WEIGHTS = np.exp(-0.5 * _WHOLE**2) * np.float32(_STEP / math.sqrt(2.0 * math.pi))
+_WHOLE = np.linspace(-_SIGMAS, _SIGMAS, _AT.size, dtype=np.float32)
+_WHOLE_WEIGHTS = np.exp(-0.5 * _WHOLE**2) * np.float32(
+    2.0 * _SIGMAS / (_AT.size - 1) / math.sqrt(2.0 * math.pi)
+)
 """Trapezoidal rule over a whole normal distribution: its error falls exponentially with the number of
 points, because the integrand and all its derivatives vanish at both ends.
 """
@@ -17,32 +21,7 @@ _APART = 5.6
 """Joint sigmas between two means beyond which the lower variable is the higher one with a probability
 below 1.1e-8; 64 such rivals change a result by less than 1e-6.
 """
-_CLEAR = 6.0
-"""Sigmas beyond which a value counts as certainly above or below another."""
-_BINS = 256
-"""Bins of a sigma in the table of the normal distribution; with linear interpolation its error is at
-most 5e-7.
-"""
-_NORMAL = np.array(
-    [
-        0.5 * math.erfc(-math.sqrt(0.5) * (k / _BINS - _CLEAR))
-        for k in range(int(2 * _CLEAR) * _BINS + 2)
-    ]
-)
-_NORMAL32, _NORMAL_STEPS = _NORMAL.astype(np.float32), np.diff(_NORMAL).astype(np.float32)
 _LEAST_VARIANCE = 1e-12
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def normal(z):
-    """The distribution function of the normal distribution."""
-    if z >= _CLEAR:
-        return 1.0
-    if z <= -_CLEAR:
-        return 0.0
-    at = (z + _CLEAR) * _BINS
-    k = int(at)
-    return _NORMAL[k] + (at - k) * (_NORMAL[k + 1] - _NORMAL[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -57,19 +36,16 @@ def moments(contrast, rho, noise, along, nodes):
     return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _times_all_below(at, mean, sigma, others, inverse, out):
     """Multiply out (n,) by the probabilities that all rivals are below mean + sigma at; at (n,), means
     (k,), reciprocals of sigmas (k,).
     """
-    end = np.float32(_NORMAL32.size - 2)
     for j in range(others.size):
-        first = np.float32(((mean - others[j]) * inverse[j] + _CLEAR) * _BINS)
-        step = np.float32(sigma * inverse[j] * _BINS)
+        first = np.float32((mean - others[j]) * inverse[j])
+        step = np.float32(sigma * inverse[j])
         for k in range(at.size):
-            x = min(max(first + step * at[k], np.float32(0.0)), end)
-            i = np.uint32(x)  # unsigned: no test for a negative index
-            out[k] *= _NORMAL32[i] + (x - np.float32(i)) * _NORMAL_STEPS[i]
+            out[k] *= normal_lane(first + step * at[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -108,7 +84,7 @@ def highest(mean, sigma, others, spreads, count, least, both, out):
             others[near], spreads[near] = others[j], 1.0 / spreads[j]
             near += 1
     low = (least - mean) / sigma
-    out[1] = normal(-low)
+    out[1] = 0.5 * math.erfc(low * math.sqrt(0.5))
     if near == 0:
         out[0], out[2] = out[1], 1.0
         return

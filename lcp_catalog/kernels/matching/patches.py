@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..vectors import LANES, load, splat, store
+
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def gather(stack, which, rows, cols, half, out):
@@ -47,32 +49,44 @@ def halved_changes(changes, rows, cols, out):
                 out[n, i, j] = np.float32(0.25) * total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _blur(image, taps, work, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _seven(values, starts, taps, out, at):
+    """Write the sum of the runs of vectors that begin at seven places of an array, times taps (7,), to
+    out from place ``at`` on; as many vectors as out has room for.
+    """
+    s, t, u, v = splat(taps[0]), splat(taps[1]), splat(taps[2]), splat(taps[3])
+    w, y, z = splat(taps[4]), splat(taps[5]), splat(taps[6])
+    a, b, c, d = starts[0], starts[1], starts[2], starts[3]
+    e, f, g = starts[4], starts[5], starts[6]
+    for x in range(0, out.size - at - LANES + 1, LANES):
+        one = s * load(values, a + x) + t * load(values, b + x)
+        two = u * load(values, c + x) + v * load(values, d + x)
+        three = w * load(values, e + x) + y * load(values, f + x)
+        store(out, at + x, (one + two) + (three + z * load(values, g + x)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blur(image, taps, out):
     """One image through a kernel (7,) along both axes, its border extended."""
     rows, cols = image.shape
-    for r in range(rows):
-        line = work[r]
+    wide = (cols + LANES - 1) // LANES * LANES
+    lines, row = np.zeros((7, wide), np.float32), np.empty(wide, np.float32)
+    line, starts, steps = np.zeros(wide + 6, np.float32), np.empty(7, np.int64), np.arange(7)
+    for r in range(-6, rows):
+        source, newest = image[min(max(r + 3, 0), rows - 1)], lines[(r + 6) % 7]
         for c in range(cols):
-            line[c] = taps[3] * image[r, c]
+            newest[c] = source[c]
+        if r < 0:
+            continue
         for k in range(7):
-            if k == 3:
-                continue
-            a, source = taps[k], image[min(max(r + k - 3, 0), rows - 1)]
-            for c in range(cols):
-                line[c] += a * source[c]
-    wide = np.empty(cols + 6, np.float32)
-    for r in range(rows):
-        wide[3 : 3 + cols] = work[r]
-        wide[:3] = work[r, 0]
-        wide[cols + 3 :] = work[r, cols - 1]
-        x0, x1, x2, x3 = wide[0:cols], wide[1 : 1 + cols], wide[2 : 2 + cols], wide[3 : 3 + cols]
-        x4, x5, x6 = wide[4 : 4 + cols], wide[5 : 5 + cols], wide[6 : 6 + cols]
-        line = out[r]
-        for c in range(cols):
-            line[c] = (
-                (taps[0] * x0[c] + taps[1] * x1[c]) + (taps[2] * x2[c] + taps[3] * x3[c])
-            ) + ((taps[4] * x4[c] + taps[5] * x5[c]) + taps[6] * x6[c])
+            starts[k] = (r + k) % 7 * wide
+        _seven(lines.ravel(), starts, taps, line[: wide + 3], 3)
+        for x in range(3):
+            line[x], line[cols + 3 + x] = line[3], line[cols + 2]
+        _seven(line, steps, taps, row, 0)
+        target = out[r]
+        for x in range(cols):
+            target[x] = row[x]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -86,7 +100,7 @@ def blurred(stack, taps, out):
             for c in range(stack.shape[2]):
                 some = some or stack[k, r, c] != 0.0
         if some:
-            _blur(stack[k], taps, np.empty(stack.shape[1:], np.float32), out[k])
+            _blur(stack[k], taps, out[k])
         else:
             out[k] = 0.0
 

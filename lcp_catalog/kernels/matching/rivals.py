@@ -30,8 +30,8 @@ _FEW = 16
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _power(image):
-    """Variance of an image (rows, cols) with a mean of about 0."""
+def _moments(image):
+    """Mean and mean square of an image (rows, cols)."""
     total = power = 0.0
     for r in range(image.shape[0]):
         line = image[r]
@@ -41,7 +41,21 @@ def _power(image):
             two += line[c] * line[c]
         total += one
         power += two
-    return power / image.size - (total / image.size) ** 2
+    return total / image.size, power / image.size
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def centred(stack, out, power):
+    """Write images (k, rows, cols) less their means into out, and their variances into power (k,): NaN
+    for images with missing pixels.
+    """
+    for k in prange(stack.shape[0]):
+        mean = np.float32(_moments(stack[k])[0])
+        for r in range(stack.shape[1]):
+            source, target = stack[k, r], out[k, r]
+            for c in range(source.size):
+                target[c] = source[c] - mean
+        power[k] = _moments(out[k])[1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -75,7 +89,8 @@ def window_norms(stack, size, out):
         rows, cols = image.shape
         first, second = np.zeros(cols), np.zeros(cols)
         before, before2 = np.zeros(cols + 1), np.zeros(cols + 1)
-        flat = FLAT * _power(image) * count
+        mean, power = _moments(image)
+        flat = FLAT * (power - mean * mean) * count
         for r in range(rows):
             _window_sums(image, r, size, first, second)
             if r >= size - 1:

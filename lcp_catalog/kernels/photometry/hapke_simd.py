@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ..elementary import exp_lane, gap_lane, log_lane
 from .hapke import CHI, COT, POROSITY, R0, W
 
 _FLAGS = {"contract", "nsz", "arcp", "nnan", "ninf"}  # callers leave NaN out
@@ -20,13 +21,7 @@ _F = np.float32
 _ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
 _TINY, _FLOOR, _FAR = _F(1e-30), 1e-12, _F(60.0)
 _SMOOTH = 1e15  # cotangent without roughness; COT_SMOOTH overflows in single precision
-_LOG2E, _LN2 = _F(1.0 / math.log(2.0)), _F(math.log(2.0))
 _TWO_PI, _INV_PI = _F(2.0 / math.pi), _F(1.0 / math.pi)
-_LOWEST, _BIAS, _SHIFT, _SQRT_HALF = _F(-126.0), np.int32(127), np.int32(23), np.int32(0x3F3504F3)
-# 2^x on [-1/2, 1/2], Taylor: 1.2e-7
-_EXP = tuple(_F(math.log(2.0) ** k / math.factorial(k)) for k in range(7))
-# ln((1 + s) / (1 - s)) on |s| <= 0.172, Taylor: 1e-9
-_LOG = tuple(_F(2.0 / (2 * k + 1)) for k in range(5))
 # acos(x) / sqrt(1 - x) on [0, 1]: Abramowitz and Stegun, 4.4.46, 2e-8
 _ACOS = tuple(
     _F(c)
@@ -41,43 +36,6 @@ _ACOS = tuple(
         -0.0012624911,
     )
 )
-
-
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _power(x):
-    """e^x for x <= 0, float32, as (1 + rest) scale; 0 is 1e-38."""
-    z = max(_LOWEST, x * _LOG2E)
-    whole = np.int32(z - _HALF)
-    f = z - _F(whole)
-    p = ((_EXP[6] * f + _EXP[5]) * f + _EXP[4]) * f + _EXP[3]
-    p = ((p * f + _EXP[2]) * f + _EXP[1]) * f
-    return p, np.int32((whole + _BIAS) << _SHIFT).view(np.float32)
-
-
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def exp_lane(x):
-    """e^x for x <= 0."""
-    rest, scale = _power(x)
-    return scale * rest + scale
-
-
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def gap_lane(x):
-    """1 - e^x for x <= 0, accurate also where it is small."""
-    rest, scale = _power(x)
-    return (_ONE - scale) - scale * rest
-
-
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def log_lane(x):
-    """Natural logarithm of a positive normal float32."""
-    bits = _F(x).view(np.int32)
-    power = (bits - _SQRT_HALF) >> _SHIFT
-    m = np.int32(bits - (power << _SHIFT)).view(np.float32)
-    s = (m - _ONE) / (m + _ONE)
-    q = s * s
-    p = (((_LOG[4] * q + _LOG[3]) * q + _LOG[2]) * q + _LOG[1]) * q + _LOG[0]
-    return p * s + _F(power) * _LN2
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)

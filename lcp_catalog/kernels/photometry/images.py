@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from .hapke_simd import exp_lane, hapke_lanes, log_lane
+from ..elementary import exp_lane, log_lane
+from .hapke_simd import hapke_lanes
 from .laws import HAPKE, LUNAR_LAMBERT, MINNAERT, phase_terms, radiance_factor
 
 _RUN = 512
