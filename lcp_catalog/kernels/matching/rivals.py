@@ -191,7 +191,7 @@ def _map(image, norms, template, row, col, ny, nx):
         pixels, out = image[row + y, col : col + wide], region[y]
         for x in range(wide):
             out[x] = pixels[x] - level
-    at_all(template.T.copy().ravel(), p, region.ravel(), ny, nx, sums.ravel())
+    at_all(padded(template), p, region.ravel(), ny, nx, sums.ravel())
     score = np.empty((ny, nx), np.float32)
     for y in range(ny):
         found, own, out = sums[y], norms[row + y, col : col + nx], score[y]

@@ -121,19 +121,39 @@ def _eight(columns, p, image, wide, start, out, long, at):
 def extent(p, ny, nx):
     """Rows and places of a row that `at_all` reads of the image, and those that it writes."""
     high, long = (ny + _ROWS - 1) // _ROWS * _ROWS, row_length(nx)
-    return high + p - 1, long + p - 1, high, long
+    return high + p - 1, max(long + p - 1, nx - 1 + row_length(p)), high, long
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def at_all(columns, p, image, ny, nx, out):
-    """Write the products of a template with the windows at ny x nx places into out, in rows; image and
-    out as in `extent`, columns (p p,): the template's columns, one behind the other.
+def at_all(template, p, image, ny, nx, out):
+    """Write the products of a template (`padded`) with the windows at ny x nx places into out, in rows;
+    image and out as in `extent`.
     """
+    n, columns = row_length(p), np.empty(p * p, np.float32)
+    for j in range(p):
+        for i in range(p):
+            columns[j * p + i] = template[(i + 2) * n + j]
     _, wide, high, long = extent(p, ny, nx)
+    alone = nx % LANES == 1  # a last column is not worth vectors along the rows
+    end = nx - 1 if alone else long
     for y in range(0, high, _ROWS):
         x = 0
-        while x + 2 * LANES <= long:
+        while x + 2 * LANES <= end:
             _sixteen(columns, p, image, wide, y * wide + x, out, long, y * long + x)
             x += 2 * LANES
-        if x < long:
+        if x < end:
             _eight(columns, p, image, wide, y * wide + x, out, long, y * long + x)
+    if alone:
+        _column(template, p, image, wide, nx - 1, out, high, long)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _column(template, p, image, wide, x, out, high, long):
+    """Products at the places of a column."""
+    starts, found = np.empty(_ROWS, np.int64), np.empty(_ROWS, np.float32)
+    for y in range(0, high, _ROWS):
+        for k in range(_ROWS):
+            starts[k] = (y + k) * wide + x
+        at_four(template, p, image, wide, starts, found)
+        for k in range(_ROWS):
+            out[(y + k) * long + x] = found[k]
