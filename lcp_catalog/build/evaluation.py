@@ -197,7 +197,7 @@ class _Judge:
 
         raw = np.stack([image.radiance for image in images])
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
-        filled = np.stack([fill_missing(image, 2 * half + 1) for image in raw])
+        filled = _filled(raw, 2 * half + 1)
         sources = [filled]
         for slopes in zip(*(image.slopes for image in images), strict=True):
             sources.append(_complete(np.stack(slopes)))
@@ -284,6 +284,13 @@ class _Judge:
             result.false_match[own] = chances.false_match
             for values, flag in ((chances.located, LOCALIZABLE), (chances.detection, UNIQUE)):
                 result.condition[own] |= _flagged(values >= points.min_detection, flag)
+
+
+def _filled(images: Float32, size: int) -> Float32:
+    """Images (k, rows, cols) through `fill_missing`; themselves if they are complete."""
+    filled = [fill_missing(image, size) for image in images]
+    same = all(np.shares_memory(one, images) for one in filled)
+    return images if same else np.stack(filled)
 
 
 def _complete(values: Float32) -> Float32:

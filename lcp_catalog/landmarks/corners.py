@@ -30,13 +30,16 @@ GROUP_EXTRA = 2
 
 
 def fill_missing(image: Float32, size: int) -> Float32:
-    """A copy whose NaN nodes hold the mean of the valid nodes in the ``size``-wide box around them.
+    """The image if it is complete, else a copy whose NaN nodes hold the mean of the valid nodes in the
+    ``size``-wide box around them.
 
     Without a valid node in the box: the mean of the whole image; 0 if no node is valid.
     """
+    if np.isfinite(image.sum()):
+        return image
     missing = ~np.isfinite(image)
     filled = np.where(missing, np.float32(0.0), image)
-    if not missing.any() or missing.all():
+    if missing.all():
         return filled
     known = (~missing).astype(np.float32)
     total, count = (
