@@ -5,14 +5,14 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..elementary import normal_lane
+from ..elementary import exp_lane, normal_lane
 
 _FLAGS = {"contract", "nnan", "ninf", "nsz", "arcp"}
 _SIGMAS = 5.5
-_AT, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-_WHOLE = np.linspace(-_SIGMAS, _SIGMAS, _AT.size, dtype=np.float32)
+_AT32, _WEIGHTS32 = (x.astype(np.float32) for x in np.polynomial.legendre.leggauss(32))
+_WHOLE = np.linspace(-_SIGMAS, _SIGMAS, _AT32.size, dtype=np.float32)
 _WHOLE_WEIGHTS = np.exp(-0.5 * _WHOLE**2) * np.float32(
-    2.0 * _SIGMAS / (_AT.size - 1) / math.sqrt(2.0 * math.pi)
+    2.0 * _SIGMAS / (_AT32.size - 1) / math.sqrt(2.0 * math.pi)
 )
 """Trapezoidal rule over a whole normal distribution: its error falls exponentially with the number of
 points, because the integrand and all its derivatives vanish at both ends.
@@ -56,18 +56,27 @@ def _above_all(mean, sigma, others, inverse):
     return min(np.float64(parts.sum()), 1.0)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+def _gauss_legendre(low, at, parts):
+    """Write the places of the quadrature of a normal density from ``low`` to 5.5 sigma, and the shares of
+    its weights, into at and parts (32,). Return the factor of their sum.
+    """
+    half = np.float32(0.5 * (_SIGMAS - low))
+    for k in range(at.size):
+        z = np.float32(low) + half * (np.float32(1.0) + _AT32[k])
+        at[k], parts[k] = z, _WEIGHTS32[k] * exp_lane(np.float32(-0.5) * z * z)
+    return np.float64(half) / math.sqrt(2.0 * math.pi)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _above_all_from(mean, sigma, others, inverse, low):
     """Probability that a normal variable is above mean + low sigma and above all its rivals.
     Gauss-Legendre quadrature up to 5.5 sigma.
     """
-    half = 0.5 * (_SIGMAS - low)
-    at, parts = np.empty(_AT.size, np.float32), np.empty(_AT.size, np.float32)
-    for k in range(_AT.size):
-        z = low + half * (1.0 + _AT[k])
-        at[k], parts[k] = z, _WEIGHTS[k] * math.exp(-0.5 * z * z)
+    at, parts = np.empty(_AT32.size, np.float32), np.empty(_AT32.size, np.float32)
+    factor = _gauss_legendre(low, at, parts)
     _times_all_below(at, mean, sigma, others, inverse, parts)
-    return np.float64(parts.sum()) * half / math.sqrt(2.0 * math.pi)
+    return np.float64(parts.sum()) * factor
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
