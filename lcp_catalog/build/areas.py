@@ -72,10 +72,9 @@ class AreaGrid:
             0,
             self.rows - 1,
         )
-        rows, back = np.unique(row, return_inverse=True)
-        columns = np.array([self.columns(int(r)) for r in rows], dtype=np.int64)[back].reshape(
-            row.shape
-        )
+        first, last = int(row.min(initial=self.rows - 1)), int(row.max(initial=0))
+        counts = [self.columns(r) for r in range(first, last + 1)]
+        columns = np.array(counts, dtype=np.int64)[row - first]
         column = np.floor((np.asarray(lon_deg) % 360.0) / 360.0 * columns).astype(np.int64)
         return row, np.minimum(column, columns - 1)
 
