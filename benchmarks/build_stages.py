@@ -34,6 +34,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.sweep:Sweep.normals",
         "build.sweep:Sweep.planes",
         "build.sweep:Sweep.steeper_planes",
+        "photometry.laws:radiance_of_nodes",
     ),
     "dependence": (
         "build.evaluation:_Patches._dependence",
