@@ -231,10 +231,8 @@ def _one_pool(
                 _fill(running, waiting, jobs, pool, function, tasks)
             for index in sorted(outcomes):
                 yield index, outcomes[index]
-    except BaseException:
-        _stop(pool)
-        raise
-    pool.shutdown(wait=True)
+    finally:
+        _stop(pool)  # idle workers have nothing to finish: half a second less than their own end
 
 
 def _fill(
