@@ -265,8 +265,9 @@ class _Judge:
         again = np.flatnonzero((doubt > -below) & (doubt < above))
         if len(again) and not searched_exactly(patches.size, search):
             checked = _chances(
-                match.rows(again), images, patches.some(again), search, scale == 1, exact=True
-            )
+                match.rows(again), images, patches.some(again), search,
+                false_match=scale == 1, exact=True,
+            )  # fmt: skip
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
@@ -288,9 +289,9 @@ class _Judge:
 
 def _filled(images: Float32, size: int) -> Float32:
     """Images (k, rows, cols) through `fill_missing`; themselves if they are complete."""
-    filled = [fill_missing(image, size) for image in images]
-    same = all(np.shares_memory(one, images) for one in filled)
-    return images if same else np.stack(filled)
+    if np.isfinite(images.sum()):
+        return images
+    return np.stack([fill_missing(image, size) for image in images])
 
 
 def _complete(values: Float32) -> Float32:

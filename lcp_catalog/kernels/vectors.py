@@ -13,6 +13,7 @@ import operator
 from typing import Any
 
 from llvmlite import ir
+from numba import njit
 from numba.core import cgutils, types
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
@@ -20,6 +21,13 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 
 LANES = 8
 """Numbers of a vector."""
+
+
+@njit(cache=True, nogil=True)
+def multiple(count, of):
+    """The least multiple of ``of`` that is not below count."""
+    return (count + of - 1) // of * of
+
 
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _FUSED = ("contract",)

@@ -12,7 +12,7 @@ rows and columns (long ones).
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, splat, store
+from ..vectors import LANES, load, multiple, splat, store
 
 FIELDS = 4
 """Slope along the columns, slope along the rows, patch of unit norm, constant of unit norm."""
@@ -27,7 +27,7 @@ _RUN = 32 * LANES
 @njit(cache=True, nogil=True, error_model="numpy")
 def tiled(count):
     """The next multiple of `_TILE`: rows of patches are followed by zeros up to it."""
-    return (count + _TILE - 1) // _TILE * _TILE
+    return multiple(count, _TILE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..vectors import LANES, load, splat, store
+from ..vectors import LANES, load, multiple, splat, store
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -69,7 +69,7 @@ def _seven(values, starts, taps, out, at):
 def _blur(image, taps, out):
     """One image through a kernel (7,) along both axes, its border extended."""
     rows, cols = image.shape
-    wide = (cols + LANES - 1) // LANES * LANES
+    wide = multiple(cols, LANES)
     lines, row = np.zeros((7, wide), np.float32), np.empty(wide, np.float32)
     line, starts, steps = np.zeros(wide + 6, np.float32), np.empty(7, np.int64), np.arange(7)
     for r in range(-6, rows):

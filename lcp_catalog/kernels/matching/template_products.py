@@ -2,14 +2,14 @@
 places around one, and at single places.
 
 A template of p x p pixels stands in rows of `row_length` places, zeros behind its own, between two
-rows of zeros above and two below (`padded`). Images are copies of a part, in rows of any length; they
-must be finite wherever a row of a template can reach.
+rows of zeros above and two below (`padded`). Images are flat arrays of rows of any length. They must
+reach as far, and be finite, as rows of a template do; nothing tests that.
 """
 
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, splat, store, total
+from ..vectors import LANES, load, multiple, splat, store, total
 
 _ROWS = 4
 """Rows of places whose sums are held in registers together."""
@@ -17,8 +17,8 @@ _ROWS = 4
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def row_length(pixels):
-    """The next multiple of `LANES`."""
-    return (pixels + LANES - 1) // LANES * LANES
+    """Places of a row of pixels in whole vectors."""
+    return multiple(pixels, LANES)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -120,7 +120,7 @@ def _eight(columns, p, image, wide, start, out, long, at):
 @njit(cache=True, nogil=True, error_model="numpy")
 def extent(p, ny, nx):
     """Rows and places of a row that `at_all` reads of the image, and those that it writes."""
-    high, long = (ny + _ROWS - 1) // _ROWS * _ROWS, row_length(nx)
+    high, long = multiple(ny, _ROWS), row_length(nx)
     return high + p - 1, max(long + p - 1, nx - 1 + row_length(p)), high, long
 
 
