@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 _F = np.float32
-_ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
+_ZERO, _HALF, _ONE = _F(0.0), _F(0.5), _F(1.0)
 _LOG2E, _LN2 = _F(1.0 / math.log(2.0)), _F(math.log(2.0))
 _LOWEST, _BIAS, _SHIFT, _SQRT_HALF = _F(-126.0), np.int32(127), np.int32(23), np.int32(0x3F3504F3)
 # 2^x on [-1/2, 1/2], Taylor: 1.2e-7

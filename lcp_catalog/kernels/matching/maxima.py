@@ -35,10 +35,8 @@ def _peaks(score, y, columns):
     ny, nx = score.shape
     flat, found = score.ravel(), 0
     above, row, below = max(y - 1, 0) * nx, y * nx, min(y + 1, ny - 1) * nx
-    done, last = (
-        0,
-        nx - 1 - LANES,
-    )  # columns below done are decided; the last eight before the border's
+    done = 0  # the columns up to this one are decided
+    last = nx - 1 - LANES  # the last eight columns before the border's begin here
     if _is_peak(score, y, 0):
         columns[0], found = 0, 1
     for first in range(1, nx - 1, LANES) if last > 0 else range(0):

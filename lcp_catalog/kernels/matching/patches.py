@@ -112,7 +112,7 @@ def _light(row):
     for x in range(row.size):
         value = row[x]
         count += np.int32(value > np.float32(0.0))
-        total += np.float32(0.0) if value <= np.float32(0.0) else value  # NaN stays
+        total += value if value > np.float32(0.0) else np.float32(0.0) * value  # NaN and inf stay
     return count, total
 
 
@@ -124,9 +124,9 @@ def light(patches, share, level):
     for n in prange(patches.shape[0]):
         count, total = 0, 0.0
         for i in range(patches.shape[1]):
-            lit, light_ = _light(patches[n, i])
+            lit, brightness = _light(patches[n, i])
             count += lit
-            total += light_
+            total += brightness
         share[n] = count / (patches.shape[1] * patches.shape[2])
         level[n] = math.nan if count == 0 or not math.isfinite(total) else total / count
 

@@ -158,7 +158,7 @@ def _blocks(template, row, col):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _around(image, row, col, p, margin):
+def _pixels_around(image, row, col, p, margin):
     """An image's pixels in rows, as `template_products` reads them, their length, and the place of the
     pixel ``margin`` rows above and columns before (row, col): the image itself where templates of p x p
     pixels, moved by up to 2 ``margin`` from there, do not leave its memory; else a copy with 0 outside.
@@ -208,7 +208,7 @@ def _climb(image, norms, template, p, row, col, limits):
     """
     around, best = np.empty(9, np.float32), 0.0
     for _ in range(_STEPS):
-        pixels, wide, start = _around(image, row, col, p, 1)
+        pixels, wide, start = _pixels_around(image, row, col, p, 1)
         at_nine(template, p, pixels, wide, start, around)
         best = np.float64(around[4] * norms[row, col])
         k = 4
@@ -292,7 +292,7 @@ def _near(image, norms, template, p, row, col, ring, around, contrast):
     """Correlations of a template (`padded`) and contrasts at distances ring from (row, col), as in
     `rivals`.
     """
-    pixels, wide, start = _around(image, row, col, p, _AROUND)
+    pixels, wide, start = _pixels_around(image, row, col, p, _AROUND)
     starts, found = np.full(4, start), np.empty(4, np.float32)
     for first in range(0, ring.shape[0], 4):
         last = min(first + 4, ring.shape[0])

@@ -18,7 +18,7 @@ from .hapke import CHI, COT, POROSITY, R0, W
 _FLAGS = {"contract", "nsz", "arcp", "nnan", "ninf"}  # callers leave NaN out
 
 _F = np.float32
-_ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
+_HALF, _ONE, _TWO = _F(0.5), _F(1.0), _F(2.0)
 _TINY, _FLOOR, _FAR = _F(1e-30), 1e-12, _F(60.0)
 _SMOOTH = 1e15  # cotangent without roughness; COT_SMOOTH overflows in single precision
 _TWO_PI, _INV_PI = _F(2.0 / math.pi), _F(1.0 / math.pi)
