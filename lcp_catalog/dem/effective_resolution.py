@@ -251,21 +251,22 @@ def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
     about exp(-1 / 2n) for the mean of n. The bias is removed.
     """
     which = np.digitize(k, edges) - 1
+    inside = (which >= 0) & (which < len(edges) - 1)
+    which = which[inside]
+    waves = np.bincount(which, minlength=len(edges) - 1)
+    enough = waves >= 4
+    level, middle = (
+        np.bincount(which, np.log(part[inside]), len(waves))[enough] / waves[enough]
+        for part in (np.maximum(power, 1e-300), k)
+    )
     below = 0.5 / tiles + 1.0 / (12.0 * tiles**2)  # ln n - digamma(n)
-    rows = []
-    for number in range(len(edges) - 1):
-        here = which == number
-        if here.sum() >= 4:
-            level = float(np.log(np.maximum(power[here], 1e-300)).mean())
-            middle = float(np.exp(np.log(k[here]).mean()))
-            rows.append((middle, math.exp(level + below), here.sum() * tiles))
-    return Spectrum(*np.array(rows).T)
+    return Spectrum(np.exp(middle), np.exp(level + below), waves[enough] * tiles)
 
 
 # -- the fit
 
 
-Shape = Callable[[Array, float], Array]
+Shape = Callable[[Array, Array | float], Array]
 
 SHAPES: dict[str, Shape] = {
     "a penalty on curvature": lambda k, cut: -np.log1p(3.0 * (k / cut) ** 4),
@@ -357,7 +358,7 @@ def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
     variance = (1.0 / spectrum.waves + _MISFIT**2) * (power / clear) ** 2
     w, x = 1.0 / variance, -np.log(k)
     cuts = np.geomspace(k[0], 8.0 * k[-1], _CUTS)
-    falls = np.array([SHAPES[shape](k, cut) for cut in cuts])
+    falls = SHAPES[shape](k, cuts[:, None])
     y = np.log(clear)[None] - falls
     prior = 1.0 / EXPONENT_SIGMA**2
     s, sx, sxx = w.sum(), w @ x, w @ (x * x) + prior

@@ -111,6 +111,29 @@ for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator
     _operation(_symbol, _name)
 
 
+def _interleaved(first: int) -> Any:
+    """The code of `low` and `high`: numbers from ``first`` on of two vectors, in turn."""
+    turns = [first + k // 2 + k % 2 * LANES for k in range(LANES)]
+    pattern = ir.Constant(ir.VectorType(ir.IntType(32), LANES), turns)
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return builder.shuffle_vector(*values, pattern)
+
+    return code
+
+
+@intrinsic
+def low(_context: Any, _one: Any, _other: Any) -> Any:
+    """The first halves of two vectors, number by number in turn."""
+    return vector(vector, vector), _interleaved(0)
+
+
+@intrinsic
+def high(_context: Any, _one: Any, _other: Any) -> Any:
+    """The second halves of two vectors, number by number in turn."""
+    return vector(vector, vector), _interleaved(LANES // 2)
+
+
 @intrinsic
 def total(_context: Any, _vector: Any) -> Any:
     """The sum of a vector's numbers, float32."""
@@ -144,3 +167,23 @@ def not_below(_context: Any, _one: Any, _other: Any) -> Any:
         return builder.zext(bits, ir.IntType(64))
 
     return types.int64(vector, vector), code
+
+
+@njit(cache=True, nogil=True)
+def load_four(array, at, step):
+    """The vectors from the places at, at + step, at + 2 step and at + 3 step on."""
+    return (
+        load(array, at),
+        load(array, at + step),
+        load(array, at + 2 * step),
+        load(array, at + 3 * step),
+    )
+
+
+@njit(cache=True, nogil=True)
+def store_four(out, at, step, a, b, c, d):
+    """Write four vectors to the places from at, at + step, at + 2 step and at + 3 step on."""
+    store(out, at, a)
+    store(out, at + step, b)
+    store(out, at + 2 * step, c)
+    store(out, at + 3 * step, d)

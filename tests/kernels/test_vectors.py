@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from numba import njit
 
-from lcp_catalog.kernels.vectors import LANES, larger, load, not_below, splat, store, total
+from lcp_catalog.kernels.vectors import (
+    LANES,
+    high,
+    larger,
+    load,
+    low,
+    not_below,
+    splat,
+    store,
+    total,
+)
 
 
 @njit
@@ -54,3 +64,16 @@ def test_comparisons_and_sum_are_those_of_numpy():
     np.testing.assert_array_equal(out, np.maximum(one, other))
     assert [bool(bits >> k & 1) for k in range(LANES)] == (one >= other).tolist()
     assert found == pytest.approx(one.sum(dtype=np.float64), abs=1e-6)
+
+
+@njit
+def _in_turn(values, out):
+    a, b = load(values, 0), load(values, LANES)
+    store(out, 0, low(a, b))
+    store(out, LANES, high(a, b))
+
+
+def test_low_and_high_take_the_numbers_of_two_vectors_in_turn():
+    values, out = np.arange(2.0 * LANES, dtype=np.float32), np.empty(2 * LANES, np.float32)
+    _in_turn(values, out)
+    np.testing.assert_array_equal(out, values.reshape(2, LANES).T.ravel())

@@ -12,7 +12,7 @@ rows and columns (long ones).
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, multiple, splat, store
+from ..vectors import LANES, load, load_four, multiple, splat, store, store_four
 
 FIELDS = 4
 """Slope along the columns, slope along the rows, patch of unit norm, constant of unit norm."""
@@ -55,25 +55,29 @@ def _product(field, factor, out, kept):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _along_columns(row, one, other, out, another):
-    """Write two sums of a row ((n + 2 b) LANES,) shifted by 0, 1, 2 ... nodes and times the factors one
-    and other (2 b + 1,) into out and another (n LANES,), n a multiple of `_TILE`.
+def _along_columns(row, even, odd, out, another):
+    """Write two sums of a row ((n + 2 b) LANES,) shifted by 0, 1, 2 ... nodes and times factors (2 b +
+    1,), which are even and odd about their middle, into out and another (n LANES,), n a multiple of
+    `_TILE`. Places at equal distances on both sides are added, and subtracted, first.
     """
-    zero, s = splat(np.float32(0.0)), LANES
+    zero, s, b = splat(np.float32(0.0)), LANES, even.size // 2
     for x in range(0, out.size, _TILE * s):
-        a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
-        for k in range(one.size):
-            f, g, at = splat(one[k]), splat(other[k]), x + k * s
-            v = load(row, at)
-            a0, b0 = a0 + f * v, b0 + g * v
-            v = load(row, at + s)
-            a1, b1 = a1 + f * v, b1 + g * v
-            v = load(row, at + 2 * s)
-            a2, b2 = a2 + f * v, b2 + g * v
-            v = load(row, at + 3 * s)
-            a3, b3 = a3 + f * v, b3 + g * v
-        _store_tile(out, x, a0, a1, a2, a3)
-        _store_tile(another, x, b0, b1, b2, b3)
+        f, at = splat(even[b]), x + b * s
+        a0, a1, a2, a3 = load_four(row, at, s)
+        a0, a1, a2, a3 = f * a0, f * a1, f * a2, f * a3
+        b0 = b1 = b2 = b3 = zero
+        for k in range(1, b + 1):
+            f, g, left, right = splat(even[b + k]), splat(odd[b + k]), at - k * s, at + k * s
+            v, w = load(row, left), load(row, right)
+            a0, b0 = a0 + f * (w + v), b0 + g * (w - v)
+            v, w = load(row, left + s), load(row, right + s)
+            a1, b1 = a1 + f * (w + v), b1 + g * (w - v)
+            v, w = load(row, left + 2 * s), load(row, right + 2 * s)
+            a2, b2 = a2 + f * (w + v), b2 + g * (w - v)
+            v, w = load(row, left + 3 * s), load(row, right + 3 * s)
+            a3, b3 = a3 + f * (w + v), b3 + g * (w - v)
+        store_four(out, x, s, a0, a1, a2, a3)
+        store_four(another, x, s, b0, b1, b2, b3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -96,17 +100,8 @@ def _along_rows(one, factors, other, others, row, n, out):
             a2, b2 = a2 + f * v + g * w, b2 + h * v + i * w
             v, w = load(one, at + 3 * s), load(other, at + 3 * s)
             a3, b3 = a3 + f * v + g * w, b3 + h * v + i * w
-        _store_tile(out, row * n + x, a0, a1, a2, a3)
-        _store_tile(out, row * n + n + x, b0, b1, b2, b3)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _store_tile(out, at, a, b, c, d):
-    """Write four vectors one after the other."""
-    store(out, at, a)
-    store(out, at + LANES, b)
-    store(out, at + 2 * LANES, c)
-    store(out, at + 3 * LANES, d)
+        store_four(out, row * n + x, s, a0, a1, a2, a3)
+        store_four(out, row * n + n + x, s, b0, b1, b2, b3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -153,7 +148,7 @@ def by_distance(fields, east, south, p, taps, work, products):
                 _product(fields[f, from_], east[from_], rows[0, middle], by_east[to])
                 _product(fields[f, from_], south[from_], rows[1, middle], by_south[to])
                 _along_columns(rows[0], second, first, sums[0, to], sums[3, to])
-                _along_columns(rows[1], first, value, sums[1, to], sums[2, to])
+                _along_columns(rows[1], value, first, sums[2, to], sums[1, to])
             above = y - b - 1
             if above >= 0 and above % 2 == 0:
                 _along_rows(sums[0], values, sums[1], firsts, above, n, for_east)
@@ -179,32 +174,16 @@ def _combine(factors, source, step, between, count, out, out_step, out_between):
         s = out_step
         for n in range(0, count, 2):
             o, u = r * s + n * out_between, r * s + (n + 1) * out_between
-            a0, a1, a2, a3 = (
-                load(out, o),
-                load(out, o + s),
-                load(out, o + 2 * s),
-                load(out, o + 3 * s),
-            )
-            b0, b1, b2, b3 = (
-                load(out, u),
-                load(out, u + s),
-                load(out, u + 2 * s),
-                load(out, u + 3 * s),
-            )
+            a0, a1, a2, a3 = load_four(out, o, s)
+            b0, b1, b2, b3 = load_four(out, u, s)
             for k in range(f0.size):
                 at = k * step + n * between
                 v, w = load(source, at), load(source, at + between)
                 f, g, h, i = splat(f0[k]), splat(f1[k]), splat(f2[k]), splat(f3[k])
                 a0, a1, a2, a3 = a0 + f * v, a1 + g * v, a2 + h * v, a3 + i * v
                 b0, b1, b2, b3 = b0 + f * w, b1 + g * w, b2 + h * w, b3 + i * w
-            store(out, o, a0)
-            store(out, o + s, a1)
-            store(out, o + 2 * s, a2)
-            store(out, o + 3 * s, a3)
-            store(out, u, b0)
-            store(out, u + s, b1)
-            store(out, u + 2 * s, b2)
-            store(out, u + 3 * s, b3)
+            store_four(out, o, s, a0, a1, a2, a3)
+            store_four(out, u, s, b0, b1, b2, b3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..vectors import LANES, load, splat, store
+from ..vectors import LANES, high, load, low, splat, store, store_four
 from .noise import FIELDS, PAIRS, by_components, by_distance, scratch, whole_tiles
 
 NUMBERS = 13
@@ -45,10 +45,33 @@ def side_by_side(stack, first, inverse, out):
     """Write the nodes of patches first, first + 1 ... of a stack (n, p, p), times inverse (LANES,),
     side by side into out; the last patch stands for those that are missing.
     """
+    flat, n, s = stack.ravel(), stack.shape[1] * stack.shape[2], LANES
+    at = np.minimum(np.arange(first, first + LANES), stack.shape[0] - 1) * n
+    whole = n // LANES * LANES
+    factor = load(inverse, 0)
+    for x in range(0, whole, LANES):
+        a, b, c, d = (
+            load(flat, at[0] + x),
+            load(flat, at[1] + x),
+            load(flat, at[2] + x),
+            load(flat, at[3] + x),
+        )
+        e, f, g, h = (
+            load(flat, at[4] + x),
+            load(flat, at[5] + x),
+            load(flat, at[6] + x),
+            load(flat, at[7] + x),
+        )
+        for _ in range(3):  # three perfect shuffles are a transposition
+            a, b, c, d, e, f, g, h = (
+                low(a, e), high(a, e), low(b, f), high(b, f),
+                low(c, g), high(c, g), low(d, h), high(d, h),
+            )  # fmt: skip
+        store_four(out, x * s, s, a * factor, b * factor, c * factor, d * factor)
+        store_four(out, (x + 4) * s, s, e * factor, f * factor, g * factor, h * factor)
     for k in range(LANES):
-        patch, factor = stack[min(first + k, stack.shape[0] - 1)].ravel(), inverse[k]
-        for x in range(patch.size):
-            out[x * LANES + k] = factor * patch[x]
+        for x in range(whole, n):
+            out[x * LANES + k] = inverse[k] * flat[at[k] + x]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

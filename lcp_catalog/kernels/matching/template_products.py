@@ -9,7 +9,7 @@ reach as far, and be finite, as rows of a template do; nothing tests that.
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, multiple, splat, store, total
+from ..vectors import LANES, load, multiple, splat, store_four, total
 
 _ROWS = 4
 """Rows of places whose sums are held in registers together."""
@@ -87,14 +87,8 @@ def _sixteen(columns, p, image, wide, start, out, long, at):
             b0, b1, b2, b3 = b0 + t * v0, b1 + t * v1, b2 + t * v2, b3 + t * v3
             u0, u1, u2, v0, v1, v2 = u1, u2, u3, v1, v2, v3
             here += wide
-    store(out, at, a0)
-    store(out, at + LANES, b0)
-    store(out, at + long, a1)
-    store(out, at + long + LANES, b1)
-    store(out, at + 2 * long, a2)
-    store(out, at + 2 * long + LANES, b2)
-    store(out, at + 3 * long, a3)
-    store(out, at + 3 * long + LANES, b3)
+    store_four(out, at, long, a0, a1, a2, a3)
+    store_four(out, at + LANES, long, b0, b1, b2, b3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -111,10 +105,7 @@ def _eight(columns, p, image, wide, start, out, long, at):
             a0, a1, a2, a3 = a0 + t * u0, a1 + t * u1, a2 + t * u2, a3 + t * u3
             u0, u1, u2 = u1, u2, u3
             here += wide
-    store(out, at, a0)
-    store(out, at + long, a1)
-    store(out, at + 2 * long, a2)
-    store(out, at + 3 * long, a3)
+    store_four(out, at, long, a0, a1, a2, a3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
