@@ -253,7 +253,7 @@ def _binned(k: Array, power: Array, edges: Array, tiles: float) -> Spectrum:
     which = np.digitize(k, edges) - 1
     inside = (which >= 0) & (which < len(edges) - 1)
     which = which[inside]
-    waves = np.bincount(which, minlength=len(edges) - 1)
+    waves = np.bincount(which, minlength=len(edges) - 1).astype(np.float64)
     enough = waves >= 4
     level, middle = (
         np.bincount(which, np.log(part[inside]), len(waves))[enough] / waves[enough]

@@ -118,22 +118,19 @@ def _norms_between(before, before2, size, flat, out):
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _unit(template):
     """A template (p, p) less its mean, of unit norm, all 0 if it is flat; and its norm."""
-    rows, cols = template.shape
-    total = 0.0
-    for r in range(rows):
-        for c in range(cols):
-            total += np.float64(template[r, c])
-    mean = total / (rows * cols)
-    out, power = np.empty((rows, cols), np.float32), 0.0
-    for r in range(rows):
-        for c in range(cols):
-            x = template[r, c] - mean
-            power += x * x
-            out[r, c] = np.float32(x)
-    scale = 1.0 / math.sqrt(power) if power > 1e-14 * mean * mean * rows * cols else 0.0
-    for r in range(rows):
-        for c in range(cols):
-            out[r, c] *= np.float32(scale)
+    out = np.empty(template.shape, np.float32)
+    pixels, unit = template.ravel(), out.ravel()
+    total = power = 0.0
+    for x in range(pixels.size):
+        total += np.float64(pixels[x])
+    mean = total / pixels.size
+    for x in range(pixels.size):
+        off = pixels[x] - mean
+        power += off * off
+        unit[x] = np.float32(off)
+    scale = 1.0 / math.sqrt(power) if power > 1e-14 * mean * mean * pixels.size else 0.0
+    for x in range(pixels.size):
+        unit[x] *= np.float32(scale)
     return out, math.sqrt(power)
 
 
@@ -176,9 +173,10 @@ def _pixels_around(image, row, col, p, margin):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _map(image, norms, template, row, col, ny, nx):
-    """Correlations (ny, nx) of a template (`_unit`) with the windows from (row, col) on."""
-    p = template.shape[0]
+def _map(image, norms, template, p, row, col, ny, nx):
+    """Correlations (ny, nx) of a template of p x p pixels (`padded`, of unit norm) with the windows from
+    (row, col) on.
+    """
     high, wide = ny + p - 1, nx + p - 1
     mean = 0.0
     for y in range(0, high, 4):
@@ -191,7 +189,7 @@ def _map(image, norms, template, row, col, ny, nx):
         pixels, out = image[row + y, col : col + wide], region[y]
         for x in range(wide):
             out[x] = pixels[x] - level
-    at_all(padded(template), p, region.ravel(), ny, nx, sums.ravel())
+    at_all(template, p, region.ravel(), ny, nx, sums.ravel())
     score = np.empty((ny, nx), np.float32)
     for y in range(ny):
         found, own, out = sums[y], norms[row + y, col : col + nx], score[y]
@@ -226,8 +224,8 @@ def _climb(image, norms, template, p, row, col, limits):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _from_half(
-    image, norms, half, half_norms, values, unit, row, col, limits, reach, exclusion, least, places,
-    heights,
+    image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion, least,
+    places, heights,
 ):  # fmt: skip
     """The highest maxima by ascents from those at half resolution, into places (k, 2) and heights
     (k,), and their number; the other arguments as in `_rivals_of`.
@@ -238,11 +236,12 @@ def _from_half(
     box = window(half.shape, side, side, top, left, (reach + 1) // 2)
     if box[1] < box[0] or box[3] < box[2]:
         return 0
-    score = _map(half, half_norms, small, box[0], box[2], box[1] - box[0] + 1, box[3] - box[2] + 1)
+    ny, nx = box[1] - box[0] + 1, box[3] - box[2] + 1
+    score = _map(half, half_norms, padded(small), side, box[0], box[2], ny, nx)
     away = max(0.5 * (exclusion - _MARGIN), 0.0)
     lowest, middle = least - _LOSS, (top - box[0], left - box[2])
     found = maxima(score, lowest, _FEW, middle[0], middle[1], away, places, heights)
-    kept, template = 0, padded(unit)
+    kept = 0
     for k in range(found):
         height = np.float64(heights[k])
         if kept > 1 and height < lowest:
@@ -262,23 +261,23 @@ def _from_half(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rivals_of(
-    image, norms, half, half_norms, values, unit, row, col, reach, exclusion, coarse, least, places,
-    heights,
+    image, norms, half, half_norms, values, template, row, col, reach, exclusion, coarse, least,
+    places, heights,
 ):  # fmt: skip
-    """The highest maxima of a template's correlation around (row, col), best first, into places (k,
-    2) and heights (k,), and their number.
+    """The highest maxima of the correlation of a template (its values, and `padded` of unit norm)
+    around (row, col), best first, into places (k, 2) and heights (k,), and their number.
     """
     size = values.shape[0]
     limits = window(image.shape, size, size, row, col, reach)
     found = 0
     if coarse:
         found = _from_half(
-            image, norms, half, half_norms, values, unit, row, col, limits, reach, exclusion, least,
-            places, heights,
+            image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion,
+            least, places, heights,
         )  # fmt: skip
     if found == 0:
         ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
-        score = _map(image, norms, unit, limits[0], limits[2], ny, nx)
+        score = _map(image, norms, template, size, limits[0], limits[2], ny, nx)
         middle = row - limits[0], col - limits[2]
         found = maxima(score, least, 2, middle[0], middle[1], exclusion, places, heights)
         for k in range(found):
@@ -340,10 +339,11 @@ def rivals(
         if not norm > least_norm[which[n]]:
             out[n, 0], spread[n, 0] = 1.0, norm / size
             continue
+        template = padded(unit)
         places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
         found = _rivals_of(
-            image, own, half[which[n]], half_norms[which[n]], templates[n], unit, row, col, reach,
-            exclusion, coarse, least[n], places, heights,
+            image, own, half[which[n]], half_norms[which[n]], templates[n], template, row, col,
+            reach, exclusion, coarse, least[n], places, heights,
         )  # fmt: skip
         for k in range(found):
             i = k
@@ -353,4 +353,4 @@ def rivals(
             norm = own[places[k, 0], places[k, 1]]
             out[n, i] = heights[k]
             spread[n, i] = 1.0 / (norm * size) if norm > 0.0 else 0.0
-        _near(image, own, padded(unit), size, row, col, ring, around[n], contrast[n])
+        _near(image, own, template, size, row, col, ring, around[n], contrast[n])
