@@ -144,7 +144,8 @@ class Grid:
             return self._polar_pixel(lon, lat)
         turn = 360.0 * self._ring_m / self.pixel_m
         column = ((lon - self.center_lon_deg) * self._ring_m - self.x0_m) / self.pixel_m
-        column = column - np.floor((column + 0.5 + EDGE_PX) / turn) * turn
+        if not _within(column, -0.5 - EDGE_PX, turn - 0.5 - 2.0 * EDGE_PX):
+            column = column - np.floor((column + 0.5 + EDGE_PX) / turn) * turn
         row = (self.y0_m - lat * _DEGREE_M) / self.pixel_m
         return np.broadcast_to(column, np.broadcast_shapes(column.shape, row.shape)), row
 
@@ -162,6 +163,12 @@ class Grid:
         """
         column, row = self.pixel(lon_deg, lat_deg)
         low, right, bottom = -0.5 - EDGE_PX, self.width - 0.5, self.height - 0.5
+        if (
+            _within(column, 0.0, right)
+            and _within(row, 0.0, bottom)
+            and _within(np.asarray(lat_deg), -90.0, 90.0)
+        ):
+            return np.ones(np.shape(column), np.bool_), column, row
         with np.errstate(invalid="ignore"):
             inside = (column >= low) & (column <= right + EDGE_PX)
             inside = inside & (row >= low) & (row <= bottom + EDGE_PX)
@@ -260,6 +267,11 @@ class Grid:
         if abs(columns - round(columns)) > 1e-3 or abs(rows - round(rows)) > 1e-3:
             return None
         return round(columns), round(rows)
+
+
+def _within(values: Array, low: float, high: float) -> bool:
+    """True if all values, at least one, are known and within low..high."""
+    return bool(values.size and values.min() >= low and values.max() <= high)
 
 
 def _tidy(value: float) -> float:

@@ -188,11 +188,11 @@ class Layer(Generic[File]):
         inside, u, v = grid.located(lon[todo], lat[todo])
         if not inside.any():
             return []
-        u, v = np.clip(u, -0.5, grid.width - 0.5), np.clip(v, -0.5, grid.height - 0.5)
         places = todo
         if not inside.all():
             places = np.flatnonzero(inside) if isinstance(todo, slice) else todo[inside]
             u, v = u[inside], v[inside]
+        u, v = np.clip(u, -0.5, grid.width - 0.5), np.clip(v, -0.5, grid.height - 0.5)
         box = [] if clear is None else [_box(u, v, self._offsets[number])]
         factor = self.dems[number].factor(gsd_m)
         if factor > 1:
@@ -201,7 +201,8 @@ class Layer(Generic[File]):
         place = np.ascontiguousarray(u), np.ascontiguousarray(v)
         self._sample_window(number, *place, factor, gsd_m, found, away)
         height[places] = found
-        tile[places] = np.where(np.isnan(found), np.int16(-1), np.int16(number))
+        known = np.isfinite(found.sum())  # without a gap
+        tile[places] = number if known else np.where(np.isnan(found), -1, number)
         if clear is not None:
             clear[places] = away
         return box
@@ -395,9 +396,9 @@ def _span(values: Array, period: int, margin: int) -> tuple[int, int]:
     """Half-open range of whole pixels within ``margin`` of fractional ones; at most ``period`` of
     them.
     """
-    whole = np.floor(values).astype(np.int64)
-    low, high = int(whole.min()), int(whole.max())
+    low, high = math.floor(values.min()), math.floor(values.max())
     if period and high - low > period // 2:
+        whole = np.floor(values).astype(np.int64)
         turned = (whole + period // 2) % period
         if int(turned.max()) - int(turned.min()) < high - low:
             low, high = int(turned.min()) - period // 2, int(turned.max()) - period // 2
