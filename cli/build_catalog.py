@@ -196,20 +196,18 @@ def _failures(failed: dict[str, str]) -> int:
 
 @contextmanager
 def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
-    """Options of a computation of areas: its processes, which start while this one imports the build and
-    plans it, and its progress.
+    """Options of a computation of areas: its processes, which are prepared while this one imports the
+    build and plans it, and its progress.
     """
-    from lcp_catalog.build.executor import prepare_for_areas, starting_workers
+    from lcp_catalog.build.executor import start_early
 
     from .progress import progress
 
+    if jobs > 1 and not scheduler:
+        start_early()
     try:
-        with (
-            starting_workers(1 if scheduler else jobs, prepare_for_areas) as started,
-            progress("areas") as update,
-        ):
-            options = {"jobs": jobs, "scheduler": scheduler}
-            yield {**options, "progress": update, "started": started}
+        with progress("areas") as update:
+            yield {"jobs": jobs, "scheduler": scheduler, "progress": update}
     except KeyboardInterrupt:
         say("finished areas are kept: run again with --resume")
         raise

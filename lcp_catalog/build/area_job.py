@@ -30,7 +30,7 @@ from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.area import Area
-from ..terrain.heightfield import Heightfield, Window
+from ..terrain.heightfield import Window
 from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
@@ -106,11 +106,6 @@ class AreaResult:
 
     candidates: Candidates
     plan: ScenePlan
-
-
-def prepare() -> None:
-    """Start the kernels."""
-    Heightfield(np.zeros((2, 2), np.float32), 1.0).normals()
 
 
 def run_area(job: AreaJob) -> AreaResult:

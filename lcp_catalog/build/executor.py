@@ -1,8 +1,10 @@
-"""Execution of independent tasks in this process, in spawned processes, or on a dask cluster.
+"""Execution of independent tasks in this process, in other processes, or on a dask cluster.
 
-Processes are spawned, not forked, because the thread pools of numba and OpenCV do not survive a fork.
-Each worker uses one thread. If a worker dies, only its own task fails; the others are run again. If this
-process dies, however that happens, its workers end too.
+The thread pools of numba and OpenCV do not survive a fork: this process is not forked. On Linux,
+workers are forked from a process of one thread that has imported what a build needs (`preloaded`);
+it ends with this process. Elsewhere they are spawned. Each worker uses one thread. If a worker
+dies, only its own task fails; the others are run again. If this process dies, however that happens,
+its workers end too.
 """
 
 from __future__ import annotations
@@ -11,11 +13,13 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing import forkserver
 from multiprocessing.connection import wait as wait_for_connections
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,8 +33,8 @@ Result = TypeVar("Result")
 
 log = logging.getLogger(__name__)
 
-_EARLY = 8
-"""Greatest number of processes that start before the tasks are known."""
+_FORKED = sys.platform == "linux"
+"""Whether workers are forked; on macOS system libraries do not survive it."""
 
 _PATIENCE_S = 10.0
 """Time in which a process must end that is asked to."""
@@ -41,15 +45,14 @@ def run_tasks(
     tasks: Sequence[Task],
     jobs: int = 1,
     scheduler: str | None = None,
-    started: ProcessPoolExecutor | None = None,
     inputs: Sequence[Path] = (),
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Yield (index of the task, its result or its exception) in the order in which tasks end.
 
     ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address or file
     of a dask scheduler (`cluster.run_on_cluster`), whose workers must have the same ``inputs``: files
-    that the tasks read. Results do not depend on either. ``started``: processes that run already
-    (`starting_workers`). ConfigError for invalid ``jobs``; errors of `cluster.run_on_cluster`.
+    that the tasks read. Results do not depend on either. ConfigError for invalid ``jobs``; errors of
+    `cluster.run_on_cluster`.
     """
     if jobs < 1:
         raise ConfigError(f"--jobs must be at least 1, not {jobs}")
@@ -58,29 +61,22 @@ def run_tasks(
     elif jobs == 1 or len(tasks) == 1:
         yield from _here(function, tasks)
     else:
-        yield from _in_processes(function, tasks, min(jobs, len(tasks)), started)
+        yield from _in_processes(function, tasks, min(jobs, len(tasks)))
 
 
-@contextmanager
-def starting_workers(
-    jobs: int, prepare: Callable[[], None]
-) -> Iterator[ProcessPoolExecutor | None]:
-    """Processes for `run_tasks` that start, and call ``prepare``, while this one goes on; ended with
-    the context. None for one job.
-    """
-    if jobs < 2:
-        yield None
-        return
-    with processes(jobs) as pool:
-        for _ in range(min(jobs, _EARLY)):
-            _submit(pool, _prepare, prepare)
-        yield pool
+def start_early() -> None:
+    """Start the process that workers are forked from, which takes two seconds, while this one goes on."""
+    if _FORKED:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload([f"{__package__}.preloaded"])
+        with _signals_held():
+            forkserver.ensure_running()
 
 
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block, at once, and with this process."""
-    pool = _new_pool(count)
+    """Fresh processes that end with the block, at once, and with this process."""
+    pool = _new_pool(count, "spawn")
     try:
         yield pool
     finally:
@@ -103,38 +99,22 @@ def _outcome(function: Callable[[Task], Result], task: Task) -> Result | Excepti
         return error
 
 
-def _prepare(prepare: Callable[[], None]) -> None:
-    limit_threads(1)
-    prepare()
-
-
 def _on_one_thread(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     """Run a task in a worker. The function's module, and with it OpenCV, has been imported by now."""
     limit_threads(1)
     return _outcome(function, task)
 
 
-def prepare_for_areas() -> None:
-    """Import what an area needs, and start the kernels: in a new process the first one takes a
-    while.
-    """
-    from .area_job import prepare
-
-    prepare()
-
-
 def _in_processes(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     jobs: int,
-    started: ProcessPoolExecutor | None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     pending = list(range(len(tasks)))
     while pending:
         done: set[int] = set()
         suspects: set[int] = set()
-        pool, started = started or _new_pool(jobs), None
-        for index, outcome in _one_pool(pool, function, tasks, pending, jobs):
+        for index, outcome in _one_pool(_new_pool(jobs), function, tasks, pending, jobs):
             if isinstance(outcome, BrokenProcessPool):
                 suspects.add(index)
             else:
@@ -157,8 +137,10 @@ def _died(outcome: Result | Exception) -> Result | Exception:
     return outcome
 
 
-def _new_pool(jobs: int) -> ProcessPoolExecutor:
-    context = multiprocessing.get_context("spawn")
+def _new_pool(jobs: int, method: str = "forkserver" if _FORKED else "spawn") -> ProcessPoolExecutor:
+    if method == "forkserver":
+        start_early()
+    context = multiprocessing.get_context(method)
     with _signals_held():  # multiprocessing starts a process of its own
         return ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_begin_worker)
 

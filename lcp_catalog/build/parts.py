@@ -7,7 +7,6 @@ any order, at the same time or not. The merge writes the catalogue, the same as 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,7 +55,6 @@ def run_part(
     overwrite: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
-    started: ProcessPoolExecutor | None = None,
 ) -> dict[str, str]:
     """Compute the areas of a part that have no checkpoint yet; options as in `run.build_catalog`. Return
     the causes of those that failed, by name (with ``keep_going``).
@@ -69,9 +67,7 @@ def run_part(
     with checkpoints.locked(shared=True):
         checkpoints.join(part.count)
         areas = part.share(build.jobs)
-        return compute_areas(
-            build, areas, checkpoints, jobs, scheduler, keep_going, progress, started
-        )
+        return compute_areas(build, areas, checkpoints, jobs, scheduler, keep_going, progress)
 
 
 def list_parts(build: Build, output: Path) -> list[PartState]:

@@ -10,7 +10,6 @@ import hashlib
 import json
 import logging
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -241,7 +240,6 @@ def build_catalog(
     overwrite: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
-    started: ProcessPoolExecutor | None = None,
 ) -> BuildReport:
     """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
 
@@ -251,8 +249,7 @@ def build_catalog(
     areas of an interrupted run with the same inputs. overwrite: replace an existing output; with
     resume, also finished areas of a run with other inputs.
     keep_going: leave out areas that fail (they are named in the report) instead of raising
-    AreaFailedError. progress: called with the number of finished areas and of all areas. started:
-    processes that run already (`executor.starting_workers`).
+    AreaFailedError. progress: called with the number of finished areas and of all areas.
 
     Raises the library's errors (`errors`): AreaError for a region without cells, ConfigError for a memory
     that is too small for any area, SunError if the Sun
@@ -268,7 +265,6 @@ def build_catalog(
         overwrite=overwrite,
         keep_going=keep_going,
         progress=progress,
-        started=started,
     )
 
 
@@ -282,7 +278,6 @@ def run_build(
     overwrite: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda done, total: None,
-    started: ProcessPoolExecutor | None = None,
 ) -> BuildReport:
     """Run a planned build and write the catalogue; options as in `build_catalog`.
 
@@ -293,7 +288,7 @@ def run_build(
     with checkpoints.locked():
         checkpoints.begin(resume, overwrite)
         failed = compute_areas(
-            build, build.jobs, checkpoints, jobs, scheduler, keep_going, progress, started
+            build, build.jobs, checkpoints, jobs, scheduler, keep_going, progress
         )
         return finish(build, output, checkpoints, failed, overwrite)
 
@@ -385,7 +380,6 @@ def compute_areas(
     scheduler: str | None,
     keep_going: bool,
     progress: Progress,
-    started: ProcessPoolExecutor | None,
 ) -> dict[str, str]:
     """Compute those of a build's areas that have no checkpoint; options as in `build_catalog`. Return
     the causes of those that failed, by name. AreaFailedError if an input file is changed meanwhile: no
@@ -396,7 +390,7 @@ def compute_areas(
     done, failed = len(areas) - len(todo), {}
     progress(done, len(areas))
     inputs = areas[0].files if areas else ()
-    for index, outcome in run_tasks(_finished_area, todo, jobs, scheduler, started, inputs):
+    for index, outcome in run_tasks(_finished_area, todo, jobs, scheduler, inputs):
         build.inputs.require_unchanged()
         name = todo[index].task.name
         if isinstance(outcome, Exception):

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
 
 from lcp_catalog.build import executor
-from lcp_catalog.build.executor import run_tasks, starting_workers
+from lcp_catalog.build.executor import run_tasks
 from lcp_catalog.errors import ConfigError
 
 
@@ -66,40 +65,48 @@ def test_no_jobs_is_refused() -> None:
         list(run_tasks(square, [1], jobs=0))
 
 
-def prepare() -> None:
-    """The state of a worker that was prepared."""
-    os.environ["PREPARED"] = "yes"
+def known_modules(_: int) -> tuple[int, bool]:
+    return os.getppid(), "lcp_catalog.build.area_job" in sys.modules
 
 
-def was_prepared(value: int) -> str | None:
-    return os.environ.get("PREPARED") if value != 3 else os._exit(9)
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
+def test_workers_are_forked_from_a_process_that_has_imported_what_they_need() -> None:
+    executor.start_early()
+    found = dict(run_tasks(known_modules, [1, 2], 2))
+    assert {known for _, known in found.values()} == {True}
+    assert {parent for parent, _ in found.values()} == {forkserver._forkserver._forkserver_pid}
 
 
-def test_workers_start_before_their_tasks_are_known() -> None:
-    with starting_workers(2, prepare) as started:
-        assert started is not None
-        assert set(dict(run_tasks(was_prepared, [1, 2], 2, started=started)).values()) == {"yes"}
-    with starting_workers(2, prepare) as started:
-        outcomes = dict(run_tasks(was_prepared, [1, 3, 2], 2, started=started))
-    assert isinstance(outcomes[1], RuntimeError)  # the others may run again in new processes
-    assert "PREPARED" not in os.environ
-    with starting_workers(1, prepare) as started:
-        assert started is None
+PRELOADED = """
+import sys
+from lcp_catalog.build import preloaded
+from numba.np.ufunc import parallel
+print(parallel._is_initialized, "lcp_catalog.build.area_job" in sys.modules)
+"""
+
+
+def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
+    """OpenMP ends a forked process that uses it after its parent has."""
+    done = subprocess.run(
+        [sys.executable, "-c", PRELOADED], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["False", "True"]
 
 
 PARENT = """
 import os, sys, time
-from lcp_catalog.build.executor import processes
+from lcp_catalog.build.executor import {pool}
 if __name__ == "__main__":
-    with processes(2) as pool:
+    with {pool}(2) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         time.sleep(60.0)
 """
 
 
-def test_processes_end_with_their_parent_however_it_ends(tmp_path: Path) -> None:
+@pytest.mark.parametrize("pool", ["processes", "_new_pool"])
+def test_processes_end_with_their_parent_however_it_ends(tmp_path: Path, pool: str) -> None:
     program = tmp_path / "parent.py"
-    program.write_text(PARENT)
+    program.write_text(PARENT.format(pool=pool))
     parent = subprocess.Popen(
         [sys.executable, str(program)], stdout=subprocess.PIPE, start_new_session=True
     )
@@ -117,24 +124,6 @@ def test_processes_end_with_their_parent_however_it_ends(tmp_path: Path) -> None
         time.sleep(0.02)
 
 
-def test_workers_without_tasks_end_with_their_context() -> None:
-    processes = []
-
-    def without_tasks() -> None:
-        with starting_workers(2, prepare) as started:
-            assert started is not None
-            processes.extend(started._processes.values())
-            raise ValueError("no plan")
-
-    with pytest.raises(ValueError, match="no plan"):
-        without_tasks()
-    assert processes
-    deadline = time.monotonic() + 5.0  # the pool's thread may take note of an end a moment later
-    while any(process.is_alive() for process in processes):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def ignore_the_end() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
@@ -150,15 +139,3 @@ def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -
         start = time.monotonic()
     assert time.monotonic() - start < 10.0
     assert worker.exitcode == -signal.SIGKILL
-
-
-def die() -> None:
-    os._exit(9)
-
-
-def test_workers_that_died_before_the_first_task_are_replaced() -> None:
-    with starting_workers(2, die) as started:
-        assert started is not None
-        with contextlib.suppress(BrokenProcessPool):
-            started.submit(square, 1).result()  # by now the pool knows
-        assert dict(run_tasks(square, [1, 2, 3], 2, started=started)) == {0: 1, 1: 4, 2: 9}
