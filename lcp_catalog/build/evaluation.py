@@ -204,16 +204,18 @@ class _Judge:
         whole = Items.all(len(images), rows, cols, half)
         result.harris[at] = harris_response(whole.of(filled)).reshape(len(images), -1).T
         items = whole.some(np.flatnonzero(lit_share(whole.of(raw)) >= points.min_lit_share))
-        change = self._change(items, filled, images, cast[own_sun])
+        changed, change = self._changes(items, filled, images, cast[own_sun])
         for slot, scale in enumerate(self.scales):
             if scale > 1:
                 sources = [halved(source) for source in sources]
-                if change is not None:
-                    change = halved_changes(change, items.rows, items.cols)
+                change = halved_changes(change, items.rows[changed], items.cols[changed])
                 items = items.halved()
             shown = [through_optics(sources[0], scale), *sources[1:]]
             seen = items.of(shown[0])
-            alone = seen if change is None else seen + through_optics(change, scale)
+            alone = seen
+            if len(changed):
+                alone = seen.copy()
+                alone[changed] += through_optics(change, scale)
             level = mean_lit_level(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
@@ -222,23 +224,22 @@ class _Judge:
                     patches = patches.some(good)
                 self._judge(slot, np.array([image.condition for image in images]), patches)
 
-    def _change(
+    def _changes(
         self,
         items: Items,
         filled: Float32,
         images: list[RenderedImage],
         cast: NDArray[np.bool_],
-    ) -> Float32 | None:
-        """The difference (n, p, p) of the patches rendered from their own nodes alone from those in
-        the images: nodes that only terrain around the patch shadows are lit. None without any.
-        ``cast`` (images, candidates, p, p): these nodes.
+    ) -> tuple[Index, Float32]:
+        """The patches into which only terrain around them casts shadows (k,), and their difference (k,
+        p, p) from those in the images if they are rendered from their own nodes alone: these nodes
+        are lit. ``cast`` (images, candidates, p, p): these nodes.
         """
         dark: Mask = np.any(cast, axis=(2, 3))
         numbers = np.flatnonzero(dark.any(axis=1))
-        if not len(numbers):
-            return None
-        change = np.zeros((len(items.which), *cast.shape[2:]), np.float32)
         here = np.flatnonzero(dark[items.which, items.candidate])
+        if not len(here):
+            return here, np.zeros((0, *cast.shape[2:]), np.float32)
         shaded = items.some(here)
         lit = np.stack([self.light.sweep.unshadowed(images[k].condition) for k in numbers.tolist()])
         place = np.zeros(len(images), np.int64)
@@ -246,8 +247,7 @@ class _Judge:
         difference = dataclasses.replace(shaded, which=place[shaded.which]).of(lit)
         difference -= shaded.of(filled)
         own = cast[shaded.which, shaded.candidate] & np.isfinite(difference)
-        change[here] = np.where(own, difference, np.float32(0.0))
-        return change
+        return here, np.where(own, difference, np.float32(0.0))
 
     def _judge(self, slot: int, conditions: Index, patches: Patches) -> None:
         """Write detection and covariance of patches in images of a scale; ``conditions`` (k, 3): view,
