@@ -31,7 +31,7 @@ from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.area import Area
 from ..terrain.heightfield import Window
-from ..terrain.surroundings import build_surrounded, ring_for_rays_m, surroundings
+from ..terrain.surroundings import Rays, build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
@@ -119,8 +119,9 @@ def run_area(job: AreaJob) -> AreaResult:
 
 def area_sweep(job: AreaJob) -> Sweep:
     """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
-    terrain, beyond = _terrain(job, job.config.points.halo_nodes(job.gsd_m))
     conditions = Conditions.at(job.task.lat_deg, job.config)
+    rays = _sun_rays(job, conditions)
+    terrain, beyond = _terrain(job, job.config.points.halo_nodes(job.gsd_m), rays)
     brightness = job.albedo.known_nodes(terrain) if job.albedo else None
     albedo = _albedo_decision(job.albedo, terrain, brightness)
     plan = plan_area(terrain, conditions, job.config, job.choice, beyond, albedo)
@@ -139,9 +140,26 @@ def _albedo_decision(
     return decisions.albedo(albedo, Cover.of(brightness.astype(np.float64), known))
 
 
-def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
+_SLACK_RAD = math.radians(0.5)
+"""Of turns: points' norths are seen in the plane of the area's frame."""
+
+
+def _sun_rays(job: AreaJob, conditions: Conditions) -> Rays:
+    """Rays to the Suns of an area. Its points turn them to their own norths (`_turns`): by at most the
+    greatest difference of longitude of a spherical cap around the area's centre.
+    """
+    window, lat_rad = job.task.window, math.radians(job.task.lat_deg)
+    rows = max(-window.row0, window.row1)
+    cap_rad = math.hypot(rows, max(-window.col0, window.col1)) * job.gsd_m / MOON_RADIUS_M
+    around_pole = cap_rad >= 0.5 * math.pi - abs(lat_rad)
+    turn_rad = math.pi if around_pole else math.asin(math.sin(cap_rad) / math.cos(lat_rad))
+    turn_rad += math.radians(job.config.model.direction_tolerance_deg) + _SLACK_RAD
+    return Rays.towards(conditions.sun_directions()[conditions.reachable], turn_rad)
+
+
+def _terrain(job: AreaJob, halo: int, rays: Rays) -> tuple[Terrain, Decision]:
     """The terrain, its core the area with its halo, with the terrain around that can hide it from a view
-    or shadow it under the lowest Sun, up to the configured distance; and the decision about that.
+    or shadow it under its Suns, up to the configured distance; and the decision about that.
     """
     place = (job.dems, job.task.frame, job.task.window.grown(halo), job.gsd_m)
     limit_m = job.config.model.ring_max_km * 1e3
@@ -149,8 +167,7 @@ def _terrain(job: AreaJob, halo: int) -> tuple[Terrain, Decision]:
     view_m = (
         ring_for_rays_m(*place, float(np.tan(view_rad)), limit_m) if view_rad < np.pi / 2 else 0.0
     )
-    light = float(np.tan(np.radians(min(job.config.sun.elevations_deg))))
-    around = surroundings(*place, light, view_m, limit_m)
+    around = surroundings(*place, rays, view_m, limit_m)
     terrain = build_surrounded(*place, around)
     needed_m = max(around.needed_m, view_m)
     return terrain, ring_decision(terrain, around.ring_m, needed_m, limit_m)

@@ -19,7 +19,7 @@ from ..sun.table import SunTable, sun_table
 from ..sun.times import Times
 from ..terrain.area import Area, NodeWindow
 from ..terrain.horizons import Points
-from ..terrain.surroundings import build_surrounded, surroundings
+from ..terrain.surroundings import Rays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 
@@ -54,7 +54,7 @@ def sun_over_ground(
     lowest = float(np.min(table.elevation_deg - table.disc_radius_deg, initial=90.0))
     tangent = math.tan(math.radians(min(max(lowest, _LOWEST_DEG), 89.0)))
     place = (dems, EnuFrame(lon_deg, lat_deg), NodeWindow(0, 1, 0, 1), gsd_m)
-    terrain = build_surrounded(*place, surroundings(*place, tangent))
+    terrain = build_surrounded(*place, surroundings(*place, Rays.all_around(tangent)))
     return among_terrain(table, terrain, above_m)
 
 

@@ -217,9 +217,11 @@ class NodeWindow:
 
     def grown(self, nodes: int) -> NodeWindow:
         """This window with ``nodes`` more nodes on every side."""
-        return NodeWindow(
-            self.row0 - nodes, self.row1 + nodes, self.col0 - nodes, self.col1 + nodes
-        )
+        return self.extended(nodes, nodes, nodes, nodes)
+
+    def extended(self, north: int, south: int, west: int, east: int) -> NodeWindow:
+        """This window with so many more nodes on its sides."""
+        return NodeWindow(self.row0 - north, self.row1 + south, self.col0 - west, self.col1 + east)
 
 
 def require_place(lon_deg: float, lat_deg: float) -> None:

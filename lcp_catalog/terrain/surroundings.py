@@ -6,6 +6,9 @@ are twice as wide as those of the level before, and it extends twice as far, so 
 wider than `CELL_SHARE` of its distance from the area: the detail that a cell smooths away then
 subtends the same small angle of the horizon at any distance (`HORIZON_RMS_DEG`). The outermost
 level is the last one with terrain that can rise above the lowest ray.
+
+All this is read only where rays go (`Rays`): a low Sun is in the east or west outside the polar
+regions, and the terrain to the north and south of an area cannot shadow it then.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import AnyArray, Array
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..geometry.frames import EnuFrame
@@ -42,14 +46,59 @@ terrain of the Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
-    """Width of the ring of the area's cell size, the terrain beyond (None: it cannot shadow the
-    area), and the distance up to which terrain can shadow the area, metres.
+class Rays:
+    """Rays towards the Sun from an area: their ``tangents`` of elevation (n,), and how far they get
+    to the ``north, south, west, east`` (n, 4) as a share of the larger one of their two distances.
     """
 
-    ring_m: float
+    tangents: Array
+    shares: Array
+
+    @classmethod
+    def all_around(cls, tangent: float) -> Rays:
+        """Rays of all azimuths that climb with a tangent (inf: straight up)."""
+        return cls(np.array([tangent]), np.ones((1, 4)))
+
+    @classmethod
+    def towards(cls, directions: AnyArray, spread_rad: float = 0.0) -> Rays:
+        """Rays of ENU directions (n, 3) that are turned by up to ``spread_rad`` in azimuth."""
+        east, north, up = np.asarray(directions, np.float64).reshape(-1, 3).T
+        sides = np.array([0.0, math.pi, -0.5 * math.pi, 0.5 * math.pi])
+        turn = np.arctan2(east, north)[:, None] - sides
+        off = np.maximum(np.abs(np.arctan2(np.sin(turn), np.cos(turn))) - spread_rad, 0.0)
+        shares = np.minimum(np.maximum(np.cos(off), 0.0) / np.maximum(np.sin(off), 1e-9), 1.0)
+        level = np.hypot(east, north)
+        return cls(np.where(level > 0.0, up / np.maximum(level, 1e-9), math.inf), shares)
+
+    @property
+    def lowest(self) -> float:
+        """Least tangent; inf without rays."""
+        return float(self.tangents.min(initial=math.inf))
+
+    def sides_m(self, reach_m: AnyArray, cell_m: float) -> Array:
+        """How far rays that matter up to the distances ``reach_m`` (n,) get to the four sides, and two
+        cells more where that is less than the distance, for the cells that they meet there; (4,).
+        """
+        reach = np.asarray(reach_m)[:, None]
+        sides = np.minimum(self.shares * reach + 2.0 * cell_m, reach)
+        return np.asarray(np.where(self.shares < 1.0, sides, reach).max(axis=0, initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Width of the terrain of the area's cell size around it to the north, south, west and east, the
+    terrain beyond (None: it cannot shadow the area), and the distance up to which terrain can shadow
+    the area, metres.
+    """
+
+    sides_m: Array
     far: FarTerrain | None
     needed_m: float
+
+    @property
+    def ring_m(self) -> float:
+        """Distance up to which rays are among cells of the area's size."""
+        return float(self.sides_m.max())
 
 
 def surroundings(
@@ -57,27 +106,29 @@ def surroundings(
     frame: EnuFrame,
     window: NodeWindow,
     gsd_m: float,
-    light_tangent: float,
+    rays: Rays,
     least_ring_m: float = 0.0,
     limit_m: float = REACH_MAX_M,
 ) -> Surroundings:
-    """Terrain that can shadow a window of the frame's nodes under rays that climb with at least a
-    tangent.
+    """Terrain that can shadow a window of the frame's nodes under rays.
 
     The ring of the area's cell size is at least ``least_ring_m`` wide. No terrain further than
     ``limit_m`` from the window is used.
     """
     near_m = max(NEAR_NODES * gsd_m, least_ring_m)
     own = Extent.of(window, gsd_m)
-    reach_m = min(limit_m, _sight_m(light_tangent, own.turn_rad))
+    sights_m = [min(limit_m, _sight_m(tangent, own.turn_rad)) for tangent in rays.tangents]
+    reach_m = max(sights_m, default=0.0)
     coarse = _coarse(dems, frame, window, gsd_m, min(near_m, reach_m))
-    ring_m = _needed_m(coarse, light_tangent)
+    needed_m = np.array([_needed_m(coarse, tangent) for tangent in rays.tangents])
+    sides_m = rays.sides_m(np.minimum(needed_m, min(near_m, limit_m)), gsd_m)
+    sides_m = np.maximum(sides_m, least_ring_m)
     if reach_m > near_m:
         floor_m = _floor_m(coarse)
-        found = _levels(dems, frame, own, gsd_m, near_m, floor_m, light_tangent, reach_m)
+        found = _levels(dems, frame, own, gsd_m, near_m, floor_m, rays, np.array(sights_m))
         if found is not None:
-            return Surroundings(near_m, *found)
-    return Surroundings(max(min(ring_m, near_m, limit_m), least_ring_m), None, ring_m)
+            return Surroundings(sides_m, *found)
+    return Surroundings(sides_m, None, float(needed_m.max(initial=0.0)))
 
 
 def ring_for_rays_m(
@@ -118,7 +169,7 @@ def build_surrounded(
     """The terrain of a window with its ring, at least one node wide (for the normals at the
     window's border), and the far terrain.
     """
-    terrain = build_terrain(dems, frame, window, gsd_m, max(found.ring_m, gsd_m))
+    terrain = build_terrain(dems, frame, window, gsd_m, np.maximum(found.sides_m, gsd_m))
     return replace(terrain, far=found.far)
 
 
@@ -170,26 +221,29 @@ def _levels(
     gsd_m: float,
     near_m: float,
     floor_m: float,
-    tangent: float,
-    reach_m: float,
+    rays: Rays,
+    sights_m: Array,
 ) -> tuple[FarTerrain, float] | None:
     """The levels up to the last one that can shadow the area, and the distance up to which it can;
-    None if no level can.
+    None if no level can. ``sights_m``: greatest distances at which terrain can rise above the rays.
     """
-    hole, cell_m, outer_m = own.grown(near_m), 2.0 * gsd_m, 2.0 * near_m
+    hole, cell_m, outer_m = own.grown(np.full(4, near_m)), 2.0 * gsd_m, 2.0 * near_m
+    reach_m = float(sights_m.max())
     levels: list[Heightfield] = []
     gaps: list[Gaps] = []
     farthest_m, last = 0.0, 0
     while math.isfinite(floor_m):
-        level, gap = _level(dems, frame, own.grown(min(outer_m, reach_m)), cell_m, hole, own)
+        sides_m = rays.sides_m(np.minimum(sights_m, outer_m), cell_m)
+        level, gap = _level(dems, frame, own.grown(sides_m), cell_m, hole, own)
         levels.append(level)
         gaps.append(gap)
-        needed_m = _farthest_m(level, own, floor_m, tangent)
+        needed_m = _farthest_m(level, own, floor_m, rays.lowest)
         if needed_m > 0.0:
             farthest_m, last = needed_m, len(levels)
         if outer_m >= reach_m:
             break
-        hole, cell_m, outer_m = Extent.of_field(level), 2.0 * cell_m, 2.0 * outer_m
+        hole = Extent.of_field(level).hull(own.grown(np.full(4, outer_m)))
+        cell_m, outer_m = 2.0 * cell_m, 2.0 * outer_m
     if not last:
         return None
     # over all levels that were read: one without heights may hide terrain that shadows the area
@@ -227,14 +281,21 @@ class Extent:
             field.y0_m,
         )
 
+    def hull(self, other: Extent) -> Extent:
+        """The least extent that holds both."""
+        x0, y0 = min(self.x0, other.x0), min(self.y0, other.y0)
+        return Extent(x0, max(self.x1, other.x1), y0, max(self.y1, other.y1))
+
     @property
     def turn_rad(self) -> float:
         """Greatest angle between a vertical inside and that of the frame."""
         farthest_m = math.hypot(max(-self.x0, self.x1), max(-self.y0, self.y1))
         return math.asin(min(1.0, farthest_m / (MOON_RADIUS_M + LOWEST_M)))
 
-    def grown(self, by_m: float) -> Extent:
-        return Extent(self.x0 - by_m, self.x1 + by_m, self.y0 - by_m, self.y1 + by_m)
+    def grown(self, sides_m: Array) -> Extent:
+        """The extent with so much more to the north, south, west and east (4,)."""
+        north, south, west, east = sides_m.tolist()
+        return Extent(self.x0 - west, self.x1 + east, self.y0 - south, self.y1 + north)
 
 
 class Gaps(NamedTuple):

@@ -68,24 +68,26 @@ class Patch:
 
 
 def build_terrain(
-    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float = 0.0
+    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float | Array = 0.0
 ) -> Terrain:
     """The heightfield of a window of the frame's nodes (the core) and of a ring of at least
-    ``ring_m`` metres around it.
+    ``ring_m`` metres around it: one width, or those to the north, south, west and east (4,).
 
     Nodes without a height are NaN, and so are those 80 degrees or more from the frame's origin. A
     terrain without any height is no error here. ``AreaError`` for too many nodes.
     """
     _require_gsd(gsd_m)
-    if not 0.0 <= ring_m < math.inf:
-        raise AreaError(f"invalid width {ring_m:g} m of the ring")
-    ring = math.ceil(ring_m / gsd_m - 1e-6)
-    whole = window.grown(ring)
+    sides = np.broadcast_to(np.asarray(ring_m, np.float64), 4)
+    if not ((sides >= 0.0) & (sides < math.inf)).all():
+        raise AreaError(f"invalid width {sides.max():g} m of the ring")
+    north, south, west, east = np.ceil(sides / gsd_m - 1e-6).astype(int).tolist()
+    whole = window.extended(north, south, west, east)
     rows, cols = whole.shape
-    require_room(whole, ring_m if 10 * ring > min(rows, cols) else 0.0)
+    widest = max(north, south, west, east)
+    require_room(whole, float(sides.max()) if 10 * widest > min(rows, cols) else 0.0)
     z, index = _heights(dems, frame, whole, gsd_m)
     field = Heightfield(z, gsd_m, whole.col0 * gsd_m, -whole.row0 * gsd_m)
-    core = (ring, rows - ring, ring, cols - ring)
+    core = (north, rows - south, west, cols - east)
     return Terrain(field, frame, core, whole, index, dems.products)
 
 

@@ -21,7 +21,7 @@ from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground
 from lcp_catalog.sun.limb_darkening import VISIBLE
 from lcp_catalog.sun.table import sun_table
 from lcp_catalog.terrain.area import NodeWindow
-from lcp_catalog.terrain.surroundings import build_surrounded, surroundings
+from lcp_catalog.terrain.surroundings import Rays, build_surrounded, surroundings
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,9 @@ def test_a_far_range_cuts_the_disc(range_dem, above_m) -> None:
     """
     dems = DemSet.open([range_dem])
     place = (dems, EnuFrame(0.0, 0.0), NodeWindow(0, 1, 0, 1), 100.0)
-    terrain = build_surrounded(*place, surroundings(*place, math.tan(math.radians(-2.0))))
+    terrain = build_surrounded(
+        *place, surroundings(*place, Rays.all_around(math.tan(math.radians(-2.0))))
+    )
     height = horizon_deg(0.0)
     if above_m:
         a = np.radians(np.linspace(0.1, 12.0, 200_001))
