@@ -154,7 +154,8 @@ def test_half_resolution_first_loses_little_and_what_is_followed_never_gains(hal
         assert (np.abs(rest[:, None] - coarse).min(axis=1, initial=2.0) < 1e-4).all()
         followed.append(real.sum())
         best.append(real[0])
-    assert 0.8 * _ASCENTS < np.mean(followed) <= _ASCENTS
+    assert np.mean(followed) > 0.8 * _ASCENTS
+    assert np.median(followed) == _ASCENTS
     assert max(followed) <= _ASCENTS + 1  # one of the others can be a maximum by chance
     assert np.mean(best) > 0.9
 

@@ -13,7 +13,7 @@ from numba import njit, prange
 
 from .correlation import FLAT, window
 from .maxima import maxima
-from .template_products import at_all, at_four, at_nine, extent, padded, row_length
+from .template_products import at_all, at_eight, at_nine, extent, padded, row_length
 
 _ASCENTS = 6
 """Greatest number of maxima at half resolution that are followed to full resolution."""
@@ -22,7 +22,7 @@ _LOSS = 0.1
 _AROUND = 3
 """Greatest distance of the ring."""
 _STEPS = 8
-"""Greatest number of steps of an ascent."""
+"""Greatest number of steps of an ascent. Longer ones start at the border of the search, and seldom end."""
 _MARGIN = 3.0
 """Pixels by which a maximum at half resolution may lie nearer than the exclusion."""
 _FEW = 16
@@ -223,6 +223,26 @@ def _climb(image, norms, template, p, row, col, limits):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _top(score, row, col):
+    """The place of a maximum in half pixels of a map, from parabolas along its row and column."""
+    up, left = 2 * row, 2 * col
+    if 0 < row < score.shape[0] - 1:
+        up += _vertex(score[row - 1, col], score[row, col], score[row + 1, col])
+    if 0 < col < score.shape[1] - 1:
+        left += _vertex(score[row, col - 1], score[row, col], score[row, col + 1])
+    return up, left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _vertex(before, here, after):
+    """Half pixels, -1, 0 or 1, from the highest one of three values to the top of their parabola."""
+    slope, curve = after - before, 2.0 * here - before - after
+    if 2.0 * abs(slope) < curve:  # within a quarter of a pixel
+        return 0
+    return 1 if slope > 0.0 else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _from_half(
     image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion, least,
     places, heights,
@@ -244,10 +264,11 @@ def _from_half(
     kept = 0
     for k in range(found):
         height = np.float64(heights[k])
-        if kept > 1 and height < lowest:
+        if kept > 0 and height < lowest:
             break
-        r = min(max(row + 2 * (places[k, 0] + box[0] - top), limits[0]), limits[1])
-        c = min(max(col + 2 * (places[k, 1] + box[2] - left), limits[2]), limits[3])
+        r, c = _top(score, places[k, 0], places[k, 1])
+        r = min(max(row + 2 * (box[0] - top) + r, limits[0]), limits[1])
+        c = min(max(col + 2 * (box[2] - left) + c, limits[2]), limits[3])
         settled, again = True, False
         if k < _ASCENTS:
             r, c, height, settled = _climb(image, norms, template, values.shape[0], r, c, limits)
@@ -292,12 +313,12 @@ def _near(image, norms, template, p, row, col, ring, around, contrast):
     `rivals`.
     """
     pixels, wide, start = _pixels_around(image, row, col, p, _AROUND)
-    starts, found = np.full(4, start), np.empty(4, np.float32)
-    for first in range(0, ring.shape[0], 4):
-        last = min(first + 4, ring.shape[0])
+    starts, found = np.full(8, start), np.empty(8, np.float32)
+    for first in range(0, ring.shape[0], 8):
+        last = min(first + 8, ring.shape[0])
         for k in range(first, last):
             starts[k - first] = start + (ring[k, 1] + _AROUND) * wide + ring[k, 0] + _AROUND
-        at_four(template, p, pixels, wide, starts, found)
+        at_eight(template, p, pixels, wide, starts, found)
         for k in range(first, last):
             r, c = row + ring[k, 1], col + ring[k, 0]
             if 0 <= r < norms.shape[0] and 0 <= c < norms.shape[1]:
@@ -324,7 +345,7 @@ def rivals(
     the window leaves the image.
 
     Maxima below least (n,) are left out, except the two highest. With half resolution first these are
-    the maxima that are certainly below it; the highest 6 at half resolution are followed to full
+    the maxima that are certainly below it, except the highest; the highest 6 at half resolution are followed to full
     resolution, the others keep their correlation. If no ascent ends at another place, the search is
     repeated at full resolution.
     """

@@ -23,7 +23,7 @@ def row_length(pixels):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def padded(template):
-    """The rows of a template (p, p) as `at_nine` and `at_four` read them."""
+    """The rows of a template (p, p) as `at_nine` and `at_eight` read them."""
     p = template.shape[0]
     out = np.zeros((p + 4, row_length(p)), np.float32)
     for y in range(p):
@@ -56,18 +56,21 @@ def at_nine(template, p, image, wide, start, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def at_four(template, p, image, wide, starts, out):
-    """Write the products of a template with the windows that begin at four places of the image into
-    out (4,).
+def at_eight(template, p, image, wide, starts, out):
+    """Write the products of a template with the windows that begin at eight places of the image into
+    out (8,). Fewer places at once would wait for their sums.
     """
     n, zero = row_length(p), splat(np.float32(0.0))
-    a = b = c = d = zero
+    a = b = c = d = e = f = g = h = zero
     for y in range(p):
         for x in range(0, n, LANES):
             t, at = load(template, (y + 2) * n + x), y * wide + x
             a, b = a + t * load(image, starts[0] + at), b + t * load(image, starts[1] + at)
             c, d = c + t * load(image, starts[2] + at), d + t * load(image, starts[3] + at)
+            e, f = e + t * load(image, starts[4] + at), f + t * load(image, starts[5] + at)
+            g, h = g + t * load(image, starts[6] + at), h + t * load(image, starts[7] + at)
     out[0], out[1], out[2], out[3] = total(a), total(b), total(c), total(d)
+    out[4], out[5], out[6], out[7] = total(e), total(f), total(g), total(h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -156,10 +159,10 @@ def at_all(template, p, image, ny, nx, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _column(template, p, image, wide, x, out, high, long):
     """Products at the places of a column."""
-    starts, found = np.empty(_ROWS, np.int64), np.empty(_ROWS, np.float32)
-    for y in range(0, high, _ROWS):
-        for k in range(_ROWS):
-            starts[k] = (y + k) * wide + x
-        at_four(template, p, image, wide, starts, found)
-        for k in range(_ROWS):
+    starts, found = np.empty(8, np.int64), np.empty(8, np.float32)
+    for y in range(0, high, 8):
+        for k in range(8):
+            starts[k] = min(y + k, high - 1) * wide + x
+        at_eight(template, p, image, wide, starts, found)
+        for k in range(min(8, high - y)):
             out[(y + k) * long + x] = found[k]
