@@ -99,7 +99,7 @@ def work_of(job: Any, result: Any, scales: tuple[int, ...]) -> list[Work]:
     """The work of an area: searches and covariances of the candidate-conditions that are lit, shadows
     of every node and Sun and the shading of every node and condition once."""
     points, found = job.config.points, result.candidates.evaluation
-    lit = int(np.isfinite(found.false_match).sum())
+    lit = int(np.isfinite(found.second_peak).sum())
     views, *suns = found.condition.shape[1:]
     halo = points.search_nodes(job.gsd_m) + points.half
     nodes = int(np.prod(job.task.window.grown(halo).shape))

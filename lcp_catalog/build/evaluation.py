@@ -27,7 +27,7 @@ from .patch_light import PatchLight
 from .place_errors import PlaceErrors
 from .sweep import RenderedImage, Sweep
 
-_DOUBT = 0.03, 0.07
+_DOUBT = 0.02, 0.07
 """Detection probabilities so far below and above the limit are computed again with a search at full
 resolution. The first search can miss places; it then states too much."""
 
@@ -259,15 +259,15 @@ class _Judge:
         match = models.registration(patches.alone, patches.errors, pixel_m, patches.level)
         search = max(1, points.search_nodes(self.gsd_m) // scale)
         images = SearchImages.of(patches.shown[0], patches.size)
-        chances = _chances(match, images, patches, search, false_match=scale == 1)
+        false_match = points.min_detection if scale == 1 else math.inf
+        chances = _chances(match, images, patches, search, false_match)
         below, above = _DOUBT
         doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
         if len(again) and not searched_exactly(patches.size, search):
             checked = _chances(
-                match.rows(again), images, patches.some(again), search,
-                false_match=scale == 1, exact=True,
-            )  # fmt: skip
+                match.rows(again), images, patches.some(again), search, false_match, exact=True
+            )
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
@@ -315,11 +315,11 @@ def _chances(
     images: SearchImages,
     patches: Patches,
     search: int,
-    false_match: bool,
+    false_match: float,
     exact: bool = False,
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels; that of a false match
-    may be NaN if it is not wanted.
+    only for patches that are found with at least the probability ``false_match``, else it may be NaN.
     """
     items = patches.items
     others = other_places(
@@ -328,7 +328,7 @@ def _chances(
     )  # fmt: skip
     unit = patches.level[:, None]
     detection, located, unique = detection_probability(
-        match, others.correlation, others.contrast / unit, match.own, both=false_match
+        match, others.correlation, others.contrast / unit, match.own, third_from=false_match
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
     return _Chances(

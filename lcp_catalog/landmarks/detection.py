@@ -48,7 +48,7 @@ def detection_probability(
     rival_contrast: Array,
     self_correlation: Array | float = 1.0,
     least_correlation: float = LEAST_CORRELATION,
-    both: bool = True,
+    third_from: float = 0.0,
 ) -> tuple[Array, Array, Array]:
     """Three probabilities for each of n patches, (n,): that it is found at its true place and
     nowhere else (P); that its correlation there is at least ``least_correlation``; and that this is
@@ -56,8 +56,8 @@ def detection_probability(
 
     ``rivals`` (n, k): noise-free correlation of the other maxima, NaN where there are fewer;
     ``rival_contrast`` (n, k): the contrast of the windows there, in the unit of the patch's;
-    ``self_correlation`` (n,): noise-free correlation at the true place. Without ``both`` the third
-    probability is NaN for most patches, which takes less time.
+    ``self_correlation`` (n,): noise-free correlation at the true place. The third probability may be NaN
+    where the first is below ``third_from``, which takes less time.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
     nodes, weights = (_NODES, _NODE_WEIGHTS) if match.spread > 0.0 else (np.zeros(1), np.ones(1))
@@ -65,7 +65,7 @@ def detection_probability(
     kernel.acquisition(
         match.contrast, match.noise_variance, match.along, rho, match.nodes,
         np.asarray(rivals, np.float64), np.asarray(rival_contrast, np.float64),
-        np.exp(match.spread * nodes), weights, least_correlation, both, out,
+        np.exp(match.spread * nodes), weights, least_correlation, third_from, out,
     )  # fmt: skip
     found, there, highest = out.T
     return found, there, highest

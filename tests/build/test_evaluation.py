@@ -154,13 +154,17 @@ def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
 
 def test_terrain_that_repeats_itself_is_localizable_and_not_unique():
     """A period of 9 nodes in a search of 12: eight places and more are like the true one."""
-    found = judged(np.tile(ground(8, nodes=9, length=1.5, sigma=3.0), (9, 9)))
+    tiles = np.tile(ground(8, nodes=9, length=1.5, sigma=3.0), (9, 9))
+    found = judged(tiles)
     clear = (found.condition & LOCALIZABLE) > 0
     assert clear.sum() >= 4
     assert not ((found.condition & UNIQUE) > 0)[clear].any()
     assert (found.detection[:, 0][clear] < 0.2).all()
     assert (found.second_peak[clear] > 0.99).all()
-    assert (found.false_match[clear] > 0.8).all()
+    # a false match is only asked for where a point is found often enough
+    points = dataclasses.replace(CONFIG.points, min_detection=1e-6)
+    asked = judged(tiles, config=dataclasses.replace(CONFIG, points=points))
+    assert (asked.false_match[clear] > 0.8).all()
 
 
 def test_more_noise_is_never_better():

@@ -80,70 +80,81 @@ def _above_all_from(mean, sigma, others, inverse, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def highest(mean, sigma, others, spreads, count, least, both, out):
-    """Write into out (3,): the probability that a normal variable is above ``least`` and above all
-    its independent rivals; that it is above ``least``; that it is above all its rivals.
-
-    others, spreads: means and sigmas of the rivals, which are normal, too; ``count`` of them count.
-    others and spreads are overwritten. Without ``both`` the third may be missing, NaN.
+def _in_noise(contrast, rho, noise, along, nodes, rivals, rival_contrast, others, inverse):
+    """Mean and sigma of a patch's correlation, and the number of its rivals (NaN: none) that are not
+    certainly below it; their means go into others, the reciprocals of their sigmas into inverse.
     """
+    mean, variance = moments(contrast, rho, noise, along, nodes)
     near = 0
-    for j in range(count):  # the others are certainly below
-        if mean - others[j] < _APART * math.sqrt(sigma * sigma + spreads[j] * spreads[j]):
-            others[near], spreads[near] = others[j], 1.0 / spreads[j]
-            near += 1
+    for j in range(rivals.size):
+        if rivals[j] > -2.0:
+            other, spread = moments(rival_contrast[j], rivals[j], noise, along, nodes)
+            sigma = math.sqrt(spread)
+            if mean - other < _APART * math.sqrt(variance + sigma * sigma):
+                others[near], inverse[near] = other, 1.0 / sigma
+                near += 1
+    return mean, math.sqrt(variance), near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(mean, sigma, others, inverse, least):
+    """Three probabilities: that a normal variable is above ``least`` and above all its independent
+    rivals; that it is above ``least``; that it is above all its rivals: NaN if the first does not
+    need it.
+    """
     low = (least - mean) / sigma
-    out[1] = 0.5 * math.erfc(low * math.sqrt(0.5))
-    if near == 0:
-        out[0], out[2] = out[1], 1.0
-        return
-    out[2] = math.nan
-    if both or low <= -_SIGMAS:
-        out[2] = _above_all(mean, sigma, others[:near], spreads[:near])
-    out[0] = out[2]
+    above = 0.5 * math.erfc(low * math.sqrt(0.5))
+    if others.size == 0:
+        return above, above, 1.0
+    if low <= -_SIGMAS:
+        whole = _above_all(mean, sigma, others, inverse)
+        return whole, above, whole
     if low >= _SIGMAS:
-        out[0] = 0.0
-    elif low > -_SIGMAS:
-        out[0] = min(_above_all_from(mean, sigma, others[:near], spreads[:near], low), out[1])
+        return 0.0, above, math.nan
+    return min(_above_all_from(mean, sigma, others, inverse, low), above), above, math.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def acquisition(
-    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, both, out
-):
-    """Write the three probabilities of `highest` for n patches into out (n, 3), as means over the
+    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least,
+    third_from, out,
+):  # fmt: skip
+    """Write the three probabilities of `_highest` for n patches into out (n, 3), as means over the
     noise of places.
 
     contrast, noise, along, rho (n,): the patch's contrast, the variance of the noise about its mean,
     V, and the noise-free correlation at the true place. rivals (n, k) noise-free correlations and
     contrasts of other places, NaN where there are fewer. factors, weights (m,): of the noise's sigma
-    at places. Without ``both`` the third is not computed wherever the first does not need it: NaN. All 0
-    for a patch without contrast or with an infinite V.
+    at places. The third may be NaN where the first is below ``third_from``. All 0 for a patch without
+    contrast or with an infinite V.
     """
     for i in prange(contrast.size):
         out[i] = 0.0
         if not contrast[i] > 0.0 or not math.isfinite(along[i]) or not math.isfinite(rho[i]):
             continue
-        others, spreads = np.empty(rivals.shape[1]), np.empty(rivals.shape[1])
-        part = np.empty(3)
-        for m in range(factors.size):
-            scale = factors[m] * factors[m]
-            mean, variance = moments(contrast[i], rho[i], scale * noise[i], scale * along[i], nodes)
-            count = 0
-            for j in range(rivals.shape[1]):
-                if rivals[i, j] > -2.0:
-                    others[count], spread = moments(
-                        rival_contrast[i, j],
-                        rivals[i, j],
-                        scale * noise[i],
-                        scale * along[i],
-                        nodes,
+        others, inverse = np.empty(rivals.shape[1]), np.empty(rivals.shape[1])
+        third = np.empty(factors.size)
+        for again in range(2):
+            if again and not out[i, 0] >= third_from:
+                break
+            for m in range(factors.size):
+                if again and not math.isnan(third[m]):
+                    continue
+                scale = factors[m] * factors[m]
+                mean, sigma, near = _in_noise(
+                    contrast[i], rho[i], scale * noise[i], scale * along[i], nodes, rivals[i],
+                    rival_contrast[i], others, inverse,
+                )  # fmt: skip
+                if again:
+                    third[m] = _above_all(mean, sigma, others[:near], inverse[:near])
+                else:
+                    found, above, third[m] = _highest(
+                        mean, sigma, others[:near], inverse[:near], least
                     )
-                    spreads[count] = math.sqrt(spread)
-                    count += 1
-            highest(mean, math.sqrt(variance), others, spreads, count, least, both, part)
-            for k in range(3):
-                out[i, k] += weights[m] * part[k]
+                    out[i, 0] += weights[m] * found
+                    out[i, 1] += weights[m] * above
+        for m in range(factors.size):
+            out[i, 2] += weights[m] * third[m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
