@@ -174,22 +174,24 @@ def _terrain(job: AreaJob, halo: int, rays: Rays) -> tuple[Terrain, Decision]:
 
 
 class _Core:
-    """The core of an area's terrain: the positions of its nodes, and which of them belong to the area."""
+    """The core of an area's terrain: the positions of its nodes (NaN in the halo), and which of them
+    belong to the area.
+    """
 
     def __init__(self, job: AreaJob, terrain: Terrain, halo: int) -> None:
         self.terrain, self.frame, self.halo = terrain, terrain.frame, halo
         r0, r1, c0, c1 = terrain.core
         self.z = terrain.field.z_m[r0:r1, c0:c1]
-        self.lon, self.lat = self._places((r0, r1, c0, c1))
-        row, column = job.grid.owner(self.lon, self.lat)
-        mine = (
-            (row == job.task.row)
-            & (column == job.task.column)
-            & job.region.contains(self.lon, self.lat)
+        self.inner = np.s_[halo:-halo, halo:-halo]
+        """Without the halo."""
+        lon, lat = self._places((r0 + halo, r1 - halo, c0 + halo, c1 - halo))
+        self.lon, self.lat = np.full((2, *self.z.shape), np.nan)
+        self.lon[self.inner], self.lat[self.inner] = lon, lat
+        row, column = job.grid.owner(lon, lat)
+        self.mine = np.zeros(self.z.shape, np.bool_)
+        self.mine[self.inner] = (
+            (row == job.task.row) & (column == job.task.column) & job.region.contains(lon, lat)
         )
-        edge = np.ones_like(mine)
-        edge[halo:-halo, halo:-halo] = False
-        self.mine = mine & ~edge
         self.sources = sources(job.config, job.dems, job.gsd_m)
         """Indices of the DEMs that points may come from."""
         self.useful = np.isfinite(self.z) & np.isin(
@@ -199,12 +201,12 @@ class _Core:
     def _places(self, window: Window) -> tuple[Array, Array]:
         """Longitude and latitude of every node of the window; without a height those on the sphere."""
         r0, r1, c0, c1 = window
-        field = self.terrain.field
+        field, z = self.terrain.field, self.terrain.field.z_m[r0:r1, c0:c1]
         x, y = np.meshgrid(
             field.x0_m + np.arange(c0, c1) * field.gsd_m,
             field.y0_m - np.arange(r0, r1) * field.gsd_m,
         )
-        z = np.where(np.isfinite(self.z), self.z, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M))
+        z = np.where(np.isfinite(z), z, -(x**2 + y**2) / (2.0 * MOON_RADIUS_M))
         lon, lat, _ = mcmf_to_lonlat(self.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
         return lon, lat
 
@@ -224,7 +226,7 @@ def _find(
     nadir, number = int(np.argmin(sweep.conditions.off_nadir_deg)), sweep.conditions.sun_groups
     groups: dict[int, Persistence] = {}
     for image in sweep.images(views=(nadir,)):
-        group = groups.setdefault(int(number[image.sun]), Persistence(core.z.shape))
+        group = groups.setdefault(int(number[image.sun]), Persistence(core.z.shape, core.inner))
         group.add(image.radiance)
     every = Persistence(core.z.shape)
     for group in groups.values():

@@ -22,6 +22,10 @@ not set the scale.
 """
 
 
+Part = tuple[slice, slice]
+"""Rows and columns of an image."""
+WHOLE: Part = np.s_[:, :]
+
 GROUP_GAIN = 1.2
 """Least ratio of the scores of a group of conditions of another candidate and of those that a cell has."""
 
@@ -103,9 +107,11 @@ def harris(
     return np.where(known > 0, response, np.float32(np.nan))
 
 
-def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float32:
+def relative_response(
+    image: Float32, block: int = 7, k: float = 0.04, part: Part = WHOLE
+) -> Float32:
     """Fourth root of the Harris response over its own 99th percentile of positive lit responses,
-    clipped to 0..1.
+    clipped to 0..1, in a part of the image.
 
     The root makes the response proportional to contrast, so that terrain that is visible under
     every Sun outweighs the passing edges of shadows, which are ten times as strong. 0 in shadow;
@@ -113,50 +119,48 @@ def relative_response(image: Float32, block: int = 7, k: float = 0.04) -> Float3
     """
     # any scale gives the same shares: the contrast of a sixteenth of the nodes, unless it is 0
     response = harris(image, block, k, robust_contrast(image[::4, ::4]) or None)
-    share = response * np.float32(0.0)  # NaN where the response is
-    which = np.flatnonzero((response > 0.0) & (image > 0.0))  # False for NaN
-    if not which.size:
-        return share
-    positive = response.ravel()[which]
+    shown = (response > 0.0) & (image > 0.0)  # False for NaN
+    positive = response.ravel()[np.flatnonzero(shown)]
+    own, shown = response[part], shown[part]
+    if not positive.size:
+        return own * np.float32(0.0)
     (high,) = _percentiles(positive, _HIGH_PERCENTILE)
-    bounded = np.minimum(positive / np.float32(high), np.float32(1.0))
-    share.ravel()[which] = np.sqrt(np.sqrt(bounded))
-    return share
+    bounded = np.minimum(
+        np.where(shown, own, own * np.float32(0.0)) / np.float32(high), np.float32(1.0)
+    )
+    return np.sqrt(np.sqrt(bounded))
 
 
 @dataclass
 class Persistence:
-    """Relative corner response, summed over conditions.
+    """Relative corner response in a part of images, summed over conditions.
 
-    ``lit`` counts the conditions in which each node is valid and lit. The score is the mean over
+    The score is the mean over
     *all* added conditions: at most one half for a node that is dark or not visible under half of
     the Suns, and nearly 0 for the edge of a shadow, which lies at a node under one or two Suns.
     """
 
     shape: tuple[int, int]
+    part: Part = WHOLE
     conditions: int = 0
     total: NDArray[np.float64] = field(init=False)
-    lit: NDArray[np.int32] = field(init=False)
 
     def __post_init__(self) -> None:
         self.total = np.zeros(self.shape, dtype=np.float64)
-        self.lit = np.zeros(self.shape, dtype=np.int32)
 
     def add(self, image: Float32) -> None:
         """Add the image of one condition."""
-        response = relative_response(image)
-        self.total += np.where(np.isnan(response), np.float32(0.0), response)
-        self.lit += (image > 0.0) & np.isfinite(image)
+        response = relative_response(image, part=self.part)
+        self.total[self.part] += np.where(np.isnan(response), np.float32(0.0), response)
         self.conditions += 1
 
     def score(self) -> Float32:
-        """Mean relative response 0..1 over the added conditions; 0 without any."""
+        """Mean relative response 0..1 over the added conditions; 0 without any and outside the part."""
         return (self.total / max(self.conditions, 1)).astype(np.float32)
 
     def include(self, other: Persistence) -> None:
         """Add the conditions of another one of the same shape."""
         self.total += other.total
-        self.lit += other.lit
         self.conditions += other.conditions
 
 

@@ -65,8 +65,9 @@ def test_texture_that_one_sun_shows_is_found(monkeypatch: pytest.MonkeyPatch) ->
     assert max(lit[k] for k in (1, 2, 3)) < 0.4
     every = np.ones(shape, np.bool_)
     core = SimpleNamespace(
-        z=np.zeros(shape, np.float32), halo=HALO, mine=every, useful=every, origin=(0, 0)
-    )
+        z=np.zeros(shape, np.float32), halo=HALO, inner=np.s_[HALO:-HALO, HALO:-HALO], mine=every,
+        useful=every, origin=(0, 0),
+    )  # fmt: skip
     points = PointConfig(patch_nodes=9, spacing_m=112 * CELL_M, per_view=0)
     found = area_job._find(sweep, core, BuildConfig(points=points), CELL_M)
     assert on_the_flank(found[1]) == 1

@@ -123,8 +123,6 @@ def test_persistence_keeps_terrain_and_drops_shadow_edges():
     score = persistence.score()
     assert score[ground].max() > 1.25 * score[:, 46:70].max()
     assert persistence.conditions == 12
-    assert persistence.lit[30, 30] == 12
-    assert persistence.lit[45, 55] < 12
 
 
 def test_the_score_is_a_mean_over_all_conditions():
