@@ -148,13 +148,15 @@ def _new_pool(jobs: int, method: str = "forkserver" if _FORKED else "spawn") -> 
 def _submit(
     pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any
 ) -> Future[Any]:
-    """Give a pool a task, for which it may start a process. The future of a broken pool has failed."""
+    """Give a pool a task, for which it may start a process. The future of a broken pool, or if no process
+    can be started (the one to fork was killed), has failed.
+    """
     with _signals_held():
         try:
             return pool.submit(function, *arguments)
-        except BrokenProcessPool as error:
+        except (BrokenProcessPool, OSError, EOFError) as error:
             failed: Future[Any] = Future()
-            failed.set_exception(error)
+            failed.set_exception(BrokenProcessPool(str(error)))
             return failed
 
 

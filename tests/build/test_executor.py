@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from multiprocessing import forkserver
 from pathlib import Path
@@ -83,6 +84,27 @@ from lcp_catalog.build import preloaded
 from numba.np.ufunc import parallel
 print(parallel._is_initialized, "lcp_catalog.build.area_job" in sys.modules)
 """
+
+
+@pytest.mark.skipif(not executor._FORKED, reason="workers are spawned on this system")
+def test_a_killed_server_costs_no_result() -> None:
+    """It is killed while it is asked for the first worker, and while the workers run."""
+    executor.start_early()
+    first = forkserver._forkserver._forkserver_pid
+    os.kill(first, signal.SIGSTOP)  # it accepts a connection and does not answer
+    killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))
+    killer.start()
+    found = dict(run_tasks(square, [2, 3, 4, 5], 2))
+    killer.join()
+    assert found == {0: 4, 1: 9, 2: 16, 3: 25}
+    second = forkserver._forkserver._forkserver_pid
+    assert second != first
+    found = {}
+    for index, result in run_tasks(square, [2, 3, 4, 5], 2):
+        if not found:
+            os.kill(second, signal.SIGKILL)
+        found[index] = result
+    assert found == {0: 4, 1: 9, 2: 16, 3: 25}
 
 
 def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
