@@ -32,14 +32,14 @@ def test_at_all_places(p, ny, nx):
 
 
 @pytest.mark.parametrize("p", [3, 8, 9, 16, 33])
-def test_at_nine_and_four_places(p):
+def test_at_nine_and_eight_places(p):
     wide = products.row_length(p) + 5
     template, image = given(p, p + 6, wide)
     expected, flat = everywhere(template, image), image.ravel()
-    nine, four = np.empty(9, np.float32), np.empty(4, np.float32)
+    nine, eight = np.empty(9, np.float32), np.empty(8, np.float32)
     products.at_nine(products.padded(template), p, flat, wide, 2 * wide + 1, nine)
     np.testing.assert_allclose(nine.reshape(3, 3), expected[2:5, 1:4], atol=2e-6 * p * p)
-    places = [(0, 0), (3, 1), (1, 5), (5, 2)]
+    places = [(0, 0), (3, 1), (1, 5), (5, 2), (6, 4), (2, 2), (3, 1), (0, 5)]
     starts = np.array([row * wide + col for row, col in places])
-    products.at_four(products.padded(template), p, flat, wide, starts, four)
-    np.testing.assert_allclose(four, [expected[at] for at in places], atol=2e-6 * p * p)
+    products.at_eight(products.padded(template), p, flat, wide, starts, eight)
+    np.testing.assert_allclose(eight, [expected[at] for at in places], atol=2e-6 * p * p)
