@@ -178,6 +178,10 @@ def _signals_held() -> Iterator[None]:
 def _begin_worker() -> None:
     """Ignore Ctrl-C, which the parent handles, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if "fork" in multiprocessing.get_all_start_methods():
+        # numba makes a lock of the default method; of the others it is a named semaphore, which a
+        # process that is ended leaves behind, and Python warns of it
+        multiprocessing.set_start_method("fork", force=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()

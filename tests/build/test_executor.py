@@ -70,6 +70,32 @@ def known_modules(_: int) -> tuple[int, bool]:
     return os.getppid(), "lcp_catalog.build.area_job" in sys.modules
 
 
+PARALLEL_KERNELS = """
+import numpy as np
+from lcp_catalog.build.executor import run_tasks
+from lcp_catalog.kernels.matching.patches import halved
+
+
+def half(k):
+    out = np.empty((1, 2, 2), np.float32)
+    halved(np.full((1, 4, 4), k, np.float32), out)
+    return float(out[0, 0, 0])
+
+
+if __name__ == "__main__":
+    print(sorted(run_tasks(half, [1, 2, 3], 2)))
+"""
+
+
+def test_workers_with_parallel_kernels_leave_nothing_behind(tmp_path: Path) -> None:
+    """Python would warn of named semaphores that ended workers leave."""
+    script = tmp_path / "run.py"
+    script.write_text(PARALLEL_KERNELS)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[(0, 1.0), (1, 2.0), (2, 3.0)]\n"
+    assert done.stderr == ""
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
 def test_workers_are_forked_from_a_process_that_has_imported_what_they_need() -> None:
     executor.start_early()
