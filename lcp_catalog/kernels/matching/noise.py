@@ -31,18 +31,25 @@ def tiled(count):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_dot(a, b, factor, out):
-    """Add factor times the sums of products of two arrays (n LANES,) to out (LANES,)."""
+def _add(sums, factor, out):
+    """Add factor times a vector to out (LANES,)."""
+    part = np.empty(LANES, np.float32)
+    store(part, 0, sums)
+    for k in range(LANES):
+        out[k] += factor * part[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _dot(a, b):
+    """The sums of products of two arrays (n LANES,), a vector."""
     zero = splat(np.float32(0.0))
-    total, part = zero, np.empty(LANES, np.float32)
+    total = zero
     for first in range(0, a.size, _RUN):
         s = zero
         for x in range(first, min(first + _RUN, a.size), LANES):
             s = s + load(a, x) * load(b, x)
         total = total + s
-    store(part, 0, total)
-    for k in range(LANES):
-        out[k] += factor * part[k]
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -81,39 +88,52 @@ def _along_columns(row, even, odd, out, another):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _along_rows(one, factors, other, others, row, n, out):
-    """Write two rows of out, ``row`` and the next: the sums of the rows of one and of other from there
-    on, times their factors (b + 3,), which begin and end with 0. All rows have n places.
+def _along_rows(one, factors, other, others, p, n, by, out):
+    """Write sums of p rows of one and of other, times their factors (b + 3,), which begin and end with
+    0, into out: row y has those of the rows from y on. Return the sums of the products of out with by,
+    a vector. All rows have n places; an odd p has one more row, of zeros in by.
+
+    A few columns at a time, whose rows stay in the cache; two rows at once.
     """
     zero, s = splat(np.float32(0.0)), LANES
+    total = zero
     for x in range(0, n, _TILE * s):
-        a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
-        for k in range(factors.size - 1):
-            at = (row + k) * n + x
-            f, g = splat(factors[k + 1]), splat(others[k + 1])
-            h, i = splat(factors[k]), splat(others[k])
-            v, w = load(one, at), load(other, at)
-            a0, b0 = a0 + f * v + g * w, b0 + h * v + i * w
-            v, w = load(one, at + s), load(other, at + s)
-            a1, b1 = a1 + f * v + g * w, b1 + h * v + i * w
-            v, w = load(one, at + 2 * s), load(other, at + 2 * s)
-            a2, b2 = a2 + f * v + g * w, b2 + h * v + i * w
-            v, w = load(one, at + 3 * s), load(other, at + 3 * s)
-            a3, b3 = a3 + f * v + g * w, b3 + h * v + i * w
-        store_four(out, row * n + x, s, a0, a1, a2, a3)
-        store_four(out, row * n + n + x, s, b0, b1, b2, b3)
+        part = zero
+        for top in range(x, x + p * n, 2 * n):
+            a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
+            at = top
+            for k in range(factors.size - 1):
+                f, g = splat(factors[k + 1]), splat(others[k + 1])
+                h, i = splat(factors[k]), splat(others[k])
+                v, w = load(one, at), load(other, at)
+                a0, b0 = a0 + f * v + g * w, b0 + h * v + i * w
+                v, w = load(one, at + s), load(other, at + s)
+                a1, b1 = a1 + f * v + g * w, b1 + h * v + i * w
+                v, w = load(one, at + 2 * s), load(other, at + 2 * s)
+                a2, b2 = a2 + f * v + g * w, b2 + h * v + i * w
+                v, w = load(one, at + 3 * s), load(other, at + 3 * s)
+                a3, b3 = a3 + f * v + g * w, b3 + h * v + i * w
+                at += n
+            store_four(out, top, s, a0, a1, a2, a3)
+            store_four(out, top + n, s, b0, b1, b2, b3)
+            c0, c1, c2, c3 = load_four(by, top, s)
+            d0, d1, d2, d3 = load_four(by, top + n, s)
+            part = part + ((c0 * a0 + c1 * a1) + (c2 * a2 + c3 * a3))
+            part = part + ((d0 * b0 + d1 * b1) + (d2 * b2 + d3 * b3))
+        total = total + part
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scratch(p, b):
     """Work arrays of `by_distance` for patches of p x p nodes and terms up to a distance of b nodes: two
-    rows with b zeros at both ends, and twelve arrays of p rows with zeros behind each; the first four
-    have b + 2 more rows, of zeros.
+    rows with b zeros at both ends, and twelve arrays of p rows with zeros behind each and b + 2 more rows
+    of zeros.
     """
     n, m = tiled(p) * LANES, p * LANES
     rows = np.zeros((2, n + 2 * b * LANES), np.float32)
     sums = np.empty((12, (p + b + 2) * n), np.float32)
-    sums[:4, p * n :] = np.float32(0.0)
+    sums[:, p * n :] = np.float32(0.0)
     for y in range(p):
         sums[:, y * n + m : y * n + n] = np.float32(0.0)
     return rows, sums
@@ -142,25 +162,20 @@ def by_distance(fields, east, south, p, taps, work, products):
     for f in range(FIELDS):
         own = sums[8:] if f == 1 else sums[4:8]  # those of the first two fields are both kept
         by_east, by_south, for_east, for_south = own[0], own[1], own[2], own[3]
-        for y in range(p + b + 1):
-            if y < p:
-                from_, to = slice(y * m, y * m + m), slice(y * n, y * n + n)
-                _product(fields[f, from_], east[from_], rows[0, middle], by_east[to])
-                _product(fields[f, from_], south[from_], rows[1, middle], by_south[to])
-                _along_columns(rows[0], second, first, sums[0, to], sums[3, to])
-                _along_columns(rows[1], value, first, sums[2, to], sums[1, to])
-            above = y - b - 1
-            if above >= 0 and above % 2 == 0:
-                _along_rows(sums[0], values, sums[1], firsts, above, n, for_east)
-                _along_rows(sums[2], seconds, sums[3], firsts, above, n, for_south)
-        same = products[f if f < 2 else f + 1]
-        _add_dot(by_east[whole], for_east[whole], 2.0, same)
-        _add_dot(by_south[whole], for_south[whole], 2.0, same)
+        for y in range(p):
+            from_, to = slice(y * m, y * m + m), slice(y * n, y * n + n)
+            _product(fields[f, from_], east[from_], rows[0, middle], by_east[to])
+            _product(fields[f, from_], south[from_], rows[1, middle], by_south[to])
+            _along_columns(rows[0], second, first, sums[0, to], sums[3, to])
+            _along_columns(rows[1], value, first, sums[2, to], sums[1, to])
+        east_sum = _along_rows(sums[0], values, sums[1], firsts, p, n, by_east, for_east)
+        south_sum = _along_rows(sums[2], seconds, sums[3], firsts, p, n, by_south, for_south)
+        _add(east_sum + south_sum, 2.0, products[f if f < 2 else f + 1])
         if f == 1:
-            _add_dot(sums[4, whole], for_east[whole], 1.0, products[2])
-            _add_dot(sums[5, whole], for_south[whole], 1.0, products[2])
-            _add_dot(by_east[whole], sums[6, whole], 1.0, products[2])
-            _add_dot(by_south[whole], sums[7, whole], 1.0, products[2])
+            sum_ = _dot(sums[4, whole], for_east[whole]) + _dot(sums[5, whole], for_south[whole])
+            sum_ = sum_ + _dot(by_east[whole], sums[6, whole])
+            sum_ = sum_ + _dot(by_south[whole], sums[7, whole])
+            _add(sum_, 1.0, products[2])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -214,4 +229,4 @@ def by_components(fields, factors, p, components, products):
             _combine(components[0, term], source, n, LANES, n // LANES, by_rows, n, LANES)
             _combine(components[1, term], by_rows, LANES, n, count, found[f], LANES, count * LANES)
     for k, (i, j) in enumerate(PAIRS):
-        _add_dot(found[i], found[j], 1.0, products[k])
+        _add(_dot(found[i], found[j]), 1.0, products[k])
