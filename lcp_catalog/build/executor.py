@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -38,6 +39,15 @@ _FORKED = sys.platform == "linux"
 
 _PATIENCE_S = 10.0
 """Time in which a process must end that is asked to."""
+
+_START_TRIES, _PAUSE_S = 100, 0.1
+"""Tries to start a process, and the time between them: a process from which workers are forked can be
+asked for one while it is killed.
+"""
+
+
+class _NotStarted(RuntimeError):
+    """A task for which no process could be started; it was not begun."""
 
 
 def run_tasks(
@@ -110,23 +120,36 @@ def _in_processes(
     tasks: Sequence[Task],
     jobs: int,
 ) -> Iterator[tuple[int, Result | Exception]]:
-    pending = list(range(len(tasks)))
+    pending, tries = list(range(len(tasks))), _START_TRIES
     while pending:
         done: set[int] = set()
         suspects: set[int] = set()
         for index, outcome in _one_pool(_new_pool(jobs), function, tasks, pending, jobs):
             if isinstance(outcome, BrokenProcessPool):
                 suspects.add(index)
-            else:
+            elif not isinstance(outcome, _NotStarted) or not tries:
                 done.add(index)
                 yield index, outcome
-        pending = [index for index in pending if index not in done]
-        if suspects and pending:
-            # The task that killed the worker is not known: run each suspect once in a process of its own.
-            for index in sorted(suspects):
-                for _, outcome in _one_pool(_new_pool(1), function, tasks, [index], 1):
-                    yield index, _died(outcome)
-            pending = [index for index in pending if index not in suspects]
+        # The task that killed the worker is not known: run each suspect once in a process of its own.
+        for index in sorted(suspects):
+            yield index, _alone(function, tasks, index)
+        pending = [index for index in pending if index not in done | suspects]
+        if pending and not done | suspects:
+            time.sleep(_PAUSE_S)
+            tries -= 1
+
+
+def _alone(
+    function: Callable[[Task], Result], tasks: Sequence[Task], index: int
+) -> Result | Exception:
+    """The outcome of a task in a process of its own."""
+    outcome: Result | Exception = _NotStarted()
+    for _ in range(_START_TRIES):
+        ((_, outcome),) = _one_pool(_new_pool(1), function, tasks, [index], 1)
+        if not isinstance(outcome, _NotStarted):
+            break
+        time.sleep(_PAUSE_S)
+    return _died(outcome)
 
 
 def _died(outcome: Result | Exception) -> Result | Exception:
@@ -149,14 +172,14 @@ def _submit(
     pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any
 ) -> Future[Any]:
     """Give a pool a task, for which it may start a process. The future of a broken pool, or if no process
-    can be started (the one to fork was killed), has failed.
+    can be started (the one to fork was killed), has failed as `_NotStarted`.
     """
     with _signals_held():
         try:
             return pool.submit(function, *arguments)
         except (BrokenProcessPool, OSError, EOFError) as error:
             failed: Future[Any] = Future()
-            failed.set_exception(BrokenProcessPool(str(error)))
+            failed.set_exception(_NotStarted(f"no process could be started for it: {error}"))
             return failed
 
 
@@ -213,7 +236,8 @@ def _one_pool(
         while running:
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             outcomes = {running.pop(future): _result_of(future) for future in ended}
-            broken = broken or any(isinstance(v, BrokenProcessPool) for v in outcomes.values())
+            ends = (BrokenProcessPool, _NotStarted)
+            broken = broken or any(isinstance(v, ends) for v in outcomes.values())
             # Before the results are taken: the caller may write files for them, and no worker waits.
             if not broken:
                 _fill(running, waiting, jobs, pool, function, tasks)

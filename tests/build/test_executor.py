@@ -133,6 +133,20 @@ def test_a_killed_server_costs_no_result() -> None:
     assert found == {0: 4, 1: 9, 2: 16, 3: 25}
 
 
+def no_process(*_: object, **__: object) -> None:
+    raise OSError("no process")
+
+
+def test_processes_that_cannot_be_started_fail_every_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the tries, not for ever."""
+    monkeypatch.setattr(executor, "_START_TRIES", 3)
+    monkeypatch.setattr(executor.ProcessPoolExecutor, "submit", no_process)
+    outcomes = dict(run_tasks(square, [1, 2, 3], 2))
+    assert sorted(outcomes) == [0, 1, 2]
+    assert {type(outcome) for outcome in outcomes.values()} == {executor._NotStarted}
+    assert "no process could be started for it: no process" in str(outcomes[0])
+
+
 def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
     """OpenMP ends a forked process that uses it after its parent has."""
     done = subprocess.run(
@@ -186,4 +200,6 @@ def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -
         (worker,) = pool._processes.values()
         start = time.monotonic()
     assert time.monotonic() - start < 10.0
+    while worker.exitcode is None and time.monotonic() - start < 10.0:
+        time.sleep(0.01)  # a thread of the pool may be the one that learns of the end
     assert worker.exitcode == -signal.SIGKILL
