@@ -1,10 +1,10 @@
-"""Vectors of eight float32 numbers for kernels: the compiler's own vectorisation of short loops tests
-in every call whether arrays overlap, and keeps sums in memory.
+"""Vectors of float32 numbers for kernels, as wide as the processor's registers: the compiler's own
+vectorisation of short loops tests in every call whether arrays overlap, and keeps sums in memory.
 
 A vector is a value of the compiled code: `load` and `store` move it from and to places of a
 one-dimensional float32 array, `splat` repeats a number, and + - * work number by number; a product and
-the sum that uses it may be rounded once (fused). Processors without such wide registers use
-several.
+the sum that uses it may be rounded once (fused). Sums over the numbers of a vector have another order on
+processors with wider registers: results differ in their last digits.
 """
 
 from __future__ import annotations
@@ -12,15 +12,24 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
-from numba import njit
+from numba import config, njit
 from numba.core import cgutils, types
+from numba.core.codegen import get_host_cpu_features
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-LANES = 8
-"""Numbers of a vector."""
+
+def _numbers() -> int:
+    """16 on processors with AVX-512, else 8: processors with narrower registers than that use several."""
+    features = config.CPU_FEATURES  # type: ignore[attr-defined]  # made when numba is imported
+    return 16 if "+avx512f" in (features or get_host_cpu_features()) else 8
+
+
+LANES = _numbers()
+"""Numbers of a vector: 8 or 16."""
 
 
 @njit(cache=True, nogil=True)
@@ -84,14 +93,30 @@ def splat(_context: Any, _number: Any) -> Any:
     """The vector of a float32 number, repeated."""
 
     def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        empty = ir.Constant(_VECTOR, ir.Undefined)
-        index = ir.IntType(32)
-        one = builder.insert_element(empty, values[0], ir.Constant(index, 0))
-        return builder.shuffle_vector(
-            one, empty, ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
-        )
+        return _repeated(builder, values[0])
 
     return vector(types.float32), code
+
+
+@intrinsic
+def splat_at(_context: Any, array: Any, place: Any) -> Any:
+    """The vector of the number at a place of an array (n,), repeated. Places are not counted from the
+    end, as numba's own reading does, which would test the place in every loop.
+    """
+
+    def code(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        place = context.cast(builder, values[1], sig.args[1], types.intp)
+        data = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=values[0]).data
+        return _repeated(builder, builder.load(builder.gep(data, [place])))
+
+    return vector(array, place), code
+
+
+def _repeated(builder: Any, number: Any) -> Any:
+    index = ir.IntType(32)
+    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(index, 0))
+    pattern = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
+    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), pattern)
 
 
 def _operation(symbol: Any, name: str) -> None:
@@ -111,27 +136,44 @@ for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator
     _operation(_symbol, _name)
 
 
-def _interleaved(first: int) -> Any:
-    """The code of `low` and `high`: numbers from ``first`` on of two vectors, in turn."""
+@intrinsic
+def transpose(
+    _context: Any, source: Any, starts: Any, first: Any, factor: Any, out: Any, place: Any
+) -> Any:
+    """Write the vectors that begin ``first`` places behind `LANES` places of source (n,), times a
+    vector, into out (m,) from ``place`` on so that their numbers k stand side by side, number by
+    number. starts (LANES,) int64.
+    """
+
+    def code(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        source, starts, first, factor, out, place = values
+        first = context.cast(builder, first, sig.args[2], types.intp)
+        place = context.cast(builder, place, sig.args[5], types.intp)
+        data = cgutils.create_struct_proxy(sig.args[1])(context, builder, value=starts).data
+        rows = []
+        for k in range(LANES):
+            at = builder.load(builder.gep(data, [context.get_constant(types.intp, k)]))
+            types_, at = (sig.args[0], types.intp), builder.add(at, first)
+            rows.append(builder.load(_address(context, builder, types_, (source, at)), align=4))
+        half = LANES // 2
+        for _ in range(LANES.bit_length() - 1):  # so many perfect shuffles are a transposition
+            pairs = [(rows[k], rows[k + half]) for k in range(half)]
+            rows = [_interleaved(builder, *pair, first) for pair in pairs for first in (0, half)]
+        for k, row in enumerate(rows):
+            at = builder.add(place, context.get_constant(types.intp, k * LANES))
+            types_ = (sig.args[4], types.intp)
+            product = builder.fmul(row, factor)
+            builder.store(product, _address(context, builder, types_, (out, at)), align=4)
+        return context.get_dummy_value()
+
+    return types.void(source, starts, first, factor, out, place), code
+
+
+def _interleaved(builder: Any, one: Any, other: Any, first: int) -> Any:
+    """The numbers from ``first`` on of two vectors in turn."""
     turns = [first + k // 2 + k % 2 * LANES for k in range(LANES)]
     pattern = ir.Constant(ir.VectorType(ir.IntType(32), LANES), turns)
-
-    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        return builder.shuffle_vector(*values, pattern)
-
-    return code
-
-
-@intrinsic
-def low(_context: Any, _one: Any, _other: Any) -> Any:
-    """The first halves of two vectors, number by number in turn."""
-    return vector(vector, vector), _interleaved(0)
-
-
-@intrinsic
-def high(_context: Any, _one: Any, _other: Any) -> Any:
-    """The second halves of two vectors, number by number in turn."""
-    return vector(vector, vector), _interleaved(LANES // 2)
+    return builder.shuffle_vector(one, other, pattern)
 
 
 @intrinsic
@@ -187,3 +229,13 @@ def store_four(out, at, step, a, b, c, d):
     store(out, at + step, b)
     store(out, at + 2 * step, c)
     store(out, at + 3 * step, d)
+
+
+@njit(cache=True, nogil=True)
+def aligned(count):
+    """An array (count,) of float32, not set, at the beginning of a cache line (64 bytes): a vector at a
+    multiple of `LANES` lies in one line.
+    """
+    spare = np.empty(count + 16, np.float32)
+    first = -(spare.ctypes.data // 4) % 16
+    return spare[first : first + count]

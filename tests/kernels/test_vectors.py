@@ -6,14 +6,14 @@ from numba import njit
 
 from lcp_catalog.kernels.vectors import (
     LANES,
-    high,
+    aligned,
     larger,
     load,
-    low,
     not_below,
     splat,
     store,
     total,
+    transpose,
 )
 
 
@@ -67,13 +67,23 @@ def test_comparisons_and_sum_are_those_of_numpy():
 
 
 @njit
-def _in_turn(values, out):
-    a, b = load(values, 0), load(values, LANES)
-    store(out, 0, low(a, b))
-    store(out, LANES, high(a, b))
+def _transposed(source, starts, factor, out):
+    transpose(source, starts, 5, load(factor, 0), out, 3)
 
 
-def test_low_and_high_take_the_numbers_of_two_vectors_in_turn():
-    values, out = np.arange(2.0 * LANES, dtype=np.float32), np.empty(2 * LANES, np.float32)
-    _in_turn(values, out)
-    np.testing.assert_array_equal(out, values.reshape(2, LANES).T.ravel())
+def test_a_transposition_puts_vectors_side_by_side():
+    source = np.random.default_rng(2).normal(size=3 * LANES + 40).astype(np.float32)
+    starts = np.random.default_rng(3).integers(0, source.size - LANES - 5, LANES)
+    factor = np.random.default_rng(4).normal(size=LANES).astype(np.float32)
+    out = np.zeros(LANES * LANES + 5, np.float32)
+    _transposed(source, starts, factor, out)
+    expected = np.stack([source[at + 5 : at + 5 + LANES] for at in starts], axis=-1) * factor
+    np.testing.assert_array_equal(out[3:-2].reshape(LANES, LANES), expected)
+    assert not out[[0, 1, 2, -2, -1]].any()
+
+
+@pytest.mark.parametrize("count", [1, 7, 1000])
+def test_an_aligned_array_begins_with_a_cache_line(count):
+    for _ in range(8):
+        found = aligned(count)
+        assert (found.shape, found.dtype, found.ctypes.data % 64) == ((count,), np.float32, 0)

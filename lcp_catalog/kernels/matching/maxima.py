@@ -3,12 +3,13 @@
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, larger, load, not_below
+from ..vectors import LANES, larger, load, multiple, not_below
 
 _ABOVE, _STEPS = 3.0, 2.0**28
 """Correlations, and `correlation.NOWHERE`, are above -3; heights that differ by less than a step count
 as equal.
 """
+_OUTSIDE = np.float32(-_ABOVE)
 _BITS = 32
 _LAST = (1 << _BITS) - 1
 """Greatest number of a place in a map."""
@@ -18,43 +19,38 @@ _CLASSES = 132
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_peak(score, y, x):
-    """True if no neighbour of a place is higher."""
+def _surrounded(score):
+    """A map (rows, cols) with lower places around it: before and behind each row, and a row above and
+    below; and the length of its rows, which whole vectors may be read from.
+    """
     ny, nx = score.shape
-    here = score[y, x]
-    for i in range(max(y - 1, 0), min(y + 2, ny)):
-        for j in range(max(x - 1, 0), min(x + 2, nx)):
-            if score[i, j] > here:
-                return False
-    return True
+    wide = multiple(nx, LANES) + 2
+    out = np.full((ny + 2, wide), _OUTSIDE)
+    for y in range(ny):
+        source, target = score[y], out[y + 1, 1 : nx + 1]
+        for x in range(nx):
+            target[x] = source[x]
+    return out.ravel(), wide
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(score, y, columns):
-    """Write the columns of a row's places that have no higher neighbour into columns; their number."""
-    ny, nx = score.shape
-    flat, found = score.ravel(), 0
-    above, row, below = max(y - 1, 0) * nx, y * nx, min(y + 1, ny - 1) * nx
-    done = 0  # the columns up to this one are decided
-    last = nx - 1 - LANES  # the last eight columns before the border's begin here
-    if _is_peak(score, y, 0):
-        columns[0], found = 0, 1
-    for first in range(1, nx - 1, LANES) if last > 0 else range(0):
-        x = min(first, last)
-        around = larger(load(flat, row + x - 1), load(flat, row + x + 1))
-        for k in range(x - 1, x + 2):
-            around = larger(around, larger(load(flat, above + k), load(flat, below + k)))
-        bits, k = not_below(load(flat, row + x), around) >> (first - x), first
+def _peaks(values, wide, y, nx, columns):
+    """Write the columns of a row's places that have no higher neighbour into columns; their number.
+    values, wide: `_surrounded`.
+    """
+    found = 0
+    for first in range(0, nx, LANES):
+        at = (y + 1) * wide + first + 1
+        around = larger(load(values, at - 1), load(values, at + 1))
+        for k in range(at - 1, at + 2):
+            around = larger(around, larger(load(values, k - wide), load(values, k + wide)))
+        bits = not_below(load(values, at), around) & ((1 << min(LANES, nx - first)) - 1)
+        k = first
         while bits:
             columns[found] = k
             found += bits & 1
             bits >>= 1
             k += 1
-        done = x + LANES - 1
-    for x in range(done + 1, nx):
-        if _is_peak(score, y, x):
-            columns[found] = x
-            found += 1
     return found
 
 
@@ -66,8 +62,9 @@ def _keys(score, row, col, exclusion, keys):
     ny, nx = score.shape
     found, columns = 0, np.empty(nx + 1, np.int64)
     near = exclusion * exclusion if exclusion >= 0.0 else -1.0
+    values, wide = _surrounded(score)
     for y in range(ny):
-        for k in range(_peaks(score, y, columns)):
+        for k in range(_peaks(values, wide, y, nx, columns)):
             x = columns[k]
             if (y - row) ** 2 + (x - col) ** 2 > near:
                 level = np.int64((np.float64(score[y, x]) + _ABOVE) * _STEPS)

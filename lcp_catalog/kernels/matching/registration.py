@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..vectors import LANES, high, load, low, splat, store, store_four
+from ..vectors import LANES, aligned, load, splat, store, transpose
 from .noise import FIELDS, PAIRS, by_components, by_distance, scratch, whole_tiles
 
 NUMBERS = 13
@@ -45,30 +45,12 @@ def side_by_side(stack, first, inverse, out):
     """Write the nodes of patches first, first + 1 ... of a stack (n, p, p), times inverse (LANES,),
     side by side into out; the last patch stands for those that are missing.
     """
-    flat, n, s = stack.ravel(), stack.shape[1] * stack.shape[2], LANES
+    flat, n = stack.ravel(), stack.shape[1] * stack.shape[2]
     at = np.minimum(np.arange(first, first + LANES), stack.shape[0] - 1) * n
     whole = n // LANES * LANES
     factor = load(inverse, 0)
     for x in range(0, whole, LANES):
-        a, b, c, d = (
-            load(flat, at[0] + x),
-            load(flat, at[1] + x),
-            load(flat, at[2] + x),
-            load(flat, at[3] + x),
-        )
-        e, f, g, h = (
-            load(flat, at[4] + x),
-            load(flat, at[5] + x),
-            load(flat, at[6] + x),
-            load(flat, at[7] + x),
-        )
-        for _ in range(3):  # three perfect shuffles are a transposition
-            a, b, c, d, e, f, g, h = (
-                low(a, e), high(a, e), low(b, f), high(b, f),
-                low(c, g), high(c, g), low(d, h), high(d, h),
-            )  # fmt: skip
-        store_four(out, x * s, s, a * factor, b * factor, c * factor, d * factor)
-        store_four(out, (x + 4) * s, s, e * factor, f * factor, g * factor, h * factor)
+        transpose(flat, at, x, factor, out, x * LANES)
     for k in range(LANES):
         for x in range(whole, n):
             out[x * LANES + k] = inverse[k] * flat[at[k] + x]
@@ -304,9 +286,9 @@ def registrations(patches, images, east, south, level, noise, taps, heights, alb
     parts = min(groups, _PARTS)
     for part in prange(parts):
         work = (
-            np.empty((FIELDS, p * p * LANES), np.float32),
-            np.empty((4, p * p * LANES), np.float32),
-            np.empty((_SUMS, LANES), np.float32),
+            aligned(FIELDS * p * p * LANES).reshape(FIELDS, p * p * LANES),
+            aligned(4 * p * p * LANES).reshape(4, p * p * LANES),
+            aligned(_SUMS * LANES).reshape(_SUMS, LANES),
             scratch(p, taps.shape[1] // 2),
         )
         for group in range(part, groups, parts):

@@ -9,10 +9,12 @@ reach as far, and be finite, as rows of a template do; nothing tests that.
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, multiple, splat, store_four, total
+from ..vectors import LANES, load, multiple, splat, splat_at, store_four, total
 
 _ROWS = 4
-"""Rows of places whose sums are held in registers together."""
+"""Rows of places, or twice as many, whose sums are held in registers together."""
+_FEW = LANES // 4
+"""Greatest number of last columns of a map that are computed by themselves."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -74,30 +76,33 @@ def at_eight(template, p, image, wide, starts, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sixteen(columns, p, image, wide, start, out, long, at):
-    """Products at 4 rows x 16 places; columns (p, p): the template's columns, one behind the other."""
+def _eight_rows(columns, p, image, wide, start, out, long, at):
+    """Products at 8 rows x `LANES` places; columns (p, p): the template's columns, one behind the
+    other.
+    """
     zero = splat(np.float32(0.0))
-    a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
+    a = b = c = d = e = f = g = h = zero
     for j in range(p):
         here = start + j
-        u0, u1, u2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
-        here += LANES
-        v0, v1, v2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
-        here = start + j + 3 * wide
+        s, t, u = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += 3 * wide
+        v, w, x = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += 3 * wide
+        y = load(image, here)
         for i in range(p):
-            t, u3, v3 = splat(columns[j * p + i]), load(image, here), load(image, here + LANES)
-            a0, a1, a2, a3 = a0 + t * u0, a1 + t * u1, a2 + t * u2, a3 + t * u3
-            b0, b1, b2, b3 = b0 + t * v0, b1 + t * v1, b2 + t * v2, b3 + t * v3
-            u0, u1, u2, v0, v1, v2 = u1, u2, u3, v1, v2, v3
             here += wide
-    store_four(out, at, long, a0, a1, a2, a3)
-    store_four(out, at + LANES, long, b0, b1, b2, b3)
+            k, z = splat_at(columns, j * p + i), load(image, here)
+            a, b, c, d = a + k * s, b + k * t, c + k * u, d + k * v
+            e, f, g, h = e + k * w, f + k * x, g + k * y, h + k * z
+            s, t, u, v, w, x, y = t, u, v, w, x, y, z
+    store_four(out, at, long, a, b, c, d)
+    store_four(out, at + 4 * long, long, e, f, g, h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _eight(columns, p, image, wide, start, out, long, at):
-    """Products at 4 rows x 8 places. Two of the template's columns at a time have sums of their own: each
-    sum waits for the one before.
+def _four_rows(columns, p, image, wide, start, out, long, at):
+    """Products at 4 rows x `LANES` places. Two of the template's columns at a time have sums of their
+    own: each sum waits for the one before.
     """
     zero = splat(np.float32(0.0))
     a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = zero
@@ -108,7 +113,7 @@ def _eight(columns, p, image, wide, start, out, long, at):
         v0, v1, v2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
         here = start + j + 3 * wide
         for i in range(j * p, j * p + p):
-            s, t = splat(columns[i]), splat(columns[i + p])
+            s, t = splat_at(columns, i), splat_at(columns, i + p)
             u3, v3 = load(image, here), load(image, here + 1)
             a0, a1, a2, a3 = a0 + s * u0, a1 + s * u1, a2 + s * u2, a3 + s * u3
             b0, b1, b2, b3 = b0 + t * v0, b1 + t * v1, b2 + t * v2, b3 + t * v3
@@ -119,7 +124,7 @@ def _eight(columns, p, image, wide, start, out, long, at):
         u0, u1, u2 = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
         here += 3 * wide
         for i in range((p - 1) * p, p * p):
-            t, u3 = splat(columns[i]), load(image, here)
+            t, u3 = splat_at(columns, i), load(image, here)
             a0, a1, a2, a3 = a0 + t * u0, a1 + t * u1, a2 + t * u2, a3 + t * u3
             u0, u1, u2 = u1, u2, u3
             here += wide
@@ -127,9 +132,33 @@ def _eight(columns, p, image, wide, start, out, long, at):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _eight_below(template, p, image, wide, start, out):
+    """Write the products of a template (`padded`) with the windows at eight places, one below the other,
+    into out (8,).
+    """
+    n, zero = row_length(p), splat(np.float32(0.0))
+    a = b = c = d = e = f = g = h = zero
+    for column in range(0, n, LANES):
+        here = start + column
+        s, t, u = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += 3 * wide
+        v, w, x = load(image, here), load(image, here + wide), load(image, here + 2 * wide)
+        here += 3 * wide
+        y = load(image, here)
+        for i in range(2 * n + column, (p + 2) * n + column, n):
+            here += wide
+            k, z = load(template, i), load(image, here)
+            a, b, c, d = a + k * s, b + k * t, c + k * u, d + k * v
+            e, f, g, h = e + k * w, f + k * x, g + k * y, h + k * z
+            s, t, u, v, w, x, y = t, u, v, w, x, y, z
+    out[0], out[1], out[2], out[3] = total(a), total(b), total(c), total(d)
+    out[4], out[5], out[6], out[7] = total(e), total(f), total(g), total(h)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def extent(p, ny, nx):
     """Rows and places of a row that `at_all` reads of the image, and those that it writes."""
-    high, long = multiple(ny, _ROWS), row_length(nx)
+    high, long = max(multiple(ny, _ROWS), 2 * _ROWS), row_length(nx)
     return high + p - 1, max(long + p - 1, nx - 1 + row_length(p)), high, long
 
 
@@ -143,26 +172,19 @@ def at_all(template, p, image, ny, nx, out):
         for i in range(p):
             columns[j * p + i] = template[(i + 2) * n + j]
     _, wide, high, long = extent(p, ny, nx)
-    alone = nx % LANES == 1  # a last column is not worth vectors along the rows
-    end = nx - 1 if alone else long
-    for y in range(0, high, _ROWS):
-        x = 0
-        while x + 2 * LANES <= end:
-            _sixteen(columns, p, image, wide, y * wide + x, out, long, y * long + x)
-            x += 2 * LANES
-        if x < end:
-            _eight(columns, p, image, wide, y * wide + x, out, long, y * long + x)
-    if alone:
-        _column(template, p, image, wide, nx - 1, out, high, long)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _column(template, p, image, wide, x, out, high, long):
-    """Products at the places of a column."""
-    starts, found = np.empty(8, np.int64), np.empty(8, np.float32)
-    for y in range(0, high, 8):
-        for k in range(8):
-            starts[k] = min(y + k, high - 1) * wide + x
-        at_eight(template, p, image, wide, starts, found)
-        for k in range(min(8, high - y)):
-            out[(y + k) * long + x] = found[k]
+    few = nx % LANES <= _FEW  # last columns are not worth vectors along the rows
+    end = nx - nx % LANES if few else long
+    for x in range(0, end, LANES):
+        y = 0
+        while y + _ROWS < high:
+            _eight_rows(columns, p, image, wide, y * wide + x, out, long, y * long + x)
+            y += 2 * _ROWS
+        if y < high:
+            _four_rows(columns, p, image, wide, y * wide + x, out, long, y * long + x)
+    found = np.empty(8, np.float32)
+    for x in range(end, nx):
+        for y in range(0, high, 8):
+            y = min(y, high - 8)  # noqa: PLW2901
+            _eight_below(template, p, image, wide, y * wide + x, found)
+            for k in range(8):
+                out[(y + k) * long + x] = found[k]
