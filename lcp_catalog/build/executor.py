@@ -46,7 +46,7 @@ asked for one while it is killed.
 """
 
 
-class _NotStarted(RuntimeError):
+class _NotStartedError(RuntimeError):
     """A task for which no process could be started; it was not begun."""
 
 
@@ -127,7 +127,7 @@ def _in_processes(
         for index, outcome in _one_pool(_new_pool(jobs), function, tasks, pending, jobs):
             if isinstance(outcome, BrokenProcessPool):
                 suspects.add(index)
-            elif not isinstance(outcome, _NotStarted) or not tries:
+            elif not isinstance(outcome, _NotStartedError) or not tries:
                 done.add(index)
                 yield index, outcome
         # The task that killed the worker is not known: run each suspect once in a process of its own.
@@ -143,10 +143,10 @@ def _alone(
     function: Callable[[Task], Result], tasks: Sequence[Task], index: int
 ) -> Result | Exception:
     """The outcome of a task in a process of its own."""
-    outcome: Result | Exception = _NotStarted()
+    outcome: Result | Exception = _NotStartedError()
     for _ in range(_START_TRIES):
         ((_, outcome),) = _one_pool(_new_pool(1), function, tasks, [index], 1)
-        if not isinstance(outcome, _NotStarted):
+        if not isinstance(outcome, _NotStartedError):
             break
         time.sleep(_PAUSE_S)
     return _died(outcome)
@@ -172,14 +172,14 @@ def _submit(
     pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any
 ) -> Future[Any]:
     """Give a pool a task, for which it may start a process. The future of a broken pool, or if no process
-    can be started (the one to fork was killed), has failed as `_NotStarted`.
+    can be started (the one to fork was killed), has failed as `_NotStartedError`.
     """
     with _signals_held():
         try:
             return pool.submit(function, *arguments)
         except (BrokenProcessPool, OSError, EOFError) as error:
             failed: Future[Any] = Future()
-            failed.set_exception(_NotStarted(f"no process could be started for it: {error}"))
+            failed.set_exception(_NotStartedError(f"no process could be started for it: {error}"))
             return failed
 
 
@@ -236,7 +236,7 @@ def _one_pool(
         while running:
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             outcomes = {running.pop(future): _result_of(future) for future in ended}
-            ends = (BrokenProcessPool, _NotStarted)
+            ends = (BrokenProcessPool, _NotStartedError)
             broken = broken or any(isinstance(v, ends) for v in outcomes.values())
             # Before the results are taken: the caller may write files for them, and no worker waits.
             if not broken:

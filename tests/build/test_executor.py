@@ -143,7 +143,7 @@ def test_processes_that_cannot_be_started_fail_every_task(monkeypatch: pytest.Mo
     monkeypatch.setattr(executor.ProcessPoolExecutor, "submit", no_process)
     outcomes = dict(run_tasks(square, [1, 2, 3], 2))
     assert sorted(outcomes) == [0, 1, 2]
-    assert {type(outcome) for outcome in outcomes.values()} == {executor._NotStarted}
+    assert {type(outcome) for outcome in outcomes.values()} == {executor._NotStartedError}
     assert "no process could be started for it: no process" in str(outcomes[0])
 
 
