@@ -193,11 +193,74 @@ def total(_context: Any, _vector: Any) -> Any:
 @intrinsic
 def larger(_context: Any, _one: Any, _other: Any) -> Any:
     """The larger one of two vectors' numbers, number by number."""
+    return vector(vector, vector), _selected(">")
+
+
+@intrinsic
+def smaller(_context: Any, _one: Any, _other: Any) -> Any:
+    """The smaller one of two vectors' numbers, number by number."""
+    return vector(vector, vector), _selected("<")
+
+
+def _selected(comparison: str) -> Any:
+    """The code of `larger` and `smaller`."""
 
     def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        return builder.select(builder.fcmp_ordered(">", *values), *values)
+        return builder.select(builder.fcmp_ordered(comparison, *values), *values)
 
-    return vector(vector, vector), code
+    return code
+
+
+def _of_library(builder: Any, name: str, *values: Any) -> Any:
+    """The result of one of LLVM's functions of vectors."""
+    form = ir.FunctionType(_VECTOR, [_VECTOR] * len(values))
+    name = f"llvm.{name}.v{LANES}f32"
+    return builder.call(cgutils.get_or_insert_function(builder.module, form, name), values)
+
+
+@intrinsic
+def magnitude(_context: Any, _vector: Any) -> Any:
+    """The absolute values of a vector's numbers."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return _of_library(builder, "fabs", *values)
+
+    return vector(vector), code
+
+
+@intrinsic
+def rounded(_context: Any, _vector: Any) -> Any:
+    """A vector's numbers, rounded to whole ones."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return _of_library(builder, "rint", *values)
+
+    return vector(vector), code
+
+
+@intrinsic
+def two_to(_context: Any, _vector: Any) -> Any:
+    """2 to the power of a vector's numbers, which are whole, from -126 to 127."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        whole = ir.VectorType(ir.IntType(32), LANES)
+        power = builder.fptosi(values[0], whole)
+        bits = builder.add(power, ir.Constant(whole, [127] * LANES))
+        return builder.bitcast(builder.shl(bits, ir.Constant(whole, [23] * LANES)), _VECTOR)
+
+    return vector(vector), code
+
+
+@intrinsic
+def where_above(_context: Any, _one: Any, _other: Any, _then: Any, _else: Any) -> Any:
+    """Numbers of the third vector where those of the first are above those of the second, else of the
+    fourth.
+    """
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", *values[:2]), *values[2:])
+
+    return vector(vector, vector, vector, vector), code
 
 
 @intrinsic

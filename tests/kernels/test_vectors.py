@@ -9,11 +9,17 @@ from lcp_catalog.kernels.vectors import (
     aligned,
     larger,
     load,
+    magnitude,
     not_below,
+    rounded,
+    smaller,
     splat,
+    splat_at,
     store,
     total,
     transpose,
+    two_to,
+    where_above,
 )
 
 
@@ -52,18 +58,34 @@ def test_a_vector_is_moved_from_and_to_any_place(at, to):
 @njit
 def _compared(one, other, out):
     a, b = load(one, 0), load(other, 0)
-    store(out, 0, larger(a, b))
+    store(out[0], 0, larger(a, b))
+    store(out[1], 0, smaller(a, b))
+    store(out[2], 0, where_above(a, b, magnitude(b), rounded(b)))
     return not_below(a, b), total(a)
 
 
 def test_comparisons_and_sum_are_those_of_numpy():
     one, other = np.random.default_rng(1).normal(size=(2, LANES)).astype(np.float32)
     other[2] = one[2]
-    out = np.empty_like(one)
+    out = np.empty((3, LANES), np.float32)
     bits, found = _compared(one, other, out)
-    np.testing.assert_array_equal(out, np.maximum(one, other))
+    np.testing.assert_array_equal(out[0], np.maximum(one, other))
+    np.testing.assert_array_equal(out[1], np.minimum(one, other))
+    np.testing.assert_array_equal(out[2], np.where(one > other, np.abs(other), np.rint(other)))
     assert [bool(bits >> k & 1) for k in range(LANES)] == (one >= other).tolist()
     assert found == pytest.approx(one.sum(dtype=np.float64), abs=1e-6)
+
+
+@njit
+def _power(values, out):
+    store(out, 0, two_to(load(values, 0)) + splat_at(values, 1))
+
+
+def test_powers_of_two_and_a_number_repeated():
+    values = np.linspace(-126, 120, LANES).round().astype(np.float32)
+    out = np.empty_like(values)
+    _power(values, out)
+    np.testing.assert_array_equal(out, np.exp2(values) + values[1])
 
 
 @njit

@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..elementary import exp_lane, normal_lane
+from ..elementary import exp_lane, normal
+from ..vectors import LANES, aligned, larger, load, splat, splat_at, total
 
 _FLAGS = {"contract", "nnan", "ninf", "nsz", "arcp"}
 _SIGMAS = 5.5
@@ -21,7 +22,11 @@ _APART = 5.6
 """Joint sigmas between two means beyond which the lower variable is the higher one with a probability
 below 1.1e-8; 64 such rivals change a result by less than 1e-6.
 """
+_SURE = np.float32(6.0)
+"""A normal variable is above this with a probability of 1e-9, which is left out."""
 _LEAST_VARIANCE = 1e-12
+_PARTS = 8
+"""Parts of the patches, for threads; those of a part share work arrays."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -36,82 +41,126 @@ def moments(contrast, rho, noise, along, nodes):
     return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
-def _times_all_below(at, mean, sigma, others, inverse, out):
-    """Multiply out (n,) by the probabilities that all rivals are below mean + sigma at; at (n,), means
-    (k,), reciprocals of sigmas (k,).
-    """
-    for j in range(others.size):
-        first = np.float32((mean - others[j]) * inverse[j])
-        step = np.float32(sigma * inverse[j])
-        for k in range(at.size):
-            out[k] *= normal_lane(first + step * at[k])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _above_all(mean, sigma, others, inverse):
-    """Probability that a normal variable is above all its rivals (`_times_all_below`)."""
-    parts = _WHOLE_WEIGHTS.copy()
-    _times_all_below(_WHOLE, mean, sigma, others, inverse, parts)
-    return min(np.float64(parts.sum()), 1.0)
+def _integral(at, weights, firsts, steps, count):
+    """Sum of weights (n,) times the probabilities that all of ``count`` rivals are below a place at
+    (n,) rising, n a multiple of `LANES`; the place is first + step at in sigmas from a rival's mean.
+    Products stay above 1e-38: with smaller numbers some processors take a hundred times as long.
+    """
+    lowest, sums = splat(np.float32(1e-30)), splat(np.float32(0.0))
+    for k in range(0, at.size, LANES):
+        place, part = load(at, k), load(weights, k)
+        for j in range(count):
+            if firsts[j] + steps[j] * at[k] < _SURE:
+                below = normal(splat_at(firsts, j) + splat_at(steps, j) * place)
+                part = larger(lowest, part * below)
+        sums = sums + part
+    return np.float64(total(sums))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
-def _gauss_legendre(low, at, parts):
+def _gauss_legendre(low, at, weights):
     """Write the places of the quadrature of a normal density from ``low`` to 5.5 sigma, and the shares of
-    its weights, into at and parts (32,). Return the factor of their sum.
+    its weights, into at and weights (32,). Return the factor of their sum.
     """
     half = np.float32(0.5 * (_SIGMAS - low))
     for k in range(at.size):
         z = np.float32(low) + half * (np.float32(1.0) + _AT32[k])
-        at[k], parts[k] = z, _WEIGHTS32[k] * exp_lane(np.float32(-0.5) * z * z)
+        at[k], weights[k] = z, _WEIGHTS32[k] * exp_lane(np.float32(-0.5) * z * z)
     return np.float64(half) / math.sqrt(2.0 * math.pi)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _above_all_from(mean, sigma, others, inverse, low):
-    """Probability that a normal variable is above mean + low sigma and above all its rivals.
-    Gauss-Legendre quadrature up to 5.5 sigma.
+def _given(rivals, contrast, signals, powers):
+    """Write the products of correlation and contrast, and the squared contrasts, of the rivals that
+    there are (NaN: none) into signals and powers (k,); their number.
     """
-    at, parts = np.empty(_AT32.size, np.float32), np.empty(_AT32.size, np.float32)
-    factor = _gauss_legendre(low, at, parts)
-    _times_all_below(at, mean, sigma, others, inverse, parts)
-    return np.float64(parts.sum()) * factor
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _in_noise(contrast, rho, noise, along, nodes, rivals, rival_contrast, others, inverse):
-    """Mean and sigma of a patch's correlation, and the number of its rivals (NaN: none) that are not
-    certainly below it; their means go into others, the reciprocals of their sigmas into inverse.
-    """
-    mean, variance = moments(contrast, rho, noise, along, nodes)
-    near = 0
+    found = 0
     for j in range(rivals.size):
         if rivals[j] > -2.0:
-            other, spread = moments(rival_contrast[j], rivals[j], noise, along, nodes)
-            sigma = math.sqrt(spread)
-            if mean - other < _APART * math.sqrt(variance + sigma * sigma):
-                others[near], inverse[near] = other, 1.0 / sigma
-                near += 1
-    return mean, math.sqrt(variance), near
+            signals[found], powers[found] = rivals[j] * contrast[j], contrast[j] * contrast[j]
+            found += 1
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+def _moments_of_all(signals, powers, noise, along, count, means, variances):
+    """Write the `moments` of ``count`` rivals (`_given`) into means and variances (k,); along: V over
+    the number of nodes.
+    """
+    for j in range(count):
+        total_ = powers[j] + noise
+        total_ = total_ if total_ > 0.0 else 1.0
+        mean = signals[j] / math.sqrt(total_)
+        variance = along / total_ * (1.0 - mean * mean)
+        means[j], variances[j] = mean, max(variance, _LEAST_VARIANCE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _highest(mean, sigma, others, inverse, least):
-    """Three probabilities: that a normal variable is above ``least`` and above all its independent
-    rivals; that it is above ``least``; that it is above all its rivals: NaN if the first does not
-    need it.
+def _near(mean, sigma, means, variances, count, firsts, steps):
+    """Write the terms first and step of `_integral` for those of ``count`` rivals that are not certainly
+    below a normal variable into firsts and steps (k,); their number. means, variances (k,) are
+    used up.
+    """
+    near, apart, own = 0, _APART * _APART, sigma * sigma
+    for j in range(count):
+        off = mean - means[j]
+        if off < 0.0 or off * off < apart * (own + variances[j]):
+            means[near], variances[near] = off, variances[j]
+            near += 1
+    for j in range(near):
+        inverse = 1.0 / math.sqrt(variances[j])
+        firsts[j], steps[j] = np.float32(means[j] * inverse), np.float32(sigma * inverse)
+    return near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(mean, sigma, firsts, steps, near, least, at, weights):
+    """Three probabilities: that a normal variable is above ``least`` and above all its ``near``
+    independent rivals (firsts, steps: `_near`); that it is above ``least``; that it is above all its
+    rivals: NaN if the first does not need it. at, weights (32,): work arrays.
     """
     low = (least - mean) / sigma
     above = 0.5 * math.erfc(low * math.sqrt(0.5))
-    if others.size == 0:
+    if near == 0:
         return above, above, 1.0
     if low <= -_SIGMAS:
-        whole = _above_all(mean, sigma, others, inverse)
+        whole = min(_integral(_WHOLE, _WHOLE_WEIGHTS, firsts, steps, near), 1.0)
         return whole, above, whole
     if low >= _SIGMAS:
         return 0.0, above, math.nan
-    return min(_above_all_from(mean, sigma, others, inverse, low), above), above, math.nan
+    factor = _gauss_legendre(low, at, weights)
+    found = factor * _integral(at, weights, firsts, steps, near)
+    return min(found, above), above, math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _acquire(
+    contrast, noise, along, rho, nodes, given, factors, weights, least, third_from, work, out
+):
+    """The probabilities of `acquisition` of a patch with ``given`` rivals into out (3,)."""
+    signals, powers, means, variances, firsts, steps, at, parts, third = work
+    for again in range(2):
+        if again and not out[0] >= third_from:
+            break
+        for m in range(factors.size):
+            if again and not math.isnan(third[m]):
+                continue
+            scale = factors[m] * factors[m]
+            mean, variance = moments(contrast, rho, scale * noise, scale * along, nodes)
+            sigma, share = math.sqrt(variance), scale * along / nodes
+            _moments_of_all(signals, powers, scale * noise, share, given, means, variances)
+            near = _near(mean, sigma, means, variances, given, firsts, steps)
+            if again:
+                third[m] = min(_integral(_WHOLE, _WHOLE_WEIGHTS, firsts, steps, near), 1.0)
+            else:
+                found, above, third[m] = _highest(
+                    mean, sigma, firsts, steps, near, least, at, parts
+                )
+                out[0] += weights[m] * found
+                out[1] += weights[m] * above
+    for m in range(factors.size):
+        out[2] += weights[m] * third[m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -128,33 +177,22 @@ def acquisition(
     at places. The third may be NaN where the first is below ``third_from``. All 0 for a patch without
     contrast or with an infinite V.
     """
-    for i in prange(contrast.size):
-        out[i] = 0.0
-        if not contrast[i] > 0.0 or not math.isfinite(along[i]) or not math.isfinite(rho[i]):
-            continue
-        others, inverse = np.empty(rivals.shape[1]), np.empty(rivals.shape[1])
-        third = np.empty(factors.size)
-        for again in range(2):
-            if again and not out[i, 0] >= third_from:
-                break
-            for m in range(factors.size):
-                if again and not math.isnan(third[m]):
-                    continue
-                scale = factors[m] * factors[m]
-                mean, sigma, near = _in_noise(
-                    contrast[i], rho[i], scale * noise[i], scale * along[i], nodes, rivals[i],
-                    rival_contrast[i], others, inverse,
+    many, parts = rivals.shape[1], min(contrast.size, _PARTS)
+    for part in prange(parts):
+        signals, powers = np.empty(many), np.empty(many)
+        work = (
+            signals, powers, np.empty(many), np.empty(many),
+            np.empty(many, np.float32), np.empty(many, np.float32),
+            aligned(_AT32.size), aligned(_AT32.size), np.empty(factors.size),
+        )  # fmt: skip
+        for i in range(part, contrast.size, parts):
+            out[i] = 0.0
+            if contrast[i] > 0.0 and math.isfinite(along[i]) and math.isfinite(rho[i]):
+                given = _given(rivals[i], rival_contrast[i], signals, powers)
+                _acquire(
+                    contrast[i], noise[i], along[i], rho[i], nodes, given, factors, weights,
+                    least, third_from, work, out[i],
                 )  # fmt: skip
-                if again:
-                    third[m] = _above_all(mean, sigma, others[:near], inverse[:near])
-                else:
-                    found, above, third[m] = _highest(
-                        mean, sigma, others[:near], inverse[:near], least
-                    )
-                    out[i, 0] += weights[m] * found
-                    out[i, 1] += weights[m] * above
-        for m in range(factors.size):
-            out[i, 2] += weights[m] * third[m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
