@@ -7,7 +7,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +17,14 @@ from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADO
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability, least_rival, top_probability
 from ..landmarks.error_model import ErrorModel
-from ..landmarks.localization import Registration, harris_response, lit_share, mean_lit_level
+from ..landmarks.localization import Registration, harris_response, light_of
 from ..landmarks.patches import halved, halved_changes, through_optics
 from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
 from .items import Items, Patches
 from .patch_light import PatchLight
 from .place_errors import PlaceErrors
-from .sweep import RenderedImage, Sweep
+from .sweep import RenderedImages, Sweep
 
 _DOUBT = 0.02, 0.07
 """Detection probabilities so far below and above the limit are computed again with a search at full
@@ -152,9 +151,8 @@ def _evaluate_views(
     together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
     ranges_m = np.where(sweep.near_views, sweep.conditions.view_ranges_m, np.inf)
     first = _first_alike(sweep.view_directions, ranges_m)
-    images = sweep.images(tuple(np.unique(first[views]).tolist()), sensitivity=True)
-    while batch := list(islice(images, together)):
-        judge.images(batch)
+    for images in sweep.stacks(together, tuple(np.unique(first[views]).tolist())):
+        judge.images(images)
     result.share_views(views, first[views])
 
 
@@ -178,16 +176,18 @@ class _Judge:
         self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
         self.result, self.scales = result, image_scales(config.points.patch_nodes)
 
-    def images(self, images: list[RenderedImage]) -> None:
+    def images(self, images: RenderedImages) -> None:
         """Write the results of some images."""
         result, points, (rows, cols, half) = self.result, self.points, self.light.where
-        suns = list(dict.fromkeys(image.sun for image in images))
-        shares, casts = zip(*(self.light.shadow_dependence(*sun) for sun in suns), strict=True)
-        own_sun = np.array([suns.index(image.sun) for image in images])
-        cast = np.stack(casts)
-        at = (slice(None), *np.array([image.condition for image in images]).T)
+        conditions, count = images.conditions, len(images.conditions)
+        suns, own_sun = np.unique(conditions[:, 1:], axis=0, return_inverse=True)
+        shares, casts = zip(
+            *(self.light.shadow_dependence(*sun) for sun in suns.tolist()), strict=True
+        )
+        own_sun, cast = own_sun.ravel(), np.stack(casts)
+        at = (slice(None), *conditions.T)
         result.shadow_dependence[at] = np.stack(shares)[own_sun].T
-        flags = np.full((len(rows), len(images)), EVALUATED, np.uint8)
+        flags = np.full((len(rows), count), EVALUATED, np.uint8)
         for part, flag in (
             (result.shadow_dependence[at], UNSHADOWED),
             (result.occlusion_dependence[at], UNOCCLUDED),
@@ -195,16 +195,18 @@ class _Judge:
             flags |= _flagged(part <= points.max_dependence, flag)
         result.condition[at] = flags
 
-        raw = np.stack([image.radiance for image in images])
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
-        filled = _filled(raw, 2 * half + 1)
-        sources = [filled]
-        for slopes in zip(*(image.slopes for image in images), strict=True):
-            sources.append(_complete(np.stack(slopes)))
-        whole = Items.all(len(images), rows, cols, half)
-        result.harris[at] = harris_response(whole.of(filled)).reshape(len(images), -1).T
-        items = whole.some(np.flatnonzero(lit_share(whole.of(raw)) >= points.min_lit_share))
-        changed, change = self._changes(items, filled, images, cast[own_sun])
+        size = 2 * half + 1
+        filled = images.radiance if images.complete else _filled(images.radiance, size)
+        sources = [filled, *images.slopes]
+        whole = Items.all(count, rows, cols, half)
+        own = whole.of(filled)
+        share, level = light_of(own)
+        result.harris[at] = harris_response(own, level).reshape(count, -1).T
+        if not images.complete:
+            share, _ = light_of(whole.of(images.radiance))
+        items = whole.some(np.flatnonzero(share >= points.min_lit_share))
+        changed, change = self._changes(items, filled, conditions, cast[own_sun])
         for slot, scale in enumerate(self.scales):
             if scale > 1:
                 sources = [halved(source) for source in sources]
@@ -216,19 +218,19 @@ class _Judge:
             if len(changed):
                 alone = seen.copy()
                 alone[changed] += through_optics(change, scale)
-            level = mean_lit_level(alone)
+            _, level = light_of(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
                 patches = Patches(items, seen, alone, level, shown)
                 if len(good) < len(level):
                     patches = patches.some(good)
-                self._judge(slot, np.array([image.condition for image in images]), patches)
+                self._judge(slot, conditions, patches)
 
     def _changes(
         self,
         items: Items,
         filled: Float32,
-        images: list[RenderedImage],
+        conditions: Index,
         cast: NDArray[np.bool_],
     ) -> tuple[Index, Float32]:
         """The patches into which only terrain around them casts shadows (k,), and their difference (k,
@@ -241,8 +243,8 @@ class _Judge:
         if not len(here):
             return here, np.zeros((0, *cast.shape[2:]), np.float32)
         shaded = items.some(here)
-        lit = np.stack([self.light.sweep.unshadowed(images[k].condition) for k in numbers.tolist()])
-        place = np.zeros(len(images), np.int64)
+        lit = np.stack([self.light.sweep.unshadowed(at) for at in map(tuple, conditions[numbers])])
+        place = np.zeros(len(conditions), np.int64)
         place[numbers] = np.arange(len(numbers))
         difference = dataclasses.replace(shaded, which=place[shaded.which]).of(lit)
         difference -= shaded.of(filled)
@@ -288,15 +290,8 @@ class _Judge:
 
 
 def _filled(images: Float32, size: int) -> Float32:
-    """Images (k, rows, cols) through `fill_missing`; themselves if they are complete."""
-    if np.isfinite(images.sum()):
-        return images
+    """Images (k, rows, cols) through `fill_missing`."""
     return np.stack([fill_missing(image, size) for image in images])
-
-
-def _complete(values: Float32) -> Float32:
-    """The values, 0 where one is missing."""
-    return values if np.isfinite(values.sum()) else np.nan_to_num(values)
 
 
 class _Chances(NamedTuple):

@@ -10,12 +10,13 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
-from ..arrays import Array, Index, Mask
+from ..arrays import Array, Float32, Index, Mask
 from ..cameras.view import View, slant_range_m
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
@@ -24,6 +25,7 @@ from ..photometry.laws import (
     SLOPE_STEP,
     NearLight,
     Reflectance,
+    differences,
     planes_of,
     radiance_of_nodes,
     steeper,
@@ -121,25 +123,36 @@ def law_of_build(config: BuildConfig, lat_deg: float) -> Choice:
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """The image of one condition: radiance factor, 0 in shadow, NaN where not visible. ``slopes``: its
-    derivatives with respect to the terrain's slopes towards east and south, if they were asked for.
-    """
+    """The image of one condition: radiance factor, 0 in shadow, NaN where not visible."""
 
     view: int
     elevation: int
     azimuth: int
     radiance: NDArray[np.float32]
-    slopes: tuple[NDArray[np.float32], ...] = ()
+
+    @property
+    def condition(self) -> tuple[int, int, int]:
+        """Indices of view, elevation and azimuth."""
+        return self.view, self.elevation, self.azimuth
 
     @property
     def sun(self) -> tuple[int, int]:
         """Indices of the Sun's elevation and azimuth."""
         return self.elevation, self.azimuth
 
-    @property
-    def condition(self) -> tuple[int, int, int]:
-        """Indices of view, elevation and azimuth."""
-        return self.view, self.elevation, self.azimuth
+
+@dataclass(frozen=True)
+class RenderedImages:
+    """The images of k conditions. ``conditions`` (k, 3): indices of view, elevation and azimuth;
+    ``radiance`` (k, rows, cols) as in `RenderedImage`; ``slopes`` (2, k, rows, cols): its derivatives
+    with respect to the terrain's slopes towards east and south, 0 where not visible; ``complete``: True
+    if all nodes are visible.
+    """
+
+    conditions: Index
+    radiance: Float32
+    slopes: Float32
+    complete: bool
 
 
 def plan_area(
@@ -420,24 +433,36 @@ class Sweep:
         radiance = self.shading(condition)(self.planes, none, self.unseen(condition[0]))
         return radiance if self.factors is None else radiance * self.factors
 
-    def images(
-        self, views: tuple[int, ...] | None = None, sensitivity: bool = False
-    ) -> Iterator[RenderedImage]:
-        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given).
-        ``sensitivity``: with the derivatives of the radiance (forward differences).
-        """
+    def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
+        """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
+        for condition, dark in self._lit(views):
+            radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
+            if self.factors is not None:
+                radiance = radiance * self.factors
+            yield RenderedImage(*condition, radiance)
+
+    def stacks(self, most: int, views: tuple[int, ...] | None = None) -> Iterator[RenderedImages]:
+        """The `images`, at most ``most`` at a time, with their derivatives (forward differences)."""
+        wanted = self._lit(views)
+        while some := list(islice(wanted, most)):
+            bands = np.empty((3, len(some), *self.planes.shape[1:]), np.float32)
+            complete = True
+            for k, (condition, dark) in enumerate(some):
+                shaded, hidden = self.shading(condition), self.unseen(condition[0])
+                nodes = (self.planes, *self.steeper_planes)
+                base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
+                out = bands[:, k]
+                complete &= differences(base, east, south, SLOPE_STEP, self.factors, out)
+            conditions = np.array([condition for condition, _ in some])
+            yield RenderedImages(conditions, bands[0], bands[1:], complete)
+
+    def _lit(
+        self, views: tuple[int, ...] | None
+    ) -> Iterator[tuple[tuple[int, int, int], NDArray[np.uint8]]]:
+        """Conditions with the shadows of their Suns, in the order of `images`."""
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
-        factors = self.factors
         for azimuth, elevations in self.suns:
             dark = self.dark(azimuth)
-            for slot, elevation in enumerate(elevations):
+            for slot, elevation in enumerate(elevations.tolist()):
                 for view in wanted:
-                    condition = (view, int(elevation), azimuth)
-                    hidden, shaded = (dark[slot], self.unseen(view)), self.shading(condition)
-                    bands = [shaded(self.planes, *hidden)]
-                    for planes in self.steeper_planes if sensitivity else ():
-                        change = shaded(planes, *hidden) - bands[0]
-                        bands.append(change * np.float32(1.0 / SLOPE_STEP))
-                    if factors is not None:
-                        bands = [band * factors for band in bands]
-                    yield RenderedImage(*condition, bands[0], tuple(bands[1:]))
+                    yield (view, elevation, azimuth), dark[slot]

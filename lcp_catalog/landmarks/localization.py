@@ -121,28 +121,21 @@ def _symmetric(parts: Array) -> Array:
     return np.ascontiguousarray(parts[:, [0, 2, 2, 1]]).reshape(-1, 2, 2)
 
 
-def harris_response(patches: Float32) -> Float32:
+def harris_response(patches: Float32, level: Array | None = None) -> Float32:
     """det M - 0.04 trace(M)^2 of each patch (n, p, p), divided by its mean lit level, over the
     squared number of nodes (Harris and Stephens 1988), (n,); NaN where a node is missing or no node
-    is lit.
+    is lit. level (n,): the mean lit levels, if they are known.
     """
     out = np.empty(len(patches))
-    kernels.harris(np.ascontiguousarray(patches), mean_lit_level(patches), HARRIS_K, out)
+    known = light_of(patches)[1] if level is None else level
+    kernels.harris(np.ascontiguousarray(patches), known, HARRIS_K, out)
     return out.astype(np.float32)
 
 
-def lit_share(patches: Float32) -> Array:
-    """Share of each patch's nodes that are lit (> 0), (n,); missing nodes are not lit."""
-    return _light(patches)[0]
-
-
-def mean_lit_level(patches: Float32) -> Array:
-    """Mean of each patch's lit (> 0) nodes, (n,); NaN where a node is missing or no node is lit."""
-    return _light(patches)[1]
-
-
-def _light(patches: Float32) -> Array:
-    """Share and mean of the lit nodes, (2, n)."""
-    found = np.empty((2, len(patches)))
-    kernels.light(np.ascontiguousarray(patches), *found)
-    return found
+def light_of(patches: Float32) -> tuple[Array, Array]:
+    """Of each patch (n, p, p) the share of its nodes that are lit (> 0; missing nodes are not), and the
+    mean of these: NaN where a node is missing or no node is lit; (n,) each.
+    """
+    share, level = np.empty((2, len(patches)))
+    kernels.light(np.ascontiguousarray(patches), share, level)
+    return share, level

@@ -257,6 +257,22 @@ def steeper(planes: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
     return first, second
 
 
+def differences(
+    radiance: NDArray[np.float32],
+    east: NDArray[np.float32],
+    south: NDArray[np.float32],
+    step: float,
+    factors: NDArray[np.float32] | None,
+    out: NDArray[np.float32],
+) -> bool:
+    """Write the radiance of nodes (rows, cols), and the derivatives that follow from that of the
+    `steeper` nodes, all times the albedo's factors, into out (3, rows, cols); derivatives are 0 where a
+    radiance is missing. Return True if none is.
+    """
+    own = np.ones((1, 1), np.float32) if factors is None else factors
+    return bool(images.differences(radiance, east, south, np.float32(1.0 / step), own, out))
+
+
 def radiance_of_nodes(
     planes: NDArray[np.float32],
     sun: Array,

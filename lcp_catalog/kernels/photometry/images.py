@@ -19,7 +19,7 @@ _RUN = 512
 """Nodes shaded at once; their data fit into the first-level cache."""
 
 _F = np.float32
-_ZERO, _ONE, _NAN = _F(0.0), _F(1.0), _F(np.nan)
+_ZERO, _ONE, _NAN, _INF = _F(0.0), _F(1.0), _F(np.nan), _F(np.inf)
 
 # atan(t) / t on [0, 1] in t^2: Abramowitz and Stegun, 4.4.49, 2e-8
 _ATAN = (
@@ -62,6 +62,30 @@ def shade_nodes(planes, sun, camera, dark, unseen, code, law):
             for k in range(n):
                 run[k] = run[k] if (mu[k] > 0.0) & (not hidden[k]) else _NAN
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def differences(radiance, east, south, inverse, factors, out):
+    """Write radiance (rows, cols), and the differences of east and south from it times ``inverse``, all
+    times factors (rows, cols), or (1, 1) of 1, into out (3, rows, cols). Differences are 0 where a
+    radiance is missing. Return True if none is.
+    """
+    rows, cols = radiance.shape
+    whole, missing = factors.shape[0] == rows and factors.shape[1] == cols, _ZERO
+    one = np.ones(cols, np.float32)
+    for row in range(rows):
+        base, across, down = radiance[row], east[row], south[row]
+        factor = factors[row] if whole else one
+        level, x, y = out[0, row], out[1, row], out[2, row]
+        lost = _ZERO
+        for k in range(cols):
+            level[k] = base[k] * factor[k]
+            u, v = (across[k] - base[k]) * inverse, (down[k] - base[k]) * inverse
+            lost += _ZERO * (u + v)  # NaN if one is missing
+            x[k] = u * factor[k] if abs(u) < _INF else _ZERO
+            y[k] = v * factor[k] if abs(v) < _INF else _ZERO
+        missing += lost
+    return missing == _ZERO
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
