@@ -274,6 +274,16 @@ def not_below(_context: Any, _one: Any, _other: Any) -> Any:
     return types.int64(vector, vector), code
 
 
+@intrinsic
+def lowest_bit(_context: Any, _bits: Any) -> Any:
+    """The number of the lowest bit of an int64 that is 1; 64 if none is."""
+
+    def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
+        return builder.cttz(values[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(types.int64), code
+
+
 @njit(cache=True, nogil=True)
 def load_four(array, at, step):
     """The vectors from the places at, at + step, at + 2 step and at + 3 step on."""

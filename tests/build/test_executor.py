@@ -71,9 +71,12 @@ def known_modules(_: int) -> tuple[int, bool]:
 
 
 PARALLEL_KERNELS = """
+import logging
 import numpy as np
 from lcp_catalog.build.executor import run_tasks
 from lcp_catalog.kernels.matching.patches import halved
+
+logging.disable(logging.WARNING)  # kernels are compiled, perhaps
 
 
 def half(k):

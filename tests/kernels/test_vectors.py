@@ -9,6 +9,7 @@ from lcp_catalog.kernels.vectors import (
     aligned,
     larger,
     load,
+    lowest_bit,
     magnitude,
     not_below,
     rounded,
@@ -74,6 +75,17 @@ def test_comparisons_and_sum_are_those_of_numpy():
     np.testing.assert_array_equal(out[2], np.where(one > other, np.abs(other), np.rint(other)))
     assert [bool(bits >> k & 1) for k in range(LANES)] == (one >= other).tolist()
     assert found == pytest.approx(one.sum(dtype=np.float64), abs=1e-6)
+
+
+@njit
+def _bit(bits):
+    return lowest_bit(bits)
+
+
+def test_the_lowest_bit():
+    numbers = [0, 5, 33, 62]
+    assert [_bit(np.int64(1 << k | 1 << 62)) for k in numbers] == numbers
+    assert _bit(np.int64(0)) == 64
 
 
 @njit

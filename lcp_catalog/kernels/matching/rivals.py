@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..vectors import LANES, aligned, load, splat, store, total
 from .correlation import FLAT, window
-from .maxima import maxima
-from .template_products import at_all, at_eight, at_nine, extent, padded, row_length
+from .maxima import highest, map_row, surround
+from .template_products import at_all, at_eight, at_nine, extent, place_for, row_length
 
 _ASCENTS = 6
 """Greatest number of maxima at half resolution that are followed to full resolution."""
@@ -27,6 +28,8 @@ _MARGIN = 3.0
 """Pixels by which a maximum at half resolution may lie nearer than the exclusion."""
 _FEW = 16
 """Maxima at half resolution that are kept however low they are."""
+_PARTS = 8
+"""Parts of the templates, for threads; those of a part share work arrays."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -115,43 +118,51 @@ def _norms_between(before, before2, size, flat, out):
             out[c] = np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _unit(template):
-    """A template (p, p) less its mean, of unit norm, all 0 if it is flat; and its norm."""
-    out = np.empty(template.shape, np.float32)
-    pixels, unit = template.ravel(), out.ravel()
-    total = power = 0.0
-    for x in range(pixels.size):
-        total += np.float64(pixels[x])
-    mean = total / pixels.size
-    for x in range(pixels.size):
-        off = pixels[x] - mean
-        power += off * off
-        unit[x] = np.float32(off)
-    scale = 1.0 / math.sqrt(power) if power > 1e-14 * mean * mean * pixels.size else 0.0
-    for x in range(pixels.size):
-        unit[x] *= np.float32(scale)
-    return out, math.sqrt(power)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _prepare(values, at, p, out):
+    """Write the p x p numbers from place ``at`` of an array on, less their mean, into the rows of a template
+    (`template_products`) whose other places are 0. Return their norm, 0 if they are alike.
+    """
+    whole, n = p // LANES * LANES, row_length(p)
+    sums, rest = splat(np.float32(0.0)), 0.0
+    for y in range(at, at + p * p, p):
+        for x in range(y, y + whole, LANES):
+            sums = sums + load(values, x)
+        for x in range(y + whole, y + p):
+            rest += np.float64(values[x])
+    mean = (np.float64(total(sums)) + rest) / (p * p)
+    middle, left = splat(np.float32(mean)), np.float32(mean)
+    sums, rest = splat(np.float32(0.0)), 0.0
+    for y in range(p):
+        source, target = at + y * p, (y + 2) * n
+        for x in range(0, whole, LANES):
+            off = load(values, source + x) - middle
+            sums = sums + off * off
+            store(out, target + x, off)
+        for x in range(whole, p):
+            one = values[source + x] - left
+            rest += np.float64(one * one)
+            out[target + x] = one
+    power = np.float64(total(sums)) + rest
+    return math.sqrt(power) if power > 1e-14 * mean * mean * p * p else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blocks(template, row, col):
-    """The means of a template's 2 x 2 pixels on the blocks of an image at half resolution, as far
-    as they are complete; row, col: place of its first pixel in the image. Also the first block's row
-    and column.
+def _blocks(values, at, p, row, col, out):
+    """Write the means of a template's 2 x 2 pixels on the blocks of an image at half resolution, as far
+    as they are complete, into out (side, side). The template's p x p pixels stand from place ``at`` of
+    an array on; row, col: place of its first pixel in the image. Return side, and the first block's
+    row and column.
     """
     top, left = row % 2, col % 2
-    rows, cols = (template.shape[0] - top) // 2, (template.shape[1] - left) // 2
-    side = min(rows, cols, template.shape[0] // 2)
-    out = np.empty((side, side), np.float32)
+    side = min((p - top) // 2, (p - left) // 2, p // 2)
     for r in range(side):
+        first = at + (top + 2 * r) * p + left
+        one, other = values[first : first + 2 * side], values[first + p : first + p + 2 * side]
         for c in range(side):
-            i, j = top + 2 * r, left + 2 * c
-            out[r, c] = np.float32(0.25) * (
-                (template[i, j] + template[i, j + 1])
-                + (template[i + 1, j] + template[i + 1, j + 1])
-            )
-    return out, (row + 1) // 2, (col + 1) // 2
+            two = (one[2 * c] + one[2 * c + 1]) + (other[2 * c] + other[2 * c + 1])
+            out[r * side + c] = np.float32(0.25) * two
+    return side, (row + 1) // 2, (col + 1) // 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -173,63 +184,87 @@ def _pixels_around(image, row, col, p, margin):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _map(image, norms, template, p, row, col, ny, nx):
-    """Correlations (ny, nx) of a template of p x p pixels (`padded`, of unit norm) with the windows from
-    (row, col) on.
+def _room(p, reach):
+    """Work arrays of `_map` for templates of p x p pixels and a search of +-``reach``: pixels, products,
+    the map (`maxima.surround`), and numbers of maxima.
     """
-    high, wide = ny + p - 1, nx + p - 1
+    n = 2 * reach + 1
+    rows, length, many, long = extent(p, n, n)
+    pixels, products = aligned(rows * length), aligned(many * long)
+    pixels[:] = np.float32(0.0)  # those behind a smaller region must be finite
+    return pixels, products, aligned((n + 2) * map_row(n)), np.empty(n * n, np.int64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _map(flat, wide, norms, template, scale, p, row, col, ny, nx, room):
+    """Write the correlations (ny, nx) of a template of p x p pixels (`_prepare`; scale: over its norm)
+    with the windows from (row, col) of an image (its pixels in rows of ``wide``) on into the map of
+    room (`_room`).
+    """
+    pixels, products, score, _ = room
+    high, across, first = ny + p - 1, nx + p - 1, row * wide + col
     mean = 0.0
-    for y in range(0, high, 4):
-        for x in range(0, wide, 4):
-            mean += image[row + y, col + x]
-    level = np.float32(mean / (((high + 3) // 4) * ((wide + 3) // 4)))
-    rows, length, many, long = extent(p, ny, nx)
-    region, sums = np.zeros((rows, length), np.float32), np.empty((many, long), np.float32)
+    for y in range(first, first + high * wide, 8 * wide):
+        for x in range(y, y + across, 8):
+            mean += flat[x]
+    level = np.float32(mean / (((high + 7) // 8) * ((across + 7) // 8)))
+    _, length, _, long = extent(p, ny, nx)
+    whole, middle = across // LANES * LANES, splat(level)
     for y in range(high):
-        pixels, out = image[row + y, col : col + wide], region[y]
-        for x in range(wide):
-            out[x] = pixels[x] - level
-    at_all(template, p, region.ravel(), ny, nx, sums.ravel())
-    score = np.empty((ny, nx), np.float32)
+        source, target = first + y * wide, y * length
+        for x in range(0, whole, LANES):
+            store(pixels, target + x, load(flat, source + x) - middle)
+        for x in range(whole, across):
+            pixels[target + x] = flat[source + x] - level
+    at_all(template, p, pixels, ny, nx, products)
+    many, own, even, factor = norms.shape[1], norms.ravel(), nx // LANES * LANES, splat(scale)
     for y in range(ny):
-        found, own, out = sums[y], norms[row + y, col : col + nx], score[y]
-        for x in range(nx):
-            out[x] = found[x] * own[x]
-    return score
+        source, norm, target = y * long, (row + y) * many + col, (y + 1) * map_row(nx) + 1
+        for x in range(0, even, LANES):
+            found = load(products, source + x) * (load(own, norm + x) * factor)
+            store(score, target + x, found)
+        for x in range(even, nx):
+            score[target + x] = products[source + x] * (own[norm + x] * scale)
+    surround(score, ny, nx)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _climb(image, norms, template, p, row, col, limits):
-    """Steepest ascent of a template's correlation (`padded`) from (row, col), one pixel a step, within
+def _climb(image, flat, norms, template, scale, p, row, col, limits, around):
+    """Steepest ascent of a template's correlation (`_map`) from (row, col), one pixel a step, within
     limits (first and last row and column). Return the last place, its correlation, and True if it is a
-    maximum.
+    maximum. flat: the image's pixels; around (9,): work array.
     """
-    around, best = np.empty(9, np.float32), 0.0
+    best, wide, own, many = np.float32(0.0), image.shape[1], norms.ravel(), norms.shape[1]
+    last = flat.size - (p + 1) * wide - 2 - row_length(p)
     for _ in range(_STEPS):
-        pixels, wide, start = _pixels_around(image, row, col, p, 1)
-        at_nine(template, p, pixels, wide, start, around)
-        best = np.float64(around[4] * norms[row, col])
-        k = 4
-        for i in range(9):
-            r, c = row + i // 3 - 1, col + i % 3 - 1
-            if limits[0] <= r <= limits[1] and limits[2] <= c <= limits[3]:
-                here = np.float64(around[i] * norms[r, c])
+        start = (row - 1) * wide + col - 1
+        if 0 <= start <= last:
+            at_nine(template, p, flat, wide, start, around)
+        else:
+            pixels, length, start = _pixels_around(image, row, col, p, 1)
+            at_nine(template, p, pixels, length, start, around)
+        best, up, left = around[4] * (own[row * many + col] * scale), 0, 0
+        for y in range(max(-1, limits[0] - row), min(1, limits[1] - row) + 1):
+            for x in range(max(-1, limits[2] - col), min(1, limits[3] - col) + 1):
+                here = around[3 * y + x + 4] * (own[(row + y) * many + col + x] * scale)
                 if here > best:
-                    best, k = here, i
-        if k == 4:
-            return row, col, best, True
-        row, col = row + k // 3 - 1, col + k % 3 - 1
-    return row, col, best, False
+                    best, up, left = here, y, x
+        if up == 0 and left == 0:
+            return row, col, np.float64(best), True
+        row, col = row + up, col + left
+    return row, col, np.float64(best), False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _top(score, row, col):
-    """The place of a maximum in half pixels of a map, from parabolas along its row and column."""
-    up, left = 2 * row, 2 * col
-    if 0 < row < score.shape[0] - 1:
-        up += _vertex(score[row - 1, col], score[row, col], score[row + 1, col])
-    if 0 < col < score.shape[1] - 1:
-        left += _vertex(score[row, col - 1], score[row, col], score[row, col + 1])
+def _top(score, wide, ny, nx, row, col):
+    """The place of a maximum in half pixels of a map (`maxima.surround`), from parabolas along its row and
+    column.
+    """
+    up, left, at = 2 * row, 2 * col, (row + 1) * wide + col + 1
+    if 0 < row < ny - 1:
+        up += _vertex(score[at - wide], score[at], score[at + wide])
+    if 0 < col < nx - 1:
+        left += _vertex(score[at - 1], score[at], score[at + 1])
     return up, left
 
 
@@ -244,34 +279,39 @@ def _vertex(before, here, after):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _from_half(
-    image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion, least,
-    places, heights,
+    image, flat, norms, half, half_norms, values, at, template, scale, p, row, col, limits, reach,
+    exclusion, least, work, room, places, heights, best,
 ):  # fmt: skip
     """The highest maxima by ascents from those at half resolution, into places (k, 2) and heights
     (k,), and their number; the other arguments as in `_rivals_of`.
     """
-    blocks, top, left = _blocks(values, row, col)
-    side = blocks.shape[0]
-    small, _ = _unit(blocks)
+    blocks, coarse, around = work
+    side, top, left = _blocks(values, at, p, row, col, blocks)
+    if p % 2 == 0:  # the side depends on the place: a longer row was here
+        coarse[:] = np.float32(0.0)
+    norm = _prepare(blocks, 0, side, coarse)
+    small = np.float32(1.0 / norm if norm > 0.0 else 0.0)
     box = window(half.shape, side, side, top, left, (reach + 1) // 2)
-    if box[1] < box[0] or box[3] < box[2]:
-        return 0
     ny, nx = box[1] - box[0] + 1, box[3] - box[2] + 1
-    score = _map(half, half_norms, padded(small), side, box[0], box[2], ny, nx)
+    if ny < 1 or nx < 1:
+        return 0
+    _map(half.ravel(), half.shape[1], half_norms, coarse, small, side, box[0], box[2], ny, nx, room)
     away = max(0.5 * (exclusion - _MARGIN), 0.0)
-    lowest, middle = least - _LOSS, (top - box[0], left - box[2])
-    found = maxima(score, lowest, _FEW, middle[0], middle[1], away, places, heights)
-    kept = 0
+    lowest, up, across = least - _LOSS, top - box[0], left - box[2]
+    found = highest(room[2], ny, nx, lowest, _FEW, up, across, away, places, heights, room[3], best)
+    kept, wide = 0, map_row(nx)
     for k in range(found):
         height = np.float64(heights[k])
         if kept > 0 and height < lowest:
             break
-        r, c = _top(score, places[k, 0], places[k, 1])
-        r = min(max(row + 2 * (box[0] - top) + r, limits[0]), limits[1])
-        c = min(max(col + 2 * (box[2] - left) + c, limits[2]), limits[3])
+        r, c = _top(room[2], wide, ny, nx, places[k, 0], places[k, 1])
+        r = min(max(row - 2 * up + r, limits[0]), limits[1])
+        c = min(max(col - 2 * across + c, limits[2]), limits[3])
         settled, again = True, False
         if k < _ASCENTS:
-            r, c, height, settled = _climb(image, norms, template, values.shape[0], r, c, limits)
+            r, c, height, settled = _climb(
+                image, flat, norms, template, scale, p, r, c, limits, around
+            )
             for i in range(kept):
                 again = again or (places[i, 0] == r and places[i, 1] == c)
         if settled and not again and (r - row) ** 2 + (c - col) ** 2 > exclusion**2:
@@ -282,25 +322,28 @@ def _from_half(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rivals_of(
-    image, norms, half, half_norms, values, template, row, col, reach, exclusion, coarse, least,
-    places, heights,
+    image, flat, norms, half, half_norms, values, at, template, scale, p, row, col, reach,
+    exclusion, coarse, least, work, room, places, heights, best,
 ):  # fmt: skip
-    """The highest maxima of the correlation of a template (its values, and `padded` of unit norm)
-    around (row, col), best first, into places (k, 2) and heights (k,), and their number.
+    """The highest maxima of the correlation of a template (its p x p values from place ``at`` of an array
+    on, and as in `_map`) around (row, col), best first, into places (k, 2) and heights (k,), and
+    their number. flat: the image's pixels; work, room, best: work arrays.
     """
-    size = values.shape[0]
-    limits = window(image.shape, size, size, row, col, reach)
+    limits = window(image.shape, p, p, row, col, reach)
     found = 0
     if coarse:
         found = _from_half(
-            image, norms, half, half_norms, values, template, row, col, limits, reach, exclusion,
-            least, places, heights,
+            image, flat, norms, half, half_norms, values, at, template, scale, p, row, col, limits,
+            reach, exclusion, least, work, room, places, heights, best,
         )  # fmt: skip
     if found == 0:
         ny, nx = limits[1] - limits[0] + 1, limits[3] - limits[2] + 1
-        score = _map(image, norms, template, size, limits[0], limits[2], ny, nx)
-        middle = row - limits[0], col - limits[2]
-        found = maxima(score, least, 2, middle[0], middle[1], exclusion, places, heights)
+        whole = _room(p, reach) if coarse else room
+        _map(flat, image.shape[1], norms, template, scale, p, limits[0], limits[2], ny, nx, whole)
+        found = highest(
+            whole[2], ny, nx, least, 2, row - limits[0], col - limits[2], exclusion, places,
+            heights, whole[3], best,
+        )  # fmt: skip
         for k in range(found):
             places[k, 0] += limits[0]
             places[k, 1] += limits[2]
@@ -308,21 +351,21 @@ def _rivals_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _near(image, norms, template, p, row, col, ring, around, contrast):
-    """Correlations of a template (`padded`) and contrasts at distances ring from (row, col), as in
-    `rivals`.
+def _near(image, norms, template, scale, p, row, col, ring, starts, found, around, contrast):
+    """Correlations of a template (`_map`) and contrasts at distances ring from (row, col), as in
+    `rivals`; starts, found (8,): work arrays.
     """
     pixels, wide, start = _pixels_around(image, row, col, p, _AROUND)
-    starts, found = np.full(8, start), np.empty(8, np.float32)
     for first in range(0, ring.shape[0], 8):
         last = min(first + 8, ring.shape[0])
-        for k in range(first, last):
-            starts[k - first] = start + (ring[k, 1] + _AROUND) * wide + ring[k, 0] + _AROUND
+        for k in range(8):
+            i = min(first + k, last - 1)
+            starts[k] = start + (ring[i, 1] + _AROUND) * wide + ring[i, 0] + _AROUND
         at_eight(template, p, pixels, wide, starts, found)
         for k in range(first, last):
             r, c = row + ring[k, 1], col + ring[k, 0]
             if 0 <= r < norms.shape[0] and 0 <= c < norms.shape[1]:
-                around[k] = found[k - first] * norms[r, c]
+                around[k] = found[k - first] * (norms[r, c] * scale)
                 contrast[k] = 1.0 / (norms[r, c] * p) if norms[r, c] > 0.0 else 0.0
 
 
@@ -349,29 +392,42 @@ def rivals(
     resolution, the others keep their correlation. If no ascent ends at another place, the search is
     repeated at full resolution.
     """
-    size = templates.shape[1]
-    for n in prange(templates.shape[0]):
-        image, own = stack[which[n]], norms[which[n]]
-        col, row = origins[n, 0], origins[n, 1]
-        out[n], spread[n], around[n], contrast[n] = math.nan, math.nan, math.nan, math.nan
-        if not (0 <= row < own.shape[0] and 0 <= col < own.shape[1]):
-            continue
-        unit, norm = _unit(templates[n])
-        if not norm > least_norm[which[n]]:
-            out[n, 0], spread[n, 0] = 1.0, norm / size
-            continue
-        template = padded(unit)
+    p, count, values = templates.shape[1], templates.shape[0], templates.ravel()
+    parts = min(count, _PARTS)
+    for part in prange(parts):
+        template, coarse_template = place_for(p), place_for(p // 2)
+        work = np.empty((p // 2) ** 2, np.float32), coarse_template, np.empty(9, np.float32)
+        room = _room(p // 2, (reach + 1) // 2) if coarse else _room(p, reach)
         places, heights = np.empty((out.shape[1], 2), np.int64), np.empty(out.shape[1])
-        found = _rivals_of(
-            image, own, half[which[n]], half_norms[which[n]], templates[n], template, row, col,
-            reach, exclusion, coarse, least[n], places, heights,
-        )  # fmt: skip
-        for k in range(found):
-            i = k
-            while i > 0 and out[n, i - 1] < heights[k]:  # an ascent can end above an earlier one
-                out[n, i], spread[n, i] = out[n, i - 1], spread[n, i - 1]
-                i -= 1
-            norm = own[places[k, 0], places[k, 1]]
-            out[n, i] = heights[k]
-            spread[n, i] = 1.0 / (norm * size) if norm > 0.0 else 0.0
-        _near(image, own, template, size, row, col, ring, around[n], contrast[n])
+        best = np.empty(out.shape[1], np.int64)
+        starts, eight = np.empty(8, np.int64), np.empty(8, np.float32)
+        for n in range(part, count, parts):
+            image, own = stack[which[n]], norms[which[n]]
+            col, row = origins[n, 0], origins[n, 1]
+            out[n], spread[n], around[n], contrast[n] = math.nan, math.nan, math.nan, math.nan
+            if not (0 <= row < own.shape[0] and 0 <= col < own.shape[1]):
+                continue
+            norm = _prepare(values, n * p * p, p, template)
+            if not norm > least_norm[which[n]]:
+                out[n, 0], spread[n, 0] = 1.0, norm / p
+                continue
+            scale = np.float32(1.0 / norm)
+            found = _rivals_of(
+                image, image.ravel(), own, half[which[n]], half_norms[which[n]], values, n * p * p,
+                template, scale, p, row, col, reach, exclusion, coarse, least[n], work, room,
+                places, heights, best,
+            )  # fmt: skip
+            for k in range(found):
+                i = k
+                while (
+                    i > 0 and out[n, i - 1] < heights[k]
+                ):  # an ascent can end above an earlier one
+                    out[n, i], spread[n, i] = out[n, i - 1], spread[n, i - 1]
+                    i -= 1
+                norm = own[places[k, 0], places[k, 1]]
+                out[n, i] = heights[k]
+                spread[n, i] = 1.0 / (norm * p) if norm > 0.0 else 0.0
+            _near(
+                image, own, template, scale, p, row, col, ring, starts, eight, around[n],
+                contrast[n],
+            )  # fmt: skip

@@ -2,14 +2,14 @@
 places around one, and at single places.
 
 A template of p x p pixels stands in rows of `row_length` places, zeros behind its own, between two
-rows of zeros above and two below (`padded`). Images are flat arrays of rows of any length. They must
+rows of zeros above and two below (`place_for`). Images are flat arrays of rows of any length. They must
 reach as far, and be finite, as rows of a template do; nothing tests that.
 """
 
 import numpy as np
 from numba import njit
 
-from ..vectors import LANES, load, multiple, splat, splat_at, store_four, total
+from ..vectors import LANES, aligned, load, multiple, splat, splat_at, store_four, total
 
 _ROWS = 4
 """Rows of places, or twice as many, whose sums are held in registers together."""
@@ -24,15 +24,11 @@ def row_length(pixels):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def padded(template):
-    """The rows of a template (p, p) as `at_nine` and `at_eight` read them."""
-    p = template.shape[0]
-    out = np.zeros((p + 4, row_length(p)), np.float32)
-    for y in range(p):
-        source, target = template[y], out[y + 2]
-        for x in range(p):
-            target[x] = source[x]
-    return out.ravel()
+def place_for(p):
+    """Room for a template of p x p pixels, all 0: pixel (y, x) stands at (y + 2) `row_length` + x."""
+    out = aligned((p + 4) * row_length(p))
+    out[:] = np.float32(0.0)
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -133,7 +129,7 @@ def _four_rows(columns, p, image, wide, start, out, long, at):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _eight_below(template, p, image, wide, start, out):
-    """Write the products of a template (`padded`) with the windows at eight places, one below the other,
+    """Write the products of a template with the windows at eight places, one below the other,
     into out (8,).
     """
     n, zero = row_length(p), splat(np.float32(0.0))
@@ -164,7 +160,7 @@ def extent(p, ny, nx):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def at_all(template, p, image, ny, nx, out):
-    """Write the products of a template (`padded`) with the windows at ny x nx places into out, in rows;
+    """Write the products of a template with the windows at ny x nx places into out, in rows;
     image and out as in `extent`.
     """
     n, columns = row_length(p), np.empty(p * p, np.float32)
