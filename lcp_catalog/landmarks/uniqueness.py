@@ -113,23 +113,22 @@ def other_places(
     resolution everywhere, as for small patches and small search areas. ValueError for images that are
     prepared for patches of another size.
     """
-    size = patches.shape[1]
-    found = OtherPlaces(
-        *np.full((2, len(rows), RIVALS), np.nan), *np.full((2, len(rows), len(RING)), np.nan)
-    )
+    size, count = patches.shape[1], len(rows)
+    shapes = ((count, RIVALS), (count, RIVALS), (count, len(RING)), (count, len(RING)))
     if not isinstance(images, SearchImages):
         if min(images.shape[1:]) < size:
-            return found
+            return OtherPlaces(*(np.full(shape, np.nan) for shape in shapes))
         images = SearchImages.of(images, size)
+    found = OtherPlaces(*(np.empty(shape) for shape in shapes))
     if images.size != size:
         raise ValueError(f"images prepared for patches of {images.size} nodes, not {size}")
     origins = np.stack([cols, rows], axis=-1).astype(np.int64).reshape(-1, 2) - size // 2
     rivals(
         images.images, images.norms, images.coarse, images.coarse_norms, images.least_norm,
         np.ascontiguousarray(patches, dtype=np.float32),
-        np.zeros(len(rows), np.int64) if which is None else which, origins, search,
+        np.zeros(count, np.int64) if which is None else which, origins, search,
         float(exclusion), not (exact or searched_exactly(size, search)),
-        np.full(len(rows), -2.0) if least is None else least, RING, *found,
+        np.full(count, -2.0) if least is None else least, RING, *found,
     )  # fmt: skip
     return found
 
