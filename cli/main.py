@@ -5,6 +5,7 @@ A subcommand's module is imported only when it runs, so that ``lcp --help`` is q
 
 from __future__ import annotations
 
+import gc
 import importlib
 import logging
 import os
@@ -103,6 +104,7 @@ def main(argv: list[str] | None = None) -> None:
     130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
     _open_standard_streams()
+    gc.set_threshold(100_000, 20, 20)  # imports make many objects and hardly any garbage
     sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised
     arguments = sys.argv[1:] if argv is None else argv
     sys.exit(run(arguments))

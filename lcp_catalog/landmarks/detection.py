@@ -27,7 +27,6 @@ rho_0 is below 1 where the patch, rendered alone, differs from the patch among t
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr
 
 from ..arrays import AnyArray, Array, Float32, Mask
 from ..kernels.matching import acquisition as kernel
@@ -131,6 +130,8 @@ def mistake_probability(
     v_1 (see the module). ``prior`` (n,): probability that the true place has the highest
     correlation, before the search (Bayes' rule). templates, masks (n, rows, cols).
     """
+    from scipy.special import ndtr
+
     best, other = (np.clip(np.asarray(r, np.float64), -1.0, 1.0) for r in (correlation, second))
     count = np.maximum(masks.sum(axis=(1, 2)), 1)
     gain = _noise_gain(templates, masks, np.clip(np.nan_to_num(neighbours), 0.0, 0.99))

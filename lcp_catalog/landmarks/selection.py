@@ -6,16 +6,19 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
 from ..kernels.points import thinned
 from ..threads import thread_count
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Places = tuple[ArrayLike, ArrayLike]
 
@@ -126,6 +129,13 @@ def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
     return lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M
 
 
+def _tree(unit: Array) -> cKDTree:
+    """Search tree of places on the unit sphere (n, 3)."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(unit)
+
+
 def nearest(
     lon_deg: ArrayLike, lat_deg: ArrayLike, to_lon_deg: ArrayLike, to_lat_deg: ArrayLike
 ) -> tuple[Index, Array]:
@@ -140,7 +150,7 @@ def nearest(
     )
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
-    chord, index = cKDTree(there).query(here, workers=thread_count())
+    chord, index = _tree(there).query(here, workers=thread_count())
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 
@@ -154,8 +164,8 @@ def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Ind
     here, there = _unit(*cells).reshape(-1, 3), _unit(*points).reshape(-1, 3)
     if not len(here) or not len(there):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    near = cKDTree(there).sparse_distance_matrix(
-        cKDTree(here), _chord(distance_m), output_type="ndarray"
+    near = _tree(there).sparse_distance_matrix(
+        _tree(here), _chord(distance_m), output_type="ndarray"
     )
     order = np.argsort(near["i"], kind="stable")
     return near["j"][order], near["i"][order]
@@ -165,7 +175,7 @@ class Nearby:
     """Places, (longitudes, latitudes) in degrees, that are looked up around others."""
 
     def __init__(self, places: Places) -> None:
-        self._tree = cKDTree(_unit(*places).reshape(-1, 3))
+        self._tree = _tree(_unit(*places).reshape(-1, 3))
 
     def around(self, others: Places, distance_m: float) -> tuple[Index, NDArray[np.int32]]:
         """The places within a distance along the sphere of each of the others: where they start, (n + 1,),
