@@ -32,12 +32,19 @@ STORED_CLAIMS = 0.3
 """Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
 
 START_S = 3.0
-"""Time before the first area: processor time of the imports and the plan on the sample, 1.2 to 1.7 s and
-1.8 s on a busy machine, rounded."""
+"""Greatest time that the imports and the plan are taken for; it is the processor time of the process until
+now, which was 1.2 to 1.8 s on the sample."""
 
-WORKER_START_S = 1.5
-"""Time that worker processes add: each took 1.3 to 3.1 s of processor time more than one process for
-all areas, part of it while the build is planned; a rough mean."""
+FINISH_S = 0.3
+"""Time of the choice of the points and of the file, on the sample."""
+
+FIRST_S = 0.5
+"""Greatest time that the first area of a process takes longer than others, for compiled kernels that are
+read (0.2 to 0.3 s). It is measured; kernels that are not compiled yet are not counted: the plan leaves them
+compiled."""
+
+WORKER_START_S = 0.5
+"""Time that worker processes add to that of the areas (0.3 to 0.7 s)."""
 
 MERGE_MB = 20.0
 """Memory of the merge of the smallest build beside that of the plan."""
@@ -74,8 +81,15 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     not among them. Of a build of several levels the sums,
     and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
     """
+    start_s = min(time.process_time(), START_S) + FINISH_S
+    return _estimate(build, workers, start_s + (WORKER_START_S if workers > 1 else 0.0))
+
+
+def _estimate(build: Build, workers: int, start_s: float) -> dict[str, Any]:
+    """`estimate` of a build that takes ``start_s`` besides its areas."""
     if build.levels:
-        return _together(build, [estimate(level, workers) for level in build.levels], workers)
+        levels = [_estimate(level, workers, start_s) for level in build.levels]
+        return _together(build, levels, start_s)
     config = build.config
     conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
     halo = config.points.search_nodes(build.gsd_m) + config.points.half
@@ -86,7 +100,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
     measured = _spread(order, sample)
-    seconds, results = _measured(build, *measured)
+    first_s, seconds, results = _measured(build, *measured)
     ground = {k: math.prod(build.jobs[k].task.window.shape) for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
     candidates = share * sum(len(result.candidates) for result in results)
@@ -111,7 +125,7 @@ def estimate(build: Build, workers: int) -> dict[str, Any]:
         "memory_mb_per_worker": round(peak_mb()),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
-            _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1
+            start_s + first_s + _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1
         ),
         "bytes_estimate": int(
             FILE_BYTES
@@ -168,10 +182,9 @@ def _merge_mb(build: Build, points: float, candidates: float) -> float:
     )
 
 
-def _together(build: Build, levels: list[dict[str, Any]], workers: int) -> dict[str, Any]:
+def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dict[str, Any]:
     """The document of a build from those of its levels: one start, one file, processes for the largest."""
     again = len(levels) - 1
-    start_s = START_S + (WORKER_START_S if workers > 1 else 0.0)
     total = {
         key: max(level[key] for level in levels)
         if key in ("suns", "views") or key.startswith("memory")
@@ -189,7 +202,7 @@ def _together(build: Build, levels: list[dict[str, Any]], workers: int) -> dict[
 
 
 def _seconds(build: Build, indices: list[int], measured: list[float], workers: int) -> float:
-    """Time of a build from the seconds of some areas, the smallest as the last: a constant for each
+    """Time of a build's areas from the seconds of some, the smallest as the last: a constant for each
     area, and seconds proportional to its `AreaJob.work`.
     """
     work = np.array([job.work for job in build.jobs], dtype=np.float64)
@@ -200,7 +213,7 @@ def _seconds(build: Build, indices: list[int], measured: list[float], workers: i
     if large > small:
         rate = min(rate, max(0.0, (most - least) / (large - small)))
     total = (most - rate * large) * len(work) + rate * work.sum()
-    return START_S + float(total) / workers + (WORKER_START_S if workers > 1 else 0.0)
+    return float(total) / workers
 
 
 def _cell_decision(build: Build) -> dict[str, Any]:
@@ -224,15 +237,15 @@ def _sun_decision(build: Build) -> dict[str, Any]:
     return asdict(Decision("Suns", True, text, None, "deg"))
 
 
-def _measured(build: Build, *indices: int) -> tuple[list[float], list[AreaResult]]:
-    """Seconds of areas, on one thread, after a first run that loads or compiles the kernels, and
-    their results.
+def _measured(build: Build, *indices: int) -> tuple[float, list[float], list[AreaResult]]:
+    """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without
+    that; and their results.
     """
     seconds, results = [], []
     with limit_threads(1):
-        run_area(build.jobs[indices[0]])
-        for index in indices:
+        for index in (indices[0], *indices):
             start = time.perf_counter()
             results.append(run_area(build.jobs[index]))
             seconds.append(time.perf_counter() - start)
-    return seconds, results
+    first_s = min(max(seconds[0] - seconds[1], 0.0), FIRST_S)
+    return first_s, seconds[1:], results[1:]
