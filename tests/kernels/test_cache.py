@@ -65,6 +65,37 @@ def test_kernels_are_kept_in_the_temporary_folder_and_compiled_once(
     assert list(temporary.iterdir()) == [folder]
 
 
+ROWS = "from lcp_catalog.kernels.matching.template_products import row_length; print(row_length(1))"
+
+
+@pytest.mark.parametrize("place", ["beside", "home", "given"])
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
+    place: str, fixed_package: Path, tmp_path: Path
+) -> None:
+    """`row_length` calls `multiple` of another file, which the cache does not look at."""
+    if place == "beside":
+        for folder in fixed_package.rglob("__pycache__"):
+            folder.unlink()
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_"))}
+    env = kept | {"PYTHONPATH": str(fixed_package), "HOME": str(tmp_path / "home")}
+    env |= {"NUMBA_CACHE_DIR": str(tmp_path / "given")} if place == "given" else {}
+    (tmp_path / "home").mkdir()
+
+    def length() -> int:
+        command = [sys.executable, "-c", ROWS]
+        done = subprocess.run(command, env=env, cwd=fixed_package, capture_output=True, check=True)
+        return int(done.stdout)
+
+    found = length()
+    vectors = fixed_package / "lcp_catalog" / "kernels" / "vectors.py"
+    text = vectors.read_text()
+    vectors.write_text(text.replace("// of * of", "// of * of + 1000"))
+    assert length() == found + 1000
+    vectors.write_text(text)
+    assert length() == found
+    assert len(list(tmp_path.rglob("*row_length*.nbi"))) == (1 if place == "beside" else 2)
+
+
 @pytest.mark.parametrize("planted", ["link", "open folder", "file"])
 def test_a_folder_that_another_user_could_have_made_is_not_used(
     planted: str, tmp_path: Path
