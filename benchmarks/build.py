@@ -30,6 +30,7 @@ from build_processes import jobs_text, memory_text
 from build_roofline import Machine, roofline_table, work_of
 from build_stages import Scripts, measured
 from build_tables import FULL, Measured, Subject, in_turn, summary
+from subnormals import flush_subnormals
 
 from lcp_catalog.build.evaluation import image_scales
 from lcp_catalog.threads import limit_threads
@@ -49,6 +50,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--against", default=BEFORE, metavar="REV", help="none: no other commit")
     parser.add_argument("--no-pipeline", action="store_true", help="without the pipeline")
     parser.add_argument(
+        "--flush", action="store_true", help="numbers below 1e-38 count as 0 (`subnormals`)"
+    )
+    parser.add_argument(
         "--size", type=float, default=150.0, metavar="KM", help="jobs: of the build"
     )
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "bench-build")
@@ -56,6 +60,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name in asked.sections:
         if name not in SECTIONS:
             parser.error(f"no section {name!r}; there are {', '.join(SECTIONS)}")
+    if asked.flush:
+        flush_subnormals()
     with limit_threads(1):
         for name in asked.sections or ["areas"]:
             for text in SECTIONS[name](asked):

@@ -35,6 +35,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.sweep:Sweep.planes",
         "build.sweep:Sweep.steeper_planes",
         "photometry.laws:radiance_of_nodes",
+        "photometry.laws:differences",
     ),
     "dependence": (
         "build.evaluation:_Patches._dependence",
@@ -52,6 +53,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "build.evaluation:_blurred_patches",
     ),
     "localization, detection": (
+        "landmarks.localization:light_of",
         "landmarks.localization:lit_share",
         "landmarks.localization:mean_lit_level",
         "landmarks.detection:least_rival",
@@ -69,7 +71,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     ),
 }
 """Functions of each stage, ``module:name``; names that a package does not have are left out, so that
-the table holds for faf736b (`_Patches`, `gather_patches`, `shift_bias`, ...) and for today's package."""
+the table holds for faf736b (`_Patches`, `gather_patches`, `shift_bias`, `lit_share`, ...) and for today's package."""
 
 PIPELINE_STAGES: dict[str, tuple[str, ...]] = {
     "terrain": ("build_pipeline:Pipeline.__init__",),
