@@ -104,6 +104,7 @@ def main(argv: list[str] | None = None) -> None:
     130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
     _open_standard_streams()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, and workers many
     gc.set_threshold(100_000, 20, 20)  # imports make many objects and hardly any garbage
     sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised
     arguments = sys.argv[1:] if argv is None else argv

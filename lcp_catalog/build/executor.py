@@ -225,8 +225,8 @@ def _one_pool(
     indices: Sequence[int],
     jobs: int,
 ) -> Iterator[tuple[int, Result | Exception]]:
-    """Give the pool one task per worker at a time, so that a broken pool has few suspects; shut it
-    down in the end.
+    """Give the pool one task per worker at a time, and one that waits for the first to be free, so that a
+    broken pool has few suspects; shut it down in the end.
     """
     waiting = list(indices)
     running: dict[Future[Any], int] = {}
@@ -255,8 +255,8 @@ def _fill(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
 ) -> None:
-    """Give a pool tasks that wait until ``jobs`` are running."""
-    while waiting and len(running) < jobs:
+    """Give a pool tasks that wait until ``jobs`` are running and another one is ready."""
+    while waiting and len(running) <= jobs:
         index = waiting.pop(0)
         running[_submit(pool, _on_one_thread, function, tasks[index])] = index
 

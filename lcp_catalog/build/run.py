@@ -387,6 +387,7 @@ def compute_areas(
     """
     todo = missing(areas, checkpoints)
     todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
+    todo = _in_turn(todo, jobs)
     done, failed = len(areas) - len(todo), {}
     progress(done, len(areas))
     inputs = areas[0].files if areas else ()
@@ -406,6 +407,15 @@ def compute_areas(
         done += 1
         progress(done, len(areas))
     return failed
+
+
+def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
+    """The areas in turn from as many parts of the list: a worker that gets every ``parts``-th one stays
+    in its part, whose areas are neighbours and read the same blocks of the DEM.
+    """
+    size = -(-len(areas) // parts) or 1
+    places = sorted(range(len(areas)), key=lambda k: (k % size, k // size))
+    return [areas[k] for k in places]
 
 
 def missing(areas: Sequence[AreaJob], checkpoints: Checkpoints) -> list[AreaJob]:
