@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import verdicts
-from helpers.pages import Page, decoded, measured, parsed
+from helpers.pages import Page, decoded, in_browser, measured, parsed
 
 from lcp_catalog.plots.greyscale import PIXELS_MAX, grey
 from lcp_catalog.validation import report_points, report_windows, result
@@ -287,6 +287,7 @@ def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Table of the 60 points in view. The first 10 are shown; the CSV file has all." in html
 
 
+@in_browser
 @pytest.mark.parametrize("width", [400, 1200])
 def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:
     found = measured(html, width, tmp_path)
