@@ -77,12 +77,12 @@ def run(*words: str) -> Run:
 
 
 def _family(number: int) -> list[int]:
-    """A process and its children; nothing of those that have ended."""
+    """A process and all below it: workers are forked by a child. Nothing of those that have ended."""
     try:
         words = Path(f"/proc/{number}/task/{number}/children").read_text().split()
     except OSError:
         words = []
-    return [number, *(int(word) for word in words)]
+    return [number, *(each for word in words for each in _family(int(word)))]
 
 
 def _peak_mb(number: int) -> float:
