@@ -36,6 +36,8 @@ UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError)
 
 _OPEN_FILES = 16
 _WINDOW_PIXELS = 4_000_000
+_CACHED_PIXELS = 1 << 16
+"""Pixels that are made heights at a time: they stay in the processor's cache."""
 GDAL_CACHE_BYTES = 256 << 20
 """Greatest size of GDAL's cache in a process, unless the variable GDAL_CACHEMAX of the environment
 states one; GDAL itself takes 5 % of the machine's memory in every process."""
@@ -62,9 +64,14 @@ class Raster:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
         metres. DemError for a height beyond `HEIGHT_LIMIT_M`.
         """
-        heights = self.heights_of(self.samples(row0, row1, col0, col1))
-        self._refuse_impossible(heights)
-        return heights.astype(np.float32)
+        samples = self.samples(row0, row1, col0, col1)
+        out = np.empty(samples.shape, np.float32)
+        rows = max(1, _CACHED_PIXELS // max(1, samples.shape[1]))
+        for first in range(0, len(samples), rows):
+            heights = self.heights_of(samples[first : first + rows])
+            self._refuse_impossible(heights)
+            out[first : first + rows] = heights
+        return out
 
     def windows(self, width: int | None = None) -> Iterator[tuple[int, int, int, int]]:
         """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster,
