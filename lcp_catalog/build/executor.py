@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 
 log = logging.getLogger(__name__)
 
-_FORKED = sys.platform == "linux"
+FORKED = sys.platform == "linux"
 """Whether workers are forked; on macOS system libraries do not survive it."""
 
 _PATIENCE_S = 10.0
@@ -76,7 +76,7 @@ def run_tasks(
 
 def start_early() -> None:
     """Start the process that workers are forked from, which takes two seconds, while this one goes on."""
-    if _FORKED:
+    if FORKED:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([f"{__package__}.preloaded"])
         with _signals_held():
@@ -160,7 +160,7 @@ def _died(outcome: Result | Exception) -> Result | Exception:
     return outcome
 
 
-def _new_pool(jobs: int, method: str = "forkserver" if _FORKED else "spawn") -> ProcessPoolExecutor:
+def _new_pool(jobs: int, method: str = "forkserver" if FORKED else "spawn") -> ProcessPoolExecutor:
     if method == "forkserver":
         start_early()
     context = multiprocessing.get_context(method)

@@ -112,7 +112,7 @@ print(parallel._is_initialized, "lcp_catalog.build.area_job" in sys.modules)
 """
 
 
-@pytest.mark.skipif(not executor._FORKED, reason="workers are spawned on this system")
+@pytest.mark.skipif(not executor.FORKED, reason="workers are spawned on this system")
 def test_a_killed_server_costs_no_result() -> None:
     """It is killed while it is asked for the first worker, and while the workers run."""
     executor.start_early()

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.area_peak import build_peak_mb, peak_and_tiles, stated_parent_mb
+from helpers.area_peak import build_peak_mb, peak_and_tiles, stated_mb
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig, SunConfig, ViewConfig
-from lcp_catalog.build.executor import processes
+from lcp_catalog.build.executor import processes, run_tasks
 from lcp_catalog.build.run import Build
 from lcp_catalog.build.worker_memory import MARGIN_MB, area_mb, divided, worker_mb
 from lcp_catalog.errors import ConfigError
@@ -78,9 +78,27 @@ def test_a_worker_keeps_its_promise() -> None:
     assert stated - 2.0 * MARGIN_MB < peak < stated
 
 
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """Kernels that an area needs: their compilation takes memory, too."""
+    with processes(1) as pool:
+        pool.submit(peak_and_tiles, Build.plan([DEM], CONFIG).jobs[0]).result()
+
+
+@pytest.mark.usefixtures("compiled")
 def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> None:
     """One process that computes the areas too; the larger merges are measured by benchmarks/merge.py."""
     with processes(1) as planning, processes(1) as building:
-        stated = planning.submit(stated_parent_mb, DEM, CONFIG, 1).result()
+        stated = planning.submit(stated_mb, DEM, CONFIG, 1, "parent").result()
         peak = building.submit(build_peak_mb, DEM, CONFIG, tmp_path / "a.h5", 1).result()
     assert 0.85 < stated / peak < 1.15
+
+
+@pytest.mark.usefixtures("compiled")
+def test_a_plan_states_the_memory_of_a_worker() -> None:
+    jobs = Build.plan([DEM], CONFIG).jobs
+    with processes(1) as planning:
+        stated = planning.submit(stated_mb, DEM, CONFIG, 2, "per_worker").result()
+    found = dict(run_tasks(peak_and_tiles, jobs, 2))
+    peak = max(mb for mb, _ in found.values())
+    assert 0.8 < stated / peak < 1.25
