@@ -66,4 +66,7 @@ def packing(name: str, sigma_step_m: float) -> Packing:
 
 def half_turn(angle_deg: ArrayLike) -> NDArray[np.float64]:
     """Directions of an axis in whole degrees, 0..179."""
-    return np.asarray(np.mod(np.rint(np.asarray(angle_deg, dtype=np.float64)), 180.0))
+    whole = np.array(np.rint(np.asarray(angle_deg, dtype=np.float64)) + 0.0)
+    outside = (whole < 0.0) | (whole >= 180.0)  # few: the remainder of NaN takes long
+    np.mod(whole, 180.0, out=whole, where=outside)
+    return whole
