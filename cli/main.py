@@ -107,8 +107,9 @@ def main(argv: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, and workers many
     gc.set_threshold(100_000, 20, 20)  # imports make many objects and hardly any garbage
     sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised
-    arguments = sys.argv[1:] if argv is None else argv
-    sys.exit(run(arguments))
+    code = run(sys.argv[1:] if argv is None else argv)
+    gc.freeze()  # else the interpreter looks through all objects of the imports before it ends
+    sys.exit(code)
 
 
 def _open_standard_streams() -> None:
