@@ -70,6 +70,11 @@ class Accuracy:
     """Bound on the rms error of the radiance under an environment map over natural terrain, as a share
     of the mean; measured against more samples with exact shadows."""
 
+    whole_search: bool
+    """True if places that resemble a patch are sought at full resolution everywhere; else at half
+    resolution first, and again where the detection probability is near its limit (`build.evaluation`).
+    Probabilities away from the limit can then be too high: of three areas' 1 to 4 % by more than 0.05."""
+
     law_residual: float
     """Greatest rms residual of a cheaper reflectance model against Hapke's, as a share of the mean
     signal, at which that model is chosen (`photometry.law_choice`). It increases a noise of 0.15 by a
@@ -99,6 +104,7 @@ TIERS = {
             sky_directions=(16, 8),
             sky_tier="draft",
             sky_rms=0.006,
+            whole_search=False,
             law_residual=0.1,
         ),
         Accuracy(
@@ -116,6 +122,7 @@ TIERS = {
             sky_directions=(32, 8),
             sky_tier="draft",
             sky_rms=0.004,
+            whole_search=False,
             law_residual=0.05,
         ),
         Accuracy(
@@ -133,6 +140,7 @@ TIERS = {
             sky_directions=(64, 16),
             sky_tier="high",
             sky_rms=0.0015,
+            whole_search=True,
             law_residual=0.01,
         ),
         Accuracy(
@@ -150,6 +158,7 @@ TIERS = {
             sky_directions=(128, 32),
             sky_tier="high",
             sky_rms=0.0006,
+            whole_search=True,
             law_residual=0.0,
         ),
     )

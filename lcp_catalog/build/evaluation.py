@@ -175,6 +175,7 @@ class _Judge:
     ) -> None:
         self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
         self.result, self.scales = result, image_scales(config.points.patch_nodes)
+        self.whole_search = config.model.precision.whole_search
 
     def images(self, images: RenderedImages) -> None:
         """Write the results of some images."""
@@ -262,11 +263,12 @@ class _Judge:
         search = max(1, points.search_nodes(self.gsd_m) // scale)
         images = SearchImages.of(patches.shown[0], patches.size)
         false_match = points.min_detection if scale == 1 else math.inf
-        chances = _chances(match, images, patches, search, false_match)
+        whole = self.whole_search or searched_exactly(patches.size, search)
+        chances = _chances(match, images, patches, search, false_match, exact=whole)
         below, above = _DOUBT
         doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
-        if len(again) and not searched_exactly(patches.size, search):
+        if len(again) and not whole:
             checked = _chances(
                 match.rows(again), images, patches.some(again), search, false_match, exact=True
             )
@@ -311,7 +313,7 @@ def _chances(
     patches: Patches,
     search: int,
     false_match: float,
-    exact: bool = False,
+    exact: bool,
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels; that of a false match
     only for patches that are found with at least the probability ``false_match``, else it may be NaN.

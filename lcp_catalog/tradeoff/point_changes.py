@@ -15,6 +15,9 @@ from ..build.finished_area import table_of
 from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import nearest, stable_id
 
+DETECTION_CHANGE = 0.05
+"""Change of a detection probability from which it is counted."""
+
 
 @dataclass(frozen=True)
 class Change:
@@ -44,6 +47,8 @@ class PointChanges:
     points_gained: int
     points_moved: int
     conditions_changed_share: float | None
+    detection_changed_share: float | None
+    detection_change_max: float | None
     localization_sigma_change_m: Change
     localization_sigma_change_share: Change
 
@@ -55,7 +60,9 @@ def compare_points(
     identifiers.
 
     Lost: only in the reference's catalogue; gained: only in the tier's; moved: lost points with a
-    gained one within half the spacing. Conditions: those evaluated for candidates in both sets.
+    gained one within half the spacing. Conditions: those evaluated for candidates in both sets; of their
+    detection probabilities at all image scales the share that changes by more than `DETECTION_CHANGE`, and
+    the greatest change.
     Sigma: the catalogue's ``localization_sigma``, major axis, of common points.
     """
     ids = {"ours": _ids(tier), "exact": _ids(reference)}
@@ -70,12 +77,17 @@ def compare_points(
     both = np.isin(here, ours) & np.isin(there, exact)
     before = _sigma_m(reference, there[both])
     change = _sigma_m(tier, here[both]) - before
+    claimed = _detection_changes(reference, there, tier, here)
     return PointChanges(
         points=len(ours),
         points_lost=len(lost),
         points_gained=len(gained),
         points_moved=int((away_m <= near_m).sum()),
         conditions_changed_share=_changed(reference, there, tier, here),
+        detection_changed_share=float((claimed > DETECTION_CHANGE).mean())
+        if len(claimed)
+        else None,
+        detection_change_max=float(claimed.max()) if len(claimed) else None,
         localization_sigma_change_m=Change.of(change),
         localization_sigma_change_share=Change.of(change / before),
     )
@@ -93,6 +105,15 @@ def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
     works = usable(evaluation.condition[rows])
     sigma_m = np.where(works, evaluation.sigma_major_m[rows, 0], -np.inf)
     return sigma_m.max(axis=(1, 2, 3))
+
+
+def _detection_changes(
+    reference: Candidates, there: NDArray[np.int64], tier: Candidates, here: NDArray[np.int64]
+) -> AnyArray:
+    """Absolute changes of the detection probabilities that are stated in both."""
+    exact, ours = reference.evaluation.detection[there], tier.evaluation.detection[here]
+    change = np.abs(ours.astype(np.float64) - exact)
+    return change[np.isfinite(change)]
 
 
 def _changed(

@@ -22,6 +22,7 @@ from ..plots.png import data_uri
 from .law_costs import CONTRAST, WINDOW, ModelChanges
 from .measurement import Picture, Trade
 from .pareto_plot import pareto
+from .point_changes import DETECTION_CHANGE
 
 Row = dict[str, Any]
 
@@ -37,14 +38,15 @@ POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
 FILES = ("trade.json", "trade.html", "trade.md")
 
 RULES = (
-    "“Equal” means that no node, no point and no condition differs from reference; “nearly equal”, that at most "
+    f"“Equal” means that no node, no point and no condition differs from reference, and no detection probability by more than {DETECTION_CHANGE:g}; “nearly equal”, that at most "
     f"{100 * POINTS_SHARE:g} % of the points are lost or gained and at most {100 * CONDITIONS_SHARE:g} % of the conditions change. The fastest tier that "
     f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one. Time is CPU time, which equals wall time on an idle machine."
 )
 
 HELD_EQUAL = (
     "Equal in every tier: the Sun is a point source, each view a bundle of parallel rays, and one Sun direction "
-    "serves a group of points. Only shadows and occlusion differ, in the images and in the test of a patch's independence."
+    "serves a group of points. Different: shadows and occlusion, in the images and in the test of a patch's independence; and the search for places "
+    "that resemble a patch, which begins at half resolution in draft and standard."
 )
 
 LAWS_HEADING = "Cost of the reflectance models"
@@ -108,7 +110,7 @@ def _pick(rows: list[Row], cost: str, fits: Callable[[Row], bool]) -> Row:
 
 
 def _same(row: Row) -> bool:
-    wrong = ("sunlit_error_share", "visible_error_share", "points_lost", "points_gained", "conditions_changed_share")  # fmt: skip
+    wrong = ("sunlit_error_share", "visible_error_share", "points_lost", "points_gained", "conditions_changed_share", "detection_changed_share")  # fmt: skip
     return not any(row[name] for name in wrong)
 
 
@@ -166,6 +168,12 @@ def _relative(row: Row) -> str:
     return f"{_times(row['seconds_relative'])} ({_times(low)}..{_times(high)})"
 
 
+def _claims(row: Row) -> str:
+    if row["detection_changed_share"] is None:
+        return "–"
+    return f"{_share(row['detection_changed_share'])}; {number(row['detection_change_max'], 2)}"
+
+
 COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
     ("accuracy", "accuracy tier", lambda r: r["accuracy"]),
     ("wall time, s", "all work of a build on the areas, one thread", lambda r: f"{r['seconds']:.2f}"),
@@ -185,6 +193,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
     ("gained points", "points of the tier that reference lacks", lambda r: str(r["points_gained"])),
     ("moved points", "lost points with a gained point within half the spacing", lambda r: str(r["points_moved"])),
     ("changed conditions", "share of the conditions of common candidates that are usable in one tier only", lambda r: _share(r["conditions_changed_share"])),
+    ("changed claims", f"share of their detection probabilities, at all image scales, that differ by more than {DETECTION_CHANGE:g}; the greatest difference", _claims),
     ("change of sigma, m", "common points, worst usable condition: median / 95th percentile", lambda r: _change(r["localization_sigma_change_m"])),
     ("change of sigma, %", "relative to sigma", lambda r: _change(r["localization_sigma_change_share"], 100.0)),
 )  # fmt: skip

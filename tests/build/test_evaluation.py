@@ -120,11 +120,12 @@ def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
     monkeypatch, nodes, search
 ):
     """Rugged and gentle ground, 16 candidates, 8 Suns. No probability is farther from that of the
-    exhaustive search than the limits of doubt allow.
+    exhaustive search than the limits of doubt allow. The tier high searches exhaustively.
     """
     points = PointConfig(patch_nodes=nodes, search_m=search * CELL_M)
     view = ViewConfig((0.0,), (0.0,), (math.inf,))
     config = dataclasses.replace(CONFIG, points=points, view=view)
+    high = dataclasses.replace(config, model=dataclasses.replace(config.model, accuracy="high"))
     quick, least, unlike, sure = evaluation.other_places, points.min_detection, 0, set()
     for seed, sigma in ((0, 6.0), (0, 1.5), (1, 6.0), (1, 1.5)):
         edge = nodes // 2 + search + 4
@@ -140,7 +141,10 @@ def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
                 evaluation, "other_places", lambda *a, **how: quick(*a, **(how | {"exact": True}))
             )
             exact = judged(z, config=config, at=at)
+            exact_high = judged(z, config=high, at=at)
         np.testing.assert_array_equal(found.condition, exact.condition)
+        for name, values in dataclasses.asdict(judged(z, config=high, at=at)).items():
+            np.testing.assert_array_equal(values, getattr(exact_high, name), err_msg=name)
         one, other = found.detection[:, 0], exact.detection[:, 0]
         doubtful = (one > least - evaluation._DOUBT[0]) & (one < least + evaluation._DOUBT[1])
         np.testing.assert_allclose(one[doubtful], other[doubtful], atol=1e-6)

@@ -61,6 +61,8 @@ def test_a_wrong_tier_changes_points_and_the_others_do_not(trade: Trade) -> None
             "points_gained",
             "points_moved",
             "conditions_changed_share",
+            "detection_changed_share",
+            "detection_change_max",
         )
         assert [found[name] for name in nothing] == [0.0] * len(nothing)
         assert found["localization_sigma_change_m"] == {"median": 0.0, "p95": 0.0}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 from helpers.trades import CONFIG, GSD_M, candidates
@@ -30,11 +31,19 @@ def test_lost_gained_and_moved_points_by_hand() -> None:
         21.0,
         99.0,
     ]  # 99 where A is not usable any more
+    # at two image scales: of A 0.2 and 0.04 more, of E unknown in one; of D, which is new, it does not count
+    before.evaluation.detection[:] = 0.5
+    after.evaluation.detection[:] = 0.5
+    after.evaluation.detection[4, 0, 0, 1, 0], after.evaluation.detection[4, 1, 0, 0, 0] = 0.7, 0.46
+    after.evaluation.detection[0] = 0.9
+    before.evaluation.detection[3] = math.nan
     points = PointConfig(spacing_m=16_000.0)
     found = compare_points(before, after, dataclasses.replace(CONFIG, points=points), GSD_M)
     assert (found.points, found.points_lost, found.points_gained, found.points_moved) == (3, 2, 2, 1)  # fmt: skip
     # A, B and E are in both: 2 + 2 + 1 conditions evaluated in both, of which one each of A and B changed
     assert found.conditions_changed_share == pytest.approx(2 / 5)
+    assert found.detection_changed_share == pytest.approx(1 / 8)  # of A and B
+    assert found.detection_change_max == pytest.approx(0.2)
     assert found.localization_sigma_change_m.median == pytest.approx(9.0)
     assert found.localization_sigma_change_share.p95 == pytest.approx(9.0 / 30.0)
 
@@ -56,4 +65,5 @@ def test_nothing_in_common_has_no_shares() -> None:
     found = compare_points(one, none, CONFIG, GSD_M)
     assert (found.points, found.points_lost, found.points_gained) == (0, 1, 0)
     assert found.conditions_changed_share is None
+    assert found.detection_changed_share is None
     assert found.localization_sigma_change_m.median is None

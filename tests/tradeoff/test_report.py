@@ -35,6 +35,8 @@ def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[
         "points_gained": 0,
         "points_moved": 0,
         "conditions_changed_share": 0.0,
+        "detection_changed_share": 0.0,
+        "detection_change_max": 0.001,
         "localization_sigma_change_m": nothing,
         "localization_sigma_change_share": nothing,
     } | more
@@ -50,6 +52,9 @@ def test_advice_follows_its_rules() -> None:
     standard = row("standard", 4.0, 1e-4, points_lost=1, points_gained=1, conditions_changed_share=1e-3)  # fmt: skip
     rows = [draft, standard, row("high", 6.0), row("reference", 10.0)]
     assert named(report.advice(rows)) == ["high", "standard", "draft", "high", "draft"]
+    # a catalogue whose probabilities differ is not equal
+    rows[2] = row("high", 6.0, detection_changed_share=1e-4)
+    assert named(report.advice(rows))[0] == "reference"
     # a tier that saves less than a tenth is not named
     rows[2] = row("high", 9.5)
     assert named(report.advice(rows))[0] == "reference"
