@@ -147,7 +147,8 @@ accuracy_options = option_group(
         type=click.Choice(list(TIERS)),
         default=None,
         help="Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 % (default), "
-        "high 0, reference 0 with float64 arithmetic throughout.",
+        "high 0, reference 0 with float64 arithmetic throughout. In high and reference a build also searches for places that "
+        "resemble a point at full resolution everywhere.",
     ),
     click.option(
         "--tolerance",
