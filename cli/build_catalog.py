@@ -159,7 +159,7 @@ def command(
     config, workers = configuration(**given), jobs or _cores()
     inputs = (dem, config, memory_gb)
     if plan_only:
-        _print_plan(inputs, workers, as_json)
+        _print_plan(inputs, workers, run["scheduler"], as_json)
         return 0
     assert output is not None
     if list_parts:
@@ -285,11 +285,11 @@ def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
     echo(f"{areas - missing} of {areas} areas are computed")
 
 
-def _print_plan(inputs: Inputs, workers: int, as_json: bool) -> None:
+def _print_plan(inputs: Inputs, workers: int, scheduler: str | None, as_json: bool) -> None:
     from lcp_catalog.build.estimate import estimate
     from lcp_catalog.build.run import Build
 
-    document = estimate(Build.plan(*inputs), workers)
+    document = estimate(Build.plan(*inputs), workers, cluster=scheduler is not None)
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return

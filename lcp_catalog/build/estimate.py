@@ -80,20 +80,23 @@ _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
 
-def estimate(build: Build, workers: int) -> dict[str, Any]:
+def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any]:
     """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a few
     computed areas the memory, time, file size and scene plan. Areas that no configured Sun reaches are
     not among them. Of a build of several levels the sums,
     and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
+
+    cluster: the workers are those of a dask cluster, which are not forked from a process of this build.
     """
     start_s = min(time.process_time(), START_S) + FINISH_S
-    return _estimate(build, workers, start_s + (WORKER_START_S if workers > 1 else 0.0))
+    start_s += WORKER_START_S if workers > 1 else 0.0
+    return _estimate(build, workers, start_s, FORKED and not cluster)
 
 
-def _estimate(build: Build, workers: int, start_s: float) -> dict[str, Any]:
-    """`estimate` of a build that takes ``start_s`` besides its areas."""
+def _estimate(build: Build, workers: int, start_s: float, forked: bool) -> dict[str, Any]:
+    """`estimate` of a build that takes ``start_s`` besides its areas; ``forked``: its worker processes are."""
     if build.levels:
-        levels = [_estimate(level, workers, start_s) for level in build.levels]
+        levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
         return _together(build, levels, start_s)
     config = build.config
     conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
@@ -128,7 +131,7 @@ def _estimate(build: Build, workers: int, start_s: float) -> dict[str, Any]:
         "suns": max(c.count for c in conditions) // len(config.view),
         "views": len(config.view),
         "cell_renders": cells,
-        "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if FORKED and not here else 0.0)),
+        "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if forked and not here else 0.0)),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
             start_s + first_s + _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1

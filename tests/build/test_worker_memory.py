@@ -89,16 +89,21 @@ def compiled() -> None:
 def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> None:
     """One process that computes the areas too; the larger merges are measured by benchmarks/merge.py."""
     with processes(1) as planning, processes(1) as building:
-        stated = planning.submit(stated_mb, DEM, CONFIG, 1, "parent").result()
+        stated = planning.submit(stated_mb, DEM, CONFIG, "parent", 1).result()
         peak = building.submit(build_peak_mb, DEM, CONFIG, tmp_path / "a.h5", 1).result()
     assert 0.85 < stated / peak < 1.15
 
 
 @pytest.mark.usefixtures("compiled")
-def test_a_plan_states_the_memory_of_a_worker() -> None:
+@pytest.mark.parametrize("cluster", [False, True])
+def test_a_plan_states_the_memory_of_a_worker(cluster: bool) -> None:
+    """A cluster's workers import the package themselves."""
     jobs = Build.plan([DEM], CONFIG).jobs
-    with processes(1) as planning:
-        stated = planning.submit(stated_mb, DEM, CONFIG, 2, "per_worker").result()
-    found = dict(run_tasks(peak_and_tiles, jobs, 2))
-    peak = max(mb for mb, _ in found.values())
+    with processes(1) as planning, processes(1) as worker:
+        stated = planning.submit(stated_mb, DEM, CONFIG, "per_worker", 2, cluster).result()
+        if cluster:
+            found = list(worker.map(peak_and_tiles, jobs))
+        else:
+            found = [outcome for _, outcome in run_tasks(peak_and_tiles, jobs, 2)]
+    peak = max(mb for mb, _ in found)
     assert 0.8 < stated / peak < 1.25

@@ -27,8 +27,8 @@ def build_peak_mb(dem: str, config: BuildConfig, output: Path, jobs: int) -> flo
     return peak_mb()
 
 
-def stated_mb(dem: str, config: BuildConfig, jobs: int, of: str) -> float:
+def stated_mb(dem: str, config: BuildConfig, of: str, jobs: int, cluster: bool = False) -> float:
     """What a plan, made in this process, states for the process that merges (``of`` "parent") or for a
     worker ("per_worker"), MB.
     """
-    return float(estimate(Build.plan([dem], config), jobs)[f"memory_mb_{of}"])
+    return float(estimate(Build.plan([dem], config), jobs, cluster)[f"memory_mb_{of}"])
