@@ -7,12 +7,14 @@ import json
 import logging
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.two_dems import COARSE_M, CONFIG, FINE_M, SITE_KM, two_dems
 from lcp_cli.main import run as command
 
+from lcp_catalog.build import estimate as build_estimate
 from lcp_catalog.build import run
 from lcp_catalog.build.area_job import AreaJob, AreaResult, run_area
 from lcp_catalog.build.config import AreaConfig, BuildConfig
@@ -258,7 +260,15 @@ def _built(build: Build, output: Path) -> Path:
 # -- the plan and the command
 
 
-def test_the_plan_adds_up_the_levels(plan: Build) -> None:
+def test_the_plan_adds_up_the_levels(plan: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With areas that take 10 s each: those of this build take less than the tenth of a second that is stated."""
+    of_areas = build_estimate._measured
+
+    def slow(*given: Any) -> Any:
+        first_s, seconds, results = of_areas(*given)
+        return first_s, [10.0] * len(seconds), results
+
+    monkeypatch.setattr(build_estimate, "_measured", slow)
     found = estimate(plan, 2)
     fine, coarse = found["levels"]
     assert (fine["gsd_m"], coarse["gsd_m"]) == (FINE_M, COARSE_M)
@@ -266,11 +276,8 @@ def test_the_plan_adds_up_the_levels(plan: Build) -> None:
         assert found[key] == fine[key] + coarse[key]
     for key in ("suns", "views", "memory_mb_per_worker"):
         assert found[key] == max(fine[key], coarse[key])
-    sums = {key: fine[key] + coarse[key] for key in ("seconds_estimate", "bytes_estimate")}
-    assert max(fine["bytes_estimate"], coarse["bytes_estimate"]) < found["bytes_estimate"]
-    assert found["bytes_estimate"] < sums["bytes_estimate"]
-    longest = max(fine["seconds_estimate"], coarse["seconds_estimate"])
-    assert longest <= found["seconds_estimate"] < sums["seconds_estimate"]  # in tenths of a second
+    for key in ("seconds_estimate", "bytes_estimate"):
+        assert max(fine[key], coarse[key]) < found[key] < fine[key] + coarse[key]
 
 
 def test_the_command_builds_the_same(
