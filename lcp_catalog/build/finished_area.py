@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Bytes, Index
-from ..catalog.packing import half_turn, packing, sigma_step_m
+from ..catalog.packing import axis_direction, packing, sigma_step_m
 from ..catalog.schema import (
     EVALUATED,
     LOCALIZABLE,
@@ -190,7 +190,7 @@ def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
         "detection_probability": evaluation.detection,
         "sigma_major": evaluation.sigma_major_m,
         "sigma_minor": evaluation.sigma_minor_m,
-        "sigma_angle": half_turn(evaluation.sigma_angle_deg),
+        "sigma_angle": axis_direction(evaluation.sigma_angle_deg),
     }
     step_m = sigma_step_m(np.array([gsd_m]))
     return {name: packing(name, step_m).packed(values) for name, values in claims.items()}

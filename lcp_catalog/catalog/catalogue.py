@@ -19,7 +19,7 @@ from ..errors import CatalogError
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, TEXT, centred, is_claim, key
-from .packing import Packing, half_turn, packing, sigma_step_m
+from .packing import Packing, axis_direction, packing, sigma_step_m
 from .schema import (
     ADDED_IN_1_1,
     CLAIMS,
@@ -271,7 +271,7 @@ class Catalog:
         if self.has_claims and self.sigma_step_m is None:
             object.__setattr__(self, "sigma_step_m", sigma_step_m(self.gsd))
         if self.sigma_angle is not None:
-            object.__setattr__(self, "sigma_angle", half_turn(self.sigma_angle))
+            object.__setattr__(self, "sigma_angle", axis_direction(self.sigma_angle))
 
     @property
     def _written_version(self) -> str:

@@ -64,9 +64,9 @@ def packing(name: str, sigma_step_m: float) -> Packing:
     return Packing("u2", sigma_step_m, 65534, 65535)
 
 
-def half_turn(angle_deg: ArrayLike) -> NDArray[np.float64]:
+def axis_direction(angle_deg: ArrayLike) -> NDArray[np.float64]:
     """Directions of an axis in whole degrees, 0..179."""
     whole = np.array(np.rint(np.asarray(angle_deg, dtype=np.float64)) + 0.0)
-    outside = (whole < 0.0) | (whole >= 180.0)  # few: the remainder of NaN takes long
+    outside = (whole < 0.0) | (whole >= 180.0)  # np.mod takes ten times as long for NaN
     np.mod(whole, 180.0, out=whole, where=outside)
     return whole
