@@ -14,9 +14,7 @@ TESTS = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    LANES == 8, reason="this processor's vectors have 8 numbers: all tests use them"
-)
+@pytest.mark.skipif(LANES == 8, reason="all tests use vectors of 8 on this processor")
 def test_all_kernels_with_vectors_hold_with_vectors_of_8(tmp_path: Path) -> None:
     wide = ("avx512", "avx10", "amx", "evex512")
     features = [f for f in get_host_cpu_features().split(",") if not f[1:].startswith(wide)]
