@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, get_type_hints
 
 from .errors import ConfigError
 
@@ -33,3 +34,50 @@ def is_number(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return not math.isnan(value) if isinstance(value, float) else abs(value) < 1 << 63
+
+
+def dataclass_of(kind: type, name: str, table: object, replaced: Mapping[str, str]) -> Any:
+    """The dataclass ``kind`` with the fields of a table [``name``]. ConfigError for anything but a table,
+    for unknown keys and for values of another type; ``replaced``: keys ("table.key") of older versions, and
+    those that replace them.
+    """
+    if not isinstance(table, dict):
+        raise ConfigError(f"[{name}] must be a table")
+    hints = get_type_hints(kind)
+    unknown = sorted(set(table) - set(hints))
+    for key in unknown:
+        if instead := replaced.get(f"{name}.{key}"):
+            raise ConfigError(
+                f"{name}.{key} is replaced by {instead} (since catalogues of schema 2)"
+            )
+    if unknown:
+        raise ConfigError(f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
+    return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and "\0" not in value
+
+
+def _is_list(value: object, fits: Callable[[object], bool]) -> bool:
+    return isinstance(value, list) and all(map(fits, value))
+
+
+_KINDS: tuple[tuple[str, str, Callable[[Any], bool], Callable[[Any], object]], ...] = (
+    ("tuple[str", "a list of texts", lambda v: _is_list(v, lambda one: isinstance(one, str)), tuple),
+    ("tuple", "a list of numbers", lambda v: _is_list(v, is_number), lambda v: tuple(map(float, v))),
+    ("bool", "true or false", lambda v: isinstance(v, bool), bool),
+    ("float", "a number", is_number, float),
+    ("int", "a whole number", lambda v: isinstance(v, int) and is_number(v), int),
+    ("", "a text", _is_text, str),
+)  # fmt: skip
+"""What is in the type of a field, the first that fits; the values that it takes, in words and as a test; and
+the conversion of these."""
+
+
+def _value(name: str, hint: Any, value: object) -> object:
+    """``value`` converted to the type of its field; an integer is accepted for a float."""
+    _, words, fits, converted = next(kind for kind in _KINDS if kind[0] in str(hint))
+    if not fits(value):
+        raise ConfigError(f"{name} must be {words}")
+    return converted(value)

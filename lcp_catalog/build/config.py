@@ -24,7 +24,7 @@ from ..landmarks.error_model import ErrorModel
 from ..photometry.facet_file import law_file
 from ..sun.reachable import highest_sun_deg
 from ..terrain.area import Area
-from ..toml_files import is_number, parse_toml
+from ..toml_files import dataclass_of, parse_toml
 
 _REPLACED = {
     "points.image_noise": "errors.sensor_noise",
@@ -581,7 +581,12 @@ class BuildConfig:
         _require(
             not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"
         )
-        return cls(**{name: _section(hints[name], name, table) for name, table in document.items()})
+        return cls(
+            **{
+                name: dataclass_of(hints[name], name, table, _REPLACED)
+                for name, table in document.items()
+            }
+        )
 
     def to_toml(self) -> str:
         """The configuration as TOML, without values of ``None``; `from_dict` of it gives an equal one."""
@@ -592,41 +597,3 @@ class BuildConfig:
             for name, table in dataclasses.asdict(self).items()
         }
         return tomli_w.dumps(document)
-
-
-def _section(kind: type, name: str, table: object) -> Any:
-    if not isinstance(table, dict):
-        raise ConfigError(f"[{name}] must be a table")
-    hints = get_type_hints(kind)
-    unknown = sorted(set(table) - set(hints))
-    for key in unknown:
-        instead = _REPLACED.get(f"{name}.{key}")
-        _require(
-            instead is None, f"{name}.{key} is replaced by {instead} (since catalogues of schema 2)"
-        )
-    _require(not unknown, f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
-    return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
-
-
-def _value(name: str, hint: Any, value: object) -> object:
-    """``value`` converted to the type of its field; an integer is accepted for a float."""
-    kinds = str(hint)
-    if "tuple[str" in kinds:
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise ConfigError(f"{name} must be a list of texts")
-        return tuple(value)
-    if "tuple" in kinds:
-        if not isinstance(value, list) or not all(is_number(v) for v in value):
-            raise ConfigError(f"{name} must be a list of numbers")
-        return tuple(float(v) for v in value)
-    if "bool" in kinds:
-        _require(isinstance(value, bool), f"{name} must be true or false")
-        return value
-    if "float" in kinds:
-        _require(is_number(value), f"{name} must be a number")
-        return float(value)  # type: ignore[arg-type]  # checked on the line above
-    if "int" in kinds:
-        _require(isinstance(value, int) and is_number(value), f"{name} must be a whole number")
-    else:
-        _require(isinstance(value, str) and "\0" not in value, f"{name} must be a text")
-    return value
