@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pytest
 from helpers.random_scenes import AZIMUTHS, GSD, QUICK, STANDARD, both, make, same, terrains
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import View, nadir_view, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.rendering.error_bounds import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
 from lcp_catalog.rendering.plan import ring_decision
@@ -83,7 +84,22 @@ def test_a_normal_in_float32_is_turned_by_its_bound_at_most(terrain):
     assert off.max() <= NORMAL_ROUNDING_RAD * (1 + 1e-6)
 
 
+def is_set(terrain, azimuth_deg, elevation_deg, limb_rad):
+    """True if a Sun is below the horizon of every node of the area, by the formulas of small angles: away from the area's
+    origin the vertical turns, and from a height above the lowest node the horizon dips.
+    """
+    field, (row0, row1, col0, col1) = terrain.field, terrain.core
+    rows, cols = np.indices(field.z_m.shape)
+    x, y = field.x0_m + cols * GSD, field.y0_m - rows * GSD
+    height = field.z_m + (x**2 + y**2) / (2.0 * MOON_RADIUS_M)
+    dip = np.sqrt(2.0 * (height - np.nanmin(height)) / MOON_RADIUS_M)
+    towards = x * math.sin(math.radians(azimuth_deg)) + y * math.cos(math.radians(azimuth_deg))
+    above = math.radians(elevation_deg) + limb_rad + towards / MOON_RADIUS_M + dip
+    return bool(np.nanmax(above[row0:row1, col0:col1]) < -1e-11)
+
+
 @settings(deadline=None, max_examples=40)
+@example(make([[0.06, np.nan]]), (45.0, 0.0), "ground", "draft", False)  # 20 m west of the origin
 @given(
     terrain=terrains(holes=True),
     sun=st.tuples(AZIMUTHS, st.sampled_from([0.0, 1e-6, 0.1, 45.0, 89.9, 90.0])),
@@ -93,7 +109,7 @@ def test_a_normal_in_float32_is_turned_by_its_bound_at_most(terrain):
 )
 def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
     """For any scene: the plan is valid JSON, the render has no undefined values, and effects that are left
-    out with a bound of 0 do not change it.
+    out with a bound of 0 do not change it. A Sun that is below every horizon is refused.
     """
     field, accuracy = terrain.field, TIERS[tier]
     row, col = terrain.core[0], terrain.core[2]
@@ -109,6 +125,10 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
         "oblique": oblique_view(60.0, 200.0),
     }[where]
     to_sun = direction_enu(*sun)
+    if is_set(terrain, *sun, SOLAR_RADIUS_RAD if disc else 0.0):
+        with pytest.raises(SunError, match="below the horizon"):
+            both(terrain, to_sun, view, accuracy, disc)
+        return
     plan, short, full = both(terrain, to_sun, view, accuracy, disc)
     json.dumps(plan.to_json(), allow_nan=False)
     assert all(d.error_bound is None or d.error_bound >= 0 for d in plan.decisions)
