@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.area_peak import build_peak_mb, peak_and_tiles, stated_mb
+from helpers.area_peak import area_peak, build_peak_mb, stated_mb
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig, SunConfig, ViewConfig
@@ -71,18 +71,18 @@ def test_a_worker_keeps_its_promise() -> None:
     assert f"area_nodes_max = {build.config.model.area_nodes_max}\n" in build.config.to_toml()
     job = max(build.jobs, key=lambda job: job.work)
     with processes(1) as pool:
-        peak, tiles = pool.submit(peak_and_tiles, job).result()
-    assert peak < TIGHT_GB * 1e3
-    assert tiles < 20e6
+        found = pool.submit(area_peak, job).result()
+    assert found.peak_mb < TIGHT_GB * 1e3
+    assert found.tiles < 20e6
     stated = area_mb(job.task.window, job.task.lat_deg, build.gsd_m, build.config)
-    assert stated - 2.0 * MARGIN_MB < peak < stated
+    assert stated - 2.0 * MARGIN_MB < found.counted_mb < stated
 
 
 @pytest.fixture(scope="module")
 def compiled() -> None:
     """Kernels that an area needs: their compilation takes memory, too."""
     with processes(1) as pool:
-        pool.submit(peak_and_tiles, Build.plan([DEM], CONFIG).jobs[0]).result()
+        pool.submit(area_peak, Build.plan([DEM], CONFIG).jobs[0]).result()
 
 
 @pytest.mark.usefixtures("compiled")
@@ -101,9 +101,7 @@ def test_a_plan_states_the_memory_of_a_worker(cluster: bool) -> None:
     jobs = Build.plan([DEM], CONFIG).jobs
     with processes(1) as planning, processes(1) as worker:
         stated = planning.submit(stated_mb, DEM, CONFIG, "per_worker", 2, cluster).result()
-        if cluster:
-            found = list(worker.map(peak_and_tiles, jobs))
-        else:
-            found = [outcome for _, outcome in run_tasks(peak_and_tiles, jobs, 2)]
-    peak = max(mb for mb, _ in found)
+        apart = enumerate(worker.map(area_peak, jobs))
+        found = dict(apart if cluster else run_tasks(area_peak, jobs, 2))
+    peak = max(one.peak_mb for one in found.values())
     assert 0.8 < stated / peak < 1.25

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from lcp_catalog.build.area_job import AreaJob, run_area
 from lcp_catalog.build.config import BuildConfig
@@ -10,15 +11,34 @@ from lcp_catalog.build.estimate import estimate
 from lcp_catalog.build.finished_area import finished_area
 from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.dem import block_cache
-from lcp_catalog.memory import peak_mb
+from lcp_catalog.memory import _status_mb, peak_mb
 from lcp_catalog.threads import limit_threads
 
 
-def peak_and_tiles(job: AreaJob) -> tuple[float, int]:
-    """Peak memory of this process after an area, MB, and the limit of its tiles of the DEM, bytes."""
+LIBRARIES_MB = 150.0
+"""Mapped files of libraries that the estimate counts."""
+
+
+class AreaPeak(NamedTuple):
+    """Peak memory of this process after an area, MB; that of mapped files; and the limit of its tiles of the
+    DEM, bytes.
+    """
+
+    peak_mb: float
+    mapped_mb: float
+    tiles: int
+
+    @property
+    def counted_mb(self) -> float:
+        """The peak with so much of the libraries' files as the estimate counts (`worker_memory.START_MB`)."""
+        return self.peak_mb - max(0.0, self.mapped_mb - LIBRARIES_MB)
+
+
+def area_peak(job: AreaJob) -> AreaPeak:
+    """Compute an area on one thread."""
     limit_threads(1)
     finished_area(run_area(job), job.config, job.gsd_m)
-    return peak_mb(), block_cache._store.limit_bytes
+    return AreaPeak(peak_mb(), _status_mb("RssFile"), block_cache._store.limit_bytes)
 
 
 def build_peak_mb(dem: str, config: BuildConfig, output: Path, jobs: int) -> float:
