@@ -14,7 +14,6 @@ from lcp_catalog.dem import block_cache
 from lcp_catalog.memory import _status_mb, peak_mb
 from lcp_catalog.threads import limit_threads
 
-
 LIBRARIES_MB = 150.0
 """Mapped files of libraries that the estimate counts."""
 
