@@ -32,7 +32,7 @@ from build_stages import Scripts, measured
 from build_tables import FULL, Measured, Subject, in_turn, summary
 from subnormals import flush_subnormals
 
-from lcp_catalog.build.evaluation import image_scales
+from lcp_catalog.production.evaluation import image_scales
 from lcp_catalog.threads import limit_threads
 
 BEFORE = "faf736b"
@@ -134,7 +134,7 @@ def straightforward(area: Subject) -> Subject:
 def exhaustive(area: Subject) -> Any:
     """The candidates of an older package's area with every search for rivals at full resolution; None
     where its searches are so anyway, or where the package has no such switch."""
-    evaluation = area.package.module("build.evaluation")
+    evaluation = area.package.module("production.evaluation")
     search = getattr(evaluation, "other_places", None)
     if search is None or area.job.config.points.search_nodes(area.job.gsd_m) < COARSE_REACH:
         return None

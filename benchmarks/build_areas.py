@@ -102,7 +102,7 @@ class Package:
 
     def plan(self, case: Case, folder: Path) -> Any:
         """The planned build to which a case's area belongs."""
-        config = self.module("build.config").BuildConfig.from_toml(CONFIG)
+        config = self.module("production.config").BuildConfig.from_toml(CONFIG)
         area, sun, model = config.area, config.sun, config.model
         if case.polar:
             area = dataclasses.replace(area, center_deg=case.place_deg, size_km=60.0)
@@ -112,7 +112,7 @@ class Package:
         area = dataclasses.replace(area, gsd_m=case.gsd_m)
         config = dataclasses.replace(config, area=area, sun=sun, model=model)
         dem = polar_dem(folder) if case.polar else SAMPLE
-        return self.module("build.run").Build.plan([dem], config)
+        return self.module("production.run").Build.plan([dem], config)
 
     def job(self, case: Case, folder: Path) -> Any:
         """The job of the area that contains the case's place."""
@@ -124,7 +124,7 @@ class Package:
 
     def run(self, job: Any) -> Any:
         """The area's result."""
-        return self.module("build.area_job").run_area(job)
+        return self.module("production.area_job").run_area(job)
 
     def forget(self) -> None:
         """Drop the DEM windows kept from the last area: in a build that was another area. Blocks of
@@ -149,7 +149,7 @@ def own_nodes(package: Package, job: Any) -> int:
 
 def conditions_of(package: Package, job: Any) -> int:
     """Number of conditions that can occur in the area."""
-    return package.module("build.sweep").Conditions.at(job.task.lat_deg, job.config).count
+    return package.module("production.sweep").Conditions.at(job.task.lat_deg, job.config).count
 
 
 def _git(*arguments: str) -> bytes:

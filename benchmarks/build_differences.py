@@ -61,7 +61,7 @@ def pairs(first: Any, second: Any, within_m: float) -> tuple[np.ndarray, np.ndar
 
 
 def differences(first: Any, second: Any, cell_m: float) -> Differences:
-    """Of the candidates of two results (`build.area_job.Candidates`)."""
+    """Of the candidates of two results (`production.area_job.Candidates`)."""
     one, two = pairs(first, second, 0.5 * cell_m)
     a, b = first.evaluation, second.evaluation
     flags = [found.condition[rows] for found, rows in ((a, one), (b, two))]

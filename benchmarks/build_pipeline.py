@@ -182,7 +182,7 @@ class Pipeline:
     """All candidates of an area in all conditions; ``found`` is the result."""
 
     def __init__(self, package: Package, job: Any, candidates: Any) -> None:
-        self.job, self.sweep = job, package.module("build.area_job").area_sweep(job)
+        self.job, self.sweep = job, package.module("production.area_job").area_sweep(job)
         self.points, self.errors = job.config.points, job.errors
         terrain = self.sweep.terrain
         field, core = terrain.field, terrain.core

@@ -20,15 +20,21 @@ from pathlib import Path
 import numpy as np
 
 from lcp_catalog.arrays import Array
-from lcp_catalog.build.area_job import AreaJob, _Core, _halo, area_sweep
-from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.build.evaluation import evaluate
-from lcp_catalog.build.run import Build, run_build
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.landmarks.selection import nearest
+from lcp_catalog.production.area_job import AreaJob, _Core, _halo, area_sweep
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.run import Build, run_build
 
 DEM = Path(__file__).resolve().parents[1] / "sample_data" / "hadley_gld100_256ppd.tif"
 OFF_NADIR_MAX_DEG = 35.0

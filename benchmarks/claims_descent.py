@@ -33,10 +33,10 @@ from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.height_errors import errors_of_file
+from lcp_catalog.ephemeris.sun_position import apparent_sun
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.plots.axes import Axes, Axis
-from lcp_catalog.sun.ephemeris import apparent_sun
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLE = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"

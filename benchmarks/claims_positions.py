@@ -24,7 +24,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.position_fix import LOCATED, locate
 from lcp_catalog.navigation.expected_position import Query, answers
-from lcp_catalog.navigation.frame_points import Frame
+from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.photometry.laws import reflectance_model
 
 BEFORE = Uncertainty(2000.0, float(np.radians(0.1)))
@@ -95,7 +95,7 @@ def outcome(
 ) -> Outcome:
     """The expected and the solved position of a frame; ``about``: its site, number, Sun's elevation and pixel size."""
     query = Query(attitude_sigma_rad=before.attitude_rad)
-    (answer,) = answers(catalog, [Frame.lit(camera, SunChoice())], query)
+    (answer,) = answers(catalog, [PlannedImage.lit(camera, SunChoice())], query)
     covariance = answer.position.position_covariance_m2
     offered = _offered(photo, camera, about[1], before)
     fix = locate(catalog, offered, before, reflectance_model(LAW))

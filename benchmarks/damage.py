@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from helpers import catalogs, damaged_catalogs, finished_areas
 
-from lcp_catalog.build.checkpoints import Checkpoints
 from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.production.checkpoints import Checkpoints
 
 
 def main() -> None:

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lcp_catalog.build import area_job
-from lcp_catalog.build.config import BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.build.evaluation import evaluate
-from lcp_catalog.build.run import Build
-from lcp_catalog.build.sweep import Sweep
 from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.production import area_job
+from lcp_catalog.production.config import BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.run import Build
+from lcp_catalog.production.sweep import Sweep
 from lcp_catalog.terrain.occlusion import occluded
 from lcp_catalog.threads import limit_threads
 

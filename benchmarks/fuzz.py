@@ -93,7 +93,7 @@ def read_way(path: Path) -> None:
 
 
 def read_build(path: Path) -> None:
-    from lcp_catalog.build.config import BuildConfig
+    from lcp_catalog.production.config import BuildConfig
 
     config = BuildConfig.from_toml(path)
     config.points.check_cells(100.0)
@@ -237,7 +237,7 @@ def isds(folder: Path) -> Iterator[Path]:
 
 
 def builds(folder: Path) -> Iterator[Path]:
-    from lcp_catalog.build.config import BuildConfig
+    from lcp_catalog.production.config import BuildConfig
 
     yield Path(shutil.copy(SAMPLE / "hadley.toml", folder))
     (folder / "all.toml").write_text(BuildConfig().to_toml())

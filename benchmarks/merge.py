@@ -21,14 +21,20 @@ from pathlib import Path
 import numpy as np
 from helpers.virtual_moon import virtual_moon
 
-from lcp_catalog.build.assembly import Assembly
-from lcp_catalog.build.checkpoints import Checkpoints
-from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.build.finished_area import TABLE, FinishedArea, checksums, record_type
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.photometry.laws import DEFAULT_MODEL
+from lcp_catalog.production.assembly import Assembly
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.finished_area import TABLE, FinishedArea, checksums, record_type
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import Area

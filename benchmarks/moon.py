@@ -22,14 +22,14 @@ import numpy as np
 from build_tables import table
 from helpers.virtual_moon import virtual_moon
 
-from lcp_catalog.build.area_job import run_area
-from lcp_catalog.build.assembly import choose
-from lcp_catalog.build.config import AreaConfig, BuildConfig
-from lcp_catalog.build.finished_area import table_of
-from lcp_catalog.build.region_maps import region_coverage, region_overview
-from lcp_catalog.build.run import Build
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
+from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production.assembly import choose
+from lcp_catalog.production.config import AreaConfig, BuildConfig
+from lcp_catalog.production.finished_area import table_of
+from lcp_catalog.production.region_maps import region_coverage, region_overview
+from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.threads import limit_threads
 

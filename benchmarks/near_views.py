@@ -20,11 +20,17 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "benchmarks")]
 
 from build_tables import table
 
-from lcp_catalog.build.area_job import AreaJob, AreaResult, run_area
-from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.build.run import Build
-from lcp_catalog.build.sweep import view_angles_rad
 from lcp_catalog.catalog.schema import UNOCCLUDED, USABLE
+from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.run import Build
+from lcp_catalog.production.sweep import view_angles_rad
 from lcp_catalog.threads import limit_threads
 
 DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"

@@ -127,7 +127,7 @@ def plans(folder: Path) -> str:
 _OVERHEAD = """
 import json, sys, time
 from pathlib import Path
-from lcp_catalog.build import assembly, run
+from lcp_catalog.production import assembly, run
 spent = {"areas": 0.0, "merge": 0.0}
 def timed(name, function):
     def call(*given, **named):

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from lcp_catalog.build.assembly import choose
-from lcp_catalog.build.checkpoints import Checkpoints
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.guarantee import Promise
-from lcp_catalog.build.joined_areas import JoinedAreas
-from lcp_catalog.build.run import Build, compute_areas
 from lcp_catalog.catalog.schema import NO_CELL, Cause
+from lcp_catalog.production.assembly import choose
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.guarantee import Promise
+from lcp_catalog.production.joined_areas import JoinedAreas
+from lcp_catalog.production.run import Build, compute_areas
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
 VARIANTS: tuple[dict[str, Any], ...] = (

@@ -36,7 +36,7 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.navigation.documents import document
 from lcp_catalog.navigation.expected_position import Query, answers
-from lcp_catalog.navigation.frame_points import Frame
+from lcp_catalog.navigation.frame_points import PlannedImage
 
 SUN = SunChoice(90.0, 30.0)
 FRAMES = 1000
@@ -102,8 +102,8 @@ def processor_s() -> float:
     return sum(sum(getrusage(who)[:2]) for who in (RUSAGE_SELF, RUSAGE_CHILDREN))
 
 
-def _lit(cameras: list[Camera]) -> Iterator[Frame]:
-    return (Frame.lit(one, SUN) for one in cameras)
+def _lit(cameras: list[Camera]) -> Iterator[PlannedImage]:
+    return (PlannedImage.lit(one, SUN) for one in cameras)
 
 
 def write(count: int, moon: Path, region: Path) -> None:

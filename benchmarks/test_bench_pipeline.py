@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from lcp_catalog.build.area_job import run_area
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.run import Build
-from lcp_catalog.build.sweep import Conditions
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.run import Build
+from lcp_catalog.production.sweep import Conditions
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.terrain import build_terrain
 from lcp_catalog.threads import limit_threads

@@ -35,8 +35,8 @@ from .options import (
 from .value_types import POSITIVE
 
 if TYPE_CHECKING:
-    from lcp_catalog.build.config import BuildConfig
-    from lcp_catalog.build.run import BuildReport
+    from lcp_catalog.production.config import BuildConfig
+    from lcp_catalog.production.run import BuildReport
 
 Inputs: TypeAlias = "tuple[tuple[str, ...], BuildConfig, float | None]"
 """What a build is planned from: DEM files, configuration, and memory of a worker in GB (`Build.plan`)."""
@@ -199,7 +199,7 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
     """Options of a computation of areas: its processes, which are prepared while this one imports the
     build and plans it, and its progress.
     """
-    from lcp_catalog.build.executor import start_early
+    from lcp_catalog.production.executor import start_early
 
     from .progress import progress
 
@@ -221,7 +221,7 @@ def _build(
     **options: bool,
 ) -> BuildReport:
     with _workers(jobs, scheduler) as engine:
-        from lcp_catalog.build.run import build_catalog
+        from lcp_catalog.production.run import build_catalog
 
         dem, config, memory_gb = inputs
         return build_catalog(dem, config, output, memory_gb=memory_gb, **engine, **options)
@@ -239,10 +239,10 @@ def _run_part(
 ) -> int:
     """Compute a part; finished areas are kept with and without ``resume``."""
     with _workers(jobs, scheduler) as engine:
-        from lcp_catalog.build.parts import Part, run_part
-        from lcp_catalog.build.run import Build
+        from lcp_catalog.production.parts import BuildPart, run_part
+        from lcp_catalog.production.run import Build
 
-        build, part = Build.plan(*inputs), Part(*number)
+        build, part = Build.plan(*inputs), BuildPart(*number)
         options = {"overwrite": overwrite, "keep_going": keep_going}
         failed = run_part(build, Path(output), part, **engine, **options)
     areas = len(part.share(build.jobs)) - len(failed)
@@ -257,16 +257,16 @@ def _merge(
     keep_going: bool,
     **unused: Any,
 ) -> BuildReport:
-    from lcp_catalog.build.parts import merge_parts
-    from lcp_catalog.build.run import Build
+    from lcp_catalog.production.parts import merge_parts
+    from lcp_catalog.production.run import Build
 
     build = Build.plan(*inputs)
     return merge_parts(build, Path(output), overwrite=overwrite, keep_going=keep_going)
 
 
 def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
-    from lcp_catalog.build.parts import list_parts
-    from lcp_catalog.build.run import Build
+    from lcp_catalog.production.parts import list_parts
+    from lcp_catalog.production.run import Build
 
     states = list_parts(Build.plan(*inputs), Path(output))
     rows = [
@@ -286,8 +286,8 @@ def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
 
 
 def _print_plan(inputs: Inputs, workers: int, scheduler: str | None, as_json: bool) -> None:
-    from lcp_catalog.build.estimate import estimate
-    from lcp_catalog.build.run import Build
+    from lcp_catalog.production.estimate import estimate
+    from lcp_catalog.production.run import Build
 
     document = estimate(Build.plan(*inputs), workers, cluster=scheduler is not None)
     if as_json:

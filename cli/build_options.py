@@ -251,7 +251,7 @@ def configuration(
     ifov_rad: float | None = None,
 ) -> Any:
     """The ``BuildConfig`` of the file, with the values of the options. UsageError for contradictory options."""
-    from lcp_catalog.build.config import BuildConfig
+    from lcp_catalog.production.config import BuildConfig
 
     check_area(center, size_km, bounds)
     _check_cells(gsd_m, levels_m, altitudes_km, ifov_rad)

@@ -69,10 +69,10 @@ def command(catalog: str, output: str, overwrite: bool, **flags: Any) -> None:
     sun = (flags["sun_azimuth"], flags["sun_elevation"])
     lit = options.check_sun(*sun, None, None)
 
-    from lcp_catalog.exports.export import Choice, export
+    from lcp_catalog.exports.export import ExportChoice, export
     from lcp_catalog.geometry.bounds import Bounds
 
     box = Bounds(*flags["bounds"]) if flags["bounds"] else None
-    choice = Choice(flags["frame"], box, flags["level"], sun if lit else None)
+    choice = ExportChoice(flags["frame"], box, flags["level"], sun if lit else None)
     count = export(catalog, output, choice, overwrite)
     say(f"{output}: {count} points written, {flags['frame']}")

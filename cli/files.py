@@ -253,8 +253,8 @@ def config_files(path: str) -> Iterator[Path]:
     """Maps and reflectance model that a BUILD.toml names; none for an invalid file, which is refused when
     it is read.
     """
-    from lcp_catalog.build.config import BuildConfig
     from lcp_catalog.errors import ConfigError
+    from lcp_catalog.production.config import BuildConfig
 
     try:
         yield from BuildConfig.from_toml(Path(path)).files

@@ -22,7 +22,7 @@ from .value_types import Number
 if TYPE_CHECKING:
     from lcp_catalog.catalog.catalogue import Catalog
     from lcp_catalog.navigation.expected_position import Answer, Query
-    from lcp_catalog.navigation.frame_points import Frame
+    from lcp_catalog.navigation.frame_points import PlannedImage
     from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -193,22 +193,29 @@ def query_of(
     return Query(most, attitude, height_sigma_m, map_sigma_m, pixel_px)
 
 
-def frames_of(camera: str | None, trajectory: str | None, flags: dict[str, Any]) -> list[Frame]:
+def frames_of(
+    camera: str | None, trajectory: str | None, flags: dict[str, Any]
+) -> list[PlannedImage]:
     from lcp_catalog.cameras.camera_file import read_camera, read_sensor
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.navigation.frame_points import Frame
+    from lcp_catalog.navigation.frame_points import PlannedImage
     from lcp_catalog.navigation.trajectory_file import read_trajectory
 
     sun = SunChoice(*(flags[name] for name in options.SUN_ANGLES))
     if trajectory is None:
         assert camera is not None
-        return [Frame.lit(read_sensor(camera), sun)]
+        return [PlannedImage.lit(read_sensor(camera), sun)]
     taken = read_trajectory(trajectory, read_camera(camera) if camera else None)
-    return [Frame.lit(one, sun) for one in taken]
+    return [PlannedImage.lit(one, sun) for one in taken]
 
 
 def _one(
-    catalog: Catalog, frame: Frame, query: Query, as_json: bool, output: str | None, overwrite: bool
+    catalog: Catalog,
+    frame: PlannedImage,
+    query: Query,
+    as_json: bool,
+    output: str | None,
+    overwrite: bool,
 ) -> None:
     """The answer for one frame."""
     from lcp_catalog.atomic_files import write_bytes
@@ -231,7 +238,7 @@ def _one(
 
 def _along(
     catalog: Catalog,
-    frames: list[Frame],
+    frames: list[PlannedImage],
     query: Query,
     as_json: bool,
     output: str | None,
@@ -266,7 +273,11 @@ def _along(
 
 
 def _told(
-    catalog: Catalog, frames: list[Frame], query: Query, chart: TrajectoryChart, as_json: bool
+    catalog: Catalog,
+    frames: list[PlannedImage],
+    query: Query,
+    chart: TrajectoryChart,
+    as_json: bool,
 ) -> Iterator[Answer]:
     """The answers, each added to the chart and, with ``--json``, printed as an element of one list."""
     from lcp_catalog.navigation.documents import document

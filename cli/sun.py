@@ -14,8 +14,8 @@ from .files import FileCommand
 from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, Instant, Number, Step
 
 if TYPE_CHECKING:
-    from lcp_catalog.sun.table import SunTable
-    from lcp_catalog.sun.times import Instants
+    from lcp_catalog.ephemeris.table import SunTable
+    from lcp_catalog.ephemeris.times import Instants
 
 LINES_AT_ONCE = 4096
 
@@ -106,7 +106,7 @@ def command(
     when = _instants(time_utc, span)
 
     from lcp_catalog.atomic_files import check_output
-    from lcp_catalog.sun.table import remarks
+    from lcp_catalog.ephemeris.table import remarks
 
     if output is not None:
         check_output(output, overwrite)
@@ -139,8 +139,8 @@ def _table(
     gsd_m: float | None,
     when: Instants,
 ) -> SunTable:
+    from lcp_catalog.ephemeris.table import sun_table
     from lcp_catalog.geometry.frames import EnuFrame
-    from lcp_catalog.sun.table import sun_table
 
     if not dem:
         return sun_table(EnuFrame(lon, lat, height_m), when)
@@ -157,8 +157,8 @@ def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
 
 
 def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
+    from lcp_catalog.ephemeris.times import instant_range, instants
     from lcp_catalog.errors import SunError
-    from lcp_catalog.sun.times import instant_range, instants
 
     try:
         if span is not None:
@@ -205,8 +205,8 @@ def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
     """Lines of the JSON document, so that a million instants need no second copy."""
     from lcp_catalog.constants import FRAME
-    from lcp_catalog.sun.ephemeris import DIRECTION_ERROR_DEG
-    from lcp_catalog.sun.table import azimuth_zero_lon
+    from lcp_catalog.ephemeris.sun_position import DIRECTION_ERROR_DEG
+    from lcp_catalog.ephemeris.table import azimuth_zero_lon
 
     head: dict[str, Any] = {
         "frame": FRAME,

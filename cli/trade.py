@@ -79,7 +79,7 @@ def command(
     Markdown).
     """
     config = configuration(**flags)
-    from lcp_catalog.build.run import Build
+    from lcp_catalog.production.run import Build
     from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS, measure_trade
     from lcp_catalog.tradeoff.report import check_trade_folder, markdown, write_trade
 

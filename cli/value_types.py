@@ -58,8 +58,8 @@ class Instant(click.ParamType):
     name = "time"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from lcp_catalog.ephemeris.times import instants  # imports erfa
         from lcp_catalog.errors import SunError
-        from lcp_catalog.sun.times import instants  # imports erfa
 
         try:
             instants(value)
@@ -114,8 +114,8 @@ class Step(click.ParamType):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
+        from lcp_catalog.ephemeris.times import step_seconds
         from lcp_catalog.errors import SunError
-        from lcp_catalog.sun.times import step_seconds
 
         try:
             return step_seconds(str(value))

@@ -16,8 +16,8 @@ from .progress import progress
 from .value_types import AZIMUTH, CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
+    from lcp_catalog.ephemeris.times import Instants
     from lcp_catalog.navigation.site_windows import SiteWindows
-    from lcp_catalog.sun.times import Instants
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
@@ -145,8 +145,8 @@ def _check(output: str | None, flags: dict[str, Any]) -> None:
 
 
 def _instants(start: str, stop: str, step_s: float) -> Instants:
+    from lcp_catalog.ephemeris.times import instant_range
     from lcp_catalog.errors import SunError
-    from lcp_catalog.sun.times import instant_range
 
     try:
         return instant_range(start, stop, step_s)

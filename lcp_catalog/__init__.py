@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from .build.config import BuildConfig as BuildConfig
-    from .build.run import build_catalog as build_catalog
     from .cameras.camera_file import read_camera as read_camera
     from .cameras.frame_camera import Camera as Camera
     from .cameras.sensor import Uncertainty as Uncertainty
@@ -26,6 +24,8 @@ if TYPE_CHECKING:
     from .matching.point_search import find_points as find_points
     from .matching.position_fix import locate as locate
     from .matching.templates import render_patches as render_patches
+    from .production.config import BuildConfig as BuildConfig
+    from .production.run import build_catalog as build_catalog
     from .rendering.pipeline import render as render
     from .rendering.request import Request as Request
     from .rendering.request import ViewChoice as ViewChoice
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "Area": "terrain.area",
-    "BuildConfig": "build.config",
+    "BuildConfig": "production.config",
     "Camera": "cameras.frame_camera",
     "Catalog": "catalog.catalogue",
     "DemSet": "dem.mosaic",
@@ -47,7 +47,7 @@ _MODULES = {
     "Uncertainty": "cameras.sensor",
     "Validation": "validation.run",
     "ViewChoice": "rendering.request",
-    "build_catalog": "build.run",
+    "build_catalog": "production.run",
     "choose_points": "matching.point_choice",
     "find_points": "matching.point_search",
     "locate": "matching.position_fix",

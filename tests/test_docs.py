@@ -11,7 +11,7 @@ import click
 import pytest
 from lcp_cli.main import cli
 
-from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.production.config import BuildConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

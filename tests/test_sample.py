@@ -14,8 +14,8 @@ import pytest
 from lcp_cli.main import run
 
 import lcp_catalog
+from lcp_catalog._sample import SAMPLE_FILES, sample_folder, write_sample
 from lcp_catalog.errors import OutputError, OutputExistsError
-from lcp_catalog.sample import SAMPLE_FILES, sample_folder, write_sample
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = {"Makefile", "pipeline/Makefile", "hadley.toml", "pipeline/site.toml", "PROVENANCE.txt"}

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..ephemeris.times import utc_of_ephemeris_time
 from ..geometry.rotations import turned
-from ..sun.times import utc_of_ephemeris_time
 from .frame_camera import FARTHEST_M
 from .json_fields import JsonFields
 from .trajectory import Attitude, Track, Trajectory

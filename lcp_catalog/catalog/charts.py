@@ -280,7 +280,7 @@ def _mark_path(name: str, css: str, place: str = "") -> str:
 
 
 @dataclass(frozen=True)
-class Map:
+class ReliefMap:
     """Shaded map in a plane: ``height`` (rows, cols), metres, with the coordinates ``x_m`` (cols,) and
     ``y_m`` (rows,), metres.
     """

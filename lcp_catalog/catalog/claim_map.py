@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from .catalogue import Catalog
-from .charts import Map
+from .charts import ReliefMap
 from .packing import packing
 from .schema import COVERAGE_UNKNOWN, usable
 from .summary import view_name
@@ -58,7 +58,7 @@ class Shown:
 
 
 def claim_map(
-    catalog: Catalog, chart: Map, evaluated: AnyArray, bytes_max: int = BYTES_MAX
+    catalog: Catalog, chart: ReliefMap, evaluated: AnyArray, bytes_max: int = BYTES_MAX
 ) -> dict[str, Any] | None:
     """Numbers for the script: JSON-ready, None for a catalogue without claims or points.
     ``evaluated``: True for the Suns to show, (sun_elevation, sun_azimuth).
@@ -123,7 +123,7 @@ def _sample(count: int, most: int) -> Index:
     return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
 
 
-def _cells(catalog: Catalog, chart: Map, suns: Index) -> dict[str, Any]:
+def _cells(catalog: Catalog, chart: ReliefMap, suns: Index) -> dict[str, Any]:
     """The spacing cells and, by condition, whether a usable point is near; none if that is not known."""
     cells = catalog.coverage
     count = 0 if cells.usable is None else len(cells.status)
@@ -172,7 +172,7 @@ def _view_names(catalog: Catalog) -> list[str]:
     ]
 
 
-def _places(catalog: Catalog, chart: Map, rows: Index) -> tuple[AnyArray, AnyArray, AnyArray]:
+def _places(catalog: Catalog, chart: ReliefMap, rows: Index) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Map coordinates of points and the direction of their north on the map, degrees clockwise."""
     x, y = chart.pixel(*chart.plane.places(catalog.position_mcmf[rows]))
     return x, y, chart.plane.north(catalog.longitude[rows], catalog.latitude[rows])
@@ -205,7 +205,7 @@ def _codes(values: AnyArray, known: AnyArray) -> AnyArray:
     return np.where(sound, np.clip(np.nan_to_num(values), 0, 254), UNKNOWN).astype(np.uint8)
 
 
-def _enlargement(catalog: Catalog, shown: Shown, chart: Map) -> int:
+def _enlargement(catalog: Catalog, shown: Shown, chart: ReliefMap) -> int:
     """Round factor by which ellipses are enlarged on the map."""
     sigma = catalog.part("sigma_major", shown.rows, 0)
     sigma = sigma[usable(catalog.part("condition", shown.rows)) & (sigma > 0.0)]

@@ -14,7 +14,7 @@ from ..arrays import AnyArray, Array, Index
 from ..landmarks.selection import nearest
 from .catalogue import BLOCK_BYTES, Catalog
 from .cell_levels import levels
-from .differences import Comparison, Places
+from .differences import ComparedPoints, Comparison
 from .layout import GROUPS, TEXT, key
 from .schema import VARIABLES
 from .stored import StoredFile, content_digests
@@ -55,7 +55,7 @@ def compare(first: Path | str, second: Path | str) -> Comparison:
 
 
 def _equal(catalog: Catalog) -> Comparison:
-    places = Places.of(catalog)
+    places = ComparedPoints.of(catalog)
     none = places.take(np.zeros(0, np.int64))
     points = len(catalog), len(catalog)
     return Comparison(points, {}, {}, (), none, none, none, none, np.zeros(0), places, {})
@@ -63,7 +63,7 @@ def _equal(catalog: Catalog) -> Comparison:
 
 def compare_catalogs(one: Catalog, other: Catalog) -> Comparison:
     """The differences of a second catalogue from a first, as `compare`."""
-    here, there = Places.of(one), Places.of(other)
+    here, there = ComparedPoints.of(one), ComparedPoints.of(other)
     _, rows, others = np.intersect1d(
         here.point_id, there.point_id, assume_unique=True, return_indices=True
     )
@@ -99,7 +99,9 @@ def compare_catalogs(one: Catalog, other: Catalog) -> Comparison:
 # -- points
 
 
-def _moves(here: Places, there: Places, spacing_m: float) -> tuple[Index, Index, Array]:
+def _moves(
+    here: ComparedPoints, there: ComparedPoints, spacing_m: float
+) -> tuple[Index, Index, Array]:
     """Rows of points without partner that are the same points moved, and their distances in metres:
     those of one level that are nearest to each other, then again among the rest.
     """

@@ -21,7 +21,7 @@ CONDITIONS = "conditions"
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class ComparedPoints:
     """Points of one catalogue: ids, longitudes and latitudes in degrees, cell sizes in metres, each (n,)."""
 
     point_id: Index
@@ -30,16 +30,16 @@ class Places:
     gsd: Array
 
     @classmethod
-    def of(cls, catalog: Catalog) -> Places:
+    def of(cls, catalog: Catalog) -> ComparedPoints:
         """All points of a catalogue."""
         return cls(catalog.point_id, catalog.longitude, catalog.latitude, catalog.gsd)
 
     def __len__(self) -> int:
         return len(self.point_id)
 
-    def take(self, rows: Index) -> Places:
+    def take(self, rows: Index) -> ComparedPoints:
         """Some of the points."""
-        return Places(
+        return ComparedPoints(
             self.point_id[rows], self.longitude[rows], self.latitude[rows], self.gsd[rows]
         )
 
@@ -66,12 +66,12 @@ class Comparison:
     attributes: dict[str, tuple[Any, Any]]
     maps: dict[str, str]
     not_compared: tuple[str, ...]
-    came: Places
-    went: Places
-    moved_from: Places
-    moved_to: Places
+    came: ComparedPoints
+    went: ComparedPoints
+    moved_from: ComparedPoints
+    moved_to: ComparedPoints
     moved_m: Array
-    matched: Places
+    matched: ComparedPoints
     amounts: dict[str, Array]
 
     @property

@@ -20,8 +20,8 @@ from .charts import (
     MAP_PX,
     STEPS,
     Distribution,
-    Map,
     Mark,
+    ReliefMap,
     SunDisc,
     categories,
     distribution,
@@ -112,13 +112,13 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
     )
 
 
-def _chart(catalog: Catalog) -> Map:
+def _chart(catalog: Catalog) -> ReliefMap:
     view = catalog.overview
     if catalog.overview_levels is not None:
         levels = (catalog.overview_levels.level(factor) for factor in LEVEL_FACTORS)
         finest_first = (view, *levels)
         view = next((one for one in finest_first if max(one.height.shape) <= MAP_PX), view)
-    return Map(view.height, view.x, view.y, view.plane)
+    return ReliefMap(view.height, view.x, view.y, view.plane)
 
 
 def _claims(catalog: Catalog, statistics: Statistics, disc: SunDisc) -> dict[str, Any] | None:
@@ -228,7 +228,7 @@ def _map(catalog: Catalog, statistics: Statistics) -> Markup:
     return chart.draw(marks, "map of the control points")
 
 
-def _point_marks(catalog: Catalog, statistics: Statistics, chart: Map) -> list[Mark]:
+def _point_marks(catalog: Catalog, statistics: Statistics, chart: ReliefMap) -> list[Mark]:
     rows = np.linspace(0, len(catalog) - 1, min(len(catalog), POINTS_MAX)).astype(np.int64)
     places = np.stack(chart.plane.places(catalog.part("position_mcmf", rows)), axis=-1)
     shares = statistics.by_point[rows]
@@ -251,7 +251,7 @@ def _points_sentence(catalog: Catalog) -> str:
     return f"The map shows an even sample of {POINTS_MAX} of the {len(catalog)} points."
 
 
-def _hole_marks(catalog: Catalog, chart: Map) -> list[Mark]:
+def _hole_marks(catalog: Catalog, chart: ReliefMap) -> list[Mark]:
     """Marks of the cells without a point, of at most `HOLES_MAX` of them, evenly chosen."""
     cells, names = (
         catalog.coverage,

@@ -82,7 +82,7 @@ def set_map(dems: DemSet, surveys: Sequence[HeightStatistics] | None = None) -> 
 
 
 def _uses(
-    dems: DemSet, view: View, surveys: Sequence[HeightStatistics] | None
+    dems: DemSet, view: MapPicture, surveys: Sequence[HeightStatistics] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """For every pixel (height, width) the file that is used, _NO_FILE or _MISSING; and True where
     there are two or more files.
@@ -106,7 +106,7 @@ def _coloured(dems: DemSet, used: NDArray[np.int64], striped: NDArray[np.bool_])
     return out
 
 
-def _relief(dems: DemSet, view: View) -> Array:
+def _relief(dems: DemSet, view: MapPicture) -> Array:
     """Brightness (height, width) of the terrain lit from the upper left, 1 where it is level or
     unknown. Slopes are exaggerated to `_SLOPE` in the root mean square.
     """
@@ -162,7 +162,7 @@ def _stripes(height: int, width: int) -> NDArray[np.bool_]:
     return np.add.outer(np.arange(height), np.arange(width)) % _HATCH[0] < _HATCH[1]
 
 
-def _graticule(canvas: Bytes, view: View) -> None:
+def _graticule(canvas: Bytes, view: MapPicture) -> None:
     """Lines of one pixel at multiples of the step; the map shows through."""
     lon, lat = view.places()
     near = np.zeros(lon.shape, np.bool_)
@@ -205,7 +205,7 @@ def _swatch(colour: Colour) -> Bytes:
     return np.full((_SWATCH[1], _SWATCH[0], 3), colour, np.uint8)
 
 
-def _on_paper(canvas: Bytes, view: View, legend: _Legend) -> Bytes:
+def _on_paper(canvas: Bytes, view: MapPicture, legend: _Legend) -> Bytes:
     """The map in its frame, with labels around it and the legend below."""
     left, right, top, bottom = _MARGIN
     column_px = max(width_px(text) for _, text in legend.entries) + _SWATCH[0] + 3 * _PAD
@@ -227,7 +227,7 @@ def _on_paper(canvas: Bytes, view: View, legend: _Legend) -> Bytes:
     return out
 
 
-def _labels(out: Bytes, view: View) -> None:
+def _labels(out: Bytes, view: MapPicture) -> None:
     """Degrees where the graticule meets the frame; around a pole the latitudes are written along a
     meridian.
     """
@@ -252,7 +252,7 @@ def _labels(out: Bytes, view: View) -> None:
         _along_meridian(out, view)
 
 
-def _along_meridian(out: Bytes, view: View) -> None:
+def _along_meridian(out: Bytes, view: MapPicture) -> None:
     left, _, top, _ = _MARGIN
     for lat in np.arange(0.0, 90.0, view.graticule_deg[1]):
         x, y = (
@@ -312,7 +312,7 @@ def _north(lat: float) -> str:
 
 
 @dataclass(frozen=True)
-class View:
+class MapPicture:
     """A picture of ``width`` x ``height`` pixels of a map plane; ``left`` and ``top`` are its outer
     edges, y grows upwards.
 
@@ -369,7 +369,7 @@ class View:
         return "equirectangular, north up"
 
 
-def view_of(grids: Sequence[Grid], box: Bounds) -> View:
+def view_of(grids: Sequence[Grid], box: Bounds) -> MapPicture:
     """The view for footprints and the box around them."""
     pole = (
         1
@@ -383,7 +383,9 @@ def view_of(grids: Sequence[Grid], box: Bounds) -> View:
     margin = _AROUND * max(box.north - box.south, (box.east - box.west) * _squeeze(box))
     wide = box.east - box.west + 2.0 * margin / _squeeze(box)
     if wide >= 360.0:
-        return View(0, _WIDE, _WIDE // 2, -180.0, 90.0, 360.0 / _WIDE, 360.0 / _WIDE, (30.0, 30.0))
+        return MapPicture(
+            0, _WIDE, _WIDE // 2, -180.0, 90.0, 360.0 / _WIDE, 360.0 / _WIDE, (30.0, 30.0)
+        )
     return _regional(box, wide, margin)
 
 
@@ -391,7 +393,7 @@ def _squeeze(box: Bounds) -> float:
     return math.cos(math.radians(0.5 * (box.south + box.north)))
 
 
-def _regional(box: Bounds, wide: float, margin: float) -> View:
+def _regional(box: Bounds, wide: float, margin: float) -> MapPicture:
     south, north = max(box.south - margin, -90.0), min(box.north + margin, 90.0)
     squeeze = _squeeze(box)
     unit = max(wide * squeeze / _WIDE, (north - south) / _HIGH)  # degrees of latitude a pixel
@@ -402,10 +404,10 @@ def _regional(box: Bounds, wide: float, margin: float) -> View:
     top = max(top, -90.0 + height * unit)
     left = middle_lon - 0.5 * width * unit / squeeze
     steps = (_step(width * unit / squeeze, width / 90.0), _step(height * unit, height / 60.0))
-    return View(0, width, height, left, top, unit / squeeze, unit, steps)
+    return MapPicture(0, width, height, left, top, unit / squeeze, unit, steps)
 
 
-def _polar(grids: Sequence[Grid], box: Bounds, pole: int) -> View:
+def _polar(grids: Sequence[Grid], box: Bounds, pole: int) -> MapPicture:
     """A rectangle around the outlines of the footprints in the plane of the pole."""
     outlines = [np.stack(_plane(*_outline(grid), pole)) for grid in grids]
     x, y = np.concatenate(outlines, axis=1)
@@ -416,7 +418,7 @@ def _polar(grids: Sequence[Grid], box: Bounds, pole: int) -> View:
     height = max(round((top - low + 2.0 * margin) / unit), _LEAST)
     left, top = 0.5 * (left + right) - 0.5 * width * unit, 0.5 * (low + top) + 0.5 * height * unit
     span = math.degrees(height * unit)  # half of it in t is all of it in degrees, but for the scale
-    view = View(pole, width, height, left, top, unit, unit, (30.0, _step(span, 4.0)))
+    view = MapPicture(pole, width, height, left, top, unit, unit, (30.0, _step(span, 4.0)))
     if view.has_pole:
         return view
     lon = _step(box.east - box.west, width / 90.0)

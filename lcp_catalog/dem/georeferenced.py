@@ -19,7 +19,7 @@ _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
 
 
-class Source(Protocol):
+class WindowReader(Protocol):
     """Source of values: rows row0..row1, columns col0..col1 (half open, inside the raster), NaN
     without a value.
     """
@@ -33,7 +33,7 @@ class Gridded:
 
     path: Path
     grid: Grid
-    raster: Source
+    raster: WindowReader
 
     @property
     def gsd_m(self) -> float:

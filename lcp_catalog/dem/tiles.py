@@ -49,7 +49,7 @@ _ARC_MAX = 2.0
 """Greatest length of a mean along a row, radians of longitude: the last rows around a pole."""
 
 
-class Sample(NamedTuple):
+class TileSample(NamedTuple):
     """Of places (n,): heights (metres, NaN without one), the file of the layer (-1 without one),
     its weight in a blend (0..1).
     """
@@ -111,7 +111,9 @@ class Layer(Generic[File]):
         """True where a file's footprint contains a place, (files, n); no pixel is read."""
         return np.array([dem.grid.holds(lon, lat) for dem in self.dems])
 
-    def sample(self, lon: Array, lat: Array, gsd_m: float, band_m: float | None = None) -> Sample:
+    def sample(
+        self, lon: Array, lat: Array, gsd_m: float, band_m: float | None = None
+    ) -> TileSample:
         """Heights at places (n,), from the first file that has one; with ``band_m``, the width of
         the seam at the outer edge, also the weight of each place.
         """
@@ -126,11 +128,11 @@ class Layer(Generic[File]):
             if todo.size == 0:
                 break
         if band_m is None or clear is None:
-            return Sample(height, tile, None)
+            return TileSample(height, tile, None)
         all_found = not isinstance(todo, slice) and not todo.size
         if all_found and self._all_whole(boxes, lat, clear, band_m):
-            return Sample(height, tile, None)
-        return Sample(height, tile, self._weights(lon, lat, tile >= 0, clear, band_m))
+            return TileSample(height, tile, None)
+        return TileSample(height, tile, self._weights(lon, lat, tile >= 0, clear, band_m))
 
     def _all_whole(self, boxes: list[Box], lat: Array, clear: Array, band_m: float) -> bool:
         """True if all places inside boxes of pixels have weight 1; False if the boxes are too

@@ -13,9 +13,9 @@ from ..arrays import Array, Index
 from ..errors import AreaError
 from ..geometry.bounds import enclosing_arc
 from ..geometry.frames import mcmf_to_lonlat
-from .frames import Frame
+from .frames import LunarFrame
 from .packages import package
-from .points import Points
+from .points import ExportedPoints
 
 PLATES_MAX = 250_000
 """Most plates without a box: about 12 MB."""
@@ -32,12 +32,12 @@ _INDEX = 10_000_000
 _CENTURY_S = 36_525 * 86_400.0
 
 
-def plate_count(points: Points) -> int:
+def plate_count(points: ExportedPoints) -> int:
     """Plates of all patches."""
     return 2 * len(points) * (points.catalog.patch_nodes - 1) ** 2
 
 
-def write_dsk(points: Points, path: Path, boxed: bool = False) -> None:
+def write_dsk(points: ExportedPoints, path: Path, boxed: bool = False) -> None:
     """One segment of the Moon's surface 1, in the frame's name of NAIF's kernels, valid 1900 to 2100.
 
     The plates are the patches' own triangles, seen from outside in counter-clockwise order; patches
@@ -71,7 +71,7 @@ def write_dsk(points: Points, path: Path, boxed: bool = False) -> None:
             spice.dskcls(handle, True)
 
 
-def _vertices_km(points: Points) -> Array:
+def _vertices_km(points: ExportedPoints) -> Array:
     parts = [points.nodes_m(block, dem).reshape(-1, 3) for block, dem in points.blocks("dem")]
     return np.ascontiguousarray(1e-3 * np.concatenate(parts))
 
@@ -102,7 +102,7 @@ def _bounds_rad(vertices_km: Array) -> tuple[float, float, float, float]:
 
 
 @contextmanager
-def _frame_known(spice: Any, frame: Frame) -> Iterator[None]:
+def _frame_known(spice: Any, frame: LunarFrame) -> Iterator[None]:
     """SPICE knows the frame's name within the block, without a kernel of the user's."""
     number = f"FRAME_{frame.spice_id}"
     known = spice.namfrm(frame.spice_name) != 0

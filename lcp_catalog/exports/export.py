@@ -13,11 +13,11 @@ from ..constants import FRAME
 from ..errors import ConfigError
 from ..geometry.bounds import Bounds
 from .frames import frame_named
-from .points import Points
+from .points import ExportedPoints
 
 
 @dataclass(frozen=True)
-class Choice:
+class ExportChoice:
     """What is exported. ``box``: west, south, east, north in degrees of MOON_ME; ``level``: index of
     the cell size; ``sun_deg``: azimuth and elevation of the Sun for the reflectance of ``.lmk``.
     """
@@ -29,7 +29,10 @@ class Choice:
 
 
 def export(
-    catalog: Path | str, output: Path | str, choice: Choice | None = None, overwrite: bool = False
+    catalog: Path | str,
+    output: Path | str,
+    choice: ExportChoice | None = None,
+    overwrite: bool = False,
 ) -> int:
     """Write points of a catalogue's file in the format of the output's ending (`choices.EXPORTS`), and
     return their number.
@@ -38,7 +41,7 @@ def export(
     AreaError for a choice without points; MissingPackageError for a format whose package is not
     installed. Raises CatalogError as `open_catalog`, and for the output as `atomic_files`.
     """
-    choice = choice or Choice()
+    choice = choice or ExportChoice()
     ending = Path(output).suffix
     if ending not in EXPORTS:
         raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")
@@ -46,7 +49,7 @@ def export(
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
     frame = frame_named(choice.frame)
     with _aside(output, ending, overwrite) as path:
-        points = Points.chosen(open_catalog(catalog), frame, choice.box, choice.level)
+        points = ExportedPoints.chosen(open_catalog(catalog), frame, choice.box, choice.level)
         _write(points, path, ending, choice)
     return len(points)
 
@@ -57,7 +60,7 @@ def _aside(output: Path | str, ending: str, overwrite: bool) -> AbstractContextM
     return write_aside(output, overwrite)
 
 
-def _write(points: Points, path: Path, ending: str, choice: Choice) -> None:
+def _write(points: ExportedPoints, path: Path, ending: str, choice: ExportChoice) -> None:
     match ending:
         case ".csv":
             from .tables import write_csv

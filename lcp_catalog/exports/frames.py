@@ -23,7 +23,7 @@ moon_de440_250416.tf).
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class LunarFrame:
     """A Moon-fixed frame. ``from_me`` (3, 3) turns positions in MOON_ME into it; ``meaning`` is one
     line for people; ``spice_name`` and ``spice_id`` are those of NAIF's frame kernels.
     """
@@ -62,12 +62,12 @@ def _turns() -> Array:
     return about_z @ about_y @ about_x
 
 
-def frame_named(name: str) -> Frame:
+def frame_named(name: str) -> LunarFrame:
     """The frame of a name of `choices.FRAMES`; ConfigError for another."""
     if name == FRAME:
         meaning = "Moon-fixed, mean Earth and rotation axis (DE421)"
-        return Frame(name, meaning, "MOON_ME_DE421", 31007, np.eye(3))
+        return LunarFrame(name, meaning, "MOON_ME_DE421", 31007, np.eye(3))
     if name in FRAMES:
         meaning = "Moon-fixed, principal axes (DE440)"
-        return Frame(name, meaning, "MOON_PA_DE440", 31008, _turns())
+        return LunarFrame(name, meaning, "MOON_PA_DE440", 31008, _turns())
     raise ConfigError(f"frame {name!r} is not known; choose {' or '.join(FRAMES)}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..constants import MOON_RADIUS_M
-from .points import Points
+from .points import ExportedPoints
 
 _WKT = (
     'GEOGCS["{name}",DATUM["{name}",SPHEROID["Moon (2015) - Sphere",{radius:.0f},0]],'
@@ -15,7 +15,7 @@ _WKT = (
 )
 
 
-def write_gcp(points: Points, path: Path) -> None:
+def write_gcp(points: ExportedPoints, path: Path) -> None:
     """One line per point: number, latitude and longitude (degrees), height above the sphere (m), and
     1 sigma along latitude, longitude and height (m), which ASP reads so with
     ``--use-lon-lat-height-gcp-error``. Measures in images are left to the user.
@@ -39,5 +39,5 @@ def write_gcp(points: Points, path: Path) -> None:
             file.write(f"{k + 1} {place} {across_m[k]:.3f} {across_m[k]:.3f} {along_m[k]:.3f}\n")
 
 
-def _positive(sigma_m: np.ndarray, points: Points) -> np.ndarray:
+def _positive(sigma_m: np.ndarray, points: ExportedPoints) -> np.ndarray:
     return np.where(sigma_m > 0.0, sigma_m, points.gsd_m)

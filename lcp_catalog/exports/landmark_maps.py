@@ -11,7 +11,7 @@ from ..arrays import AnyArray, Array, Bytes
 from ..geometry.frames import direction_enu
 from ..kernels.matching import draw_patch
 from ..photometry.laws import DEFAULT_MODEL
-from .points import Points
+from .points import ExportedPoints
 from .tables import write_columns
 
 _HEADER = struct.Struct(">32s32s3i3d3d9d")
@@ -22,7 +22,7 @@ _UNKNOWN = 100
 
 
 def write_landmark_maps(
-    points: Points, folder: Path, sun_deg: tuple[float, float] | None = None
+    points: ExportedPoints, folder: Path, sun_deg: tuple[float, float] | None = None
 ) -> None:
     """A map ``<point_id>.lmk`` of every point, and ``points.csv`` with what the maps have no field
     for.

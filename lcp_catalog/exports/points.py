@@ -17,7 +17,7 @@ from ..catalog.schema import VARIABLES, evaluated, usable
 from ..errors import AreaError
 from ..geometry.bounds import Bounds
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
-from .frames import Frame
+from .frames import LunarFrame
 
 _BLOCK_BYTES = 2**24
 
@@ -32,17 +32,21 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class ExportedPoints:
     """Points of a catalogue (rows ``rows`` (n,)), their places in ``frame``."""
 
     catalog: Catalog
     rows: Index
-    frame: Frame
+    frame: LunarFrame
 
     @classmethod
     def chosen(
-        cls, catalog: Catalog, frame: Frame, box: Bounds | None = None, level: int | None = None
-    ) -> Points:
+        cls,
+        catalog: Catalog,
+        frame: LunarFrame,
+        box: Bounds | None = None,
+        level: int | None = None,
+    ) -> ExportedPoints:
         """The points within a box of longitude and latitude in MOON_ME, and of a level; None: all.
         AreaError if there is none.
         """
@@ -185,7 +189,7 @@ def half_turn(lon_deg: AnyArray) -> Array:
     return np.asarray((np.asarray(lon_deg, np.float64) + 180.0) % 360.0 - 180.0)
 
 
-def cells(points: Points, box: Bounds | None) -> dict[str, AnyArray]:
+def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
     """Coverage cells within the box: ``longitude_deg``, ``latitude_deg`` in the frame, ``status``."""
     catalog = points.catalog
     rows = catalog.cells_within(*box) if box else np.arange(len(catalog.coverage.status))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array
 from ..errors import OutputError
-from .points import Column, Points
+from .points import Column, ExportedPoints
 from .tables import write_columns
 
 _LARGEST = 30_000
@@ -26,7 +26,7 @@ _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _NAMES = 36**5
 
 
-def write_spc(points: Points, folder: Path) -> None:
+def write_spc(points: ExportedPoints, folder: Path) -> None:
     """A landmark and a maplet of every point, and ``points.csv`` with the ``point_id`` of each name.
     OutputError for more points than there are names.
     """
@@ -57,14 +57,14 @@ def _name(number: int) -> str:
     return f"P{found}"
 
 
-def _sigma_km(points: Points) -> Array:
+def _sigma_km(points: ExportedPoints) -> Array:
     """1 sigma of the places along the axes of the frame, (n, 3) kilometres; unknown ones count as 0."""
     across, up = (1e-3 * np.nan_to_num(sigma) for sigma in points.sigma_m)
     own = np.stack([across, across, up], axis=-1)
     return np.asarray(np.sqrt(np.einsum("nk,nki->ni", own**2, points.rotation**2)))
 
 
-def _landmark(name: str, points: Points, k: int, axes: Array, sigma_km: Array) -> str:
+def _landmark(name: str, points: ExportedPoints, k: int, axes: Array, sigma_km: Array) -> str:
     """The text of a landmark. SPC stops reading at END FILE; the frame stands after it."""
     gsd_km = 1e-3 * points.gsd_m[k]
 
@@ -89,7 +89,7 @@ def _landmark(name: str, points: Points, k: int, axes: Array, sigma_km: Array) -
 
 
 def _maplet(
-    points: Points,
+    points: ExportedPoints,
     k: int,
     axes: Array,
     sigma_km: Array,

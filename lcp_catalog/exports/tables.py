@@ -6,10 +6,10 @@ import csv
 from pathlib import Path
 
 from .packages import package
-from .points import Column, Points, plain
+from .points import Column, ExportedPoints, plain
 
 
-def write_csv(points: Points, path: Path) -> None:
+def write_csv(points: ExportedPoints, path: Path) -> None:
     """One row per point. The name of a column ends with its unit; ``frame`` is a column."""
     write_columns(points.columns(), path)
 
@@ -22,7 +22,7 @@ def write_columns(columns: list[Column], path: Path) -> None:
         writer.writerows(zip(*(plain(column.values, "") for column in columns), strict=True))
 
 
-def write_parquet(points: Points, path: Path) -> None:
+def write_parquet(points: ExportedPoints, path: Path) -> None:
     """One row per point. Units and meanings are metadata of the columns, the frame one of the file.
     MissingPackageError without pyarrow.
     """

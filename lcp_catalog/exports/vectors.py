@@ -20,7 +20,7 @@ from ..constants import FRAME
 from ..geometry.bounds import Bounds
 from ..geometry.frames import mcmf_to_lonlat
 from .packages import package
-from .points import Points, cells, half_turn, plain
+from .points import ExportedPoints, cells, half_turn, plain
 
 _SIDE = 8
 """Most pieces of a footprint's side."""
@@ -34,7 +34,7 @@ Fields = dict[str, AnyArray]
 Layer = tuple[str, str, Any, Fields]
 
 
-def layers(points: Points, box: Bounds | None, wanted_for: str) -> Iterator[Layer]:
+def layers(points: ExportedPoints, box: Bounds | None, wanted_for: str) -> Iterator[Layer]:
     """Name, type of geometry, geometries and fields of each layer. MissingPackageError without
     shapely.
     """
@@ -53,7 +53,7 @@ def layers(points: Points, box: Bounds | None, wanted_for: str) -> Iterator[Laye
     yield "coverage", "Point", shapely.points(places), {"status": status, "frame": frame}
 
 
-def _footprints(points: Points, shapely: Any) -> AnyArray:
+def _footprints(points: ExportedPoints, shapely: Any) -> AnyArray:
     """Outlines of the patches through their outermost nodes, multi-polygons (n,)."""
     side = points.catalog.patch_nodes - 1
     steps = np.unique(np.linspace(0, side, _SIDE + 1).round().astype(int))
@@ -99,7 +99,7 @@ def _around_pole(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
     return shapely.Polygon([*zip(lon, lat, strict=True), *ends])
 
 
-def write_geopackage(points: Points, path: Path, box: Bounds | None = None) -> None:
+def write_geopackage(points: ExportedPoints, path: Path, box: Bounds | None = None) -> None:
     """A GeoPackage with the three layers; the frame is metadata of file and layers, and a field.
     MissingPackageError without pyogrio or shapely.
     """
@@ -130,7 +130,7 @@ def write_geopackage(points: Points, path: Path, box: Bounds | None = None) -> N
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def write_geojson(points: Points, path: Path, box: Bounds | None = None) -> None:
+def write_geojson(points: ExportedPoints, path: Path, box: Bounds | None = None) -> None:
     """The features of the three layers in one collection; the property ``layer`` names theirs. The
     member ``crs`` (GeoJSON 2008; RFC 7946 has only the Earth's WGS 84) holds the lunar CRS.
     MissingPackageError without shapely.

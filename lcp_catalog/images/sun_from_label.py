@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..ephemeris.sun_position import direction_from_subsolar, sun_direction_at
+from ..ephemeris.times import instants
 from ..errors import ImageError, LabelError, SunError
 from ..pds import pvl
 from ..pds.isis_tables import sun_of_tables
@@ -24,8 +26,6 @@ from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4, xml_root
 from ..pds.pvl import Quantity
-from ..sun.ephemeris import direction_from_subsolar, sun_direction_at
-from ..sun.times import instants
 from .pixels import ImagePixels
 from .special_pixels import NO_CODES, Codes
 

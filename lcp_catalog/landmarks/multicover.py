@@ -79,7 +79,7 @@ class Cover:
 
 
 @dataclass(frozen=True)
-class Choice:
+class CoverChoice:
     """Chosen candidates, rising; and for the greedy order, after each of its candidates, the number of
     conditions at places that are served as often as wanted, and the share of all that was wanted.
     """
@@ -105,7 +105,7 @@ def unpacked(bits: AnyArray, conditions: int) -> Mask:
     return whole.astype(np.bool_)
 
 
-def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> Choice:
+def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> CoverChoice:
     """The fewest candidates found that serve each condition ``wanted`` (place, condition) times, which
     must not exceed `Cover.counts` of all; or, of the choices of ``most``, a greedy one.
 
@@ -127,7 +127,7 @@ def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> Choice
         if len(cover) <= EXCHANGE_MAX:
             while kernels.exchange(is_chosen, *state, *cover._at_places):
                 pass
-    return Choice(np.flatnonzero(is_chosen), met, served / total)
+    return CoverChoice(np.flatnonzero(is_chosen), met, served / total)
 
 
 def least_size(cover: Cover, wanted: Int16, size: int) -> float:

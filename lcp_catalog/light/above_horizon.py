@@ -11,7 +11,7 @@ from ..errors import SunError
 from ..geometry.direction import Direction
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
-from .sources import Lighting, Source
+from .sources import Lighting, LightSource
 
 _ROUNDING_DEG = 1e-9  # tolerance in elevation: a source on the horizon counts as above it
 
@@ -40,7 +40,7 @@ def light_above_horizon(terrain: Terrain, light: Lighting) -> Lighting:
     return replace(light, sources=tuple(sources))
 
 
-def _is_set(terrain: Terrain, source: Source, lowest_m: float, step: int) -> bool:
+def _is_set(terrain: Terrain, source: LightSource, lowest_m: float, step: int) -> bool:
     """True if a source is below every horizon; a coarse sample of nodes is tested first."""
     return all(_above_deg(terrain, source, lowest_m, every) < 0 for every in (step, 1))
 
@@ -56,7 +56,7 @@ def _lowest_m(terrain: Terrain, step: int) -> float:
     return lowest_m
 
 
-def _above_deg(terrain: Terrain, source: Source, lowest_m: float, step: int) -> float:
+def _above_deg(terrain: Terrain, source: LightSource, lowest_m: float, step: int) -> float:
     """Greatest elevation of a source's upper limb above the horizon of the core's nodes, deg; NaN
     without heights.
     """

@@ -26,9 +26,9 @@ from ..arrays import Array, Mask
 from ..geometry.frames import direction_enu_rad
 from ..photometry.laws import Reflectance, radiance_factor, radiance_under
 from ..terrain.heightfield import Heightfield
-from ..terrain.horizons import Points
+from ..terrain.horizons import HorizonPoints
 from ..terrain.terrain import Terrain
-from .sources import Lighting, Source
+from .sources import Lighting, LightSource
 
 BOUNCE_RMS = {"draft": 0.25, "standard": 0.15, "high": 0.06, "reference": 0.06}
 """Bound on the rms error of the directions, by tier, as a share of the mean bounced light; measured
@@ -201,9 +201,9 @@ def _direct(
     return total if brightness is None else total * brightness(points)
 
 
-def _reached(terrain: Terrain, source: Source, points: Array, normals: Array) -> Mask:
+def _reached(terrain: Terrain, source: LightSource, points: Array, normals: Array) -> Mask:
     """True for points that a source's centre reaches, (n,)."""
     sun = source.direction.vector
     lit = normals @ sun > 0.0
-    lit[lit] = ~Points(terrain.field, points[lit], terrain.far).occluded(sun)
+    lit[lit] = ~HorizonPoints(terrain.field, points[lit], terrain.far).occluded(sun)
     return np.asarray(lit)

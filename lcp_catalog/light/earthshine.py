@@ -1,6 +1,6 @@
 """The Earth as a light source: its direction, its size and its brightness.
 
-Position: ERFA's moon98 (Meeus 1998), rotated into the Moon's frame by `sun.ephemeris`. Light time
+Position: ERFA's moon98 (Meeus 1998), rotated into the Moon's frame by `ephemeris.sun_position`. Light time
 and aberration cancel except for the Moon's motion about the Earth during the light time (1.3 s,
 0.0002 deg), which is included.
 
@@ -24,13 +24,13 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
+from ..ephemeris.limb_darkening import LimbDarkening
+from ..ephemeris.sun_position import apparent_sun, lunar_rotation
+from ..ephemeris.times import Times, instants
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
-from ..sun.ephemeris import apparent_sun, lunar_rotation
-from ..sun.limb_darkening import LimbDarkening
-from ..sun.times import Times, instants
 from .solar_disc import SolarDisc
-from .sources import Source
+from .sources import LightSource
 
 EARTH_RADIUS_M = 6_371_000.0
 """Mean radius (IUGG)."""
@@ -68,7 +68,7 @@ class Earth:
         across = float(np.linalg.norm(np.cross(to_sun, to_place)))
         return math.atan2(across, float(to_sun @ to_place))
 
-    def source(self, frame: EnuFrame, as_disc: bool = False) -> Source:
+    def source(self, frame: EnuFrame, as_disc: bool = False) -> LightSource:
         """The Earth as seen from a frame's origin; irradiance relative to the Sun's there."""
         place = frame.origin_mcmf_m
         towards = self.position_mcmf_m - place
@@ -80,7 +80,7 @@ class Earth:
             ratio *= float(nearer) ** 2
         disc = SolarDisc(math.asin(EARTH_RADIUS_M / distance_m), LimbDarkening(1.0, 0.0, 0.0))
         direction = Direction.from_mcmf(towards / distance_m, frame)
-        return Source(direction, ratio, disc if as_disc else None, "Earth")
+        return LightSource(direction, ratio, disc if as_disc else None, "Earth")
 
 
 def phase_function(phase_rad: float) -> float:

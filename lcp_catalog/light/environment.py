@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import ImageError
 from ..geometry.direction import Direction
 from .environment_map import Panorama, read_panorama
-from .environment_sources import SourceSearch, Split, report, split_sources
+from .environment_sources import SourceSearch, SourceSplit, report, split_sources
 from .sources import Lighting
 from .sun_sky_ratio import RatioChoice, SunOverSky, sun_over_sky
 
@@ -27,7 +27,7 @@ class Environment:
     """
 
     panorama: Panorama
-    split: Split
+    split: SourceSplit
     ratio: SunOverSky
     files: tuple[Path, ...] = ()
 
@@ -64,7 +64,7 @@ class Environment:
         return found
 
     @property
-    def used(self) -> Split:
+    def used(self) -> SourceSplit:
         """Sources and remainder that light the scene."""
         return self.ratio.split
 

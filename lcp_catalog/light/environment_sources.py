@@ -108,7 +108,7 @@ class BrightSource:
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class SourceSplit:
     """Sources of an environment map, the most powerful first, and the remainder."""
 
     sources: tuple[BrightSource, ...]
@@ -136,7 +136,7 @@ class Split:
         rest = self.remainder.horizontal_irradiance + math.fsum(levels[1:])
         return levels[0] / rest if rest > 0.0 else math.inf
 
-    def with_ratio(self, ratio: float) -> Split:
+    def with_ratio(self, ratio: float) -> SourceSplit:
         """The same with the most powerful source scaled to a `sun_sky_ratio` (CIE clear sky: 4;
         section 4 of the paper). ImageError without a source or without a sky.
         """
@@ -151,7 +151,7 @@ class Split:
         return replace(self, sources=(scaled, *self.sources[1:]))
 
 
-def report(panorama: Panorama, found: Split, used: Split) -> dict[str, Any]:
+def report(panorama: Panorama, found: SourceSplit, used: SourceSplit) -> dict[str, Any]:
     """Values for a report: sources as found (``found``) and as they light the scene (``used``,
     after any scaling). Powers are shares of the power above the horizontal plane.
     """
@@ -171,22 +171,22 @@ def report(panorama: Panorama, found: Split, used: Split) -> dict[str, Any]:
     }
 
 
-def split_sources(panorama: Panorama, search: SourceSearch | None = None) -> Split:
+def split_sources(panorama: Panorama, search: SourceSearch | None = None) -> SourceSplit:
     """Sources of the panorama's upper half, and the remainder. The sum of their powers is the
     panorama's power, to rounding.
     """
     search = search or SourceSearch()
-    work = _Search(panorama, search)
+    work = _SourceSearch(panorama, search)
     found = list(work.run())
     found.sort(key=lambda source: -source.power)
     if len(found) == MOST_SOURCES:
         log.warning(
             "%s: more bright sources; only the brightest %d are used", panorama.name, MOST_SOURCES
         )
-    return Split(tuple(found), work.remainder(), search)
+    return SourceSplit(tuple(found), work.remainder(), search)
 
 
-class _Search:
+class _SourceSearch:
     """State of the search: luminance of the upper half after each removal, the pixels that may not
     start a source, and each segment's mean and brightest free pixel.
     """

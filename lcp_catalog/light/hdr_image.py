@@ -27,7 +27,7 @@ _TAIL = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class LuminanceImage:
     """Linear luminance (rows, cols). ``encoded``: True if the samples were encoded for a display;
     white is 1 then.
     """
@@ -37,7 +37,7 @@ class Picture:
     name: str
 
 
-def read_picture(path: Path | str) -> Picture:
+def read_picture(path: Path | str) -> LuminanceImage:
     """Luminance of an image file; an alpha channel is ignored. ImageError for a file that is
     missing, unreadable, negative or not finite.
     """
@@ -54,7 +54,7 @@ def read_picture(path: Path | str) -> Picture:
         plane = planes[:, :, channel].astype(np.float64)
         luminance += weight * (decode_srgb(plane / _FULL_SCALE[kind]) if encoded else plane)
         _require_light(path, planes[:, :, channel])
-    return Picture(luminance, encoded, name)
+    return LuminanceImage(luminance, encoded, name)
 
 
 def resized(values: Array, shape: tuple[int, int]) -> Array:

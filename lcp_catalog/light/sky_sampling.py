@@ -27,7 +27,7 @@ from ..geometry.frames import direction_enu_rad
 from ..kernels.photometry import sky as kernel
 from ..photometry.laws import Reflectance
 from ..terrain.heightfield import Window
-from ..terrain.horizons import Points
+from ..terrain.horizons import HorizonPoints
 from ..terrain.occlusion import occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
@@ -163,7 +163,7 @@ def sky_at_points(
             lights = directions, dark, samples.irradiance
             kernel.add_to_points(*place, *facing, *lights, *law, total)
         return total
-    points = Points(terrain.field, points_m, terrain.far)
+    points = HorizonPoints(terrain.field, points_m, terrain.far)
     for k in range(len(samples.azimuths)):
         directions = samples.directions(k)
         dark = np.zeros((len(directions), len(points)), dtype=np.uint8)

@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..accuracy import Accuracy
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
+from ..ephemeris.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
 from ..geometry.direction import Direction
 from ..kernels.rays import bundles, horizon
-from ..sun.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
 from ..terrain import occlusion
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
-from ..terrain.horizons import Nodes, Points, on_rim
+from ..terrain.horizons import HorizonPoints, Nodes, on_rim
 
 TRACE = 1e-5
 """Shares below this are set to 0 (and above 1 - TRACE to 1): three times the error of a share of 0
@@ -158,7 +158,7 @@ class _Sun:
         return max(low, -most), min(high, most)
 
 
-def _share(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
+def _share(observers: Nodes | HorizonPoints, sun: _Sun, count: int) -> Array:
     """Visible share by ``count`` strips."""
     lean = sun.radius * math.tan(sun.elevation)
     if count < FIRST_STRIPS:
@@ -178,7 +178,7 @@ def _share(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
     return out
 
 
-def _converged(observers: Nodes | Points, sun: _Sun) -> Array:
+def _converged(observers: Nodes | HorizonPoints, sun: _Sun) -> Array:
     """Visible share by as many strips as convergence needs."""
     out = _share(observers, sun, FIRST_STRIPS)
     open_, count = np.arange(len(observers)), FIRST_STRIPS
@@ -191,7 +191,7 @@ def _converged(observers: Nodes | Points, sun: _Sun) -> Array:
     return out
 
 
-def _sampled(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
+def _sampled(observers: Nodes | HorizonPoints, sun: _Sun, count: int) -> Array:
     """Visible share by directions of equal flux."""
     out = np.zeros(len(observers))
     for direction in sun.directions(sun.disc.limb_darkening.samples(count)):
@@ -199,7 +199,7 @@ def _sampled(observers: Nodes | Points, sun: _Sun, count: int) -> Array:
     return out / count
 
 
-def _rule(sun: _Sun, accuracy: Accuracy) -> Callable[[Nodes | Points], Array]:
+def _rule(sun: _Sun, accuracy: Accuracy) -> Callable[[Nodes | HorizonPoints], Array]:
     if sun.steep:
         return lambda seen: _sampled(seen, sun, accuracy.disc_directions)
     if (count := accuracy.disc_strips) is None:
@@ -207,7 +207,7 @@ def _rule(sun: _Sun, accuracy: Accuracy) -> Callable[[Nodes | Points], Array]:
     return lambda seen: _share(seen, sun, count)
 
 
-def _shares(observers: Nodes | Points, sun: _Sun, accuracy: Accuracy) -> Array:
+def _shares(observers: Nodes | HorizonPoints, sun: _Sun, accuracy: Accuracy) -> Array:
     out, rule = np.empty(len(observers)), _rule(sun, accuracy)
     for first in range(0, len(observers), CHUNK):
         part = slice(first, first + CHUNK)
@@ -290,4 +290,4 @@ def share_at_points(
     source = _sun(sun, disc, field.gsd_m)
     if not field.is_surface or len(points) == 0:
         return np.ones(len(points))
-    return _shares(Points(field, points, far), source, accuracy)
+    return _shares(HorizonPoints(field, points, far), source, accuracy)

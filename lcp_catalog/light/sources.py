@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.direction import Direction
 from .environment_map import Panorama
-from .environment_sources import Split
+from .environment_sources import SourceSplit
 from .solar_disc import MEAN_SUN, SolarDisc
 
 _NEVER_UP_RAD = math.radians(9.0)
@@ -21,7 +21,7 @@ a sphere of its lowest (-9.1 km) dips by 8.7 deg."""
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class LightSource:
     """Parallel light, or a distant disc.
 
     direction: from the surface to the disc's centre. irradiance: of a surface perpendicular to it,
@@ -58,17 +58,17 @@ class Lighting:
     first source. ``sky``: luminance in the unit of the sources' irradiance.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[LightSource, ...]
     sky: Panorama | None = None
 
     @classmethod
     def of_sun(cls, direction: Direction | ArrayLike, disc: SolarDisc | bool = False) -> Lighting:
         """The Sun alone with irradiance 1: a point, the mean disc (True), or a given disc."""
         size = disc if isinstance(disc, SolarDisc) else MEAN_SUN if disc else None
-        return cls((Source(Direction.of(direction), disc=size),))
+        return cls((LightSource(Direction.of(direction), disc=size),))
 
     @classmethod
-    def of_panorama(cls, split: Split) -> Lighting:
+    def of_panorama(cls, split: SourceSplit) -> Lighting:
         """Sources and sky of an environment map. The unit is the integral of its luminance over the
         sphere above the horizontal plane.
 
@@ -77,20 +77,22 @@ class Lighting:
         """
         unit = split.power_above
         sources = [
-            Source(Direction(bright.direction), bright.power / unit, name=f"source {number}")
+            LightSource(Direction(bright.direction), bright.power / unit, name=f"source {number}")
             for number, bright in enumerate(split.sources, start=1)
         ]
         if not sources:
-            sources = [Source(Direction(split.remainder.middle_above), 0.0, name="sky's middle")]
+            sources = [
+                LightSource(Direction(split.remainder.middle_above), 0.0, name="sky's middle")
+            ]
         return cls(tuple(sources), split.remainder.times(1.0 / unit))
 
     @property
-    def first(self) -> Source:
+    def first(self) -> LightSource:
         """Source that the bands refer to."""
         return self.sources[0]
 
     @property
-    def others(self) -> tuple[Source, ...]:
+    def others(self) -> tuple[LightSource, ...]:
         """All sources but the first."""
         return self.sources[1:]
 
@@ -104,7 +106,7 @@ class Lighting:
         up = [limb for limb, top in zip(limbs, tops, strict=True) if top > -_NEVER_UP_RAD]
         return math.tan(max(min(up or limbs), -math.pi / 2.0))
 
-    def with_source(self, source: Source) -> Lighting:
+    def with_source(self, source: LightSource) -> Lighting:
         """The same with one more source at the end."""
         return replace(self, sources=(*self.sources, source))
 

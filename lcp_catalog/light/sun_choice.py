@@ -8,10 +8,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..cameras.sensor import Sensor
+from ..ephemeris import ephemeris
+from ..ephemeris.times import instants
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
-from ..sun import ephemeris
-from ..sun.times import instants
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 
 

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from .environment_sources import Split
+from .environment_sources import SourceSplit
 
 CLEAR_SKY_RATIO = 4.0
 """Irradiance of a horizontal plane by the Sun over that by the rest of a CIE clear sky."""
@@ -35,13 +35,13 @@ class SunOverSky:
     because its luminance looks cut off.
     """
 
-    split: Split
+    split: SourceSplit
     scaled: bool
     reason: str
     clipped: bool
 
 
-def sun_over_sky(found: Split, choice: RatioChoice) -> SunOverSky:
+def sun_over_sky(found: SourceSplit, choice: RatioChoice) -> SunOverSky:
     """Scale the strongest source of a panorama, or not. ImageError for a number as choice if there
     is no source or no sky.
 
@@ -63,15 +63,15 @@ def sun_over_sky(found: Split, choice: RatioChoice) -> SunOverSky:
     return SunOverSky(used, True, reason, clipped)
 
 
-def _is_clipped(found: Split) -> bool:
+def _is_clipped(found: SourceSplit) -> bool:
     return bool(found.sources) and found.sources[0].is_flat and _is_weak(found)
 
 
-def _is_weak(found: Split) -> bool:
+def _is_weak(found: SourceSplit) -> bool:
     return found.sun_sky_ratio < CLEAR_SKY_RATIO
 
 
-def _told(found: Split) -> str:
+def _told(found: SourceSplit) -> str:
     """The ratio as found, and the signs of a luminance that is cut off."""
     if not found.sources:
         return "no bright source"
@@ -88,7 +88,7 @@ def _told(found: Split) -> str:
     )
 
 
-def _unlike_a_sun(found: Split) -> str:
+def _unlike_a_sun(found: SourceSplit) -> str:
     """The reason why the ratio of a clear sky does not apply; empty if it does."""
     if not found.sources:
         return "nothing to scale"

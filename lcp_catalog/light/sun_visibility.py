@@ -12,14 +12,14 @@ import numpy as np
 from ..accuracy import TIERS
 from ..arrays import Array
 from ..dem.mosaic import DemSet
+from ..ephemeris.table import SunTable, sun_table
+from ..ephemeris.times import Times
 from ..errors import AreaError
 from ..geometry.frames import EnuFrame, direction_enu
 from ..kernels.rays.bundles import scaled
-from ..sun.table import SunTable, sun_table
-from ..sun.times import Times
 from ..terrain.area import Area, NodeWindow
-from ..terrain.horizons import Points
-from ..terrain.surroundings import Rays, build_surrounded, surroundings
+from ..terrain.horizons import HorizonPoints
+from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 
@@ -54,7 +54,7 @@ def sun_over_ground(
     lowest = float(np.min(table.elevation_deg - table.disc_radius_deg, initial=90.0))
     tangent = math.tan(math.radians(min(max(lowest, _LOWEST_DEG), 89.0)))
     place = (dems, EnuFrame(lon_deg, lat_deg), NodeWindow(0, 1, 0, 1), gsd_m)
-    terrain = build_surrounded(*place, surroundings(*place, Rays.all_around(tangent)))
+    terrain = build_surrounded(*place, surroundings(*place, SunRays.all_around(tangent)))
     return among_terrain(table, terrain, above_m)
 
 
@@ -64,7 +64,7 @@ def among_terrain(table: SunTable, terrain: Terrain, above_m: float) -> SunTable
     """
     ground = terrain.field.heights_at(0.0, 0.0)
     point = np.array([[0.0, 0.0, float(ground) + above_m]])
-    observer = Points(terrain.field, point, terrain.far)
+    observer = HorizonPoints(terrain.field, point, terrain.far)
     planes, lengths = _planes(np.radians(table.azimuth_deg), terrain.field.gsd_m)
     horizon = np.degrees(np.arctan(observer.horizons(planes)[0] / lengths))
     shares = np.empty(len(table))

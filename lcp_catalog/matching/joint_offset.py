@@ -128,14 +128,14 @@ def find_joint_offset(
         return None
     suns = image.sun_directions(catalog.position_mcmf[area.points])
     some = area.only(likeliest(catalog, area.points, image.sensor, suns, _MOST_POINTS))
-    search = _Search(
+    search = _JointSearch(
         catalog, image, given, uncertainty, model, some, width_px, common_px, check_sun
     )
     return search.found()
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _JointSearch:
     catalog: Catalog
     image: Image
     given: Sensor

@@ -62,7 +62,7 @@ class Criteria:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _SearchTask:
     """Data common to all points of a call."""
 
     catalog: Catalog
@@ -95,7 +95,7 @@ def find_points(
     The covariance of a match is not smaller in any direction than the one that the catalogue claims
     for the image's Sun, view and scale.
     """
-    task = _Task(catalog, SearchImage.of(image), model, criteria, whole_search)
+    task = _SearchTask(catalog, SearchImage.of(image), model, criteria, whole_search)
     rows = (
         points_in_view(catalog, image.sensor)
         if points is None
@@ -125,7 +125,7 @@ def _at_once(catalog: Catalog, image: Image, rows: Index) -> int:
 
 
 def _match_chunk(
-    task: _Task, rows: Index, reach: Array, offset: Array, claims: PointClaims
+    task: _SearchTask, rows: Index, reach: Array, offset: Array, claims: PointClaims
 ) -> Matches:
     suns = task.image.source.sun_directions(task.catalog.position_mcmf[rows])
     code = _unlit_unseen(task, rows, suns)
@@ -152,7 +152,7 @@ def _match_chunk(
 
 
 def _as_matches(
-    task: _Task,
+    task: _SearchTask,
     templates: Templates,
     found: Array,
     precise: Array,
@@ -186,7 +186,7 @@ def _mark(code: Bytes, where: ArrayLike, reason: str) -> None:
     code[np.asarray(where) & (code == 0)] = CODE[reason]
 
 
-def _unlit_unseen(task: _Task, rows: Index, suns: Array) -> Bytes:
+def _unlit_unseen(task: _SearchTask, rows: Index, suns: Array) -> Bytes:
     """Codes of points with the Sun below the horizon or seen edge-on; else 0."""
     up = task.catalog.rotation_mcmf_to_enu[rows, 2]
     towards = task.image.source.sensor.towards(task.catalog.position_mcmf[rows])
@@ -209,7 +209,9 @@ def _judge_templates(templates: Templates, criteria: Criteria, code: Bytes) -> N
     _mark(code, (size < criteria.min_pixels) | plain, "low contrast")
 
 
-def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code: Bytes) -> Array:
+def _sought(
+    task: _SearchTask, templates: Templates, start: Index, reach: Array, code: Bytes
+) -> Array:
     """Results (n, `search.NUMBERS`) of `search.find_templates` for the templates without a reason."""
     image, size = task.image, templates.mask.sum(axis=(1, 2))
     found = np.full((len(code), search.NUMBERS), np.nan)
@@ -223,7 +225,7 @@ def _sought(task: _Task, templates: Templates, start: Index, reach: Array, code:
 
 
 def _judge_search(
-    task: _Task, templates: Templates, start: Index, found: Array, code: Bytes
+    task: _SearchTask, templates: Templates, start: Index, found: Array, code: Bytes
 ) -> None:
     _mark(code, found[:, 4] < task.criteria.min_area_share, "at the edge")
     few = found[:, 5] < task.criteria.min_real_share
@@ -234,7 +236,7 @@ def _judge_search(
     _mark(code, ~np.isfinite(found[:, 2]), "no peak")
 
 
-def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> Array:
+def _refined(task: _SearchTask, templates: Templates, places: Index, sought: Mask) -> Array:
     """Results (n, `subpixel_fit.NUMBERS`) of `subpixel_fit.refine` for the templates that were
     searched.
     """
@@ -249,7 +251,7 @@ def _refined(task: _Task, templates: Templates, places: Index, sought: Mask) -> 
 
 
 def _judge_places(
-    task: _Task, templates: Templates, found: Array, precise: Array, prior: Array, code: Bytes
+    task: _SearchTask, templates: Templates, found: Array, precise: Array, prior: Array, code: Bytes
 ) -> Array:
     """Probability (n,) that a place found is the true one; NaN where none was found."""
     correlation = precise[:, 2]
@@ -275,7 +277,7 @@ def _judge_places(
 
 
 def _sought_back(
-    task: _Task, templates: Templates, places: Index, precise: Array, code: Bytes
+    task: _SearchTask, templates: Templates, places: Index, precise: Array, code: Bytes
 ) -> Array:
     """Distance (n,), working pixels, from each point to where the backward search ends; NaN if it
     was not found.

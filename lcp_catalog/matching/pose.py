@@ -100,7 +100,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Split:
+class SightSplit:
     """An error of position, or its sigma, in metres: total, across the line of sight (both
     directions together), and along it.
     """
@@ -116,8 +116,8 @@ class PositionError:
     of the stated covariance; its expectation is 3.
     """
 
-    error: Split
-    sigma: Split
+    error: SightSplit
+    sigma: SightSplit
     squared: float
 
 
@@ -457,7 +457,9 @@ def position_error(pose: Pose, known: Sensor) -> PositionError:
     variance = float(ahead @ covariance @ ahead)
     total = float(np.trace(covariance))
     return PositionError(
-        Split(float(np.linalg.norm(off)), float(np.linalg.norm(off - along * ahead)), abs(along)),
-        Split(np.sqrt(total), np.sqrt(max(total - variance, 0.0)), np.sqrt(variance)),
+        SightSplit(
+            float(np.linalg.norm(off)), float(np.linalg.norm(off - along * ahead)), abs(along)
+        ),
+        SightSplit(np.sqrt(total), np.sqrt(max(total - variance, 0.0)), np.sqrt(variance)),
         float(off @ np.linalg.pinv(covariance) @ off),
     )

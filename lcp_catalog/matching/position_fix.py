@@ -135,7 +135,7 @@ def locate(
     area = area.only(np.isin(area.points, at_one_scale(catalog, area.points, image.sensor)))
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
-    search = _Search(catalog, image, working, uncertainty, model, options, levels)
+    search = _FixSearch(catalog, image, working, uncertainty, model, options, levels)
     if not len(area):
         return PositionFix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
     if (missing := nothing_in(image)) is not None:
@@ -144,7 +144,7 @@ def locate(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _FixSearch:
     catalog: Catalog
     image: Image  # at full resolution
     working: Image  # as it is searched

@@ -20,7 +20,7 @@ from ..matching.point_claims import LEAST_SIGMA_PX
 from ..matching.pose import jacobian
 from ..matching.shadow_shift import shadow_shift_m
 from ..matching.shared_terrain import SharedTerrain
-from .frame_points import Frame, FramePoints, points_of_frames
+from .frame_points import FramePoints, PlannedImage, points_of_frames
 from .information import Information, best_points, dilution
 
 SOURCES = ("match", "place", "pixel", "height", "shadow", "map", "attitude")
@@ -108,7 +108,7 @@ class Answer:
     `Query.most` the most informative point comes first, else they have the catalogue's order.
     """
 
-    frame: Frame
+    frame: PlannedImage
     rows: Index  # (m,) of the catalogue
     probability: Array  # (m,) of detection
     pixel: Array  # (m, 2)
@@ -132,7 +132,7 @@ class Answer:
         return self.counts["usable"]
 
 
-def answers(catalog: Catalog, frames: Iterable[Frame], query: Query) -> Iterator[Answer]:
+def answers(catalog: Catalog, frames: Iterable[PlannedImage], query: Query) -> Iterator[Answer]:
     """The answer for every frame, in their order.
 
     CatalogError for a catalogue that states no detection probabilities; CameraError for a sensor

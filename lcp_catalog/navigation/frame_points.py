@@ -28,7 +28,7 @@ PAIRS_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class PlannedImage:
     """An image to be taken: its sensor, the unit MCMF vector (3,) to the Sun, and its time, UTC."""
 
     sensor: Sensor
@@ -36,7 +36,7 @@ class Frame:
     time_utc: str | None = None
 
     @classmethod
-    def lit(cls, sensor: Sensor, sun: SunChoice) -> Frame:
+    def lit(cls, sensor: Sensor, sun: SunChoice) -> PlannedImage:
         """The frame under a Sun: the stated one, angles being those at the image's centre, else that
         of the sensor's file. SunError if there is neither; ImageError for angles if the image's
         centre does not show the Moon.
@@ -50,7 +50,7 @@ class Frame:
 class FramePoints:
     """The n points in view of a frame, and their claims."""
 
-    frame: Frame
+    frame: PlannedImage
     rows: Index  # (n,) of the catalogue
     pixel: Array  # (n, 2)
     pixel_m: Array  # (n,) size of a pixel on the ground
@@ -72,7 +72,7 @@ def require_claims(catalog: Catalog) -> None:
         )
 
 
-def points_of_frames(catalog: Catalog, frames: Iterable[Frame]) -> Iterator[FramePoints]:
+def points_of_frames(catalog: Catalog, frames: Iterable[PlannedImage]) -> Iterator[FramePoints]:
     """The points in view of every frame. The claims of several frames are read at once.
 
     CatalogError for a catalogue that states no detection probabilities.
@@ -91,14 +91,14 @@ def points_of_frames(catalog: Catalog, frames: Iterable[Frame]) -> Iterator[Fram
 class _Seen:
     """Points in view of a frame: rows, places MCMF (n, 3), pixels and their sizes."""
 
-    frame: Frame
+    frame: PlannedImage
     rows: Index
     places: Array
     pixel: Array
     pixel_m: Array
 
 
-def _seen(catalog: Catalog, frame: Frame) -> _Seen:
+def _seen(catalog: Catalog, frame: PlannedImage) -> _Seen:
     rows = points_in_view(catalog, frame.sensor)
     places = catalog.position_mcmf[rows]
     size = pixel_size_m(frame.sensor, places) if len(rows) else np.zeros(0)

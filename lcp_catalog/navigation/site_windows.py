@@ -17,13 +17,13 @@ from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import predict
 from ..constants import MOON_RADIUS_M
+from ..ephemeris.sun_position import apparent_sun
+from ..ephemeris.table import sun_table
+from ..ephemeris.times import Instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
-from ..sun.ephemeris import apparent_sun
-from ..sun.table import sun_table
-from ..sun.times import Instants
 from .expected_position import LEAST_POINTS, Query, answers
-from .frame_points import PAIRS_AT_ONCE, Frame, require_claims
+from .frame_points import PAIRS_AT_ONCE, PlannedImage, require_claims
 
 Progress = Callable[[int, int], None]
 
@@ -164,7 +164,9 @@ def camera_windows(
     suns, _ = apparent_sun(times)
     usable, expected = np.zeros(len(times), np.int64), np.zeros(len(times))
     sigma, points = np.full(len(times), np.nan), 0
-    for k, answer in enumerate(answers(catalog, (Frame(sensor, sun) for sun in suns), Query())):
+    for k, answer in enumerate(
+        answers(catalog, (PlannedImage(sensor, sun) for sun in suns), Query())
+    ):
         usable[k], expected[k] = answer.usable, answer.position.expected_points
         points = answer.counts["in_view"]
         if answer.position.position_sigma_m is not None:

@@ -14,11 +14,11 @@ from markupsafe import Markup
 from ..arrays import Array, Mask
 from ..choices import CHART_ENDINGS
 from ..constants import MOON_RADIUS_M
+from ..ephemeris.times import instants
 from ..errors import OutputError
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.html_page import page
 from ..plots.numbers import number
-from ..sun.times import instants
 from .expected_position import LEAST_POINTS, Answer
 
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM, _RIGHT = 640.0, 150.0, 84.0, 30.0, 52.0, 16.0

@@ -19,9 +19,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..cameras.frame_camera import Camera, camera_from_json
+from ..ephemeris.times import instants
 from ..errors import CameraError, SunError
 from ..geometry.rotations import turned
-from ..sun.times import instants
 
 FRAMES_MAX = 100_000
 """Most frames of a trajectory."""

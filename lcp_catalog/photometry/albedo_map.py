@@ -47,7 +47,7 @@ _SAMPLE_NODES = 256
 
 
 @dataclass(frozen=True)
-class Cover:
+class AlbedoCover:
     """Coverage of an area by a map: covered share, least and greatest factor, and contrast
     (standard deviation over mean). Without coverage the figures are NaN.
     """
@@ -58,7 +58,7 @@ class Cover:
     contrast: float = math.nan
 
     @classmethod
-    def of(cls, factors: Array, there: NDArray[np.bool_]) -> Cover:
+    def of(cls, factors: Array, there: NDArray[np.bool_]) -> AlbedoCover:
         """Coverage by factors (NaN: missing) at the places where ``there`` is True."""
         found = factors[there & np.isfinite(factors)]
         if not found.size:
@@ -204,21 +204,21 @@ class AlbedoMap:
 
     # -- what it covers
 
-    def cover(self, terrain: Terrain) -> Cover:
+    def cover(self, terrain: Terrain) -> AlbedoCover:
         """Coverage of the core's nodes with a height, by a sample of them."""
         points = sample_nodes(terrain)
         factors = self.at_enu(terrain.frame, points, terrain.field.gsd_m)
-        return Cover.of(factors, np.isfinite(points[..., 2]))
+        return AlbedoCover.of(factors, np.isfinite(points[..., 2]))
 
-    def cover_of(self, area: Area, gsd_m: float) -> Cover:
+    def cover_of(self, area: Area, gsd_m: float) -> AlbedoCover:
         """Coverage of an area without a terrain, by a lattice of places on the sphere."""
         return self.cover_at(*area.lattice(129), gsd_m)
 
-    def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Cover:
+    def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> AlbedoCover:
         """Coverage of places (n,) with cells of a width."""
-        return Cover.of(self.at(lon_deg, lat_deg, gsd_m), np.ones(len(lon_deg), dtype=bool))
+        return AlbedoCover.of(self.at(lon_deg, lat_deg, gsd_m), np.ones(len(lon_deg), dtype=bool))
 
-    def check_cover(self, cover: Cover, where: object) -> Cover:
+    def check_cover(self, cover: AlbedoCover, where: object) -> AlbedoCover:
         """Return the coverage; AlbedoError if it is empty or black, a warning if it is partial."""
         if cover.share == 0.0:
             raise AlbedoError(

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Array, Float32
 from ..errors import AlbedoError
 from ..terrain.terrain import Terrain
-from .albedo_map import AlbedoMap, Cover, check_reading, sample_nodes
+from .albedo_map import AlbedoCover, AlbedoMap, check_reading, sample_nodes
 from .albedo_raster import colour_bands, mean_value, open_pixels
 from .srgb import luminance
 
@@ -92,19 +92,19 @@ class ColourMap:
         """Factors (3, n) at ENU points (n, 3) of the surface; 1 outside the map."""
         return np.stack([band.at_points(terrain, points) for band in self.bands])
 
-    def cover(self, terrain: Terrain) -> Cover:
+    def cover(self, terrain: Terrain) -> AlbedoCover:
         """Coverage of the core's nodes with a height, by the luminance of a sample of them."""
         points = sample_nodes(terrain)
         how = terrain.frame, points, terrain.field.gsd_m
         factors = luminance(np.stack([band.at_enu(*how) for band in self.bands]))
-        return Cover.of(factors, np.isfinite(points[..., 2]))
+        return AlbedoCover.of(factors, np.isfinite(points[..., 2]))
 
-    def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> Cover:
+    def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> AlbedoCover:
         """Coverage of places (n,) with cells of a width, by luminance."""
         found = [band.at(lon_deg, lat_deg, gsd_m) for band in self.bands]
-        return Cover.of(luminance(np.stack(found)), np.ones(len(lon_deg), dtype=bool))
+        return AlbedoCover.of(luminance(np.stack(found)), np.ones(len(lon_deg), dtype=bool))
 
-    def check_cover(self, cover: Cover, where: object) -> Cover:
+    def check_cover(self, cover: AlbedoCover, where: object) -> AlbedoCover:
         """Return the coverage; AlbedoError if it is empty or black, a warning if it is partial."""
         return self.bands[0].check_cover(cover, where)
 

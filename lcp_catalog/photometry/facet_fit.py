@@ -39,7 +39,7 @@ from .facet_model import (
     constants,
     lobes,
 )
-from .goniometer import Measurements, Sample
+from .goniometer import IncidenceSeries, Measurements
 
 Progress = Callable[[int, int], None]
 
@@ -98,10 +98,10 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Task:
+class _FitTask:
     """Samples, and the constants of the model (`facet_model.constants`) that the fit keeps."""
 
-    samples: tuple[Sample, ...]
+    samples: tuple[IncidenceSeries, ...]
     head: Array
 
     @cached_property
@@ -150,7 +150,7 @@ def fit_reflectance(
     optics, shadowing = optics or Optics(), shadowing or Shadowing()
     report = progress or (lambda done, total: None)
     taken = tuple(s.scaled() for s in measurements.samples) if normalize else measurements.samples
-    task = _Task(taken, constants(optics, shadowing))
+    task = _FitTask(taken, constants(optics, shadowing))
     total = len(taken) + _SWEEPS * len(PARAMETERS)
     rows = []
     for j in range(len(taken)):
@@ -202,7 +202,7 @@ def fit_file(fit: Fit, measurements: Measurements) -> FacetFile:
     return FacetFile(fit.model, fit_table(fit, measurements))
 
 
-def fit_sample(task: _Task, which: int) -> Array:
+def fit_sample(task: _FitTask, which: int) -> Array:
     """The six parameters of one incidence fitted alone, (6,)."""
     found = [_refined(task, which, start) for start in _starts(task, which)]
     return min(found, key=lambda row: task.error(which, row.tolist()))
@@ -229,7 +229,7 @@ def curve_length(cosines: Array, values: Array) -> float:
 
 
 def regularise(
-    task: _Task, alone: Array, weight: float, report: Callable[[int], None] = lambda done: None
+    task: _FitTask, alone: Array, weight: float, report: Callable[[int], None] = lambda done: None
 ) -> tuple[Array, int]:
     """Smooth curves (n, 6) through the parameters of incidences fitted alone, and the number of
     sweeps.
@@ -251,7 +251,7 @@ def regularise(
 
 
 def _smoothed(
-    task: _Task, table: Array, k: int, before: Array, weight: float, lengths: list[float]
+    task: _FitTask, table: Array, k: int, before: Array, weight: float, lengths: list[float]
 ) -> Array:
     """Nodes of parameter k that minimise D, with the other parameters fixed."""
     others, total, cosines = table.copy(), _whole(before), task.cosines
@@ -272,7 +272,7 @@ def _whole(errors: Array) -> float:
     return max(float(errors.sum()), 1e-9 * len(errors))
 
 
-def _starts(task: _Task, which: int) -> list[Array]:
+def _starts(task: _FitTask, which: int) -> list[Array]:
     """Best points of the grid, with weights by non-negative least squares."""
     sample = task.samples[which]
     data = sample.intensity
@@ -302,7 +302,7 @@ def _starts(task: _Task, which: int) -> list[Array]:
     return [row for _, row in found[:_REFINED]]
 
 
-def _refined(task: _Task, which: int, start: Array) -> Array:
+def _refined(task: _FitTask, which: int, start: Array) -> Array:
     steps = _STEPS.copy()
     steps[[0, 3]] *= np.maximum(start[[0, 3]], 0.1)
 
@@ -337,7 +337,7 @@ def _nelder_mead(
     return np.asarray(found.x, dtype=np.float64)
 
 
-def _nodes(samples: Sequence[Sample], table: Array) -> tuple[Node, ...]:
+def _nodes(samples: Sequence[IncidenceSeries], table: Array) -> tuple[Node, ...]:
     """Rows as nodes, clipped to `facet_model.LIMITS`."""
     limits = np.array([LIMITS[name] for name in PARAMETERS])
     rows = np.clip(table, limits[:, 0], limits[:, 1]).tolist()

@@ -45,7 +45,7 @@ _GAP_DEG = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class IncidenceSeries:
     """Measurements of one incidence: signed emission, azimuth (degrees) and intensity divided by
     ``level``, (n,) each.
     """
@@ -59,7 +59,7 @@ class Sample:
     def __len__(self) -> int:
         return len(self.intensity)
 
-    def scaled(self) -> Sample:
+    def scaled(self) -> IncidenceSeries:
         """The same relative to the intensity in the specular direction. MeasurementError if it was
         not measured on both sides of that direction, or is 0.
         """
@@ -70,7 +70,7 @@ class Sample:
                 f"{-self.incidence_deg:g}; measure there, or use --normalize none"
             )
         where = self.incidence_deg, self.emission_deg, self.azimuth_deg
-        return Sample(*where, self.intensity / value, self.level * value)
+        return IncidenceSeries(*where, self.intensity / value, self.level * value)
 
     def in_plane(self, emission_deg: float) -> float | None:
         """Intensity in a direction of the plane of incidence, linear between its neighbours; None
@@ -101,7 +101,7 @@ class Measurements:
     checksum.
     """
 
-    samples: tuple[Sample, ...]
+    samples: tuple[IncidenceSeries, ...]
     quantity: str
     name: str
     sha256: str
@@ -200,7 +200,7 @@ def _cells(line: str, separator: str) -> list[str]:
     return next(csv.reader([line], delimiter=separator))
 
 
-def _samples(quantity: str, rows: Array) -> Iterator[Sample]:
+def _samples(quantity: str, rows: Array) -> Iterator[IncidenceSeries]:
     """Samples by increasing incidence, as intensities."""
     for incidence in np.unique(rows[:, 0]):
         _, emission, azimuth, values = rows[rows[:, 0] == incidence].T
@@ -214,4 +214,4 @@ def _samples(quantity: str, rows: Array) -> Iterator[Sample]:
             values = values * np.cos(np.radians(emission))
         if quantity == "radiance_factor":
             values = values / math.cos(math.radians(incidence))
-        yield Sample(float(incidence), emission, azimuth, values)
+        yield IncidenceSeries(float(incidence), emission, azimuth, values)

@@ -114,7 +114,7 @@ def _ends(values: Array) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Choice:
+class LawChoice:
     """The reflectance model of a scene, ``requested`` or chosen; the error of
     Lommel-Seeliger (``cost``) and of the model itself (``own``) relative to Hapke; and the tier's
     limit.
@@ -152,7 +152,7 @@ def choose(
     cameras: Array,
     slope_rms: float = SLOPE_RMS,
     requested: Reflectance | None = None,
-) -> Choice:
+) -> LawChoice:
     """Return the requested model, or the cheapest of `LAWS_BY_COST` whose error is within
     `Accuracy.law_residual`. Directions as in `cost`.
     """
@@ -162,7 +162,7 @@ def choose(
         own = first if model == laws[0] else cost(model, laws[-1], suns, cameras, slope_rms)
         if own.residual <= limit:
             break
-    return Choice(model, requested is not None, first, own, limit)
+    return LawChoice(model, requested is not None, first, own, limit)
 
 
 def named(spec: str) -> Reflectance | None:

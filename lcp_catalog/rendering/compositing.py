@@ -21,11 +21,11 @@ from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..errors import CameraError, ImageError
 from ..light.environment_map import Panorama
-from ..light.hdr_image import Picture, read_picture, resized
+from ..light.hdr_image import LuminanceImage, read_picture, resized
 from ..light.sky_sampling import samples_of
 from ..light.solar_disc import disc_directions
 from ..light.sources import Lighting
-from ..terrain.horizons import Points
+from ..terrain.horizons import HorizonPoints
 from ..terrain.terrain import Terrain
 from .renderer import Rendering
 
@@ -44,7 +44,7 @@ class Backdrop:
     """
 
     catcher_m: float | None = None
-    picture: Picture | None = None
+    picture: LuminanceImage | None = None
     white: float | None = None
     files: tuple[Path, ...] = ()
 
@@ -130,7 +130,7 @@ def shadow_factor(terrain: Terrain, points_m: Array, light: Lighting, accuracy: 
     if whole <= 0.0:
         return out
     for first in range(0, len(points_m), _CHUNK):
-        part = Points(terrain.field, points_m[first : first + _CHUNK], terrain.far)
+        part = HorizonPoints(terrain.field, points_m[first : first + _CHUNK], terrain.far)
         hidden = np.zeros(len(part))
         for direction, level in lights:
             hidden += level * part.occluded(direction)
@@ -154,7 +154,7 @@ def _lights(light: Lighting, accuracy: Accuracy) -> Iterator[tuple[Array, float]
                 yield direction, samples.irradiance
 
 
-def _require_shape(picture: Picture, camera: Camera) -> None:
+def _require_shape(picture: LuminanceImage, camera: Camera) -> None:
     (rows, cols), (height, width) = picture.luminance.shape, camera.shape
     if abs(math.log(cols * height / (rows * width))) > _SHAPE and (rows, cols) != (height, width):
         raise ImageError(

@@ -13,9 +13,9 @@ from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADI
 from ..light.bounced_light import SHOWS, BouncedSample
 from ..light.environment import Environment
 from ..light.sources import Lighting
-from ..photometry.albedo_map import AlbedoMap, Cover
+from ..photometry.albedo_map import AlbedoCover, AlbedoMap
 from ..photometry.colour_map import ColourMap
-from ..photometry.law_choice import Choice
+from ..photometry.law_choice import LawChoice
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.relief_bounds import Relief, Ring, Steepness
 from ..terrain.surroundings import CELL_SHARE, HORIZON_RMS_DEG
@@ -126,23 +126,25 @@ class MergedDecision:
 
 
 @dataclass(frozen=True)
-class Rays:
+class RayMethod:
     """The method of ray tracing in words, and the share of nodes that may be wrong."""
 
     method: str
     node_error: float = 0.0
 
     @classmethod
-    def of(cls, accuracy: Accuracy) -> Rays:
+    def of(cls, accuracy: Accuracy) -> RayMethod:
         """Parallel rays in the tier of an accuracy."""
         return cls(f"{accuracy.tier}: {accuracy.shadow_method}", accuracy.node_error)
 
 
-EVERY_PIXEL = Rays("a ray from the surface point of every pixel")
-EVERY_NODE = Rays("a line of sight from every node to the camera")
+EVERY_PIXEL = RayMethod("a ray from the surface point of every pixel")
+EVERY_NODE = RayMethod("a line of sight from every node to the camera")
 
 
-def hiding(effect: str, what: str, tangent: float, slope: Steepness | None, rays: Rays) -> Decision:
+def hiding(
+    effect: str, what: str, tangent: float, slope: Steepness | None, rays: RayMethod
+) -> Decision:
     """Decision about cast shadows or occlusion. ``what`` names the elevation of the rays and
     ``tangent`` is its least tangent; ``slope`` None: model the effect for any relief.
 
@@ -322,7 +324,7 @@ def float_width() -> Decision:
 REFLECTANCE, REFLECTANCE_UNIT = "reflectance", "share of the mean signal"
 
 
-def reflectance(choice: Choice) -> Decision:
+def reflectance(choice: LawChoice) -> Decision:
     """Decision about the reflectance model, and its difference from Hapke's."""
     reason = choice.reason
     if choice.model.file is not None:  # the result names the file's content, not its folder
@@ -502,7 +504,7 @@ def background(name: str, pixel_px: float) -> Decision:
     return Decision("background", True, told, pixel_px, "camera pixels")
 
 
-def several_sources(count: int, rays: Rays) -> Decision:
+def several_sources(count: int, rays: RayMethod) -> Decision:
     """Decision about the sources besides the first; their shadows are modelled for any relief."""
     reason = (
         f"{count} more sources, each with its own shadows ({rays.method}); the bands of angles are "
@@ -511,7 +513,9 @@ def several_sources(count: int, rays: Rays) -> Decision:
     return Decision("other sources", True, reason, rays.node_error, "share of nodes, each")
 
 
-def albedo(brightness: AlbedoMap | ColourMap | None = None, cover: Cover | None = None) -> Decision:
+def albedo(
+    brightness: AlbedoMap | ColourMap | None = None, cover: AlbedoCover | None = None
+) -> Decision:
     """Decision about an albedo map, by what it covers of an area; its own error is not known."""
     effect, unit = "albedo", "radiance factor"
     if brightness is None or cover is None:

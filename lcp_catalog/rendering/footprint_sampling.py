@@ -20,7 +20,7 @@ PROBES_MOST = 16
 _RUNGS = (-6, 24)  # widths of 2^-6 to 2^24 pixels of the map
 
 
-class Map(Protocol):
+class SurfaceMap(Protocol):
     """A map of values on the surface, such as `photometry.albedo_map.AlbedoMap`."""
 
     @property
@@ -32,7 +32,7 @@ class Map(Protocol):
 
 
 def seen_through(
-    ground: Map, points_m: Array, across_m: Array, along_m: Array, towards: Array
+    ground: SurfaceMap, points_m: Array, across_m: Array, along_m: Array, towards: Array
 ) -> Array:
     """Means (n,) of a map over footprints: MCMF points (n, 3), axes (n,) in metres, and unit vectors
     (n, 3) in the direction of the longer axis ``along_m``. NaN where the map has no value.
@@ -54,7 +54,7 @@ def seen_through(
     return out
 
 
-def _rungs(ground: Map, points_m: Array, width_m: Array) -> Array:
+def _rungs(ground: SurfaceMap, points_m: Array, width_m: Array) -> Array:
     """Means over round probes, interpolated by the logarithm between the two nearest widths."""
     lon, lat, _ = mcmf_to_lonlat(points_m)
     rung = np.clip(np.log2(width_m / ground.gsd_m), *_RUNGS)

@@ -29,7 +29,7 @@ from ..photometry.colour_map import ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
 from ..terrain.region_warnings import warn_of_region
-from ..terrain.surroundings import Rays, build_surrounded, surroundings
+from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, native_gsd_m, require_room, terrain_from_area
 from . import decisions
 from .compositing import Backdrop, composite
@@ -256,7 +256,7 @@ def _ground(
     lowest = light.lowest_tangent
     if light.sky is not None:
         lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
-    around = surroundings(*place, Rays.all_around(lowest), min(view_m, RING_MAX_M))
+    around = surroundings(*place, SunRays.all_around(lowest), min(view_m, RING_MAX_M))
     terrain = build_surrounded(*place, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(dems, area, gsd_m)  # raises the error
@@ -327,7 +327,7 @@ def _of_light(request: Request, light: Lighting, view: View) -> Iterator[Decisio
     """Decisions about light besides the first source, and about the background."""
     if light.others:
         plane = request.in_camera_plane
-        rays = decisions.EVERY_PIXEL if plane else decisions.Rays.of(request.accuracy)
+        rays = decisions.EVERY_PIXEL if plane else decisions.RayMethod.of(request.accuracy)
         yield decisions.several_sources(len(light.others), rays)
     if light.sky is not None and request.environment is not None:
         samples = request.accuracy.sky_directions

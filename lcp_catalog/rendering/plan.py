@@ -18,7 +18,7 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.view import View
 from ..constants import SOLAR_RADIUS_RAD
-from ..photometry.law_choice import SLOPE_RMS, Choice, choose
+from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from ..terrain.relief_bounds import (
     Relief,
@@ -40,7 +40,7 @@ from .decisions import (
     Decision,
     LightWords,
     MergedDecision,
-    Rays,
+    RayMethod,
 )
 from .error_bounds import (
     horizon_beyond_rad,
@@ -125,7 +125,7 @@ def plan_scene(
     disc: bool = False,
     disc_radius_rad: float = SOLAR_RADIUS_RAD,
     model: Reflectance = DEFAULT_MODEL,
-    choice: Choice | None = None,
+    choice: LawChoice | None = None,
     albedo: Decision | None = None,
     everything: bool = False,
     sphere_may_do: bool = False,
@@ -162,7 +162,7 @@ def plan_scene(
     what, light = f"{source}'s elevation", tangent_of(sun)
     if solar_disc.modelled:
         what, light = f"the elevation of {source}'s lower limb", limb
-    rays = EVERY_PIXEL if in_camera_plane else Rays.of(accuracy)
+    rays = EVERY_PIXEL if in_camera_plane else RayMethod.of(accuracy)
     shadows = effects.hiding("cast shadows", what, light, light_slope, rays)
     nothing_hidden = not shadows.modelled and found.slope.clears(least_view)
     sphere = None
@@ -199,7 +199,7 @@ def _occlusion(
     if view.direction is not None and view.scanner is None and is_vertical(view.direction):
         return effects.straight_down()
     own = view.direction is None or view.scanner is not None
-    rays = EVERY_NODE if own else Rays.of(accuracy)
+    rays = EVERY_NODE if own else RayMethod.of(accuracy)
     what = "the lowest view's elevation" if lowest else "the camera's least elevation"
     return effects.hiding("occlusion", what, least_tangent, slope, rays)
 
@@ -235,7 +235,7 @@ def parallel_view(terrain: Terrain, view: View) -> View:
 
 def choose_model(
     terrain: Terrain, sun: Array, view: View, accuracy: Accuracy, asked: Reflectance | None = None
-) -> Choice:
+) -> LawChoice:
     """The reflectance model for one image of a terrain: the requested one, or the choice for the slopes
     of the terrain and all phase angles of the image.
     """

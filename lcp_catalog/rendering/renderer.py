@@ -32,10 +32,10 @@ from ..light.above_horizon import light_above_horizon
 from ..light.bounced_light import Brightness, bounced_at_points
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
-from ..light.sources import Lighting, Source
+from ..light.sources import Lighting, LightSource
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
-from ..terrain.horizons import Points
+from ..terrain.horizons import HorizonPoints
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
@@ -282,7 +282,7 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Source, bool]]:
+def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[LightSource, bool]]:
     """The sources, each with True if cast shadows are computed for it. The plan decides about shadow and
     disc of the first source; for the others both are always modelled.
     """
@@ -291,7 +291,9 @@ def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[Sour
     return [(first, shadows and modelled), *((source, shadows) for source in light.others)]
 
 
-def _share_at_nodes(terrain: Terrain, source: Source, shadows: bool, accuracy: Accuracy) -> Band:
+def _share_at_nodes(
+    terrain: Terrain, source: LightSource, shadows: bool, accuracy: Accuracy
+) -> Band:
     """Share of a source above the terrain's horizon at the core's nodes, float32; 1 without ``shadows``,
     0 for a source without irradiance.
     """
@@ -311,7 +313,7 @@ def _share_at_points(
     terrain: Terrain,
     points: Array,
     normals: Array,
-    source: Source,
+    source: LightSource,
     shadows: bool,
     accuracy: Accuracy,
 ) -> Array:
@@ -327,7 +329,7 @@ def _share_at_points(
             terrain.field, points[facing], source.direction, accuracy, source.disc, terrain.far
         )
     else:
-        seen_from = Points(terrain.field, points[facing], terrain.far)
+        seen_from = HorizonPoints(terrain.field, points[facing], terrain.far)
         share[facing] = ~seen_from.occluded(source.direction.vector)
     return share
 
@@ -380,7 +382,7 @@ def _bands(
 
 def _bands_parallel(
     normals: NDArray[np.float32],
-    lights: list[tuple[Source, Band]],
+    lights: list[tuple[LightSource, Band]],
     rows: slice,
     view: View,
     seen: Mask,
@@ -418,7 +420,7 @@ def _under_sky(
 
 
 def _radiance(
-    normals: Array, source: Source, to_camera: Array, share: Band, model: Reflectance
+    normals: Array, source: LightSource, to_camera: Array, share: Band, model: Reflectance
 ) -> Array:
     """Radiance of visible points under another source."""
     factor = radiance_under(normals, source.direction.vector, to_camera, share > 0.0, model)

@@ -21,7 +21,7 @@ from ..geometry.frames import EnuFrame, enu_rotation
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.colour_map import ColourMap
-from ..photometry.law_choice import SLOPE_RMS, Choice, choose
+from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
 from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow
 from ..terrain.terrain import require_room
@@ -198,7 +198,7 @@ def _under(camera: Camera) -> tuple[Array, Array, Array]:
 
 def _choose(
     request: Request, frame: EnuFrame, light: Lighting, points: Array, towards: Array
-) -> Choice:
+) -> LawChoice:
     """The reflectance model for all lit and visible points, each in its own level frame."""
     sun = frame.direction_to_mcmf(light.first.direction)
     lit = points[:: max(1, len(points) // _SAMPLES)], towards[:: max(1, len(points) // _SAMPLES)]
@@ -230,7 +230,7 @@ def _shift_px(points: Array, towards: Array, pixel_m: Array) -> float:
 
 def _plan(
     light: Lighting,
-    choice: Choice,
+    choice: LawChoice,
     shift_px: float,
     half_m: float,
     perspective: Decision,

@@ -27,12 +27,12 @@ from ..constants import MOON_RADIUS_M
 from ..errors import CameraError, SunError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame
-from ..light.sources import Lighting, Source
+from ..light.sources import Lighting, LightSource
 from ..photometry.colour_map import ColourMap
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
 from ..terrain.area import NodeWindow
 from . import limb
-from .footprint_sampling import Map, seen_through
+from .footprint_sampling import SurfaceMap, seen_through
 from .renderer import Rendering, in_colour
 from .sphere_extent import Extent
 
@@ -61,7 +61,7 @@ def render_sphere_enu(
     view: View,
     *,
     model: Reflectance = DEFAULT_MODEL,
-    albedo: Map | ColourMap | None = None,
+    albedo: SurfaceMap | ColourMap | None = None,
 ) -> Rendering:
     """Render the nodes of a window of the frame's plane, float32; NaN where the vertical of the plane
     misses the sphere. ``light`` and ``view`` are in the frame's axes.
@@ -111,7 +111,7 @@ def render_sphere_camera(
     light: Lighting,
     *,
     model: Reflectance = DEFAULT_MODEL,
-    albedo: Map | ColourMap | None = None,
+    albedo: SurfaceMap | ColourMap | None = None,
     extent_m: Extent | None = None,
 ) -> Rendering:
     """Render the camera's plane, float64. ``light`` is in the frame's axes; ``extent_m`` (west, east,
@@ -155,7 +155,7 @@ def sphere_nodes(x_m: Array, y_m: Array) -> Array:
     return np.stack([x_m, y_m, z], axis=-1)
 
 
-def share_and_cosine(sine: Array, source: Source) -> tuple[Array, Array]:
+def share_and_cosine(sine: Array, source: LightSource) -> tuple[Array, Array]:
     """Share of a source above level horizons, and the mean cosine of incidence of that part. ``sine`` (n,):
     sine of the elevation of the source's centre. Where the share is 0 the cosine is the sine.
 
@@ -267,7 +267,9 @@ def _level(direction: Array, normals: Array) -> Array:
     return np.asarray(flat / np.where(length > 0.0, length, 1.0))
 
 
-def _pixel_factors(albedo: Map | ColourMap, camera: Camera, points: Array, towards: Array) -> Array:
+def _pixel_factors(
+    albedo: SurfaceMap | ColourMap, camera: Camera, points: Array, towards: Array
+) -> Array:
     """Albedo factors of pixels. The footprint of a pixel is 1 / f wide across the line of sight and
     stretched along it by foreshortening, at the limb at most to sqrt(2 R s), s its width.
     """
@@ -280,7 +282,7 @@ def _pixel_factors(albedo: Map | ColourMap, camera: Camera, points: Array, towar
 
 
 def _factors(
-    albedo: Map | ColourMap, normals: Array, across: Array, along: Array, towards: Array
+    albedo: SurfaceMap | ColourMap, normals: Array, across: Array, along: Array, towards: Array
 ) -> Array:
     """Albedo factors of footprints, (n,) or in colour (3, n)."""
     if isinstance(albedo, ColourMap):
@@ -291,7 +293,7 @@ def _factors(
 
 
 def _empty(
-    shape: tuple[int, int], dtype: type[np.floating], albedo: Map | ColourMap | None
+    shape: tuple[int, int], dtype: type[np.floating], albedo: SurfaceMap | ColourMap | None
 ) -> dict[str, Any]:
     bands = {
         name: np.full(shape, np.nan, dtype)

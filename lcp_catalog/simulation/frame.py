@@ -25,6 +25,7 @@ from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
 from ..cameras.view import finest_pixel_m
 from ..constants import ASTRONOMICAL_UNIT_M
+from ..ephemeris import ephemeris
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
@@ -33,7 +34,6 @@ from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
 from ..rendering.request import Request, ViewChoice
-from ..sun import ephemeris
 from .detector import Detector, Numbers, gathered, response
 
 Taking = TypeVar("Taking", bound=Camera | Scanner)
@@ -102,7 +102,7 @@ class DemSurface:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class SimulatedFrame:
     """One frame, (rows, cols): the radiance factor that each pixel gathers before noise (NaN:
     unknown), and the number read out; ``camera`` has the Sun's position.
     """
@@ -139,12 +139,12 @@ class Frame:
 
 def frame(
     surface: Surface, camera: Camera | Scanner, detector: Detector, samples: int | None = None
-) -> Frame:
+) -> SimulatedFrame:
     """The frame that a camera takes of a surface. CameraError if the camera sees nothing of it."""
     count = samples or samples_for(surface.cells_per_pixel(camera))
     signal = _gathered(surface, camera, detector, count)
     scale = detector.scale_of(signal)
-    return Frame(
+    return SimulatedFrame(
         signal.astype(np.float32),
         detector.numbers(signal, scale),
         scale,

@@ -14,10 +14,10 @@ from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..errors import OutputError
 from ..rendering.rasters import geotiff, png
-from .frame import Frame
+from .frame import SimulatedFrame
 
 
-def encode_frame(frame: Frame, path: Path | str) -> bytes:
+def encode_frame(frame: SimulatedFrame, path: Path | str) -> bytes:
     """The frame as a file, by the ending of its name: PNG with the numbers in 8 or 16 bits (of
     which ``bits`` are used), or GeoTIFF with the radiance factor by the numbers, float32, NaN where
     the terrain is unknown. OutputError for another ending.
@@ -37,7 +37,7 @@ def camera_path(path: Path | str) -> Path:
     return Path(path).with_name(f"{Path(path).stem}_camera.json")
 
 
-def encode_camera(frame: Frame, path: Path | str | None = None) -> bytes:
+def encode_camera(frame: SimulatedFrame, path: Path | str | None = None) -> bytes:
     """CAMERA.json of a frame, or of a scanner the ISD from which it was read (``path``), with the
     Sun's position, and with the settings of the simulation under ``simulated``.
     """
@@ -49,7 +49,7 @@ def encode_camera(frame: Frame, path: Path | str | None = None) -> bytes:
     return (json.dumps(document | {"simulated": describe(frame)}, indent=1) + "\n").encode()
 
 
-def describe(frame: Frame) -> dict[str, Any]:
+def describe(frame: SimulatedFrame) -> dict[str, Any]:
     """The detector with its exposure, and the names of the source files, without folders."""
     detector = asdict(frame.detector) | {"full_scale": frame.full_scale}
     names = sorted({path.name for path in frame.sources})

@@ -57,14 +57,14 @@ class PatchAlbedo:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class PatchTerrain:
     """The patch of one point as a terrain; its core is the whole patch."""
 
     terrain: Terrain
     albedo: PatchAlbedo | None
 
     @classmethod
-    def of(cls, catalog: Catalog, row: int) -> Patch:
+    def of(cls, catalog: Catalog, row: int) -> PatchTerrain:
         """The patch of the point in a row of the catalogue."""
         terrain = patch_terrain(catalog, row)
         if catalog.albedo is None:
@@ -127,9 +127,9 @@ class PatchSurface:
         return (self.path, *(self.environment.files if self.environment else ()))
 
     @cached_property
-    def patches(self) -> list[Patch]:
+    def patches(self) -> list[PatchTerrain]:
         """All patches, in the catalogue's order."""
-        return [Patch.of(self.catalog, row) for row in range(len(self.catalog))]
+        return [PatchTerrain.of(self.catalog, row) for row in range(len(self.catalog))]
 
     def cells_per_pixel(self, camera: Camera | Scanner) -> float:
         if isinstance(camera, Scanner):
@@ -151,7 +151,7 @@ class PatchSurface:
             out[part][nearer], nearest_m[part][nearer] = light[nearer], range_m[nearer]
         return out
 
-    def _rendered(self, patch: Patch, camera: Camera | Scanner) -> tuple[Array, Array]:
+    def _rendered(self, patch: PatchTerrain, camera: Camera | Scanner) -> tuple[Array, Array]:
         """Radiance factor and range of one patch; NaN and inf where it is not seen."""
         terrain = patch.terrain
         light = self._light(terrain.frame)

@@ -54,7 +54,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class HorizonPoints:
     """ENU points (n, 3) on or above a field, metres, and the terrain beyond the field; points
     within 1 mm of the surface are moved onto it.
     """
@@ -66,8 +66,8 @@ class Points:
     def __len__(self) -> int:
         return len(self.points_m)
 
-    def __getitem__(self, which: slice | NDArray[np.intp]) -> Points:
-        return Points(self.field, self.points_m[which], self.far)
+    def __getitem__(self, which: slice | NDArray[np.intp]) -> HorizonPoints:
+        return HorizonPoints(self.field, self.points_m[which], self.far)
 
     def horizons(self, planes: Array) -> Array:
         """As `Nodes.horizons`; low for NaN and off the raster, high under the surface."""
@@ -83,7 +83,7 @@ class Points:
         return _occluded(self, direction)
 
 
-def _with_far(observers: Nodes | Points, planes: Array, own: Array) -> Array:
+def _with_far(observers: Nodes | HorizonPoints, planes: Array, own: Array) -> Array:
     """The higher of a field's own horizons and those of the far terrain."""
     if observers.far is None or not len(observers):
         return own
@@ -91,7 +91,7 @@ def _with_far(observers: Nodes | Points, planes: Array, own: Array) -> Array:
     return np.maximum(own, found, out=own)
 
 
-def _occluded(observers: Nodes | Points, direction: Array) -> NDArray[np.bool_]:
+def _occluded(observers: Nodes | HorizonPoints, direction: Array) -> NDArray[np.bool_]:
     points = observers.points_m
     out = observers.field.occluded_points(points, direction)
     if observers.far is not None:

@@ -7,7 +7,7 @@ wider than `CELL_SHARE` of its distance from the area: the detail that a cell sm
 subtends the same small angle of the horizon at any distance (`HORIZON_RMS_DEG`). The outermost
 level is the last one with terrain that can rise above the lowest ray.
 
-All this is read only where rays go (`Rays`): a low Sun is in the east or west outside the polar
+All this is read only where rays go (`SunRays`): a low Sun is in the east or west outside the polar
 regions, and the terrain to the north and south of an area cannot shadow it then.
 """
 
@@ -46,7 +46,7 @@ terrain of the Moon (10.8 km) shadows the lowest (-9.1 km) from 263 km away."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rays:
+class SunRays:
     """Rays towards the Sun from an area: their ``tangents`` of elevation (n,), and how far they get
     to the ``north, south, west, east`` (n, 4) as a share of the larger one of their two distances.
     """
@@ -55,12 +55,12 @@ class Rays:
     shares: Array
 
     @classmethod
-    def all_around(cls, tangent: float) -> Rays:
+    def all_around(cls, tangent: float) -> SunRays:
         """Rays of all azimuths that climb with a tangent (inf: straight up)."""
         return cls(np.array([tangent]), np.ones((1, 4)))
 
     @classmethod
-    def towards(cls, directions: AnyArray, spread_rad: float = 0.0) -> Rays:
+    def towards(cls, directions: AnyArray, spread_rad: float = 0.0) -> SunRays:
         """Rays of ENU directions (n, 3) that are turned by up to ``spread_rad`` in azimuth."""
         east, north, up = np.asarray(directions, np.float64).reshape(-1, 3).T
         sides = np.array([0.0, math.pi, -0.5 * math.pi, 0.5 * math.pi])
@@ -106,7 +106,7 @@ def surroundings(
     frame: EnuFrame,
     window: NodeWindow,
     gsd_m: float,
-    rays: Rays,
+    rays: SunRays,
     least_ring_m: float = 0.0,
     limit_m: float = REACH_MAX_M,
 ) -> Surroundings:
@@ -221,7 +221,7 @@ def _levels(
     gsd_m: float,
     near_m: float,
     floor_m: float,
-    rays: Rays,
+    rays: SunRays,
     sights_m: Array,
 ) -> tuple[FarTerrain, float] | None:
     """The levels up to the last one that can shadow the area, and the distance up to which it can;

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Mask
-from ..build.area_job import AreaJob, area_sweep
-from ..build.sweep import Conditions, RenderedImage, Sweep
+from ..production.area_job import AreaJob, area_sweep
+from ..production.sweep import Conditions, RenderedImage, Sweep
 from ..threads import limit_threads
 
 REFERENCE = "reference"
@@ -68,7 +68,7 @@ class ImageChanges:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ErrorPicture:
     """Section of an area under one low Sun: lit nodes of the reference, and the differences of each
     tier.
 
@@ -84,7 +84,7 @@ class Picture:
     wrong_nodes: int
 
 
-def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], Picture | None]:
+def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], ErrorPicture | None]:
     """Compare the images of one area in every tier: time on one thread, differences from
     ``reference``, and a section to show.
 
@@ -208,7 +208,7 @@ class _Shown:
             azimuth = float(conditions.sun_azimuth_deg[exact.azimuth])
             self._rank, self._kept = rank, (azimuth, elevation, dict(images))
 
-    def picture(self) -> Picture | None:
+    def picture(self) -> ErrorPicture | None:
         if self._kept is None:
             return None
         azimuth, elevation, images = self._kept
@@ -216,7 +216,7 @@ class _Shown:
         wrong = {t: _difference(i, exact) for t, i in images.items() if t != REFERENCE}
         lit = np.where(np.isfinite(exact.radiance), exact.radiance > 0.0, -1).astype(np.int8)
         section = _busiest(np.abs(np.stack(list(wrong.values()))).sum(axis=0, dtype=np.int64))
-        return Picture(
+        return ErrorPicture(
             self._area,
             azimuth,
             elevation,

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..build.area_job import AreaJob, area_sweep
-from ..build.sweep import RenderedImage, Sweep
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..photometry.laws import reflectance_model
+from ..production.area_job import AreaJob, area_sweep
+from ..production.sweep import RenderedImage, Sweep
 from ..threads import limit_threads
 from ..validation.window_correlation import compare
 

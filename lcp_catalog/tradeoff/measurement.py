@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from ..accuracy import DEFAULT_TIER, TIERS
-from ..build.area_job import AreaJob, run_area
-from ..build.run import Build
-from ..build.sweep import Conditions
 from ..errors import ConfigError
 from ..geometry.frames import lonlat_to_mcmf
-from .image_errors import REFERENCE, ImageChanges, Picture, compare_images
+from ..production.area_job import AreaJob, run_area
+from ..production.run import Build
+from ..production.sweep import Conditions
+from .image_errors import REFERENCE, ErrorPicture, ImageChanges, compare_images
 from .law_costs import ModelChanges, compare_models
 from .point_changes import compare_points
 from .timing import Runs, Workers, timed_area
@@ -40,7 +40,7 @@ class Trade:
 
     rows: list[dict[str, Any]]
     compared: dict[str, Any]
-    picture: Picture | None
+    picture: ErrorPicture | None
     models: ModelChanges
 
     def document(self) -> dict[str, Any]:
@@ -135,10 +135,10 @@ def spread(build: Build, count: int) -> list[int]:
 
 def _images(
     workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps
-) -> tuple[dict[str, ImageChanges], Picture | None]:
+) -> tuple[dict[str, ImageChanges], ErrorPicture | None]:
     """Comparison of all images of the areas; the picture is the one with the most wrong nodes."""
     totals = {tier: ImageChanges() for tier in TIERS}
-    shown: Picture | None = None
+    shown: ErrorPicture | None = None
     for number, tiers in enumerate(jobs):
         if not number:
             # compiles kernels here, not in the processes whose memory is measured

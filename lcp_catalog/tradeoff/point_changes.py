@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray
-from ..build.area_job import Candidates
-from ..build.assembly import choose
-from ..build.config import BuildConfig
-from ..build.finished_area import table_of
 from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import nearest, stable_id
+from ..production.area_job import Candidates
+from ..production.assembly import choose
+from ..production.config import BuildConfig
+from ..production.finished_area import table_of
 
 DETECTION_CHANGE = 0.05
 """Change of a detection probability from which it is counted."""

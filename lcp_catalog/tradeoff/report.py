@@ -20,7 +20,7 @@ from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.png import data_uri
 from .law_costs import CONTRAST, WINDOW, ModelChanges
-from .measurement import Picture, Trade
+from .measurement import ErrorPicture, Trade
 from .pareto_plot import pareto
 from .point_changes import DETECTION_CHANGE
 
@@ -315,7 +315,7 @@ def render_trade(trade: Trade) -> str:
     )
 
 
-def _picture(picture: Picture) -> dict[str, Any]:
+def _picture(picture: ErrorPicture) -> dict[str, Any]:
     """The image with the most errors: reference, and each tier with its wrong nodes."""
     rows, cols = picture.lit.shape
     images = [("reference: lit and dark", data_uri(_lit_pixels(picture.lit, 25, 230)))]

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..build.area_job import AreaJob, Candidates, run_area
-from ..build.executor import processes
 from ..errors import AreaFailedError
 from ..memory import peak_mb
+from ..production.area_job import AreaJob, Candidates, run_area
+from ..production.executor import processes
 from ..threads import limit_threads
 
 

@@ -23,7 +23,7 @@ from ..catalog.summary import Statistics, summary, summary_rows
 from ..constants import FRAME
 from ..errors import ConfigError
 from ..navigation.expected_position import SOURCES, Answer, Query, answers
-from ..navigation.frame_points import Frame, require_claims
+from ..navigation.frame_points import PlannedImage, require_claims
 from ..plots.html_page import page
 from ..plots.numbers import number
 from .requirement import NUMBERS, Requirement
@@ -107,14 +107,16 @@ EVIDENCE_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RequirementVerdict:
     """What a requirement says about the frames and the evidence: failed terms, a line each."""
 
     requirement: str
     failures: tuple[str, ...]
 
     @classmethod
-    def of(cls, text: str, frames: Sequence[Answer], evidence: Sequence[Evidence]) -> Verdict:
+    def of(
+        cls, text: str, frames: Sequence[Answer], evidence: Sequence[Evidence]
+    ) -> RequirementVerdict:
         """Terms with a figure of a frame hold for every frame, others for every image of the evidence.
         ConfigError for an invalid term, and for one about which no frame or evidence is given.
         """
@@ -169,12 +171,12 @@ def frame_figures(answer: Answer, count: int) -> dict[str, Any]:
 def write_dossier(
     catalog_path: Path | str,
     output: Path | str,
-    frames: Sequence[Frame] = (),
+    frames: Sequence[PlannedImage] = (),
     query: Query | None = None,
     requirement: str | None = None,
     evidence: Sequence[Path | str] = (),
     overwrite: bool = False,
-) -> Verdict | None:
+) -> RequirementVerdict | None:
     """Write the dossier and return the verdict on the requirement; None without one.
 
     ``frames``: images to be taken, as for `navigation.expected_position.answers`; ``evidence``:
@@ -187,7 +189,7 @@ def write_dossier(
     catalog = open_catalog(catalog_path)
     require_claims(catalog)
     found = list(answers(catalog, frames, asked)) if frames else []
-    verdict = None if requirement is None else Verdict.of(requirement, found, given)
+    verdict = None if requirement is None else RequirementVerdict.of(requirement, found, given)
     name = Path(catalog_path).name
     write_bytes(output, render(catalog, name, found, asked, verdict, given).encode(), overwrite)
     return verdict
@@ -198,7 +200,7 @@ def render(
     name: str,
     found: Sequence[Answer],
     query: Query,
-    verdict: Verdict | None,
+    verdict: RequirementVerdict | None,
     evidence: Sequence[Evidence],
 ) -> str:
     """The dossier as HTML. Equal inputs give equal text."""

@@ -27,7 +27,7 @@ _BLOCK = 256
 
 
 @dataclass(frozen=True)
-class Grid:
+class CoarseGrid:
     """Coarser grid in coordinates of a finer one: node (i, j) is at row ``start_px + i ratio``,
     column ``start_px + j ratio``.
     """
@@ -37,7 +37,7 @@ class Grid:
     start_px: float
 
     @classmethod
-    def over(cls, shape: tuple[int, int], ratio: float) -> Grid:
+    def over(cls, shape: tuple[int, int], ratio: float) -> CoarseGrid:
         """Whole coarse cells from the north-western corner of the fine grid. ValueError for a ratio
         below 1 or too large a one.
         """
@@ -61,7 +61,7 @@ class Pair:
     render: Array
     weight: Array
     gsd_m: float
-    grid: Grid
+    grid: CoarseGrid
 
 
 def paired(
@@ -85,7 +85,7 @@ def paired(
     a, b = np.asarray(image, dtype=np.float64), np.asarray(render, dtype=np.float64)
     w = np.where(np.isfinite(a) & np.isfinite(b), np.asarray(weight, dtype=np.float64), 0.0)
     ratio = max(target_m / gsd_m, 1.0) if target_m > gsd_m * (1.0 - 1e-6) else target_m / gsd_m
-    grid = Grid.over(a.shape, ratio)
+    grid = CoarseGrid.over(a.shape, ratio)
     cell = cell_fwhm * ratio
     image_there, mass = spread(a, w, math.hypot(cell, dem_fwhm_m / gsd_m), grid)
     render_there, other = spread(b, w, cell, grid)
@@ -93,7 +93,7 @@ def paired(
 
 
 def spread(
-    values: ArrayLike, weight: ArrayLike, fwhm_px: float, grid: Grid | None = None
+    values: ArrayLike, weight: ArrayLike, fwhm_px: float, grid: CoarseGrid | None = None
 ) -> tuple[Array, Array]:
     """Weighted Gaussian means (rows, cols) of values, and the means of the weights; NaN and 0
     without values nearby.
@@ -105,7 +105,7 @@ def spread(
     v, w = np.asarray(values, dtype=np.float64), np.asarray(weight, dtype=np.float64)
     if v.ndim != 2 or v.shape != w.shape:
         raise ValueError(f"shapes of values and weights differ: {v.shape} and {w.shape}")
-    grid = grid or Grid(v.shape, 1.0, 0.0)
+    grid = grid or CoarseGrid(v.shape, 1.0, 0.0)
     w = np.where(np.isfinite(v), w, 0.0)
     light = np.where(w > 0.0, v, 0.0) * w
     total, mass = (_both_axes(x, grid, fwhm_px) for x in (light, w))
@@ -113,12 +113,12 @@ def spread(
         return np.where(mass > 1e-6, total / mass, np.nan), np.where(mass > 1e-6, mass, 0.0)
 
 
-def _both_axes(values: Array, grid: Grid, fwhm_px: float) -> Array:
+def _both_axes(values: Array, grid: CoarseGrid, fwhm_px: float) -> Array:
     down = _one_axis(values, grid.shape[0], grid, fwhm_px)
     return _one_axis(down.T, grid.shape[1], grid, fwhm_px).T
 
 
-def _one_axis(values: Array, count: int, grid: Grid, fwhm_px: float) -> Array:
+def _one_axis(values: Array, count: int, grid: CoarseGrid, fwhm_px: float) -> Array:
     """Means along the first axis at ``count`` nodes, in blocks; cells beyond the edge have no
     weight.
     """

@@ -16,10 +16,10 @@ from .report_claims import claims_data
 from .report_points import points_data, table_data
 from .report_pose import pose_data
 from .report_windows import MODES, windows_data
-from .result import ImageVerdict, Pictures, Verdict, plain
+from .result import ImageVerdict, Pictures, ValidationResult, plain
 
 
-def render(verdict: Verdict, pictures: Sequence[Pictures]) -> str:
+def render(verdict: ValidationResult, pictures: Sequence[Pictures]) -> str:
     """The report as HTML; one of ``pictures`` for each image. Equal content gives equal text."""
     names = ", ".join(image.facts.name for image in verdict.images)
     catalog = str(verdict.catalog.get("name", ""))

@@ -13,7 +13,7 @@ from ..catalog.summary import percent
 from ..plots.axes import Axes, Axis
 from ..plots.numbers import number
 from .claims import GATE_PX, GATE_SIGMAS, Bin, Scores
-from .result import Verdict
+from .result import ValidationResult
 
 COLUMNS = (
     "",
@@ -31,7 +31,7 @@ _TICKS = [(k / 5, f"{k / 5:g}") for k in range(6)]
 _SIDE = 330.0
 
 
-def claims_data(verdict: Verdict) -> dict[str, Any]:
+def claims_data(verdict: ValidationResult) -> dict[str, Any]:
     """The diagram, its caption, and the table; ``none`` states why nothing was scored."""
     whole = verdict.scores
     data: dict[str, Any] = dict.fromkeys(("none", "diagram", "caption"), None)

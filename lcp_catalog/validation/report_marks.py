@@ -57,7 +57,7 @@ ERROR_CLASSES = ((1.0, "within1"), (2.0, "within2"), (3.0, "within3"), (math.inf
 
 
 @dataclass(frozen=True)
-class Frame:
+class ImageDrawing:
     """Image of ``width`` x ``height`` pixels in a drawing, with axes from its upper left corner in a
     unit of ``pixel`` units per pixel. The centre of pixel (0, 0) is half a pixel from the corner.
     """
@@ -139,7 +139,7 @@ class Arrows:
         return float(np.percentile(lengths, 90.0)) if len(lengths) else 0.0
 
 
-def magnification(frame: Frame, arrows: Arrows, drawn: float = 56.0) -> float:
+def magnification(frame: ImageDrawing, arrows: Arrows, drawn: float = 56.0) -> float:
     """Magnification of arrows, 1, 2 or 5 times a power of ten: one arrow in ten is longer than
     about ``drawn`` SVG units.
     """
@@ -150,7 +150,7 @@ def magnification(frame: Frame, arrows: Arrows, drawn: float = 56.0) -> float:
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= wanted * (1 + 1e-9))
 
 
-def arrow_marks(frame: Frame, arrows: Arrows, times: float) -> Markup:
+def arrow_marks(frame: ImageDrawing, arrows: Arrows, times: float) -> Markup:
     """Arrows magnified ``times``, with a dot at their start."""
     start = frame.at(arrows.start)
     tips = start + arrows.by * frame.scale * times
@@ -175,7 +175,7 @@ def _arrow(start: Array, tip: Array) -> str:
     return f"{shaft}M{left[0]:.1f} {left[1]:.1f}L{tip[0]:.1f} {tip[1]:.1f}L{right[0]:.1f} {right[1]:.1f}"
 
 
-def scale_arrow(frame: Frame, times: float, arrows: Arrows, unit: str) -> Markup:
+def scale_arrow(frame: ImageDrawing, times: float, arrows: Arrows, unit: str) -> Markup:
     """Scale below the image: an arrow of a round length, its length and the magnification."""
     length = nice_step(max(arrows.longest, 1e-6), 1)
     length = length / 2.0 if length * frame.scale * times > 140.0 else length
@@ -207,7 +207,7 @@ def error_classes(residual_px: Array, covariance_px2: Array) -> tuple[Array, lis
     return over, css
 
 
-def quiver(frame: Frame, arrows: Arrows, label: str, unit: str, picture: str = "") -> Markup:
+def quiver(frame: ImageDrawing, arrows: Arrows, label: str, unit: str, picture: str = "") -> Markup:
     """Magnified arrows over an image with their scale."""
     times = magnification(frame, arrows)
     inside = (
@@ -230,7 +230,7 @@ def reason_mark(reason: str) -> Markup:
 
 
 def reason_marks(
-    frame: Frame, pixels: Array, reasons: Sequence[str], titles: Sequence[str]
+    frame: ImageDrawing, pixels: Array, reasons: Sequence[str], titles: Sequence[str]
 ) -> Markup:
     """Symbols at pixels (n, 2), without those outside the image."""
     inside = frame.holds(pixels)

@@ -14,7 +14,7 @@ from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
 from ..plots.png import data_uri
 from . import report_marks
-from .report_marks import SCALE_ROOM, Arrows, Frame
+from .report_marks import SCALE_ROOM, Arrows, ImageDrawing
 from .result import LOCATED, ImageVerdict, Pictures
 
 ROWS_MAX = 1500
@@ -42,11 +42,11 @@ def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
     }
 
 
-def _frame(image: ImageVerdict) -> Frame:
-    return Frame(max(image.facts.width_px, 1), max(image.facts.height_px, 1))
+def _frame(image: ImageVerdict) -> ImageDrawing:
+    return ImageDrawing(max(image.facts.width_px, 1), max(image.facts.height_px, 1))
 
 
-def _image_picture(frame: Frame, shown: Pictures) -> Markup:
+def _image_picture(frame: ImageDrawing, shown: Pictures) -> Markup:
     """The image below the marks. Incomplete blocks are missing at its right and lower edge."""
     if shown.image is None:
         return Markup("")

@@ -20,7 +20,7 @@ from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import nice_step, number
 from ..plots.png import data_uri
 from . import report_marks
-from .report_marks import Arrows, Frame
+from .report_marks import Arrows, ImageDrawing
 from .result import ImageVerdict, Pictures, WindowFigures
 from .window_correlation import BIN, WindowComparison
 
@@ -86,7 +86,9 @@ def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
         return data
     if w.patch is not None:
         return data | {"pairs": _pairs(figures, shown.ground_image, shown.ground_render)}
-    frame = Frame(*shown.ground_image.shape[::-1], **_axis_unit(w.gsd_m, shown.ground_image.shape))
+    frame = ImageDrawing(
+        *shown.ground_image.shape[::-1], **_axis_unit(w.gsd_m, shown.ground_image.shape)
+    )
     return data | {
         "layers": _layers(frame, w, shown.ground_image, shown.ground_render, image.facts.name),
         "quiver": _window_quiver(frame, w, _under(frame, shown.ground_image)),
@@ -100,12 +102,12 @@ def _axis_unit(gsd_m: float, shape: tuple[int, ...]) -> dict[str, Any]:
     return {"pixel": gsd_m / 1000.0, "unit": "km"}
 
 
-def _under(frame: Frame, image: Array) -> Markup:
+def _under(frame: ImageDrawing, image: Array) -> Markup:
     return frame.picture(data_uri(grey(shrunk(image, UNDER_PIXELS))))
 
 
 def _layers(
-    frame: Frame, w: WindowComparison, image: Array, render: Array, name: str
+    frame: ImageDrawing, w: WindowComparison, image: Array, render: Array, name: str
 ) -> list[dict[str, Any]]:
     """Image, render and correlation map on one grid, each with its caption."""
     seen, model = shrunk(image), shrunk(render)
@@ -170,7 +172,9 @@ def _histogram_caption(windows: WindowFigures) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _window_quiver(frame: Frame, w: WindowComparison, picture: Markup) -> dict[str, Any] | None:
+def _window_quiver(
+    frame: ImageDrawing, w: WindowComparison, picture: Markup
+) -> dict[str, Any] | None:
     """Offset of each window's image from its render, where the correlation is high enough."""
     if w.offset_px is None:
         return None
@@ -226,7 +230,7 @@ def correlation_pixels(windows: WindowComparison) -> NDArray[np.uint8]:
     return pixels
 
 
-def correlation_map(frame: Frame, windows: WindowComparison, address: str) -> Markup:
+def correlation_map(frame: ImageDrawing, windows: WindowComparison, address: str) -> Markup:
     """The image of `correlation_pixels` in a frame: each pixel covers one step around the centre of
     its window.
     """

@@ -291,7 +291,7 @@ class ImageVerdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class ValidationResult:
     """A whole validation: its images, facts of the catalogue (``name``, ``points`` ...), and the
     options.
     """
@@ -380,7 +380,7 @@ def _rounded(value: float) -> float:
 # -- in a few lines of text
 
 
-def summary_lines(verdict: Verdict) -> list[str]:
+def summary_lines(verdict: ValidationResult) -> list[str]:
     """Summary of all images for a terminal."""
     lines = [line for image in verdict.images for line in image_lines(image)]
     if len(verdict.images) > 1 and verdict.scores.count:

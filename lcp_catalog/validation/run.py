@@ -53,7 +53,14 @@ from .encoding_check import EncodingCheck, check_encoding
 from .error_file import FittedErrors
 from .error_fit import Residuals, fit_errors, residuals_of
 from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
-from .result import ImageFacts, ImageVerdict, Pictures, PointFigures, Verdict, WindowFigures
+from .result import (
+    ImageFacts,
+    ImageVerdict,
+    Pictures,
+    PointFigures,
+    ValidationResult,
+    WindowFigures,
+)
 
 Progress = Callable[[int, int], None]
 
@@ -162,7 +169,7 @@ class Result:
     unless it was asked for.
     """
 
-    verdict: Verdict
+    verdict: ValidationResult
     pictures: tuple[Pictures, ...]
     sources: tuple[Path, ...]
     fitted: FittedErrors | None = None
@@ -204,7 +211,7 @@ def validate(request: Validation, progress: Progress | None = None) -> Result:
     if progress:
         progress(len(request.files), len(request.files))
     facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
-    verdict = Verdict(tuple(one.image for one in done_with), facts, request.described())
+    verdict = ValidationResult(tuple(one.image for one in done_with), facts, request.described())
     sources = [request.catalog_path, *(path for one in done_with for path in one.sources)]
     sources += request.environment.files if request.environment else ()
     fitted = _fitted(done_with) if request.fit_errors else None
@@ -263,7 +270,7 @@ def _one(
     return _Done(result, _pictures(image, ground), sources, residuals)
 
 
-class _Search(NamedTuple):
+class _EncodedSearch(NamedTuple):
     """An image in the encoding that was chosen, the points that may be in it, the result of the search, and the
     check of the encoding, if there was one.
     """
@@ -276,15 +283,15 @@ class _Search(NamedTuple):
 
 def _searched(
     request: Validation, whole: Catalog, files: ImageFiles, image: Image, options: Options
-) -> _Search:
+) -> _EncodedSearch:
     """The search in an image as it was opened and, if that is asked for and fits better, decoded."""
 
-    def search(image: Image) -> _Search:
+    def search(image: Image) -> _EncodedSearch:
         catalog = _perhaps_seen(request, whole, image, options)
         located = locate(catalog, image, request.uncertainty, request.law, options)
         sigmas = options.sigmas
         located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
-        return _Search(image, catalog, located)
+        return _EncodedSearch(image, catalog, located)
 
     found, used = search(image), ENCODINGS[0]
     if request.pixels.encoding != used or not (found.located.pose or request.choose_encoding):

@@ -20,9 +20,9 @@ from helpers.twins_isd import MOON_M, TwinIsd, isd_of_cube, on_sphere
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.scanners import LineScanner, PushFrame
+from lcp_catalog.ephemeris.times import utc_of_ephemeris_time
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.sun.times import utc_of_ephemeris_time
 
 REAL = {
     "apollometric_isd": Camera,

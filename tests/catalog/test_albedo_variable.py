@@ -15,18 +15,6 @@ import xarray
 from helpers import catalogs
 from helpers.products import DEGREE_M, geotiff
 
-from lcp_catalog.build import run
-from lcp_catalog.build.area_job import area_sweep, run_area
-from lcp_catalog.build.checkpoints import Checkpoints
-from lcp_catalog.build.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
-from lcp_catalog.build.run import Build, run_build
 from lcp_catalog.catalog import summary
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.catalog.report import render_report
@@ -38,6 +26,18 @@ from lcp_catalog.errors import (
     OutputExistsError,
 )
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
+from lcp_catalog.production import run
+from lcp_catalog.production.area_job import area_sweep, run_area
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    ModelConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.run import Build, run_build
 
 GSD_M = 500.0
 CONFIG = BuildConfig(

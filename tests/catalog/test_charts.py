@@ -15,9 +15,9 @@ from lcp_catalog.geometry.map_plane import MapPlane
 @pytest.mark.parametrize("lat", [-90.0, 89.9, 0.0])
 def test_a_map_anywhere_parses(lat: float) -> None:
     x = np.linspace(-40e3, 40e3, 33)
-    drawn = charts.Map(np.zeros((33, 33)), x, x[::-1], MapPlane("orthographic", 359.9, lat)).draw(
-        [], "map"
-    )
+    drawn = charts.ReliefMap(
+        np.zeros((33, 33)), x, x[::-1], MapPlane("orthographic", 359.9, lat)
+    ).draw([], "map")
     parsed(drawn)
     assert "nan" not in drawn
 
@@ -49,7 +49,7 @@ def test_the_disc_has_north_up_and_east_right() -> None:
 
 def test_a_map_puts_places_where_they_are() -> None:
     x = np.arange(-5, 6) * 100.0
-    chart = charts.Map(np.zeros((11, 11)), x, x[::-1], MapPlane("orthographic", 0.0, 0.0))
+    chart = charts.ReliefMap(np.zeros((11, 11)), x, x[::-1], MapPlane("orthographic", 0.0, 0.0))
     west, north = chart.pixel(-550.0, 550.0)
     east, south = chart.pixel(550.0, -550.0)
     assert (west, north) == pytest.approx((100.0, 14.0))

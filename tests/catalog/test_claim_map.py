@@ -17,18 +17,18 @@ from helpers.pages import in_browser, logged, parsed
 
 from lcp_catalog.catalog import claim_map, report
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.charts import Map
+from lcp_catalog.catalog.charts import ReliefMap
 from lcp_catalog.catalog.summary import Statistics, summary
 
 
-def given(catalog: Catalog) -> tuple[Catalog, Map, np.ndarray]:
+def given(catalog: Catalog) -> tuple[Catalog, ReliefMap, np.ndarray]:
     """What `claim_map` takes: the catalogue, its chart and its evaluated Suns."""
     return catalog, chart_of(catalog), Statistics.of(catalog).suns
 
 
-def chart_of(catalog: Catalog) -> Map:
+def chart_of(catalog: Catalog) -> ReliefMap:
     view = catalog.overview
-    return Map(view.height, view.x, view.y, view.plane)
+    return ReliefMap(view.height, view.x, view.y, view.plane)
 
 
 def unpacked(text: str) -> bytes:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from lcp_catalog.build.region_maps import coverage_cells
 from lcp_catalog.catalog.catalogue import Coverage, Overview
 from lcp_catalog.catalog.map_levels import coverage_levels, overview_levels
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR
+from lcp_catalog.production.region_maps import coverage_cells
 from lcp_catalog.terrain.area import Area
 
 MOON = Area.from_bounds(-180.0, -90.0, 180.0, 90.0)

@@ -17,10 +17,10 @@ import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.run import Build
 from lcp_catalog.catalog.hdf5 import verify
 from lcp_catalog.errors import ConfigError
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.run import Build
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 

@@ -191,7 +191,7 @@ def test_a_render_names_the_model_and_its_file(csv, capsys):
 
 
 def test_a_build_reads_the_model_beside_its_configuration(csv):
-    from lcp_catalog.build.config import BuildConfig
+    from lcp_catalog.production.config import BuildConfig
 
     (csv / "deep").mkdir()
     (csv / "deep" / "b.toml").write_text('[model]\nreflectance = "facet:paint.toml"\n')
@@ -207,8 +207,8 @@ def test_a_build_knows_when_its_model_changed(csv):
     """The file's bytes, not its place, decide whether a build that was broken off goes on."""
     from dataclasses import replace
 
-    from lcp_catalog.build.config import AreaConfig, BuildConfig, ModelConfig
-    from lcp_catalog.build.run import Build
+    from lcp_catalog.production.config import AreaConfig, BuildConfig, ModelConfig
+    from lcp_catalog.production.run import Build
 
     def plan(where):
         config = BuildConfig(area=AreaConfig(center_deg=(2.8, 25.4), size_km=12.0))

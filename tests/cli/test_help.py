@@ -239,7 +239,7 @@ def test_the_log_is_ours_alone(capfd: pytest.CaptureFixture[str]) -> None:
     show_log(logging.DEBUG)
     for name in ("rasterio.env", "h5py._conv", "numba.core"):
         assert not logging.getLogger(name).isEnabledFor(logging.INFO)
-    assert logging.getLogger("lcp_catalog.build").isEnabledFor(logging.DEBUG)
+    assert logging.getLogger("lcp_catalog.production").isEnabledFor(logging.DEBUG)
     assert run(["sun", "--center", "0", "0", "--time", "2026-03-01"]) == 0
     assert "reads" not in capfd.readouterr().err
 

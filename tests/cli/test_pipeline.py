@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lcp_catalog.build.config import BuildConfig
+from lcp_catalog.production.config import BuildConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 LCP = Path(sys.executable).with_name("lcp")

@@ -16,7 +16,6 @@ from helpers.twins_match import catalog_of_dem, looking_at
 from lcp_cli.main import run
 from lcp_cli.value_types import Distance
 
-from lcp_catalog.build.config import BuildConfig
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
@@ -24,6 +23,7 @@ from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.position_fix import SEARCHED, locate
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.validation.error_fit import fit_errors, residuals_of
 from lcp_catalog.validation.run import ImageFiles, told_apart
 

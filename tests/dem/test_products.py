@@ -15,13 +15,13 @@ from click.testing import CliRunner
 from helpers.products import cylinder, hills
 from lcp_cli.main import cli
 
-from lcp_catalog.build.config import AreaConfig, BuildConfig, DemConfig
-from lcp_catalog.build.run import Build
 from lcp_catalog.dem.consistency import disagreements, warn_of_disagreements
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.products import facts_of, is_called, product_name
 from lcp_catalog.errors import ConfigError, DemError
 from lcp_catalog.geometry.bounds import Bounds
+from lcp_catalog.production.config import AreaConfig, BuildConfig, DemConfig
+from lcp_catalog.production.run import Build
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.run import build_catalog
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.run import build_catalog
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"

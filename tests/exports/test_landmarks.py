@@ -20,7 +20,7 @@ from helpers.landmark_readers import (
 from lcp_catalog.exports.dsk import write_dsk
 from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.landmark_maps import reflectance, write_landmark_maps
-from lcp_catalog.exports.points import Points
+from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.exports.spc import write_spc
 from lcp_catalog.geometry.frames import direction_enu
 
@@ -31,11 +31,11 @@ PLACES = [(0, 0), (-HALF, -HALF), (-HALF, HALF), (HALF, -HALF), (HALF, HALF), (1
 
 
 @pytest.fixture(scope="module", params=["MOON_ME", "MOON_PA"])
-def points(request) -> Points:
-    return Points.chosen(catalogs.claimed(7, PATCH), frame_named(request.param))
+def points(request) -> ExportedPoints:
+    return ExportedPoints.chosen(catalogs.claimed(7, PATCH), frame_named(request.param))
 
 
-def node(points: Points, k: int, row: int, col: int) -> np.ndarray:
+def node(points: ExportedPoints, k: int, row: int, col: int) -> np.ndarray:
     """Position of a node by the formula of the format's page, in the frame."""
     catalog = points.catalog
     own = [col * catalogs.GSD_M, -row * catalogs.GSD_M, catalog.dem[k, row + HALF, col + HALF]]
@@ -43,7 +43,7 @@ def node(points: Points, k: int, row: int, col: int) -> np.ndarray:
     return points.frame.from_me @ place
 
 
-def test_lvs_maps(points: Points, tmp_path: Path) -> None:
+def test_lvs_maps(points: ExportedPoints, tmp_path: Path) -> None:
     write_landmark_maps(points, tmp_path)
     assert len(list(tmp_path.glob("*.lmk"))) == 7
     for k, point_id in enumerate(points.catalog.point_id):
@@ -61,7 +61,7 @@ def test_lvs_maps(points: Points, tmp_path: Path) -> None:
     assert [int(row["point_id"]) for row in rows] == points.catalog.point_id.tolist()
 
 
-def test_reflectance_is_written_as_it_is_computed(points: Points, tmp_path: Path) -> None:
+def test_reflectance_is_written_as_it_is_computed(points: ExportedPoints, tmp_path: Path) -> None:
     write_landmark_maps(points, tmp_path, (90.0, 10.0))
     lmk = read_lvs_map(tmp_path / f"{points.catalog.point_id[0]}.lmk")
     dem = points.catalog.dem[0]
@@ -85,7 +85,7 @@ def test_a_wall_throws_its_shadow_away_from_the_sun() -> None:
     assert half[10, 18] == pytest.approx(level[0] / 2.0, abs=1.0)
 
 
-def test_spc_landmarks_and_maplets(points: Points, tmp_path: Path) -> None:
+def test_spc_landmarks_and_maplets(points: ExportedPoints, tmp_path: Path) -> None:
     write_spc(points, tmp_path)
     with (tmp_path / "points.csv").open(newline="") as file:
         names = {int(row["point_id"]): row["name"] for row in csv.DictReader(file)}
@@ -116,7 +116,7 @@ def test_spc_sigmas_are_along_the_axes_of_the_frame(tmp_path: Path) -> None:
     """25 m along east and north, 20 m along up; an unknown sigma counts as 0."""
     stated = catalogs.ERRORS | {"position_sigma_m": 25.0}
     catalog = catalogs.claimed(4, PATCH, errors=stated)
-    write_spc(Points.chosen(catalog, frame_named("MOON_ME")), tmp_path)
+    write_spc(ExportedPoints.chosen(catalog, frame_named("MOON_ME")), tmp_path)
     own = np.diag([25.0**2, 25.0**2, 20.0**2])
     turn = catalog.rotation_mcmf_to_enu[1]
     expected = np.sqrt(np.diag(turn.T @ own @ turn))
@@ -132,7 +132,7 @@ def test_missing_heights_are_missing(tmp_path: Path) -> None:
     from lcp_catalog.exports import spc
 
     catalog = catalogs.claimed(2, PATCH)
-    found = Points.chosen(catalog, frame_named("MOON_ME"))
+    found = ExportedPoints.chosen(catalog, frame_named("MOON_ME"))
     dem = catalog.dem[0].copy()
     dem[0, 3] = np.nan
     content = spc._maplet(found, 0, np.eye(3), np.zeros(3), dem, None)
@@ -142,7 +142,7 @@ def test_missing_heights_are_missing(tmp_path: Path) -> None:
     assert maplet["height_cells"][0, 3] == 0.0
 
 
-def test_rays_of_spice_meet_the_patches(points: Points, tmp_path: Path) -> None:
+def test_rays_of_spice_meet_the_patches(points: ExportedPoints, tmp_path: Path) -> None:
     """Rays from 100 km above hit the nodes, and between the nodes of a cell its triangles."""
     path = tmp_path / "site.bds"
     write_dsk(points, path)
@@ -175,7 +175,9 @@ def _assert_hit(handle, segment, wanted_km: np.ndarray, up: np.ndarray) -> None:
     assert np.linalg.norm(found - wanted_km) < 1e-6  # a millimetre
 
 
-def test_plates_face_outwards_and_the_pool_stays_clean(points: Points, tmp_path: Path) -> None:
+def test_plates_face_outwards_and_the_pool_stays_clean(
+    points: ExportedPoints, tmp_path: Path
+) -> None:
     write_dsk(points, tmp_path / "site.bds")
     assert spiceypy.namfrm(points.frame.spice_name) == 0
     handle = spiceypy.dasopr(str(tmp_path / "site.bds"))
@@ -189,14 +191,14 @@ def test_plates_face_outwards_and_the_pool_stays_clean(points: Points, tmp_path:
     assert (np.einsum("ni,ni->n", np.cross(b - a, c - a), a) > 0.0).all()
 
 
-def test_too_many_plates_need_a_box(points: Points, tmp_path: Path, monkeypatch) -> None:
+def test_too_many_plates_need_a_box(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("lcp_catalog.exports.dsk.PLATES_MAX", 100)
     with pytest.raises(ValueError, match=r"896 plates are too many for a site .*--bounds"):
         write_dsk(points, tmp_path / "site.bds")
     write_dsk(points, tmp_path / "site.bds", boxed=True)
 
 
-def test_spc_has_no_more_names_than_its_six_characters(points: Points, tmp_path: Path, monkeypatch) -> None:  # fmt: skip
+def test_spc_has_no_more_names_than_its_six_characters(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:  # fmt: skip
     monkeypatch.setattr("lcp_catalog.exports.spc._NAMES", 6)
     with pytest.raises(OSError, match="6 landmarks at most"):
         write_spc(points, tmp_path)

@@ -14,7 +14,7 @@ from helpers import catalogs
 
 from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.ground_control import write_gcp
-from lcp_catalog.exports.points import Points
+from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.exports.tables import write_csv, write_parquet
 from lcp_catalog.geometry.bounds import Bounds
 
@@ -28,8 +28,8 @@ def catalog():
     return catalogs.claimed(12)
 
 
-def points_of(catalog, frame: str = "MOON_ME", **choice) -> Points:
-    return Points.chosen(catalog, frame_named(frame), **choice)
+def points_of(catalog, frame: str = "MOON_ME", **choice) -> ExportedPoints:
+    return ExportedPoints.chosen(catalog, frame_named(frame), **choice)
 
 
 @pytest.mark.parametrize("frame", ["MOON_ME", "MOON_PA"])

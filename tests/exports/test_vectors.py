@@ -13,7 +13,7 @@ import shapely
 from helpers import catalogs
 
 from lcp_catalog.exports.frames import frame_named
-from lcp_catalog.exports.points import Points
+from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.exports.vectors import outline, write_geojson, write_geopackage
 
 GEOCENTRIC = pyproj.Transformer.from_crs(
@@ -27,8 +27,8 @@ def catalog():
 
 
 @pytest.fixture(scope="module", params=["MOON_ME", "MOON_PA"])
-def written(request, catalog, tmp_path_factory) -> tuple[Points, Path]:
-    points = Points.chosen(catalog, frame_named(request.param))
+def written(request, catalog, tmp_path_factory) -> tuple[ExportedPoints, Path]:
+    points = ExportedPoints.chosen(catalog, frame_named(request.param))
     path = tmp_path_factory.mktemp("vectors") / "c.gpkg"
     write_geopackage(points, path)
     write_geojson(points, path.with_suffix(".geojson"))
@@ -146,7 +146,7 @@ def test_patches_at_the_edges_of_the_map(center, tmp_path: Path, monkeypatch) ->
     """
     monkeypatch.setattr(catalogs, "CENTER", center)
     catalog = catalogs.claimed(9, 33)
-    write_geopackage(Points.chosen(catalog, frame_named("MOON_ME")), tmp_path / "c.gpkg")
+    write_geopackage(ExportedPoints.chosen(catalog, frame_named("MOON_ME")), tmp_path / "c.gpkg")
     shapes, _ = read(tmp_path / "c.gpkg", "footprints")
     assert (np.abs(shapely.bounds(shapes)) <= 180.0).all()
     assert shapely.is_valid(shapes).all()

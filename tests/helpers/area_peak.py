@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from lcp_catalog.build.area_job import AreaJob, run_area
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.estimate import estimate
-from lcp_catalog.build.finished_area import finished_area
-from lcp_catalog.build.run import Build, build_catalog
 from lcp_catalog.dem import block_cache
 from lcp_catalog.memory import _status_mb, peak_mb
+from lcp_catalog.production.area_job import AreaJob, run_area
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.estimate import estimate
+from lcp_catalog.production.finished_area import finished_area
+from lcp_catalog.production.run import Build, build_catalog
 from lcp_catalog.threads import limit_threads
 
 LIBRARIES_MB = 150.0

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 import rasterio
 
-from lcp_catalog.build.region_maps import coverage_cells
 from lcp_catalog.catalog import file_structure, layout, stored
 from lcp_catalog.catalog.catalogue import Guarantee, Promises
 from lcp_catalog.catalog.coverage import usable_nearby
@@ -29,6 +28,7 @@ from lcp_catalog.geometry.frames import (
     mcmf_to_lonlat,
 )
 from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR
+from lcp_catalog.production.region_maps import coverage_cells
 from lcp_catalog.terrain.area import Area
 
 HADLEY = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcp_catalog.build.finished_area import TABLE, FinishedArea, checksums
+from lcp_catalog.production.finished_area import TABLE, FinishedArea, checksums
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ScenePlan
 

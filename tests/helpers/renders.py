@@ -13,8 +13,8 @@ import pyproj
 import rasterio
 
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.ephemeris.sun_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.sun.ephemeris import direction_from_subsolar
 
 PIXELS_PER_DEGREE = 256
 DEGREE_M = np.radians(1.0) * MOON_RADIUS_M

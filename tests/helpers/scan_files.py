@@ -15,8 +15,8 @@ from helpers.isd_files import fixture
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.ephemeris.sun_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.sun.ephemeris import direction_from_subsolar
 
 MOON_TURNS = 2.66e-6  # radians per second
 CENTRE_ET = 763387200.0  # 2024-03-10

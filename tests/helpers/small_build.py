@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lcp_catalog.build.config import (
+from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,

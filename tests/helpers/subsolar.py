@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import datetime as dt
 
+from lcp_catalog.ephemeris.sun_position import sun_direction_at
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
-from lcp_catalog.sun.ephemeris import sun_direction_at
 
 
 def subsolar_point(time_utc: str | dt.datetime) -> tuple[float, float]:

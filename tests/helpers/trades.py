@@ -10,8 +10,8 @@ import pytest
 from helpers import products, synthetic
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build import sweep
-from lcp_catalog.build.config import (
+from lcp_catalog.production import sweep
+from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
@@ -19,8 +19,8 @@ from lcp_catalog.build.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.build.evaluation import Evaluation
-from lcp_catalog.build.run import Build
+from lcp_catalog.production.evaluation import Evaluation
+from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.occlusion import occluded_sweep
 from lcp_catalog.tradeoff import measurement
 

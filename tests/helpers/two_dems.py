@@ -6,7 +6,7 @@ from pathlib import Path
 
 from helpers import products, synthetic
 
-from lcp_catalog.build.config import (
+from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,

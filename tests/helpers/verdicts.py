@@ -199,7 +199,9 @@ def unopened(name: str = "lost.png") -> result.ImageVerdict:
     return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none(), claims)
 
 
-def whole() -> result.Verdict:
+def whole() -> result.ValidationResult:
     """Three images: located, not this place, cannot say."""
     images = (image(), image("other.png", located=False), nothing())
-    return result.Verdict(images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None})
+    return result.ValidationResult(
+        images, {"name": "c.h5", "points": 60}, {"size": 16, "gsd_m": None}
+    )

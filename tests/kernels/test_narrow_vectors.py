@@ -27,7 +27,7 @@ def test_all_kernels_with_vectors_hold_with_vectors_of_8(tmp_path: Path) -> None
     said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, check=True)
     assert said.stdout.strip() == b"8"
     files = ["kernels/test_vectors.py", "matching/test_maxima.py", "landmarks"]
-    files += ["matching/test_template_products.py", "build/test_evaluation.py"]
+    files += ["matching/test_template_products.py", "production/test_evaluation.py"]
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, *files], cwd=TESTS, env=env, capture_output=True, text=True, check=False

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M
+from lcp_catalog.ephemeris.times import instants
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.light.earthshine import (
@@ -25,7 +26,6 @@ from lcp_catalog.light.earthshine import (
     mean_earth,
     phase_function,
 )
-from lcp_catalog.sun.times import instants
 
 NASA = [
     # time, sub-Earth longitude and latitude (deg), distance (km), lit share of the Moon (%): NASA SVS, "Moon Phase

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
+from lcp_catalog.ephemeris.limb_darkening import STEPS, VISIBLE, LimbDarkening, strips
 from lcp_catalog.light.solar_disc import (
     SolarDisc,
     penumbra_m,
@@ -25,7 +26,6 @@ from lcp_catalog.light.solar_disc import (
     share_at_points,
     sunlit_share,
 )
-from lcp_catalog.sun.limb_darkening import STEPS, VISIBLE, LimbDarkening, strips
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.horizons import on_rim
 from lcp_catalog.threads import limit_threads, thread_limit

@@ -12,6 +12,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import camera_from_json
 from lcp_catalog.cameras.view import looking_camera, nadir_view, oblique_view
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
+from lcp_catalog.ephemeris.limb_darkening import LimbDarkening
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light import solar_disc
@@ -21,11 +22,10 @@ from lcp_catalog.light.environment import Environment
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.solar_disc import SolarDisc, disc_directions, sunlit_share
-from lcp_catalog.light.sources import Lighting, Source
+from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
-from lcp_catalog.sun.limb_darkening import LimbDarkening
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
@@ -108,7 +108,7 @@ def test_sources_add_up(craters, tier, altitude):
     directions = [direction_enu(80, 12), direction_enu(200, 40), direction_enu(330, 5)]
     weights = [1.0, 0.25, 0.6]
     view, how = oblique_view(25, 100, altitude), {"accuracy": TIERS[tier]}
-    light = Lighting(tuple(map(Source, directions, weights)))
+    light = Lighting(tuple(map(LightSource, directions, weights)))
     whole = render_enu(craters, light, view, **how)
     alone = [render_enu(craters, one, view, **how) for one in directions]
     expected = sum(weight * one.radiance for weight, one in zip(weights, alone, strict=True))
@@ -146,8 +146,8 @@ def test_a_sun_below_the_horizon_lights_no_border(frame):
     """Slopes at the border of the terrain face a Sun 20 deg below the horizon; the Earth remains."""
     _, x = np.mgrid[-20:21, -20:21] * GSD
     terrain = make(-0.5 * x)
-    sun = Source(direction_enu(90, -20))
-    earth = Source(direction_enu(200, 50), 1e-4, name="Earth")
+    sun = LightSource(direction_enu(90, -20))
+    earth = LightSource(direction_enu(200, 50), 1e-4, name="Earth")
     how = {"accuracy": TIERS["standard"]}
     night, only = Lighting((sun, earth)), Lighting((earth,))
     if frame == "enu":
@@ -164,9 +164,9 @@ def test_a_sun_below_the_horizon_lights_no_border(frame):
 
 def test_sources_above_the_horizon(craters):
     sources = (
-        Source(direction_enu(0, -5)),
-        Source(direction_enu(0, 5)),
-        Source(direction_enu(9, 1)),
+        LightSource(direction_enu(0, -5)),
+        LightSource(direction_enu(0, 5)),
+        LightSource(direction_enu(9, 1)),
     )
     assert [one.irradiance for one in light_above_horizon(craters, Lighting(sources)).sources] == [
         0.0,
@@ -219,7 +219,9 @@ def test_scaling_the_sun_darkens_the_sky_by_as_much():
 
 @pytest.mark.parametrize(("elevation", "below"), [(5.0, 5.0), (-3.0, -3.0), (-40.0, 10.0)])
 def test_the_lowest_visible_light(elevation, below):
-    light = Lighting((Source(direction_enu(0, elevation)), Source(direction_enu(0, 10.0))))
+    light = Lighting(
+        (LightSource(direction_enu(0, elevation)), LightSource(direction_enu(0, 10.0)))
+    )
     assert math.degrees(math.atan(light.lowest_tangent)) == pytest.approx(below)
     disc = Lighting.of_sun(direction_enu(0, 30), True)
     limb = 30.0 - math.degrees(SOLAR_RADIUS_RAD)

@@ -15,13 +15,13 @@ from lcp_cli.main import run
 from terrain.test_surroundings import horizon_deg, ridge
 
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.ephemeris.limb_darkening import VISIBLE
+from lcp_catalog.ephemeris.table import sun_table
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground
-from lcp_catalog.sun.limb_darkening import VISIBLE
-from lcp_catalog.sun.table import sun_table
 from lcp_catalog.terrain.area import NodeWindow
-from lcp_catalog.terrain.surroundings import Rays, build_surrounded, surroundings
+from lcp_catalog.terrain.surroundings import SunRays, build_surrounded, surroundings
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_a_far_range_cuts_the_disc(range_dem, above_m) -> None:
     dems = DemSet.open([range_dem])
     place = (dems, EnuFrame(0.0, 0.0), NodeWindow(0, 1, 0, 1), 100.0)
     terrain = build_surrounded(
-        *place, surroundings(*place, Rays.all_around(math.tan(math.radians(-2.0))))
+        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(-2.0))))
     )
     height = horizon_deg(0.0)
     if above_m:

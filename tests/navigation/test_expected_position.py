@@ -22,7 +22,7 @@ from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
-from lcp_catalog.navigation.frame_points import CAUSES, Frame
+from lcp_catalog.navigation.frame_points import CAUSES, PlannedImage
 from lcp_catalog.navigation.information import Information, best_points
 
 SUN, ALL = SunChoice(100.0, 17.0), Query()
@@ -30,7 +30,7 @@ BENT = (-0.08, 0.02, 0.001, -0.0008, 0.0)
 
 
 def asked(catalog: Catalog, taken: Camera, query: Query = ALL) -> Answer:
-    (answer,) = answers(catalog, [Frame.lit(taken, SUN)], query)
+    (answer,) = answers(catalog, [PlannedImage.lit(taken, SUN)], query)
     return answer
 
 

@@ -13,14 +13,14 @@ from helpers.posed import camera
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.prediction import predict
+from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.times import instant_range
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation import site_windows as windows
 from lcp_catalog.navigation.expected_position import Query, answers
-from lcp_catalog.navigation.frame_points import Frame
-from lcp_catalog.sun.ephemeris import sun_direction_at
-from lcp_catalog.sun.times import instant_range
+from lcp_catalog.navigation.frame_points import PlannedImage
 
 SITE = EnuFrame(*catalogs.CENTER)
 TIMES = instant_range("2026-01-20", "2026-02-14", 2 * 86400.0)
@@ -90,7 +90,7 @@ def test_a_camera_has_what_a_query_says() -> None:
     catalog, taken = everywhere_usable(), camera()
     found = windows.camera_windows(catalog, SITE, taken, TIMES)
     for k, time in enumerate(TIMES.labels()):
-        frame = Frame.lit(taken, SunChoice(time_utc=time))
+        frame = PlannedImage.lit(taken, SunChoice(time_utc=time))
         (answer,) = answers(catalog, [frame], Query())
         assert found.usable[k] == answer.usable
         sigma = answer.position.position_sigma_m

@@ -21,7 +21,7 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation import frame_points
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
-from lcp_catalog.navigation.frame_points import Frame
+from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
 from lcp_catalog.navigation.trajectory_file import read_trajectory
 
@@ -83,8 +83,8 @@ def test_a_csv_does_not_take_the_sun_of_its_camera(cameras: list[Camera], tmp_pa
     lit = replace(cameras[0], sun_position_mcmf_m=np.array([1.5e11, 0.0, 0.0]))
     for one in read_trajectory(path, lit):
         assert one.sun_position_mcmf_m is None
-        at_time = Frame.lit(one, SunChoice()).sun
-        np.testing.assert_array_equal(at_time, Frame.lit(one, SunChoice(time_utc=one.time_utc)).sun)  # fmt: skip
+        at_time = PlannedImage.lit(one, SunChoice()).sun
+        np.testing.assert_array_equal(at_time, PlannedImage.lit(one, SunChoice(time_utc=one.time_utc)).sun)  # fmt: skip
 
 
 HEAD = "time_utc,x_m,y_m,z_m,qw,qx,qy,qz\n"
@@ -150,7 +150,7 @@ def test_a_list_with_a_time_that_is_none_is_refused(cameras: list[Camera], tmp_p
 
 
 def along(catalog: Catalog, cameras: list[Camera], query: Query) -> list[Answer]:
-    return list(answers(catalog, [Frame.lit(one, SUN) for one in cameras], query))
+    return list(answers(catalog, [PlannedImage.lit(one, SUN) for one in cameras], query))
 
 
 @pytest.mark.parametrize("at_once", [1, 40, 50_000])
@@ -221,4 +221,4 @@ def test_a_chart_of_few_frames_without_times_and_points(
 
 def test_a_frame_without_a_sun_is_refused(cameras: list[Camera]) -> None:
     with pytest.raises(SunError, match="no Sun"):
-        Frame.lit(replace(cameras[0], time_utc=None), SunChoice())
+        PlannedImage.lit(replace(cameras[0], time_utc=None), SunChoice())

@@ -24,7 +24,7 @@ from lcp_catalog.dem import raster
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AlbedoError
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.photometry.albedo_map import AlbedoMap, Cover
+from lcp_catalog.photometry.albedo_map import AlbedoCover, AlbedoMap
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.terrain import Terrain, terrain_from_area
 
@@ -273,7 +273,7 @@ class TestCover:
         with pytest.raises(AlbedoError, match=r"does not cover the area \(here\); it covers longitude 30\.\.40"):  # fmt: skip
             half.check_cover(half.cover(terrain), "here")
         with pytest.raises(AlbedoError, match="is 0 everywhere"):
-            half.check_cover(Cover(1.0, 0.0, 0.0, 0.0), "here")
+            half.check_cover(AlbedoCover(1.0, 0.0, 0.0, 0.0), "here")
 
     def test_full_coverage_gives_no_warning(
         self, moon: AlbedoMap, caplog: pytest.LogCaptureFixture

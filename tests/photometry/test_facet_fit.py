@@ -8,7 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from lcp_catalog.photometry.facet_file import FacetFile
 from lcp_catalog.photometry.facet_fit import (
-    _Task,
+    _FitTask,
     curve_length,
     d1,
     d2,
@@ -25,7 +25,7 @@ from lcp_catalog.photometry.facet_model import (
     constants,
     lobes,
 )
-from lcp_catalog.photometry.goniometer import Measurements, Sample, read_measurements
+from lcp_catalog.photometry.goniometer import IncidenceSeries, Measurements, read_measurements
 
 SURFACE = FacetModel(
     "glossy paint",
@@ -47,7 +47,7 @@ def measured(model, noise=0.0, seed=0, azimuths=(0.0,), quantity="intensity"):
         emission, azimuth = emission[free], azimuth[free]
         values = model.intensity(node.incidence_deg, emission, azimuth)
         values = values * (1 + noise * rng.standard_normal(len(values)))
-        samples.append(Sample(node.incidence_deg, emission, azimuth, values))
+        samples.append(IncidenceSeries(node.incidence_deg, emission, azimuth, values))
     return Measurements(tuple(samples), quantity, "synthetic.csv", "0" * 64)
 
 
@@ -56,7 +56,7 @@ def table(nodes):
 
 
 def task_of(measurements):
-    return _Task(measurements.samples, constants(Optics(), SURFACE.shadowing))
+    return _FitTask(measurements.samples, constants(Optics(), SURFACE.shadowing))
 
 
 def test_recovered_without_noise():
@@ -89,7 +89,7 @@ def test_no_worse_than_the_truth(seed):
     """The minimum error is not larger than that of the true parameters."""
     model = named_model("labunets-2019-table-3")
     data = measured(model, 0.01, seed)
-    task = _Task(data.samples, constants(model.optics, model.shadowing))
+    task = _FitTask(data.samples, constants(model.optics, model.shadowing))
     fit = fit_reflectance(data, "m", optics=model.optics, normalize=False, weight=0.0)
     assert (np.array(fit.errors_alone) <= task.errors(table(model.nodes))).all()
 
@@ -99,7 +99,7 @@ def test_relative_to_the_specular_direction():
     plain = measured(SURFACE)
     odd = Measurements(
         tuple(
-            Sample(s.incidence_deg, s.emission_deg, s.azimuth_deg, s.intensity * unit)
+            IncidenceSeries(s.incidence_deg, s.emission_deg, s.azimuth_deg, s.intensity * unit)
             for s, unit in zip(plain.samples, (7.0, 0.01, 300.0), strict=True)
         ),
         *("intensity", "synthetic.csv", "0" * 64),
@@ -127,7 +127,7 @@ def test_absolute_measurements_keep_their_level():
         i = node.incidence_deg
         scale = known.albedo / (known.reflectance(i)[0] / _scale(known, i))
         s = measured(FacetModel("one", (node,))).samples[0]
-        samples.append(Sample(i, s.emission_deg, s.azimuth_deg, s.intensity * scale))
+        samples.append(IncidenceSeries(i, s.emission_deg, s.azimuth_deg, s.intensity * scale))
     data = Measurements(tuple(samples), "radiance_factor", "synthetic.csv", "0" * 64)
     fit = fit_reflectance(data, "m", weight=0.0)
     assert fit.model.levels is not None
@@ -146,7 +146,7 @@ def test_constant_beyond_the_greatest_measured_emission():
     data = measured(SURFACE)
     near = [np.abs(s.emission_deg) <= 68 for s in data.samples]
     samples = tuple(
-        Sample(s.incidence_deg, s.emission_deg[n], s.azimuth_deg[n], s.intensity[n])
+        IncidenceSeries(s.incidence_deg, s.emission_deg[n], s.azimuth_deg[n], s.intensity[n])
         for s, n in zip(data.samples, near, strict=True)
     )
     fit = fit_reflectance(Measurements(samples, "intensity", "g.csv", "0"), "m", weight=0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.errors import MeasurementError
-from lcp_catalog.photometry.goniometer import Sample, read_measurements
+from lcp_catalog.photometry.goniometer import IncidenceSeries, read_measurements
 
 ANGLES = range(-75, 76, 15)
 
@@ -64,18 +64,18 @@ def test_the_specular_direction():
     """Between neighbours, in either description of the plane; None without near neighbours."""
     emission = np.array([-80.0, -40, -20, 0, 20, 40, 60])
     values = np.array([8.0, 4, 2, 1, 1, 1, 1])
-    sample = Sample(30, emission, np.zeros(7), values)
+    sample = IncidenceSeries(30, emission, np.zeros(7), values)
     assert sample.in_plane(-30) == pytest.approx(3.0)
     assert sample.in_plane(-40) == 4.0
     assert sample.in_plane(-60) is None  # the gap from -80 to -40
     assert sample.in_plane(-85) is None
-    other = Sample(30, -emission, np.full(7, 180.0), values)
+    other = IncidenceSeries(30, -emission, np.full(7, 180.0), values)
     assert other.in_plane(-30) == pytest.approx(3.0)
-    assert Sample(30, emission, np.full(7, 20.0), values).in_plane(-30) is None
+    assert IncidenceSeries(30, emission, np.full(7, 20.0), values).in_plane(-30) is None
     with pytest.raises(
         MeasurementError, match="incidence 60 deg: no intensity around the specular"
     ):
-        Sample(60, emission, np.zeros(7), values).scaled()
+        IncidenceSeries(60, emission, np.zeros(7), values).scaled()
 
 
 GOOD = table(lambda i, e: 1.0)

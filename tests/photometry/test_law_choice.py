@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from lcp_cli.main import run
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
-from lcp_catalog.build.sweep import Conditions, law_of_build
 from lcp_catalog.choices import LAWS_BY_COST
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.law_choice import choose, cost, named
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.production.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
+from lcp_catalog.production.sweep import Conditions, law_of_build
 from lcp_catalog.rendering import decisions
 
 LS, LAMBERT = reflectance_model("lommel-seeliger"), reflectance_model("lambert")

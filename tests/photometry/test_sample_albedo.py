@@ -7,10 +7,10 @@ import pytest
 import rasterio
 from helpers.catalogs import HADLEY
 
-from lcp_catalog.build.config import BuildConfig
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.photometry.albedo_map import AlbedoMap
+from lcp_catalog.production.config import BuildConfig
 
 SAMPLE = HADLEY.parent
 MAP = SAMPLE / "hadley_albedo_643nm_11ppd.tif"

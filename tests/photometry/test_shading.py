@@ -17,7 +17,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.elementary import exp_lane, gap_lane, log_lane
 from lcp_catalog.kernels.photometry.images import add_light, angles_deg, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
-from lcp_catalog.light.sources import Lighting, Source
+from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.photometry.hapke_parameters import HapkeSet
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
@@ -235,8 +235,8 @@ def test_a_render_in_single_precision_is_the_one_in_double(law, view):
     terrain = make(z)
     light = Lighting(
         (
-            Source(direction_enu(100.0, 30.0)),
-            Source(direction_enu(300.0, 60.0), 0.4, name="lamp"),
+            LightSource(direction_enu(100.0, 30.0)),
+            LightSource(direction_enu(300.0, 60.0), 0.4, name="lamp"),
         )
     )
     how = {"model": law, "shadows": False}

@@ -11,16 +11,16 @@ from helpers.environment_maps import Lamp, room, uniform
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
+from lcp_catalog.ephemeris.limb_darkening import LimbDarkening
 from lcp_catalog.errors import CameraError, ImageError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.hdr_image import Picture
+from lcp_catalog.light.hdr_image import LuminanceImage
 from lcp_catalog.light.solar_disc import SolarDisc
-from lcp_catalog.light.sources import Lighting, Source
+from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor
 from lcp_catalog.rendering.renderer import render_camera
-from lcp_catalog.sun.limb_darkening import LimbDarkening
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
@@ -89,7 +89,7 @@ def test_two_lamps_and_a_sky_share():
     terrain, points = box(), plane(300.0, 41)
     points = points[np.abs(points[:, :2]).max(axis=1) > 101.0]
     one, two = direction_enu(90, 25), direction_enu(130, 35)
-    light = Lighting((Source(one, 1.0), Source(two, 0.5)))
+    light = Lighting((LightSource(one, 1.0), LightSource(two, 0.5)))
     found = shadow_factor(terrain, points, light, TIERS["high"])
     parts = one[2], 0.5 * two[2]
     dark = [crosses(points, way, HIGH, (100.0, 100.0)) for way in (one, two)]
@@ -103,7 +103,7 @@ def test_a_disc_throws_a_penumbra():
     radius, elevation = math.radians(0.95), math.radians(20.0)
     terrain = box(half_m=(200.0, 20000.0), gsd=200.0)
     disc = SolarDisc(radius, LimbDarkening(1.0, 0.0, 0.0))
-    light = Lighting((Source(direction_enu(270, 20.0), disc=disc),))
+    light = Lighting((LightSource(direction_enu(270, 20.0), disc=disc),))
     heights = np.linspace(-0.9, 0.9, 7)  # of the edge over the disc's middle, in radii
     away = HIGH / np.tan(elevation + np.arctan(heights * math.tan(radius)))
     points = np.stack([200.0 + away, np.zeros(7), np.zeros(7)], axis=-1)
@@ -114,7 +114,7 @@ def test_a_disc_throws_a_penumbra():
 
 def test_nothing_to_shade():
     points = np.array([[300.0, 0.0, 0.0]])
-    below = Lighting((Source(direction_enu(90, -10)),))
+    below = Lighting((LightSource(direction_enu(90, -10)),))
     assert shadow_factor(box(), points, below, TIERS["standard"]) == [1.0]
     assert len(shadow_factor(box(), points[:0], below, TIERS["standard"])) == 0
 
@@ -133,7 +133,7 @@ def seen_by(camera, light, backdrop, panorama=None):
 
 
 def grey(camera, value=0.5, encoded=False):
-    return Picture(np.full(camera.shape, value), encoded, "grey.png")
+    return LuminanceImage(np.full(camera.shape, value), encoded, "grey.png")
 
 
 def test_terrain_background_and_shadow_each_in_their_place(camera):
@@ -197,7 +197,7 @@ def test_another_size_is_resampled(camera, tmp_path):
 
 def test_refusals(camera):
     light = Lighting.of_sun(direction_enu(100, 30))
-    tall = Picture(np.ones((90, 40)), False, "tall.png")
+    tall = LuminanceImage(np.ones((90, 40)), False, "tall.png")
     with pytest.raises(ImageError, match=r"tall.png: the aspect ratio of 40 x 90 pixels"):
         seen_by(camera, light, Backdrop(None, tall))
     with pytest.raises(CameraError, match="shadow catcher"):

@@ -18,6 +18,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import camera_with_plane
 from lcp_catalog.cameras.scanners import PushFrame
 from lcp_catalog.cameras.trajectory import Attitude, Track
+from lcp_catalog.ephemeris.sun_position import sun_direction_at
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
@@ -26,7 +27,6 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.pipeline import prepare, prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.rendering.scans import SUN_MOVES_DEG
-from lcp_catalog.sun.ephemeris import sun_direction_at
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.validation.orthoimage import orthorectify

@@ -11,7 +11,7 @@ from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.constants import SOLAR_RADIUS_RAD
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.solar_disc import MEAN_SUN
-from lcp_catalog.light.sources import Lighting, Source
+from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.rendering.sphere_renderer import (
     render_sphere_camera,
     render_sphere_enu,
@@ -26,7 +26,7 @@ from lcp_catalog.terrain.area import NodeWindow
 def test_a_disc_over_a_level_horizon(off_radii):
     """Share and light of a Lambert facet from 200 000 points of equal flux."""
     elevation = off_radii * SOLAR_RADIUS_RAD
-    source = Source(np.array([0.0, math.cos(elevation), math.sin(elevation)]), disc=MEAN_SUN)
+    source = LightSource(np.array([0.0, math.cos(elevation), math.sin(elevation)]), disc=MEAN_SUN)
     share, cosine = share_and_cosine(np.array([math.sin(elevation)]), source)
     x, y = MEAN_SUN.limb_darkening.samples(200_000).T * math.tan(SOLAR_RADIUS_RAD)
     up = math.sin(elevation) + y * math.cos(elevation)
@@ -54,7 +54,10 @@ def test_the_terminator_is_as_soft_as_the_sun_is_wide():
 
 def test_several_sources_add():
     frame, view = EnuFrame(0.0, 0.0), nadir_view()
-    one, two = Source(direction_enu(90, 30)), Source(direction_enu(270, 50), 0.25, name="Earth")
+    one, two = (
+        LightSource(direction_enu(90, 30)),
+        LightSource(direction_enu(270, 50), 0.25, name="Earth"),
+    )
     how = (frame, WHOLE, 43e3)
     both = render_sphere_enu(*how, Lighting((one, two)), view, model=LAMBERT)
     first, second = (

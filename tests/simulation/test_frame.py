@@ -22,6 +22,7 @@ from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.ephemeris.sun_position import sun_direction_at, sun_distance_m
 from lcp_catalog.errors import AreaError, CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
 from lcp_catalog.light.sun_choice import SunChoice
@@ -31,7 +32,7 @@ from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import (
     DemSurface,
-    Frame,
+    SimulatedFrame,
     frame,
     grown,
     samples_for,
@@ -41,7 +42,6 @@ from lcp_catalog.simulation.frame import (
     windowed,
 )
 from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
-from lcp_catalog.sun.ephemeris import sun_direction_at, sun_distance_m
 from lcp_catalog.terrain.terrain import sample_patch
 
 PLACE = EnuFrame(200.4, -30.6)
@@ -78,7 +78,7 @@ def request(dem: Path, taken_by: Camera, **changes) -> Request:
     return Request([dem], view=ViewChoice(taken_by), **(how | changes))
 
 
-def shoot(dem: Path, taken_by: Camera, samples: int, **detector) -> Frame:
+def shoot(dem: Path, taken_by: Camera, samples: int, **detector) -> SimulatedFrame:
     found = Detector(**detector)
     ground = DemSurface.seen(request(dem, taken_by), found.margin_px)
     return frame(ground, taken_by, found, samples)

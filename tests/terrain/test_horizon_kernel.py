@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.horizons import Nodes, Points, on_rim
+from lcp_catalog.terrain.horizons import HorizonPoints, Nodes, on_rim
 from lcp_catalog.threads import limit_threads, thread_limit
 
 GSD, X0, Y0 = 4.0, 10.0, 20.0
@@ -39,7 +39,7 @@ def all_nodes(field: Heightfield) -> Nodes:
     return Nodes(field, rows.ravel(), cols.ravel())
 
 
-def horizons(seen: Nodes | Points, ray: tuple, low: float, high: float) -> np.ndarray:
+def horizons(seen: Nodes | HorizonPoints, ray: tuple, low: float, high: float) -> np.ndarray:
     return seen.horizons(np.array([[ray[0], ray[1], low, high]]))[:, 0]
 
 
@@ -98,7 +98,7 @@ def test_points_of_the_surface_agree_with_their_shadow_rays(
     lift = rng.choice([0.0, 5e-4, -5e-4, 3.0, -3.0], 40)
     points = np.stack([x, y, field.heights_at(x, y) + lift], axis=-1)
     ray = field.ray_in_cells(sun(azimuth_deg, elevation_deg))
-    found = horizons(Points(field, points), ray, *ANY)
+    found = horizons(HorizonPoints(field, points), ray, *ANY)
     decided = abs(found - ray[2]) > 1e-6 * max(abs(ray[2]), 1.0)
     blocked = field.occluded_points(points, sun(azimuth_deg, elevation_deg))
     np.testing.assert_array_equal((found > ray[2])[decided], blocked[decided])
@@ -110,7 +110,7 @@ def test_nodes_as_points_have_the_same_horizons() -> None:
     field = Heightfield(z, GSD, X0, Y0)
     seen = all_nodes(field)
     x, y = X0 + seen.cols * GSD, Y0 - seen.rows * GSD
-    points = Points(field, np.stack([x, y, z.ravel().astype(float)], axis=-1))
+    points = HorizonPoints(field, np.stack([x, y, z.ravel().astype(float)], axis=-1))
     planes = np.array([(*field.ray_in_cells(sun(a, 0.0))[:2], *ANY) for a in (0, 37, 135, 300)])
     np.testing.assert_array_equal(points.horizons(planes), seen.horizons(planes))
 

@@ -18,17 +18,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lcp_cli.main import run
 
-from lcp_catalog.build import area_job
-from lcp_catalog.build.area_job import area_sweep
-from lcp_catalog.build.config import AreaConfig, BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.build.evaluation import evaluate
-from lcp_catalog.build.run import Build
 from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.rays.bundles import scaled
 from lcp_catalog.landmarks.error_model import ErrorModel
+from lcp_catalog.production import area_job
+from lcp_catalog.production.area_job import area_sweep
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.run import Build
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
 from lcp_catalog.terrain.area import NodeWindow
@@ -37,7 +43,7 @@ from lcp_catalog.terrain.surroundings import (
     CELL_SHARE,
     HORIZON_RMS_DEG,
     NEAR_NODES,
-    Rays,
+    SunRays,
     build_surrounded,
     ring_for_rays_m,
     surroundings,
@@ -80,7 +86,7 @@ def test_a_range_160_km_away_has_its_elevation_on_the_sphere(range_dem, east_km)
     """On the tangent plane it would be 7.4 km higher: 2.6 degrees."""
     window = NodeWindow(-20, 21, -20, 21)
     place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
-    around = surroundings(*place, Rays.all_around(math.tan(math.radians(0.5))))
+    around = surroundings(*place, SunRays.all_around(math.tan(math.radians(0.5))))
     assert around.needed_m > 100e3
     terrain = build_surrounded(*place, around)
     row, col = terrain.core[0] + 20, terrain.core[2] + 20 + round(east_km * 10)
@@ -152,7 +158,7 @@ def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
     """The Sun is above all slopes of the plain itself; terrain on far cells may still shadow it."""
     place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
     terrain = build_surrounded(
-        *place, surroundings(*place, Rays.all_around(math.tan(math.radians(0.5))))
+        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(0.5))))
     )
     for far, modelled in ((terrain.far, True), (None, False)):
         plan = plan_scene(replace(terrain, far=far), direction_enu(90.0, 5.0), nadir_view())
@@ -163,7 +169,7 @@ def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
     window = NodeWindow(-30, 31, -10, 11)
     place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
     terrain = build_surrounded(
-        *place, surroundings(*place, Rays.all_around(math.tan(math.radians(0.2))))
+        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(0.2))))
     )
     assert terrain.far is not None
     own = module.Extent.of(window, 100.0)
@@ -190,13 +196,13 @@ def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
 def test_nothing_far_is_kept_that_cannot_matter(range_dem) -> None:
     window = NodeWindow(-20, 21, -20, 21)
     place = (DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), window, 100.0)
-    high = surroundings(*place, Rays.all_around(math.tan(math.radians(40.0))))
+    high = surroundings(*place, SunRays.all_around(math.tan(math.radians(40.0))))
     assert high.far is None
     assert high.ring_m < NEAR_NODES * 100.0
-    straight = surroundings(*place, Rays.all_around(math.inf))
+    straight = surroundings(*place, SunRays.all_around(math.inf))
     assert straight.far is None
-    assert surroundings(*place, Rays.all_around(math.tan(0.02)), limit_m=5e3).far is None
-    assert surroundings(*place, Rays.all_around(math.inf), least_ring_m=700.0).ring_m == 700.0
+    assert surroundings(*place, SunRays.all_around(math.tan(0.02)), limit_m=5e3).far is None
+    assert surroundings(*place, SunRays.all_around(math.inf), least_ring_m=700.0).ring_m == 700.0
     assert ring_for_rays_m(*place, math.inf, 1e5) == 0.0
     assert ring_for_rays_m(*place, math.tan(0.02), 3e3) <= 3e3
 
@@ -204,7 +210,7 @@ def test_nothing_far_is_kept_that_cannot_matter(range_dem) -> None:
 def test_missing_ground_is_told(range_dem) -> None:
     """The DEM ends 6 degrees west; from 3 degrees east of that edge, 91 km are known."""
     place = (DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
-    far = surroundings(*place, Rays.all_around(math.tan(math.radians(0.2)))).far
+    far = surroundings(*place, SunRays.all_around(math.tan(math.radians(0.2)))).far
     assert far is not None
     assert 0.05 < far.missing < 0.9
     assert far.gap_m == pytest.approx(3.0 * DEGREE_M - 2000.0, rel=0.03)
@@ -219,7 +225,7 @@ def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
     z = cratered(700, gsd_m=500.0, seed=8)
     dem = DemSet.open([geotiff(tmp_path / "c.tif", z, -175e3, 175e3, 500.0)])
     place = (dem, EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 500.0)
-    around = surroundings(*place, Rays.all_around(0.0), limit_m=150e3)
+    around = surroundings(*place, SunRays.all_around(0.0), limit_m=150e3)
     terrain = build_surrounded(*place, around)
     whole = build_terrain(*place, ring_m=150e3)
     errors = []
@@ -272,7 +278,7 @@ def test_rays_get_as_far_to_each_side_as_their_directions_say() -> None:
     rng = np.random.default_rng(4)
     for spread_deg in (0.0, 3.0, 30.0):
         azimuths, reach = rng.uniform(0.0, 360.0, 3), rng.uniform(10.0, 300.0, 3)
-        rays = Rays.towards(direction_enu(azimuths, 5.0), math.radians(spread_deg))
+        rays = SunRays.towards(direction_enu(azimuths, 5.0), math.radians(spread_deg))
         turned = azimuths[:, None] + np.linspace(-spread_deg, spread_deg, 20_001)
         east, north = np.sin(np.radians(turned)), np.cos(np.radians(turned))
         scale = reach[:, None] / np.maximum(np.abs(east), np.abs(north))
@@ -296,8 +302,8 @@ def test_shadows_are_those_of_terrain_all_around(tmp_path, monkeypatch) -> None:
     job = Build.plan((dem,), config).jobs[0]
     sweep = area_sweep(job)
     tangent = math.tan(math.radians(2.0))
-    everywhere = Rays.all_around(tangent)
-    nowhere = Rays(np.array([tangent]), np.zeros((1, 4)))
+    everywhere = SunRays.all_around(tangent)
+    nowhere = SunRays(np.array([tangent]), np.zeros((1, 4)))
     whole, bare = (swept_with(monkeypatch, job, rays) for rays in (everywhere, nowhere))
     assert sweep.field.shape[0] < 0.8 * whole.field.shape[0]
     assert sweep.far is not None
@@ -312,7 +318,7 @@ def test_shadows_are_those_of_terrain_all_around(tmp_path, monkeypatch) -> None:
     assert missed > 50
 
 
-def swept_with(monkeypatch, job, rays: Rays):
+def swept_with(monkeypatch, job, rays: SunRays):
     """The sweep of an area with the terrain around it that some rays need."""
     with monkeypatch.context() as patch:
         patch.setattr(area_job, "_sun_rays", lambda *_: rays)

@@ -10,10 +10,10 @@ import pytest
 from helpers.trades import CONFIG, cratered_dem, faulty, one_in_a_hundred, tiers
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build import sweep as sweep_module
-from lcp_catalog.build.run import Build
-from lcp_catalog.build.sweep import Sweep
 from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.production import sweep as sweep_module
+from lcp_catalog.production.run import Build
+from lcp_catalog.production.sweep import Sweep
 from lcp_catalog.tradeoff.image_errors import compare_images
 
 

@@ -14,9 +14,9 @@ from helpers.pages import parsed
 from helpers.trades import CONFIG, candidates, cratered_dem, faulty
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.build.area_job import Candidates
-from lcp_catalog.build.run import Build
 from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
+from lcp_catalog.production.area_job import Candidates
+from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import measurement, report
 from lcp_catalog.tradeoff.measurement import Trade, measure_trade, spread
 from lcp_catalog.tradeoff.timing import TimedArea

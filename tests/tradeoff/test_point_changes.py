@@ -8,10 +8,10 @@ import math
 import pytest
 from helpers.trades import CONFIG, GSD_M, candidates
 
-from lcp_catalog.build.area_job import Candidates
-from lcp_catalog.build.config import PointConfig
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.landmarks.selection import stable_id
+from lcp_catalog.production.area_job import Candidates
+from lcp_catalog.production.config import PointConfig
 from lcp_catalog.tradeoff.point_changes import compare_points
 
 

@@ -17,10 +17,10 @@ from lcp_catalog.catalog.hdf5 import write_catalog
 from lcp_catalog.errors import ConfigError, OutputError
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
-from lcp_catalog.navigation.frame_points import Frame
-from lcp_catalog.validation.dossier import Evidence, Verdict, point_budget, write_dossier
+from lcp_catalog.navigation.frame_points import PlannedImage
+from lcp_catalog.validation.dossier import Evidence, RequirementVerdict, point_budget, write_dossier
 
-FRAME = Frame.lit(camera(), SunChoice(100.0, 17.0))
+FRAME = PlannedImage.lit(camera(), SunChoice(100.0, 17.0))
 IMAGE = {
     "image": "a<b.png",
     "verdict": "located",
@@ -51,11 +51,11 @@ def test_a_requirement_is_about_every_frame_and_image(answer: Answer) -> None:
     sigma, evidence = answer.position.position_sigma_m, [Evidence("r.json", {"images": [IMAGE]})]
     assert sigma is not None
     met = f"position_sigma_m<{sigma + 0.1:.3f}, found_of_usable>=0.93 and usable>=4"
-    assert Verdict.of(met, [answer, answer], evidence).failures == ()
+    assert RequirementVerdict.of(met, [answer, answer], evidence).failures == ()
     blind = replace(answer.position, covariance=None, reason="no light")
     dark = replace(answer, position=blind)
     text = f"position_sigma_m<{sigma - 0.1:.3f} and claims.found_of_usable>0.93"
-    short, none, image = Verdict.of(text, [answer, dark], evidence).failures
+    short, none, image = RequirementVerdict.of(text, [answer, dark], evidence).failures
     assert short.startswith("frame 1: position_sigma_m is ")
     assert none.startswith("frame 2: no position_sigma_m (no light)")
     assert image == "a<b.png: claims.found_of_usable is 0.93; required: claims.found_of_usable>0.93"
@@ -72,7 +72,7 @@ def test_a_requirement_is_about_every_frame_and_image(answer: Answer) -> None:
 )
 def test_a_requirement_that_cannot_be_judged_is_refused(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Verdict.of(text, [], [])
+        RequirementVerdict.of(text, [], [])
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from lcp_catalog.validation.ground_comparison import (
     subsolar,
 )
 from lcp_catalog.validation.orthoimage import terrain_nodes
-from lcp_catalog.validation.point_spread import Grid
+from lcp_catalog.validation.point_spread import CoarseGrid
 
 LAW = reflectance_model("lommel-seeliger")
 STANDARD = TIERS["standard"]
@@ -212,7 +212,7 @@ def test_a_window_lies_at_the_node_nearest_to_its_middle() -> None:
     """
     lon, lat = np.meshgrid(np.linspace(10.0, 10.59, 60), np.linspace(20.0, 19.51, 50))
     found = SimpleNamespace(size=5, row=np.array([0, 3]), col=np.array([2, 7]))
-    pair = SimpleNamespace(grid=Grid.over(lon.shape, 4.0))
+    pair = SimpleNamespace(grid=CoarseGrid.over(lon.shape, 4.0))
     at = _places(lonlat_to_mcmf(lon, lat), pair, found)
     # middles at nodes 1.5 + 4 (first + 2): rows 9.5 and 21.5, columns 17.5 and 37.5
     np.testing.assert_allclose(at[0], [10.175, 10.375], atol=0.0051)

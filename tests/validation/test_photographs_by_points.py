@@ -10,8 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lcp_catalog.build.config import BuildConfig
-from lcp_catalog.build.run import build_catalog
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.catalog.schema import USABLE
@@ -19,6 +17,8 @@ from lcp_catalog.images.image_file import ImageOptions, open_image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.run import build_catalog
 from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area

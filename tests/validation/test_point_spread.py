@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.validation.point_spread import SIGMA_PER_FWHM, Grid, paired, spread
+from lcp_catalog.validation.point_spread import SIGMA_PER_FWHM, CoarseGrid, paired, spread
 
 
 def grid(rows: int = 80, cols: int = 100) -> tuple[np.ndarray, np.ndarray]:
@@ -17,7 +17,7 @@ def grid(rows: int = 80, cols: int = 100) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def middles(of: Grid) -> tuple[np.ndarray, np.ndarray]:
+def middles(of: CoarseGrid) -> tuple[np.ndarray, np.ndarray]:
     """Columns and rows of a grid's nodes in coordinates of the finer grid."""
     i, j = np.mgrid[: of.shape[0], : of.shape[1]].astype(float)
     return of.start_px + of.ratio * j, of.start_px + of.ratio * i
@@ -34,7 +34,7 @@ def test_a_wave_keeps_what_a_gaussian_lets_through(fwhm, wave, phase, ratio):
     x, y = grid()
     k = 2.0 * np.pi / wave
     values = np.cos(k * (0.8 * x + 0.6 * y) + phase)
-    coarse = Grid.over(values.shape, ratio)
+    coarse = CoarseGrid.over(values.shape, ratio)
     found, mass = spread(values, np.ones(values.shape), fwhm, coarse)
     column, row = middles(coarse)
     left = np.exp(-2.0 * (np.pi * fwhm * SIGMA_PER_FWHM / wave) ** 2)
@@ -48,7 +48,7 @@ def test_a_wave_keeps_what_a_gaussian_lets_through(fwhm, wave, phase, ratio):
 @given(st.floats(2.0, 8.0), st.floats(1.0, 5.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_a_slope_is_left_as_it_is(fwhm, ratio, gx, gy):
     x, y = grid(60, 70)
-    coarse = Grid.over(x.shape, ratio)
+    coarse = CoarseGrid.over(x.shape, ratio)
     found, mass = spread(gx * x + gy * y, np.ones(x.shape), fwhm, coarse)
     column, row = middles(coarse)
     inner = mass > 1.0 - 1e-9
@@ -68,7 +68,7 @@ def test_a_narrow_gaussian_loses_what_the_docstring_says(fwhm, kept):
 
 def test_no_width_takes_the_nearest_node():
     x, y = grid(9, 12)
-    found, mass = spread(x + 100.0 * y, np.ones(x.shape), 0.0, Grid.over(x.shape, 3.0))
+    found, mass = spread(x + 100.0 * y, np.ones(x.shape), 0.0, CoarseGrid.over(x.shape, 3.0))
     np.testing.assert_array_equal(found, [[101.0, 104.0, 107.0, 110.0]] + 300.0 * np.c_[:3])
     assert (mass == 1.0).all()
 
@@ -76,7 +76,7 @@ def test_no_width_takes_the_nearest_node():
 def test_no_width_takes_the_nearest_of_nodes_that_lie_between():
     """Nodes at a spacing of 1.5 from 0.25: 0.25, 1.75, 3.25, 4.75 are nearest to 0, 2, 3, 5."""
     x, y = grid(6, 6)
-    found, _ = spread(x + 100.0 * y, np.ones(x.shape), 0.0, Grid.over(x.shape, 1.5))
+    found, _ = spread(x + 100.0 * y, np.ones(x.shape), 0.0, CoarseGrid.over(x.shape, 1.5))
     near = np.array([0.0, 2.0, 3.0, 5.0])
     np.testing.assert_array_equal(found, near + 100.0 * near[:, None])
 
@@ -91,7 +91,7 @@ def test_means_are_sums_over_every_cell(shape, ratio, fwhm):
     """
     rng = np.random.default_rng(0)
     values, weight = rng.normal(size=shape), rng.random(shape)
-    coarse = Grid.over(shape, ratio)
+    coarse = CoarseGrid.over(shape, ratio)
     sigma = fwhm * SIGMA_PER_FWHM
     sides = []
     for count, of in zip(coarse.shape, shape, strict=True):
@@ -139,9 +139,9 @@ def test_the_border_is_an_end_and_not_a_mirror():
 def test_coarse_cells_lie_within_the_fine_ones(rows, cols, ratio):
     if min(rows, cols) + 1e-9 < ratio:
         with pytest.raises(ValueError, match="are too few"):
-            Grid.over((rows, cols), ratio)
+            CoarseGrid.over((rows, cols), ratio)
         return
-    coarse = Grid.over((rows, cols), ratio)
+    coarse = CoarseGrid.over((rows, cols), ratio)
     for count, of in zip(coarse.shape, (rows, cols), strict=True):
         first, last = coarse.start_px, coarse.start_px + (count - 1) * ratio
         assert first - ratio / 2.0 == pytest.approx(-0.5)

@@ -30,7 +30,9 @@ def html() -> str:
 
 def alone(image: result.ImageVerdict, shown: Pictures | None = None) -> str:
     """A page of one image, checked for valid nesting."""
-    html = render(result.Verdict((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()])
+    html = render(
+        result.ValidationResult((image,), {"name": "c.h5"}, {}), [shown or verdicts.pictures()]
+    )
     parsed(html)
     return html
 
@@ -211,7 +213,9 @@ def test_the_law_under_which_the_sun_was_judged_is_told() -> None:
     light = replace(image.located.sun, law="hapke")
     other = replace(image, located=replace(image.located, sun=light))
     assert "fits (rendered with hapke, which fits the image better)" in texts(alone(other))
-    assert result.Verdict((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+    assert (
+        result.ValidationResult((other,), {}, {}).document()["images"][0]["light"]["law"] == "hapke"
+    )
 
 
 def test_the_check_of_the_encoding_is_told() -> None:
@@ -246,7 +250,7 @@ def test_the_table_has_every_point(html: str) -> None:
 def test_the_reliability_diagram_shows_every_bin_with_trials() -> None:
     """Marks at the predicted and observed share, a bar from limit to limit, and the counts."""
     images = verdicts.image(n=400), verdicts.image("other.png", n=200, seed=4)
-    verdict = result.Verdict(images, {"name": "c.h5"}, {})
+    verdict = result.ValidationResult(images, {"name": "c.h5"}, {})
     html = render(verdict, [Pictures(), Pictures()])
     parsed(html)
     part = html.split("<section id='claims'>")[1].split("</section>")[0]
@@ -351,7 +355,7 @@ def test_texts_cannot_become_markup() -> None:
         windows=replace(image.windows, resolution=bad, against=bad),
     )
     lost = replace(verdicts.nothing(name), windows_reason=bad)
-    whole = result.Verdict((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
+    whole = result.ValidationResult((image, lost), {"name": bad, bad: bad}, {bad: [bad]})
     html = render(whole, [verdicts.pictures(), Pictures()])
     parsed(html)
     assert html.count("<script>") == 1

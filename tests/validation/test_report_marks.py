@@ -24,7 +24,7 @@ from lcp_catalog.validation.report_marks import (
     SYMBOLS,
     TOP,
     Arrows,
-    Frame,
+    ImageDrawing,
 )
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
@@ -50,7 +50,7 @@ def numbers(text: str) -> list[float]:
 
 
 def test_pixels_are_drawn_where_they_are() -> None:
-    frame = Frame(480, 320)
+    frame = ImageDrawing(480, 320)
     assert frame.at([[-0.5, -0.5], [479.5, 319.5], [0.0, 0.0]]).tolist() == [
         [0, 0],
         [CANVAS, 640],
@@ -62,7 +62,7 @@ def test_pixels_are_drawn_where_they_are() -> None:
 
 def test_a_strip_is_no_taller_than_a_page() -> None:
     """A tenth as wide as high, with a space beside it for a line of text."""
-    frame = Frame(100, 1000)
+    frame = ImageDrawing(100, 1000)
     drawn = frame.drawing(frame.picture("data:,"), "strip", 40.0)
     left, right, top, bottom = LEFT, RIGHT, TOP, BOTTOM
     box = f"{-left:g} {-top:g} {480 + left + right:.1f} {1440 + top + bottom + 40:.1f}"
@@ -73,7 +73,7 @@ def test_a_strip_is_no_taller_than_a_page() -> None:
 
 
 def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
-    frame = Frame(480, 320)
+    frame = ImageDrawing(480, 320)
     start, by = np.array([[10.0, 20.0], [100.0, 50.0]]), np.array([[0.5, -0.25], [0.001, 0.0]])
     drawn = report_marks.arrow_marks(frame, Arrows(start, by, ["", ""], ["a<b", "c"]), 100.0)
     parsed(drawn)
@@ -90,7 +90,7 @@ def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
 
 @given(st.floats(1e-4, 1e3), st.integers(20, 6000))
 def test_magnification_is_a_round_number_that_fits(length: float, width: int) -> None:
-    frame = Frame(width, width)
+    frame = ImageDrawing(width, width)
     by = np.full((20, 2), [length, 0.0])
     times = report_marks.magnification(frame, Arrows(by, by, [""] * 20, [""] * 20))
     assert float(f"{times:.0e}"[0]) in (1.0, 2.0, 5.0)
@@ -99,13 +99,13 @@ def test_magnification_is_a_round_number_that_fits(length: float, width: int) ->
 
 def test_without_arrows_nothing_is_magnified() -> None:
     none = Arrows(np.empty((0, 2)), np.empty((0, 2)), [], [])
-    assert report_marks.magnification(Frame(10, 10), none) == 1.0
+    assert report_marks.magnification(ImageDrawing(10, 10), none) == 1.0
     still = Arrows(np.zeros((1, 2)), np.zeros((1, 2)), [""], [""])
-    parsed(report_marks.quiver(Frame(10, 10), still, "q", "px"))
+    parsed(report_marks.quiver(ImageDrawing(10, 10), still, "q", "px"))
 
 
 def test_the_scale_arrow_is_what_it_says() -> None:
-    frame = Frame(1000, 500)
+    frame = ImageDrawing(1000, 500)
     by = np.full((5, 2), [0.03, 0.04])
     arrows = Arrows(np.zeros((5, 2)), by, [""] * 5, [""] * 5)
     times = report_marks.magnification(frame, arrows)
@@ -120,7 +120,9 @@ def test_the_scale_arrow_is_what_it_says() -> None:
 
 def test_arrows_of_their_own_length_are_said_to_be() -> None:
     by = np.full((5, 2), [40.0, 0.0])
-    drawn = report_marks.quiver(Frame(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px")
+    drawn = report_marks.quiver(
+        ImageDrawing(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px"
+    )
     assert "px; arrows to scale<" in drawn
     assert "magnified" not in drawn
 
@@ -160,7 +162,7 @@ def test_every_reason_has_its_own_symbol_and_meaning() -> None:
 def test_marks_stand_in_the_image_alone() -> None:
     pixels = np.array([[10.0, 10.0], [-5.0, 10.0], [np.nan, np.nan]])
     drawn = report_marks.reason_marks(
-        Frame(96, 96), pixels, ["weak", "found", "found"], ["a", "b", "c"]
+        ImageDrawing(96, 96), pixels, ["weak", "found", "found"], ["a", "b", "c"]
     )
     parsed(drawn)
     assert drawn.count("<title>") == 1
@@ -286,7 +288,7 @@ def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) 
     ones = np.ones(len(cols))
     rows = np.zeros(len(cols), np.int64)
     found = WindowComparison(16, step, 1.0, rows, cols, ones, ones, ones, "kept")
-    drawn = report_windows.correlation_map(Frame(480, 240), found, "data:,")
+    drawn = report_windows.correlation_map(ImageDrawing(480, 240), found, "data:,")
     wanted = re.search(r'x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawn)
     x, _, width, height = (float(value) / 2.0 for value in wanted.groups())
     assert (x, width, height) == pytest.approx((left, (len(cols) - 1) * step + step, step))

@@ -42,7 +42,7 @@ CONTRACT = {
 
 
 @pytest.fixture(scope="module")
-def whole() -> result.Verdict:
+def whole() -> result.ValidationResult:
     return verdicts.whole()
 
 
@@ -50,12 +50,12 @@ def refused(text: str) -> float:
     raise AssertionError(f"{text} is no JSON")
 
 
-def read(whole: result.Verdict) -> dict:
+def read(whole: result.ValidationResult) -> dict:
     """The text read by a strict parser."""
     return json.loads(whole.to_json(), parse_constant=refused)
 
 
-def test_every_image_has_what_the_contract_promises(whole: result.Verdict) -> None:
+def test_every_image_has_what_the_contract_promises(whole: result.ValidationResult) -> None:
     located, elsewhere, blank = read(whole)["images"]
     for image in (located, elsewhere, blank):
         for name, kind in CONTRACT.items():
@@ -71,7 +71,7 @@ def test_every_image_has_what_the_contract_promises(whole: result.Verdict) -> No
     assert [image["verdict"] for image in (located, elsewhere, blank)] == list(result.VERDICTS)
 
 
-def test_figures_are_those_of_the_rows(whole: result.Verdict) -> None:
+def test_figures_are_those_of_the_rows(whole: result.ValidationResult) -> None:
     image = whole.images[0]
     rows = [i for i in range(len(image.matches)) if REASONS[image.matches.code[i]] == FOUND]
     offsets = [math.dist(image.matches.found_px[i], image.matches.predicted_px[i]) for i in rows]
@@ -90,7 +90,7 @@ def test_figures_are_those_of_the_rows(whole: result.Verdict) -> None:
     assert found["correlation"]["p05"] == pytest.approx(twentieths[0], rel=1e-9)
 
 
-def test_what_was_not_found_is_counted_by_reason(whole: result.Verdict) -> None:
+def test_what_was_not_found_is_counted_by_reason(whole: result.ValidationResult) -> None:
     found = read(whole)["images"][0]
     codes = whole.images[0].matches.code.tolist()
     assert FOUND not in found["not_found"]
@@ -100,7 +100,7 @@ def test_what_was_not_found_is_counted_by_reason(whole: result.Verdict) -> None:
     assert sum(found["not_found"].values()) + found["points_found"] == found["points_in_view"]
 
 
-def test_windows_are_those_compared(whole: result.Verdict) -> None:
+def test_windows_are_those_compared(whole: result.ValidationResult) -> None:
     compared = whole.images[0].windows.compared
     found = read(whole)["images"][0]["windows"]
     values = compared.correlation.tolist()
@@ -120,7 +120,7 @@ def test_windows_are_those_compared(whole: result.Verdict) -> None:
     assert found["resolution"] == "from the heights' spectrum"
 
 
-def test_claims_are_those_of_the_rows(whole: result.Verdict) -> None:
+def test_claims_are_those_of_the_rows(whole: result.ValidationResult) -> None:
     """Of an image and of all images together; null where nothing was scored."""
     document = read(whole)
     located, elsewhere, blank = (image["claims"] for image in document["images"])
@@ -144,7 +144,7 @@ def test_claims_are_those_of_the_rows(whole: result.Verdict) -> None:
 def test_two_images_are_scored_together() -> None:
     """By points, not by images: the mean of both images weighted with their trials."""
     images = verdicts.image(n=40), verdicts.image("other.png", n=400, seed=2)
-    document = result.Verdict(images, {}, {}).document()
+    document = result.ValidationResult(images, {}, {}).document()
     one, two = (image["claims"] for image in document["images"])
     whole = document["claims"]
     assert whole["count"] == one["count"] + two["count"]
@@ -153,7 +153,7 @@ def test_two_images_are_scored_together() -> None:
     assert whole["brier"] != pytest.approx((one["brier"] + two["brier"]) / 2.0)
 
 
-def test_without_windows_the_same_names_have_no_values(whole: result.Verdict) -> None:
+def test_without_windows_the_same_names_have_no_values(whole: result.ValidationResult) -> None:
     located, elsewhere, _ = read(whole)["images"]
     assert list(elsewhere["windows"]) == list(located["windows"])
     assert elsewhere["windows"]["count"] == 0
@@ -161,7 +161,7 @@ def test_without_windows_the_same_names_have_no_values(whole: result.Verdict) ->
     assert elsewhere["windows"]["reason"] == "without a place there is nothing to compare"
 
 
-def test_a_pose_says_where_and_how_well(whole: result.Verdict) -> None:
+def test_a_pose_says_where_and_how_well(whole: result.ValidationResult) -> None:
     figures = whole.images[0].pose
     found = read(whole)["images"][0]["pose"]
     covariance = np.array(found["covariance"])
@@ -178,7 +178,7 @@ def test_a_pose_says_where_and_how_well(whole: result.Verdict) -> None:
     assert found["sigma"]["turn_y_rad"] == pytest.approx(math.sqrt(covariance[4, 4]))
 
 
-def test_what_was_checked_is_told(whole: result.Verdict) -> None:
+def test_what_was_checked_is_told(whole: result.ValidationResult) -> None:
     located, elsewhere, _ = read(whole)["images"]
     assert located["log10_false_alarms"] == -40.25
     assert located["log10_false_alarms_rival"] == -0.5
@@ -239,7 +239,7 @@ def test_what_is_not_known_is_no_part_of_a_median() -> None:
     assert math.isnan(found["correlation"]["p05"])
 
 
-def test_equal_verdicts_are_equal_bytes(whole: result.Verdict) -> None:
+def test_equal_verdicts_are_equal_bytes(whole: result.ValidationResult) -> None:
     assert verdicts.whole().to_json() == whole.to_json()
     assert whole.to_json().endswith("}\n")
 
@@ -289,7 +289,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
 # -- in a terminal
 
 
-def test_a_few_lines_say_it(whole: result.Verdict) -> None:
+def test_a_few_lines_say_it(whole: result.ValidationResult) -> None:
     lines = result.summary_lines(whole)
     image, figures = whole.images[0], read(whole)["images"][0]
     assert lines[0] == "frame.png: located"

@@ -1,0 +1,133 @@
+"""Sizes of the project that are budgets: lines of code, words of documents, names, starred calls.
+
+`python .ci/sizes.py` prints the table; `tests/test_sizes.py` holds the budgets.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+MANUAL = ("tutorial", "howto", "reference")
+"""Folders of docs/ that are the manual."""
+_LAYOUT = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
+
+
+def sources(folder: str) -> list[Path]:
+    """Python files of a folder of the checkout, in order."""
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def code_lines(path: Path) -> int:
+    """Lines that hold code: without blank lines, comments and texts that stand alone (docstrings)."""
+    text = path.read_text(encoding="utf-8")
+    alone: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
+            alone |= {*range(node.lineno, (node.end_lineno or node.lineno) + 1)}
+    held: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in _LAYOUT:
+            held |= {*range(token.start[0], token.end[0] + 1)}
+    return len(held - alone)
+
+
+def repeated_classes() -> dict[str, list[str]]:
+    """Class names of the library and the command line that more than one class has: name to files."""
+    places: dict[str, list[str]] = defaultdict(list)
+    for path in [*sources("lcp_catalog"), *sources("cli")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    return {name: found for name, found in sorted(places.items()) if len(found) > 1}
+
+
+def _own_names() -> set[str]:
+    """Names of functions and classes that the library and the command line define."""
+    kinds = (ast.FunctionDef, ast.ClassDef)
+    return {
+        node.name
+        for path in [*sources("lcp_catalog"), *sources("cli")]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, kinds)
+    }
+
+
+def starred_calls() -> list[str]:
+    """Calls of our own functions, methods and classes with ``*name`` or ``**name``."""
+    own, found = _own_names(), []
+    for path in [*sources("lcp_catalog"), *sources("cli")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = node.func
+            name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+            stars = [a.value for a in node.args if isinstance(a, ast.Starred)]
+            stars += [k.value for k in node.keywords if k.arg is None]
+            if (name in own or name in {"cls"}) and any(
+                isinstance(value, ast.Name) for value in stars
+            ):
+                found.append(f"{path.relative_to(ROOT)}:{node.lineno} {name}")
+    return found
+
+
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+
+
+def option_lines() -> list[str]:
+    """Lines of the library that name an option of the command line."""
+    return [
+        f"{path.relative_to(ROOT)}:{number} {line.strip()}"
+        for path in sources("lcp_catalog")
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if _OPTION.search(line)
+    ]
+
+
+def words(*paths: Path) -> int:
+    """Words of the Markdown files."""
+    return sum(len(path.read_text(encoding="utf-8").split()) for path in paths)
+
+
+def manual_share() -> float:
+    """Share of the documents' words that is tutorial, how-to or reference; docs/design apart."""
+    pages = [path for path in (ROOT / "docs").rglob("*.md")]
+    counted = [path for path in pages if path.relative_to(ROOT / "docs").parts[0] != "design"]
+    manual = [path for path in counted if path.relative_to(ROOT / "docs").parts[0] in MANUAL]
+    return words(*manual) / words(*counted)
+
+
+def table() -> dict[str, float]:
+    """All figures by name."""
+    return {
+        **{f"code lines, {folder}": sum(map(code_lines, sources(folder))) for folder in FOLDERS},
+        "words of docs": words(*(ROOT / "docs").rglob("*.md")),
+        "words of the changelog": words(ROOT / "CHANGELOG.md"),
+        "share of the manual": round(manual_share(), 3),
+        "class names of several classes": len(repeated_classes()),
+        "starred calls of our own functions": len(starred_calls()),
+        "lines of the library with options": len(option_lines()),
+    }
+
+
+FOLDERS = ("benchmarks", "lcp_catalog", "cli")
+
+if __name__ == "__main__":
+    for name, value in table().items():
+        print(f"{name:40} {value}")

@@ -1,0 +1,260 @@
+"""Estimate of a build's size, time and memory, from a few of its areas that are computed."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from ..ephemeris.reachable import highest_sun_deg
+from ..memory import peak_mb, resident_mb
+from ..rendering.decisions import Decision
+from ..threads import limit_threads
+from .area_job import AreaResult, conditions_at, run_area
+from .assembly import BLOCK_BYTES, choose
+from .evaluation import image_scales
+from .executor import FORKED
+from .finished_area import record_type, table_of
+from .guarantee import PromisedPlaces
+from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
+from .run import Build, most_poleward
+
+FILE_BYTES = 180_000
+"""Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
+
+STORED_SHARE = 0.8
+"""Bytes in the file for each byte of patches and overview (measured on the same two builds, of 17 and
+35 points: 0.80 and 0.81)."""
+
+STORED_CLAIMS = 0.3
+"""Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
+
+START_S = 3.0
+"""Greatest time that the imports and the plan are taken for; it is the processor time of the process until
+now, which was 1.2 to 1.8 s on the sample."""
+
+FINISH_S = 0.3
+"""Time of the choice of the points and of the file, on the sample."""
+
+FIRST_S = 0.5
+"""Greatest time that the first area of a process takes longer than others, for compiled kernels that are
+read (0.2 to 0.3 s). It is measured; kernels that are not compiled yet are not counted: the plan leaves them
+compiled."""
+
+WORKER_START_S = 0.5
+"""Time that worker processes add to that of the areas (0.3 to 0.7 s)."""
+
+NOT_MAPPED_MB = 110.0
+"""Of the libraries' files, which the process that plans has in memory and a worker that is forked has not
+(measured: 114 and 115 MB on the sample, 114 MB with cells of 118 m)."""
+
+MERGE_MB = 20.0
+"""Memory of the merge of the smallest build beside that of the plan."""
+
+BLOCK_COPIES = 3.0
+"""Bytes in memory for each byte of the block of records that is written."""
+
+CANDIDATE_BYTES = 280
+"""Memory for each candidate while the points are chosen."""
+
+COVERAGE_COPIES = 1.3
+"""Bytes in memory for each byte of the coverage by condition. These four figures were fitted to five runs of
+``benchmarks/merge.py`` (1875 to 1 000 000 points, records of 434 and 15 382 bytes): they state the peak to
+-12 and +16 MB."""
+
+SPREAD_AREAS = 3
+"""Areas that are computed besides the middle one and the smallest."""
+
+EDGE_SPACINGS = 0.75
+"""Spacings by which the sides of an area seem longer when its points are chosen alone. With it, 34 points
+are expected of nine areas (tests/data/nine_areas.toml) that have 32; without it, 61."""
+
+PROMISE_POINTS = 4.5
+"""Points of a catalogue for each that its promise asks for under one Sun and view: 2.4 to 5.5 in eight
+catalogues (docs/explanation/selection.md)."""
+
+_CLAIM_BYTES = 6
+"""Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
+
+
+def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any]:
+    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a few
+    computed areas the memory, time, file size and scene plan. Areas that no configured Sun reaches are
+    not among them. Of a build of several levels the sums,
+    and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
+
+    cluster: the workers are those of a dask cluster, which are not forked from a process of this build.
+    """
+    start_s = min(time.process_time(), START_S) + FINISH_S
+    start_s += WORKER_START_S if workers > 1 else 0.0
+    return _estimate(build, workers, start_s, FORKED and not cluster)
+
+
+def _estimate(build: Build, workers: int, start_s: float, forked: bool) -> dict[str, Any]:
+    """`estimate` of a build that takes ``start_s`` besides its areas; ``forked``: its worker processes are."""
+    if build.levels:
+        levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
+        return _together(build, levels, start_s)
+    config = build.config
+    conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
+    halo = config.points.search_nodes(build.gsd_m) + config.points.half
+    nodes = [math.prod(job.task.window.grown(halo).shape) for job in build.jobs]
+    cells = sum(n * c.count for n, c in zip(nodes, conditions, strict=True))
+    work = [job.work for job in build.jobs]
+    order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
+    sample = order[len(order) // 2]
+    planned_mb = peak_mb(), resident_mb()
+    measured = _spread(order, sample)
+    first_s, seconds, results = _measured(build, *measured)
+    ground = {k: math.prod(build.jobs[k].task.window.shape) for k in order}
+    share = sum(ground.values()) / sum(ground[k] for k in measured)
+    candidates = share * sum(len(result.candidates) for result in results)
+    alone = [
+        len(choose(table_of(result.candidates, config), config, build.gsd_m))
+        * _share_among_others(build, k)
+        for k, result in zip(measured, results, strict=True)
+    ]
+    points = min(share * sum(alone), _promised(build))
+    here = min(workers, len(build.jobs)) == 1
+    before_mb = (peak_mb(), resident_mb()) if here else planned_mb
+    merge_mb = _merge_mb(build, points, candidates)
+    layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
+    patch = config.points.patch_nodes**2 * 4 * layers
+    claims = int(np.prod(conditions[sample].shape)) * (
+        1 + _CLAIM_BYTES * len(image_scales(config.points.patch_nodes))
+    )
+    return {
+        "areas": len(build.jobs),
+        "suns": max(c.count for c in conditions) // len(config.view),
+        "views": len(config.view),
+        "cell_renders": cells,
+        "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if forked and not here else 0.0)),
+        "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
+        "seconds_estimate": round(
+            start_s + first_s + _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1
+        ),
+        "bytes_estimate": int(
+            FILE_BYTES
+            + STORED_SHARE * (points * patch + int(overview_bytes(build.region, build.gsd_m)))
+            + STORED_CLAIMS * points * claims
+        ),
+        "decisions": [
+            _cell_decision(build),
+            _sun_decision(build),
+            *results[0].plan.to_json()["decisions"],
+        ],
+    }
+
+
+def _spread(order: list[int], middle: int) -> list[int]:
+    """The areas that are computed, of those in the ``order`` of their work: the middle one, some spread
+    evenly over the region, and at last the smallest.
+    """
+    along = sorted(order)
+    places = (int((k + 0.5) / SPREAD_AREAS * len(along)) for k in range(SPREAD_AREAS))
+    return list(dict.fromkeys([middle, *(along[place] for place in places), order[0]]))
+
+
+def _share_among_others(build: Build, index: int) -> float:
+    """Points of an area in the whole build over those of the area alone, which has more at its border:
+    no other area's points are near.
+    """
+    spacing = EDGE_SPACINGS * build.config.points.spacing_nodes(build.gsd_m)
+    sides = build.jobs[index].task.window.shape
+    return math.prod(side / (side + spacing) for side in sides)
+
+
+def _promised(build: Build) -> float:
+    """Points that the promise takes; infinite without one."""
+    points = build.config.points
+    if not points.promised:
+        return math.inf
+    conditions = math.prod(conditions_at(0.0, build.config).shape)
+    places = PromisedPlaces.of(build.region, points, build.gsd_m, conditions)
+    footprints = build.region.bounds_m2 / (math.pi * places.radius_m**2)
+    return PROMISE_POINTS * footprints * float(places.demand.mean())
+
+
+def _merge_mb(build: Build, points: float, candidates: float) -> float:
+    """Memory that the choice of the points and the writing of the catalogue add, MB."""
+    record = record_type(build.config, build.albedo is not None).itemsize
+    spacing_m = build.config.points.spacing_nodes(build.gsd_m) * build.gsd_m
+    conditions = math.prod(conditions_at(0.0, build.config).shape)
+    cells = min(COVERAGE_CELLS, build.region.bounds_m2 / spacing_m**2)
+    return MERGE_MB + 1e-6 * (
+        BLOCK_COPIES * min(points * record, BLOCK_BYTES)
+        + CANDIDATE_BYTES * candidates
+        + COVERAGE_COPIES * min(cells * conditions, COVERAGE_BYTES)
+    )
+
+
+def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dict[str, Any]:
+    """The document of a build from those of its levels: one start, one file, processes for the largest."""
+    again = len(levels) - 1
+    total = {
+        key: max(level[key] for level in levels)
+        if key in ("suns", "views") or key.startswith("memory")
+        else sum(level[key] for level in levels)
+        for key, value in levels[0].items()
+        if isinstance(value, int | float)
+    }
+    cells = [level.gsd_m for level in build.levels]
+    return total | {
+        "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
+        "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
+        "decisions": levels[0]["decisions"],
+        "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
+    }
+
+
+def _seconds(build: Build, indices: list[int], measured: list[float], workers: int) -> float:
+    """Time of a build's areas from the seconds of some, the smallest as the last: a constant for each
+    area, and seconds proportional to its `AreaJob.work`.
+    """
+    work = np.array([job.work for job in build.jobs], dtype=np.float64)
+    others = slice(0, max(1, len(indices) - 1))
+    large, most = float(np.mean(work[indices[others]])), float(np.mean(measured[others]))
+    small, least = float(work[indices[-1]]), measured[-1]
+    rate = most / max(large, 1.0)
+    if large > small:
+        rate = min(rate, max(0.0, (most - least) / (large - small)))
+    total = (most - rate * large) * len(work) + rate * work.sum()
+    return float(total) / workers
+
+
+def _cell_decision(build: Build) -> dict[str, Any]:
+    """The choice of the cell, in the form of the scene plan's decisions."""
+    reason = f"cells of {build.gsd_m:.5g} m: {build.cell.reason}"
+    return asdict(Decision("cell size", True, reason, None, "m"))
+
+
+def _sun_decision(build: Build) -> dict[str, Any]:
+    """The grid of Suns, in the form of the scene plan's decisions."""
+    sun, latitude = build.config.sun, most_poleward(build.region)
+    listed = ", ".join(f"{elevation:g}" for elevation in sun.elevations_deg)
+    reason = "as configured"
+    if sun == replace(sun, elevations_deg=()).at(latitude):
+        reason = (
+            f"the default for regions up to latitude {latitude:.1f} deg, where the Sun's upper edge is at most "
+            f"{highest_sun_deg(latitude):.1f} deg high"
+        )
+    count = len(sun.azimuths_deg)
+    text = f"{count} azimuth{'s' * (count > 1)} at {listed} deg: {reason}"
+    return asdict(Decision("Suns", True, text, None, "deg"))
+
+
+def _measured(build: Build, *indices: int) -> tuple[float, list[float], list[AreaResult]]:
+    """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without
+    that; and their results.
+    """
+    seconds, results = [], []
+    with limit_threads(1):
+        for index in (indices[0], *indices):
+            start = time.perf_counter()
+            results.append(run_area(build.jobs[index]))
+            seconds.append(time.perf_counter() - start)
+    first_s = min(max(seconds[0] - seconds[1], 0.0), FIRST_S)
+    return first_s, seconds[1:], results[1:]

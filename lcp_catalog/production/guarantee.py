@@ -1,0 +1,255 @@
+"""The promise of a catalogue: near every place of the region so many points are usable under every view
+and Sun that can happen, or it is known why not; and the choice of the fewest points that keep it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
+from ..catalog.catalogue import Guarantee
+from ..catalog.schema import NO_CELL, Cause
+from ..catalog.sun_cells import SunCells
+from ..constants import MOON_RADIUS_M
+from ..ephemeris.reachable import reachable_suns
+from ..errors import ConfigError
+from ..geometry.frames import enu_rotation, mcmf_to_lonlat
+from ..kernels.multicover import raise_to
+from ..landmarks.multicover import choose_cover, least_size, packed, unpacked
+from ..landmarks.selection import Nearby, nearest, select, stable_id
+from ..terrain.area import Area
+from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
+from .moments import moment_cover
+from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
+
+_FINEST, _COARSEST = 12.0, 4.0
+"""Steps of the lattice of places in a footprint's diameter: at most, and at least where there are many
+candidates.
+"""
+
+_LINKS = 4e7
+"""Pairs of candidates and places near them that are held in memory."""
+
+_DISC, _DISCS = 128, 2048
+"""Places in a footprint at which its share in the region is taken, and footprints taken together."""
+
+_LATTICE_MAX = 1200
+"""Longest side of the lattice on which the distance to the nearest place is measured."""
+
+_LATITUDE_STEP_DEG = 0.25
+"""Latitudes to which those of places are rounded for the Suns that can happen."""
+
+_CURVE_STEPS = 200
+
+
+@dataclass(frozen=True)
+class PromisedPlaces:
+    """Places at which a promise is made: a camera over any place of the region has one of them within
+    ``footprint_m / 2 - radius_m``, so that it sees all points within ``radius_m`` of that.
+    """
+
+    lon_deg: Array
+    lat_deg: Array
+    demand: Bytes  # usable points promised at each
+    footprint_m: float
+    radius_m: float
+
+    @classmethod
+    def of(cls, region: Area, points: PointConfig, gsd_m: float, conditions: int) -> PromisedPlaces:
+        """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
+        of the points is promised as of the footprint lies in it, rounded down. ConfigError for a
+        footprint that is small beside the distance of as many places as can be kept.
+        """
+        x0, x1, y0, y1 = region.extent_m
+        most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
+        ground_m2 = (x1 - x0) * (y1 - y0) if region.is_local else region.bounds_m2
+        least_m = _COARSEST * math.sqrt(ground_m2 / most)
+        footprint_m = min(max(FOOTPRINT_NODES * gsd_m, least_m), x1 - x0, y1 - y0)
+        if points.footprint_km is not None:
+            footprint_m = 1e3 * points.footprint_km
+        cell_m = points.spacing_nodes(gsd_m) * gsd_m
+        near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
+        lon, lat = _lattice(region, footprint_m, near, most)
+        reach_m = _reach_m(region, (lon, lat))
+        if reach_m > 0.4 * footprint_m:
+            raise ConfigError(
+                f"points.footprint_km of {footprint_m / 1e3:g} km is too small for this region: the "
+                f"promise needs at least {math.ceil(reach_m / 400.0)} km (a smaller region, or per_view 0)"
+            )
+        share = _shares(region, (lon, lat), footprint_m / 2.0)
+        demand = np.floor(points.promised * share + 1e-9).astype(np.uint8)
+        return cls(lon, lat, demand, footprint_m, footprint_m / 2.0 - reach_m)
+
+
+def _lattice(region: Area, footprint_m: float, near: float, most: int) -> tuple[Array, Array]:
+    """Places of an even lattice; ``near``: candidates in a footprint. As many places lie in a footprint,
+    and the pairs of both grow with the region.
+    """
+    x0, x1, y0, y1 = region.extent_m
+    footprints = max(1.0, (x1 - x0) * (y1 - y0) / footprint_m**2)
+    steps = math.sqrt(_LINKS / max(1.0, near * footprints))
+    step_m = footprint_m / min(_FINEST, max(_COARSEST, steps))
+    lon, lat, _ = coverage_cells(region, step_m, most)
+    return lon, lat
+
+
+def _reach_m(region: Area, places: tuple[Array, Array]) -> float:
+    """Distance within which every place of a region has one of the ``places``, metres."""
+    x0, x1, y0, y1 = region.extent_m
+    step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places[0]))
+    side = min(_LATTICE_MAX, 8 + math.ceil(4.0 * max(x1 - x0, y1 - y0) / step_m))
+    _, away_m = nearest(*region.lattice(side), *places)
+    beside_m = max(x1 - x0, y1 - y0) / (side - 1) / math.sqrt(2.0)
+    return float(away_m.max(initial=0.0)) + beside_m
+
+
+def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array:
+    """Share of the disc around each place that lies in a region."""
+    number = np.arange(_DISC) + 0.5
+    away = radius_m / MOON_RADIUS_M * np.sqrt(number / _DISC)
+    turn = number * math.pi * (3.0 - math.sqrt(5.0))
+    part = [np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away)]
+    offsets = np.stack(part, axis=1)
+    share = np.empty(len(places[0]))
+    axes = enu_rotation(*places)
+    for start in range(0, len(share), _DISCS):
+        some = slice(start, start + _DISCS)
+        lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * offsets @ axes[some])
+        share[some] = region.contains(lon, lat).mean(axis=1)
+    return share
+
+
+@dataclass
+class Promise:
+    """The promise of a build, and what its candidates do for it: `see` the areas in turn, then `choose`."""
+
+    config: BuildConfig
+    gsd_m: float
+    places: PromisedPlaces
+    exists: Mask  # (place, cell): Suns that can happen, of those in ``columns``
+    columns: Index  # of the whole grid of conditions, flat
+    best: Bytes = field(init=False)
+    _nearby: Nearby = field(init=False)
+    _bits: list[AnyArray] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.best = np.zeros((len(self.places.lon_deg), len(self.columns)), np.uint8)
+        self._nearby = Nearby((self.places.lon_deg, self.places.lat_deg))
+
+    @classmethod
+    def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> Promise | None:
+        """None for a build that promises nothing, or with Suns that all are outside what can happen.
+        ConfigError for a footprint that is too small.
+        """
+        if not config.points.promised:
+            return None
+        views = len(config.view)
+        grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
+        places = PromisedPlaces.of(region, config.points, gsd_m, views * math.prod(grid.shape))
+        rounded = np.round(places.lat_deg / _LATITUDE_STEP_DEG) * _LATITUDE_STEP_DEG
+        latitudes, own = np.unique(rounded, return_inverse=True)
+        can = np.array([_cells(grid, float(lat), config).ravel() for lat in latitudes])
+        used = np.flatnonzero(can.any(axis=0))
+        if not len(used):
+            return None
+        exists = np.tile(can[:, used], (1, views))[own]
+        columns = (np.arange(views)[:, None] * can.shape[1] + used).ravel()
+        return cls(config, gsd_m, places, exists, columns)
+
+    def see(self, table: AnyArray, stages: Bytes) -> None:
+        """Note what an area's candidates are good for (`sun_stages.cell_stages`)."""
+        own = np.ascontiguousarray(stages[:, self.columns])
+        raise_to(self.best, *self._links(table["lon_deg"], table["lat_deg"]), own)
+        self._bits.append(packed(own == Cause.FEW))
+
+    def _links(self, lon_deg: Array, lat_deg: Array) -> tuple[Index, AnyArray]:
+        """The places within the radius of each candidate: where they start, and their numbers."""
+        return self._nearby.around((lon_deg, lat_deg), self.places.radius_m)
+
+    def choose(
+        self, table: AnyArray, has_heights: Mask, most: int | None
+    ) -> tuple[Index, Guarantee]:
+        """Rows of the table of all areas that become points, in the order of their ids, and how the
+        promise is kept. ``has_heights``: of the places; ``most``: greatest number of points.
+        """
+        pool = self._pool(table)
+        sites = table["lon_deg"][pool], table["lat_deg"][pool]
+        usable = unpacked(np.concatenate(self._bits)[pool], len(self.columns))
+        given = (self.places.lon_deg, self.places.lat_deg), self.places.radius_m
+        grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
+        cover, happens = moment_cover(
+            sites, usable, *given, self._links(*sites), grid, self.columns
+        )
+        demand = np.where(happens, self._demand(), 0).astype(np.int16)
+        wanted = np.minimum(demand, cover.counts(np.arange(len(pool))))
+        choice = choose_cover(cover, wanted, most)
+        found = cover.counts(choice.chosen)
+        complete = bool((found >= wanted).all())
+        bound = least_size(cover, wanted, len(choice.chosen)) if complete else 0.0
+        cause = self._causes(found, wanted, demand, has_heights)
+        steps = np.unique(np.linspace(0, len(choice.met) - 1, _CURVE_STEPS).astype(np.int64))
+        steps = steps[: len(choice.met)]
+        guarantee = Guarantee(
+            longitude=self.places.lon_deg,
+            latitude=self.places.lat_deg,
+            demand=self.places.demand,
+            points=self._whole(np.minimum(found, NO_CELL - 1), demand),
+            cause=self._whole(cause, demand),
+            size=steps.astype(np.int32) + 1,
+            met=choice.met[steps] / max(1, int(np.count_nonzero(wanted))),
+            served=choice.served[steps],
+            per_view=float(self.config.points.promised),
+            footprint_m=self.places.footprint_m,
+            radius_m=self.places.radius_m,
+            lower_bound=bound,
+        )
+        rows = pool[choice.chosen]
+        ids = stable_id(table["lon_deg"][rows], table["lat_deg"][rows])
+        return rows[np.argsort(ids, kind="stable")], guarantee
+
+    def _pool(self, table: AnyArray) -> Index:
+        """Candidates no two of which are closer than the least distance, those with more information
+        first.
+        """
+        distance_m = self.config.points.least_distance_m(self.gsd_m)
+        lon, lat, usable, quality = (
+            table[name] for name in ("lon_deg", "lat_deg", "usable", "quality")
+        )
+        pool = select(lon, lat, usable, quality, distance_m)
+        keys = (-quality[pool], -usable[pool], -table["information"][pool])
+        return pool[np.lexsort(keys)]
+
+    def _demand(self) -> Int16:
+        """Points promised, (place, cell). None where all candidates near are of latitudes at which the
+        Sun does not stand in the cell.
+        """
+        seen: Mask = np.any(self.best, axis=1)
+        foreign = (self.best == 0) & seen[:, None]
+        asked = np.where(self.exists & ~foreign, self.places.demand[:, None], 0)
+        return asked.astype(np.int16)
+
+    def _causes(self, found: Int16, wanted: Int16, demand: Int16, has_heights: Mask) -> Bytes:
+        """`Cause` of each cell, (place, cell)."""
+        none = np.where(has_heights, Cause.FEATURELESS, Cause.NODATA)[:, None]
+        return np.select(
+            [found >= demand, found < wanted, self.best == 0],
+            [Cause.MET, Cause.SIZE, none],
+            self.best,
+        ).astype(np.uint8)
+
+    def _whole(self, values: AnyArray, demand: Int16) -> Bytes:
+        """Values (place, cell) in the whole grid of conditions; `NO_CELL` where nothing is promised."""
+        sun = self.config.sun
+        shape = (len(self.config.view), len(sun.elevations_deg), len(sun.azimuths_deg))
+        whole = np.full((len(values), math.prod(shape)), NO_CELL, np.uint8)
+        whole[:, self.columns] = np.where(demand > 0, values, NO_CELL)
+        return whole.reshape(-1, *shape)
+
+
+def _cells(grid: SunCells, lat_deg: float, config: BuildConfig) -> Mask:
+    """The cells of the Sun grid that can happen at a latitude and for which claims are made."""
+    known = reachable_suns(lat_deg, grid.azimuth, grid.elevation)
+    return grid.claims(lat_deg, known, config.points.min_detection).exists

@@ -1,0 +1,374 @@
+"""Catalogues of neighbouring regions or of several cell sizes joined into one, without doubles."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import AnyArray, Index
+from ..atomic_files import check_output, printable
+from ..catalog.catalogue import BLOCK_BYTES, Catalog, Coverage, Guarantee, Promises
+from ..catalog.cell_levels import levels
+from ..catalog.hdf5 import new_catalog, open_catalog
+from ..catalog.map_levels import overview_levels
+from ..catalog.origins import Origin, merged_config, origins, united
+from ..catalog.packing import packing
+from ..catalog.promise import merged_promises
+from ..catalog.schema import PACKED, usable
+from ..catalog.stored import StoredFile, content_digests
+from ..errors import CatalogError, ConfigError
+from ..landmarks.selection import select
+from ..terrain.area import Area
+from .config import BuildConfig
+from .merged_maps import MergedMaps, MergedPart
+
+_AXES = (
+    "image_scale",
+    "view_off_nadir",
+    "view_azimuth",
+    "view_altitude",
+    "sun_elevation",
+    "sun_azimuth",
+)
+
+_OF_PLACES = ("height_sigma_m", "height_length_m")
+"""Figures of the error model that follow from the DEM: catalogues may differ in them."""
+
+_OF_FLAGS = ("min_lit_share", "max_dependence", "patch_nodes")
+"""Settings by which flags mean the same."""
+
+POINTS = np.dtype(
+    [
+        ("id", "<i8"),
+        ("lon_deg", "<f8"),
+        ("lat_deg", "<f8"),
+        ("gsd_m", "<f8"),
+        ("usable", "<i4"),
+        ("quality", "<f8"),
+        ("level", "<i4"),
+        ("input", "<i4"),
+        ("row", "<i8"),
+    ]
+)
+"""What a point is chosen by, as in `finished_area.TABLE`, and its place in the inputs."""
+
+Sizes = tuple[tuple[float, ...], ...]
+"""Cell sizes of each level, metres."""
+
+_SHORT = 60
+
+
+@dataclass(frozen=True)
+class MergeReport:
+    """Numbers of points: in the merged catalogue, in the ``inputs`` that differ, and of the points left out
+    because of another with the same id (``doubles``) or because of one nearer than the spacing
+    (``crowded``); cell sizes of each level, metres.
+    """
+
+    points: int
+    inputs: tuple[int, ...]
+    doubles: int
+    crowded: int
+    levels_m: Sizes
+
+
+@dataclass(frozen=True, eq=False)
+class _Input:
+    path: str
+    catalog: Catalog
+    digests: tuple[str, ...]
+    builds: list[Origin]
+
+    @classmethod
+    def of(cls, path: Path | str) -> _Input:
+        stored, catalog = StoredFile.of(path), open_catalog(path)
+        if not catalog.has_claims:
+            version = catalog.schema_version
+            raise CatalogError(f"{path}: states no claims (schema {version}); build it again")
+        digests = content_digests(stored)
+        itself = Origin(printable(Path(path).name), digests[0], len(catalog), {})
+        try:
+            return cls(str(path), catalog, digests, origins(catalog.config, itself))
+        except CatalogError as error:
+            raise CatalogError(f"{path}: {error}") from error
+
+    @cached_property
+    def configs(self) -> list[BuildConfig]:
+        """The configurations of the builds. CatalogError for one without region or cell size."""
+        try:
+            found = [BuildConfig.from_dict(build.config) for build in self.builds]
+        except ConfigError as error:
+            raise CatalogError(f"{self.path}: its configuration is invalid: {error}") from error
+        for config in found:
+            if config.area.gsd_m is None:
+                raise CatalogError(f"{self.path}: its configuration does not state the cell size")
+            if config.area.region is None:
+                raise CatalogError(f"{self.path}: its configuration states no region")
+        other = ~np.isin(self.catalog.gsd, [config.area.gsd_m or 0.0 for config in found])
+        if other.any():
+            size = self.catalog.gsd[np.argmax(other)]
+            raise CatalogError(f"{self.path}: its configuration states no cells of {size:g} m")
+        return found
+
+    @property
+    def regions(self) -> list[Area]:
+        """The regions of the builds."""
+        return [region for config in self.configs if (region := config.area.region)]
+
+    def points(self, number: int) -> AnyArray:
+        """Its points as `POINTS`; ``number``: its own among the inputs."""
+        catalog = self.catalog
+        found = np.zeros(len(catalog), POINTS)
+        found["id"], found["gsd_m"] = catalog.point_id, catalog.gsd
+        found["lon_deg"], found["lat_deg"] = catalog.longitude, catalog.latitude
+        for rows in catalog.blocks("condition"):
+            found["usable"][rows] = usable(catalog.part("condition", rows)).sum(axis=(1, 2, 3))
+        largest = catalog.part("localization_sigma", slice(None), 0)
+        found["quality"] = -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
+        found["input"], found["row"] = number, np.arange(len(catalog))
+        return found
+
+
+def merge_catalogs(
+    paths: Sequence[Path | str], output: Path | str, overwrite: bool = False
+) -> MergeReport:
+    """Join catalogues into one and write it to ``output``. Their order does not change it.
+
+    Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
+    than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
+    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Guarantee`) stays, less
+    the points that are left out (`merged_promises`).
+
+    CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
+    errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
+    `atomic_files.check_output`.
+    """
+    check_output(output, overwrite, paths)
+    inputs = [_Input.of(path) for path in paths]
+    for other in inputs[1:]:
+        _require_compatible(inputs[0], other)
+    inputs.sort(key=lambda one: (one.digests, one.builds[0].name), reverse=True)
+    different = {one.digests: one for one in inputs}
+    merge = _Merge([different[digests] for digests in sorted(different)])
+    merge.write(output, overwrite)
+    return merge.report
+
+
+class _Merge:
+    """Compatible catalogues, each once, in the order of their digests, and what becomes of them."""
+
+    def __init__(self, inputs: Sequence[_Input]) -> None:
+        self.catalogs = [one.catalog for one in inputs]
+        self.builds = united(one.builds for one in inputs)
+        configs = [config for one in inputs for config in one.configs]
+        self.spacing_m, sizes = _spacings_m(configs)
+        every = np.concatenate([one.points(k) for k, one in enumerate(inputs)])
+        for level, own in enumerate(sizes):
+            every["level"][np.isin(every["gsd_m"], own)] = level
+        single = every[_best_of_each(every)]
+        spread = [_spread(single, level, away_m) for level, away_m in enumerate(self.spacing_m)]
+        self.chosen = single[np.sort(np.concatenate(spread))]
+        self.maps = MergedMaps([MergedPart(one.catalog, one.regions) for one in inputs])
+        self.report = MergeReport(
+            points=len(self.chosen),
+            inputs=tuple(len(catalog) for catalog in self.catalogs),
+            doubles=len(every) - len(single),
+            crowded=len(single) - len(self.chosen),
+            levels_m=sizes,
+        )
+
+    def write(self, output: Path | str, overwrite: bool) -> None:
+        """Write the catalogue, a block of points at a time."""
+        points, head, widest = self.chosen, self.head, self._widest
+        step = max(1, BLOCK_BYTES // sum(map(widest.row_bytes, widest.point_variables)))
+        with new_catalog(head, len(points), self._products(), output, overwrite) as file:
+            for start in range(0, len(points), step):
+                file.add(self._values(points[start : start + step]))
+            places = points["lon_deg"], points["lat_deg"]
+            with file.flags() as condition:
+                coverage = self.maps.coverage(places, condition)
+            file.finish(coverage, *self._promises())
+
+    def _promises(self) -> tuple[Guarantee | None, Promises | None]:
+        """The promises of the inputs, without the points that are left out."""
+        lost = []
+        for k, catalog in enumerate(self.catalogs):
+            kept = np.zeros(len(catalog), bool)
+            kept[self.chosen["row"][self.chosen["input"] == k]] = True
+            lost.append(np.flatnonzero(~kept))
+        return merged_promises(self.catalogs, lost)
+
+    def _products(self) -> set[str]:
+        """Names of the DEM products."""
+        return {
+            name
+            for catalog in self.catalogs
+            for rows in catalog.blocks("dem_product")
+            for name in catalog.part("dem_product", rows)
+        }
+
+    @property
+    def _widest(self) -> Catalog:
+        """An input with all variables that any has."""
+        return max(self.catalogs, key=lambda one: len(one.point_variables))
+
+    @cached_property
+    def head(self) -> Catalog:
+        """The catalogue without points and coverage."""
+        all_, none = self.catalogs, np.zeros(0, np.int64)
+        overview = self.maps.overview()
+        return dataclasses.replace(
+            self._widest.take(none, none),
+            title=_shared([one.title for one in all_], Catalog.title),
+            product_version=_shared([one.product_version for one in all_], Catalog.product_version),
+            software_version=Catalog.software_version,
+            config=merged_config(self.builds),
+            sources=_distinct([one.sources for one in all_]),
+            scene_plan=_merged_plan([one.scene_plan for one in all_]),
+            errors=_merged_errors([one.errors for one in all_]),
+            sigma_step_m=_sigma_step_m(all_),
+            overview=overview,
+            overview_levels=overview_levels(overview),
+            coverage=Coverage(none, none, none.astype(np.uint8), self.maps.spacing_m),
+        )
+
+    def _values(self, points: AnyArray) -> dict[str, AnyArray]:
+        """The variables of some of the chosen points, as in the file."""
+        by_input = [np.flatnonzero(points["input"] == k) for k in range(len(self.catalogs))]
+        back = np.argsort(np.concatenate(by_input))
+        found: dict[str, AnyArray] = {}
+        for name in self.head.point_variables:
+            parts = [
+                self._part(name, catalog, points["row"][own])
+                for catalog, own in zip(self.catalogs, by_input, strict=True)
+                if len(own)
+            ]
+            found[name] = np.concatenate(parts)[back]
+        return found | {"level": points["level"]}
+
+    def _part(self, name: str, catalog: Catalog, rows: Index) -> AnyArray:
+        """A variable of some points of an input, as in the merged file."""
+        if name not in catalog.point_variables:  # albedo: the input has no map
+            return np.full((len(rows), *np.shape(getattr(self.head, name))[1:]), np.nan, np.float32)
+        part = catalog.part(name, rows)
+        return packing(name, self.head.sigma_step_m or 1.0).packed(part) if name in PACKED else part
+
+
+# -- points
+
+
+def _spacings_m(configs: Sequence[BuildConfig]) -> tuple[list[float], Sizes]:
+    """For each level the least distance of points of its builds, and their cell sizes, metres."""
+    sizes = np.array([config.area.gsd_m for config in configs], np.float64)
+    least = np.array([_lengths_m(config)[0] for config in configs])
+    level = levels(sizes)
+    numbers = range(int(level.max()) + 1)
+    return (
+        [float(least[level == k].min()) for k in numbers],
+        tuple(tuple(np.unique(sizes[level == k]).tolist()) for k in numbers),
+    )
+
+
+def _lengths_m(config: BuildConfig) -> tuple[float, float]:
+    """Least distance of points, and search radius, metres."""
+    gsd_m = config.area.gsd_m or 0.0  # `_Input.configs` has them all
+    return config.points.least_distance_m(gsd_m), config.points.search_nodes(gsd_m) * gsd_m
+
+
+def _best_of_each(points: AnyArray) -> Index:
+    """Rows of the best point of each id, in the order of the ids."""
+    keys = ("input", "lat_deg", "lon_deg")
+    best = np.lexsort((*(points[k] for k in keys), -points["quality"], -points["usable"]))
+    _, first = np.unique(points["id"][best], return_index=True)
+    return best[first]
+
+
+def _spread(points: AnyArray, level: int, spacing_m: float) -> Index:
+    """Rows of the points of a level that a build would choose; points that are never usable come last."""
+    rows = np.flatnonzero(points["level"] == level)
+    own = points[rows]
+    place = own["lon_deg"], own["lat_deg"]
+    return rows[select(*place, own["usable"] + 1, own["quality"], spacing_m)]
+
+
+# -- the rest of the file
+
+
+def _require_compatible(first: _Input, other: _Input) -> None:
+    """CatalogError, with the difference, for a catalogue that cannot be merged with the first."""
+    one, two = first.catalog, other.catalog
+    pairs: list[tuple[str, Any, Any]] = [
+        (name, getattr(one, name).tolist(), getattr(two, name).tolist()) for name in _AXES
+    ]
+    pairs.append(("patch_nodes", one.patch_nodes, two.patch_nodes))
+    if one.albedo_map and two.albedo_map:
+        pairs.append(("albedo_map", one.albedo_map, two.albedo_map))
+    for name in sorted((one.errors.keys() | two.errors.keys()) - {*_OF_PLACES}):
+        pairs.append((f"errors.{name}", one.errors.get(name), two.errors.get(name)))
+    mine, its = first.configs[0].points, other.configs[0].points
+    pairs += [(f"points.{name}", getattr(mine, name), getattr(its, name)) for name in _OF_FLAGS]
+    searches = {config.area.gsd_m: _lengths_m(config)[1] for config in first.configs}
+    for config in other.configs:
+        radius_m = _lengths_m(config)[1]
+        pairs.append(("points.search_m", searches.get(config.area.gsd_m, radius_m), radius_m))
+    for name, a, b in pairs:
+        if a != b:
+            text = f"{name} is {_short(b)}, not {_short(a)} as in {first.path}"
+            raise CatalogError(f"{other.path}: cannot be merged: {text}")
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= _SHORT else f"{text[:_SHORT]}..."
+
+
+def _shared(texts: list[str], default: str) -> str:
+    return texts[0] if len({*texts}) == 1 else default
+
+
+def _distinct(lists: Sequence[list[Any]]) -> list[Any]:
+    """The entries of lists, each once: in the order of the lists if they are equal, else sorted."""
+    if all(one == lists[0] for one in lists):
+        return lists[0]
+    texts = {json.dumps(entry, sort_keys=True) for one in lists for entry in one}
+    return [json.loads(text) for text in sorted(texts)]
+
+
+def _merged_plan(plans: Sequence[Any]) -> Any:
+    """All decisions of scene plans, each once."""
+    if all(plan == plans[0] for plan in plans):
+        return plans[0]
+    known = [plan.get("decisions") for plan in plans if isinstance(plan, dict)]
+    return {"decisions": _distinct([one for one in known if isinstance(one, list)])}
+
+
+def _merged_errors(models: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The error model; figures that follow from the DEM are lists where they differ."""
+    found = dict(models[0])
+    for name in _OF_PLACES:
+        stated = [model[name] for model in models if name in model]
+        figures = {f for one in stated for f in (one if isinstance(one, list) else [one])}
+        if figures:
+            found[name] = sorted(figures) if len(figures) > 1 else figures.pop()
+    return found
+
+
+def _sigma_step_m(catalogs: Sequence[Catalog]) -> float:
+    """The finest step of the stored sigmas, or the least that holds all sigmas which the inputs hold."""
+    steps = [one.sigma_step_m or 1.0 for one in catalogs]
+    if len({*steps}) == 1:
+        return steps[0]
+    most, largest = packing("sigma_major", 1.0).largest, 0.0
+    for one, step in zip(catalogs, steps, strict=True):
+        for rows in one.blocks("sigma_major"):
+            sigma = one.part("sigma_major", rows)
+            held = sigma[sigma < (most - 0.5) * step]
+            largest = max(largest, float(held.max(initial=0.0)))
+    return max(min(steps), float(np.nextafter(np.float32(largest / most), np.float32(np.inf))))

@@ -1,0 +1,224 @@
+"""The promise of a catalogue: kept for cameras anywhere in the region under every Sun, by a count of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.small_build import CONFIG, DEM
+
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.catalog.prediction import predict
+from lcp_catalog.catalog.schema import NO_CELL, Cause
+from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.errors import ConfigError
+from lcp_catalog.landmarks.selection import stable_id
+from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.config import AreaConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.production.finished_area import FinishedArea, finished_area
+from lcp_catalog.production.guarantee import Promise, PromisedPlaces
+from lcp_catalog.production.run import Build, finish
+from lcp_catalog.terrain.area import Area
+
+PROMISED = dataclasses.replace(
+    CONFIG,
+    area=AreaConfig(center_deg=(3.5, 26.0), size_km=40.0, gsd_m=474.0),
+    sun=SunConfig((75.0, 90.0, 105.0, 255.0, 270.0, 285.0), (5.0, 10.0, 20.0)),
+    view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+    points=dataclasses.replace(
+        CONFIG.points, per_view=3, footprint_km=16.0, candidates_per_cell=12, search_m=4000.0
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Build:
+    return Build.plan((DEM,), PROMISED)
+
+
+@pytest.fixture(scope="module")
+def areas(plan: Build) -> dict[str, FinishedArea]:
+    return {
+        job.task.name: finished_area(run_area(job), plan.config, plan.gsd_m) for job in plan.jobs
+    }
+
+
+@pytest.fixture(scope="module")
+def built(
+    plan: Build, areas: dict[str, FinishedArea], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    output = tmp_path_factory.mktemp("promise") / "promise.h5"
+    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints.folder.mkdir()
+    for name, area in areas.items():
+        checkpoints.write(name, area)
+    finish(plan, output, checkpoints, {}, overwrite=False)
+    return output
+
+
+@pytest.fixture(scope="module")
+def catalog(built: Path) -> Catalog:
+    return open_catalog(built)
+
+
+def arcs_m(lon_deg: float, lat_deg: float, lons, lats) -> np.ndarray:
+    """Distances on the sphere by the haversine formula."""
+    lon, lat, lons, lats = (np.radians(a) for a in (lon_deg, lat_deg, lons, lats))
+    half = (
+        np.sin((lats - lat) / 2) ** 2 + np.cos(lat) * np.cos(lats) * np.sin((lons - lon) / 2) ** 2
+    )
+    return 2.0 * MOON_RADIUS_M * np.arcsin(np.sqrt(half))
+
+
+def suns_that_happen(rng: np.random.Generator, lat_deg: np.ndarray) -> np.ndarray:
+    """Elevations and azimuths (n, 2), degrees, of the grid's ranges; those that never occur at the
+    latitude are NaN.
+    """
+    sun = rng.uniform((5.0, 75.0), (20.0, 285.0), (len(lat_deg), 2))
+    (elevation, azimuth), lat = np.radians(sun.T), np.radians(lat_deg)
+    sine = np.sin(lat) * np.sin(elevation) + np.cos(lat) * np.cos(elevation) * np.cos(azimuth)
+    return np.where(np.abs(sine)[:, None] <= np.sin(np.radians(1.54)), sun, np.nan)
+
+
+def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Catalog) -> None:
+    """1000 cameras anywhere in the region under any Sun that can happen there: in the footprint lie at
+    least as many points, usable by `predict`, as are stored for the nearest place, and where the
+    cause is MET as many as are promised.
+    """
+    rng, told = np.random.default_rng(7), catalog.guarantee
+    assert told is not None
+    lon, lat = (np.tile(part, 4) for part in plan.region.lattice(101))
+    sun = suns_that_happen(rng, lat)
+    row, column = (
+        np.searchsorted(grid, np.nan_to_num(part), side="right") - 1
+        for grid, part in ((catalog.sun_elevation, sun[:, 0]), (catalog.sun_azimuth, sun[:, 1]))
+    )
+    place = arcs_m(lon[:, None], lat[:, None], told.longitude, told.latitude).argmin(axis=1)
+    stored, cause = (a[place, 0, row, column] for a in (told.points, told.cause))
+    some = np.flatnonzero(np.isfinite(sun[:, 0]) & (stored != NO_CELL))
+    seen = arcs_m(lon[some, None], lat[some, None], catalog.longitude, catalog.latitude)
+    camera, point = np.nonzero(seen <= told.footprint_m / 2.0)
+    elevation, azimuth = np.radians(sun[some[camera]].T)
+    towards = np.stack([np.sin(azimuth), np.cos(azimuth), np.tan(elevation)], axis=1)
+    down = np.broadcast_to([0.0, 0.0, 1.0], towards.shape)
+    found = predict(catalog, point, towards, down, np.full(len(point), 474.0))
+    claimed = np.bincount(camera, np.isfinite(found.detection_probability), len(some)) > 0
+    usable = np.bincount(camera, found.usable, len(some))[claimed]
+    asked = some[claimed]
+    assert len(asked) >= 1000
+    assert np.count_nonzero(cause[asked] == Cause.MET) > 100
+    assert (usable >= stored[asked]).all()
+    enough = usable >= told.demand[place[asked]]
+    assert enough[cause[asked] == Cause.MET].all()
+
+
+def test_what_is_not_kept_has_a_cause(catalog: Catalog, built: Path) -> None:
+    told = catalog.guarantee
+    assert told is not None
+    assert verify(built) == []
+    short = (told.points < told.demand[:, None, None, None]) & (told.points != NO_CELL)
+    assert (told.cause[short] != Cause.MET).all()
+    assert (told.cause[~short & (told.points != NO_CELL)] == Cause.MET).all()
+    assert len(catalog) <= 1.5 * told.lower_bound
+    assert told.met[-1] == told.served[-1] == 1.0
+
+
+def chosen(
+    plan: Build, areas: list[FinishedArea], most: int | None = None
+) -> tuple[list[int], Any]:
+    """Ids of the points chosen among areas in this order, and the promise."""
+    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    assert promise is not None
+    for area in areas:
+        promise.see(area.table, area.stages)
+    table = np.concatenate([area.table for area in areas])
+    rows, told = promise.choose(table, np.ones(len(promise.best), bool), most)
+    return stable_id(table["lon_deg"][rows], table["lat_deg"][rows]).tolist(), told
+
+
+def shuffled(area: FinishedArea) -> FinishedArea:
+    order = np.random.default_rng(3).permutation(len(area.table))
+    assert area.stages is not None
+    return dataclasses.replace(area, table=area.table[order], stages=area.stages[order])
+
+
+def test_the_order_of_areas_and_candidates_does_not_matter(
+    plan: Build, areas: dict[str, FinishedArea], catalog: Catalog
+) -> None:
+    ids, told = chosen(plan, [shuffled(area) for area in reversed(areas.values())])
+    assert ids == catalog.point_id.tolist()
+    np.testing.assert_array_equal(told.points, catalog.guarantee.points)
+    np.testing.assert_array_equal(told.cause, catalog.guarantee.cause)
+
+
+def test_a_limited_size_is_the_start_of_the_curve(
+    plan: Build, areas: dict[str, FinishedArea], catalog: Catalog
+) -> None:
+    """And what the limit leaves out has that cause."""
+    ids, told = chosen(plan, list(areas.values()), 5)
+    assert len(ids) == told.size[-1] == 5
+    np.testing.assert_array_equal(told.met, catalog.guarantee.met[:5])
+    assert (told.cause == Cause.SIZE).any()
+    assert not (catalog.guarantee.cause == Cause.SIZE).any()
+    assert told.lower_bound == 0.0
+
+
+def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, FinishedArea]) -> None:
+    """The furthest stage of the candidates near; nothing near is featureless, or off the DEM."""
+    for stage in (Cause.DARK, Cause.AMBIGUOUS, Cause.DEPENDENT, Cause.MARGINAL):
+        poor = [
+            dataclasses.replace(area, stages=np.where(area.stages > 0, stage, 0).astype(np.uint8))
+            for area in areas.values()
+        ]
+        ids, told = chosen(plan, poor)
+        assert ids == []
+        assert stage in np.unique(told.cause)
+        assert set(np.unique(told.cause)) <= {stage, Cause.FEATURELESS, NO_CELL}
+    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    assert promise is not None
+    none = areas[plan.jobs[0].task.name].table[:0]
+    promise.see(none, np.zeros((0, 1 + promise.columns.max()), np.uint8))
+    rows, told = promise.choose(none, np.arange(len(promise.best)) % 2 > 0, None)
+    known = told.demand > 0
+    assert not len(rows)
+    assert set(np.unique(told.cause[0::2][known[0::2]])) == {Cause.NODATA, NO_CELL}
+    assert set(np.unique(told.cause[1::2][known[1::2]])) == {Cause.FEATURELESS, NO_CELL}
+
+
+def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
+    """8 in the middle, half of it at an edge, a quarter in a corner; the step is added to the radius."""
+    region = Area(10.0, 0.0, 100.0)
+    places = PromisedPlaces.of(region, PointConfig(footprint_km=20.0), 100.0, 1)
+    x = (places.lon_deg - 10.0) * 30.3234
+    y = places.lat_deg * 30.3234
+    middle = np.hypot(x, y) < 30.0
+    assert (places.demand[middle] == 8).all()
+    corner, edge = np.hypot(abs(x) - 50.0, abs(y) - 50.0).argmin(), np.hypot(x - 50.0, y).argmin()
+    assert 2 <= places.demand[corner] <= 3
+    assert 4 <= places.demand[edge] <= 5
+    nearest = [
+        arcs_m(a, b, places.lon_deg, places.lat_deg).min()
+        for a, b in zip(*region.lattice(40), strict=True)
+    ]
+    assert max(nearest) <= places.footprint_m / 2.0 - places.radius_m < 1.3 * max(nearest)
+
+
+def test_what_cannot_be_promised_is_refused() -> None:
+    with pytest.raises(
+        ConfigError, match=r"footprint_km of 0\.5 km is too small .* at least \d+ km"
+    ):
+        PromisedPlaces.of(Area(10.0, 0.0, 1000.0), PointConfig(footprint_km=0.5), 100.0, 960)
+    for wrong in ({"per_view": -1}, {"footprint_km": 0.0}, {"max_points": 0}, {"max_bytes": 0}):
+        with pytest.raises(ConfigError, match=f"points.{next(iter(wrong))}"):
+            PointConfig(**wrong)
+    for given in ({"per_view": 0}, {"spacing_m": 5000.0}):
+        assert PointConfig(**given).promised == 0
+        with pytest.raises(ConfigError, match=r"needs points\.per_view above 0"):
+            PointConfig(**given, max_points=10)
+    assert PointConfig().promised == 8
+    assert PointConfig(spacing_m=5000.0, per_view=3).promised == 3

@@ -1,0 +1,245 @@
+"""Builds that are interrupted, resumed, disturbed by others or by changed files."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.small_build import CONFIG, DEM
+
+from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
+from lcp_catalog.production import run
+from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.finished_area import finished_area
+from lcp_catalog.production.run import Build, run_build
+
+
+def test_a_broken_run_is_resumed(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "broken.h5"
+    largest_first = sorted(plan.jobs, key=lambda job: -job.work)
+    victim = largest_first[-1].task.name
+    begun: list[str] = []
+
+    def fails_at_the_end(job: AreaJob) -> AreaResult:
+        begun.append(job.task.name)
+        if begun[-1] == victim:
+            raise RuntimeError("a bit fell over")
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", fails_at_the_end)
+    with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
+        run_build(plan, output)
+    assert not output.exists()
+    kept = sorted(output.with_name("broken.h5.parts").glob("*.area"))
+    assert len(kept) == len(plan.jobs) - 1
+    assert begun == [job.task.name for job in largest_first]
+
+    done: list[str] = []
+
+    def counts(job: AreaJob) -> AreaResult:
+        done.append(job.task.name)
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", counts)
+    run_build(plan, output, resume=True)
+    assert done == [victim]
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_keep_going_writes_what_there_is(
+    plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    victim = plan.jobs[0].task.name
+
+    def fails_first(job: AreaJob) -> AreaResult:
+        if job.task.name == victim:
+            raise RuntimeError("no")
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", fails_first)
+    report = run_build(plan, tmp_path / "partly.h5", keep_going=True)
+    assert list(report.failed) == [victim]
+    assert verify(tmp_path / "partly.h5") == []
+
+
+def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_path: Path) -> None:
+    output = tmp_path / "mixed.h5"
+    parts = tmp_path / "mixed.h5.parts"
+    parts.mkdir()
+    (parts / "run.json").write_text('{"fingerprint": "another"}')
+    with pytest.raises(OutputExistsError, match="another configuration"):
+        run_build(plan, output, resume=True)
+    run_build(plan, output)
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_resume_and_overwrite_together(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a rule of Make needs: finished areas that fit are kept, others removed, the output replaced."""
+    output, computed = tmp_path / "made.h5", []
+    output.write_bytes(b"an older one")
+
+    def counted(job: AreaJob) -> AreaResult:
+        computed.append(job.task.name)
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", counted)
+    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints.folder.mkdir()
+    checkpoints.begin(resume=False)
+    checkpoints.write(
+        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+    )
+    run_build(plan, output, resume=True, overwrite=True)
+    assert plan.jobs[0].task.name not in computed
+    assert len(computed) == len(plan.jobs) - 1
+    assert output.read_bytes() == built.read_bytes()
+    other = Checkpoints.beside(output, "another")
+    other.folder.mkdir()
+    other.begin(resume=False)
+    other.write(
+        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+    )
+    computed.clear()
+    run_build(plan, output, resume=True, overwrite=True)
+    assert len(computed) == len(plan.jobs)
+    assert output.read_bytes() == built.read_bytes()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no flock")
+def test_a_second_build_of_the_same_output_is_refused(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the first runs; the first is not disturbed, and after it the output is free again."""
+    output, refused = tmp_path / "one.h5", []
+    points = dataclasses.replace(plan.config.points, min_detection=0.5)
+    other = dataclasses.replace(plan, config=dataclasses.replace(plan.config, points=points))
+
+    def interrupted(job: AreaJob) -> AreaResult:
+        if not refused:
+            with pytest.raises(OutputExistsError, match="another build of this output is running"):
+                run_build(other, output)
+            refused.append(job)
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", interrupted)
+    run_build(plan, output)
+    assert len(refused) == 1
+    assert output.read_bytes() == built.read_bytes()
+    assert sorted(tmp_path.iterdir()) == [output]
+    run_build(plan, output, overwrite=True)
+
+
+@pytest.mark.parametrize("how", ["removed", "of another run"])
+def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    output, names = tmp_path / "lost.h5", [job.task.name for job in plan.jobs]
+    seen: list[str] = []
+
+    def careless(job: AreaJob) -> AreaResult:
+        seen.append(job.task.name)
+        if len(seen) == len(names):
+            lost = tmp_path / "lost.h5.parts" / f"{seen[0]}.area"
+            if how == "removed":
+                lost.unlink()
+            else:
+                Checkpoints(lost.parent, "another").write(
+                    seen[0], finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+                )
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", careless)
+    with pytest.raises(AreaFailedError, match=r"no longer there.*--resume"):
+        run_build(plan, output)
+    assert not output.exists()
+    monkeypatch.setattr(run, "run_area", run_area)
+    run_build(plan, output, resume=True)
+    assert output.read_bytes() == built.read_bytes()
+
+
+@pytest.mark.parametrize("how", ["replaced", "changed", "removed", "after the areas", "touched"])
+def test_an_input_that_changes_while_the_build_runs_is_refused(
+    built: Path, tmp_path: Path, how: str
+) -> None:
+    """Between two areas, or when all are done; no area that may have read the new file is kept. The same
+    content with another time is accepted.
+    """
+    dem, output = tmp_path / DEM.name, tmp_path / "x.h5"  # the name states the product
+    shutil.copy(DEM, dem)
+    plan = Build.plan((dem,), CONFIG)
+    at, last = (len(plan.jobs), len(plan.jobs)) if how == "after the areas" else (2, 1)
+
+    def change(done: int, total: int) -> None:
+        if done != at:
+            return
+        if how == "removed":
+            dem.unlink()
+        elif how == "touched":
+            os.utime(dem, ns=(0, 0))
+        elif how == "replaced":
+            beside = tmp_path / "new.tif"
+            shutil.copy(DEM, beside)
+            flip(beside)
+            os.replace(beside, dem)
+        else:
+            flip(dem)
+
+    def flip(path: Path) -> None:
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1
+        path.write_bytes(content)
+
+    if how == "touched":
+        run_build(plan, output, progress=change)
+        return
+    with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*--resume"):
+        run_build(plan, output, progress=change)
+    assert not output.exists()
+    assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
+    shutil.copy(DEM, dem)
+    begun = []
+    run_build(Build.plan((dem,), CONFIG), output, resume=True, progress=lambda *n: begun.append(n))
+    assert begun[0][0] >= last
+    assert open_catalog(output).point_id.tolist() == open_catalog(built).point_id.tolist()
+
+
+def test_other_files_in_the_folder_of_checkpoints_stay(
+    plan: Build, built: Path, tmp_path: Path
+) -> None:
+    parts = tmp_path / "mine.h5.parts"
+    parts.mkdir()
+    for name in ("notes.txt", "measurements.npz"):
+        (parts / name).write_text("mine")
+    run_build(plan, tmp_path / "mine.h5")
+    assert sorted(file.name for file in parts.iterdir()) == ["measurements.npz", "notes.txt"]
+
+
+def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:
+    output = tmp_path / "mine.h5"
+    shutil.copy(built, output)
+    with pytest.raises(OutputExistsError, match="--overwrite"):
+        run_build(plan, output)
+    assert not output.with_name("mine.h5.parts").exists()
+
+
+@pytest.mark.parametrize("how", ["itself", "a link", "a hard link"])
+def test_an_output_that_is_an_input_is_refused(tmp_path: Path, how: str) -> None:
+    dem = tmp_path / DEM.name
+    shutil.copy(DEM, dem)
+    output = dem if how == "itself" else tmp_path / "out.h5"
+    if how == "a link":
+        output.symlink_to(dem)
+    elif how == "a hard link":
+        output.hardlink_to(dem)
+    with pytest.raises(OutputError, match="is read, too"):
+        run_build(Build.plan((dem,), CONFIG), output, overwrite=True)
+    assert dem.read_bytes() == DEM.read_bytes()

@@ -1,0 +1,161 @@
+"""Parts of a build in one folder: each computes its own areas, at the same time as others, and the merge
+writes the bytes of one build.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from lcp_catalog.errors import AreaFailedError, ConfigError, OutputExistsError
+from lcp_catalog.production import run
+from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
+from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    ModelConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
+from lcp_catalog.production.parts import BuildPart, list_parts, merge_parts, run_part
+from lcp_catalog.production.run import Build, run_build
+
+DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
+
+CONFIG = BuildConfig(
+    area=AreaConfig(center_deg=(3.5, 26.0), size_km=60.0, gsd_m=474.0),
+    sun=SunConfig((90.0, 270.0), (10.0, 30.0)),
+    view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+    points=PointConfig(patch_nodes=17, search_m=5000.0),
+    model=ModelConfig(direction_tolerance_deg=0.7, ring_max_km=20.0),
+)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Build:
+    return Build.plan((DEM,), CONFIG)
+
+
+@pytest.fixture(scope="module")
+def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("whole") / "whole.h5"
+    run_build(plan, output)
+    return output
+
+
+def test_parts_share_all_areas(plan: Build) -> None:
+    assert len(plan.jobs) >= 4
+    for count in (1, 2, 3, 50):
+        shares = [BuildPart(k + 1, count).share(plan.jobs) for k in range(count)]
+        assert sorted(job.task.name for share in shares for job in share) == sorted(
+            job.task.name for job in plan.jobs
+        )
+    for wrong in ((0, 2), (3, 2), (1, 0)):
+        with pytest.raises(ConfigError, match="between 1 and N"):
+            BuildPart(*wrong)
+
+
+def test_parts_at_the_same_time_give_the_bytes_of_one_build(
+    plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second part runs while the first one does; a whole build and a merge are refused meanwhile."""
+    output, inner = tmp_path / "x.h5", []
+
+    def during(job: AreaJob) -> AreaResult:
+        if not inner:
+            inner.append(job)
+            for attempt in (run_build, merge_parts):
+                with pytest.raises(OutputExistsError, match="another build of this output"):
+                    attempt(plan, output)
+            assert run_part(plan, output, BuildPart(2, 2)) == {}
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", during)
+    assert run_part(plan, output, BuildPart(1, 2)) == {}
+    report = merge_parts(plan, output)
+    assert report.areas == len(plan.jobs)
+    assert output.read_bytes() == built.read_bytes()
+    assert list(tmp_path.iterdir()) == [output]
+
+
+def test_the_merge_names_what_is_missing(plan: Build, built: Path, tmp_path: Path) -> None:
+    output, areas = tmp_path / "x.h5", len(plan.jobs)
+    (state,) = list_parts(plan, output)
+    assert (str(state.part), state.areas, len(state.missing)) == ("1/1", areas, areas)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(AreaFailedError, match="run the parts first"):
+        merge_parts(plan, output)
+    run_part(plan, output, BuildPart(1, 3))
+    missing = [job.task.name for job in plan.jobs if job not in plan.jobs[::3]]
+    for _ in range(2):  # a refused merge leaves all as it is
+        with pytest.raises(AreaFailedError, match=f"{len(missing)} of {areas} areas are missing"):
+            merge_parts(plan, output)
+        states = list_parts(plan, output)
+        assert [str(state.part) for state in states] == ["1/3", "2/3", "3/3"]
+        assert sorted(name for state in states for name in state.missing) == missing
+    report = merge_parts(plan, output, keep_going=True)
+    assert sorted(report.failed) == missing
+    run_build(plan, output, overwrite=True)
+    assert output.read_bytes() == built.read_bytes()
+
+
+def test_a_part_computes_only_what_is_missing(
+    plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "x.h5"
+    run_part(plan, output, BuildPart(1, 2))
+
+    def unwanted(job: AreaJob) -> AreaResult:
+        raise AssertionError(f"{job.task.name} is computed again")
+
+    monkeypatch.setattr(run, "run_area", unwanted)
+    assert run_part(plan, output, BuildPart(1, 2)) == {}
+    with pytest.raises(AreaFailedError, match="computed again"):
+        run_part(plan, output, BuildPart(2, 2))
+
+
+def test_parts_of_another_build_are_refused(plan: Build, tmp_path: Path) -> None:
+    output = tmp_path / "x.h5"
+    run_part(plan, output, BuildPart(1, 50))
+    points = dataclasses.replace(CONFIG.points, min_detection=0.5)
+    other = dataclasses.replace(plan, config=dataclasses.replace(CONFIG, points=points))
+    kept = sorted(output.with_name("x.h5.parts").iterdir())
+    for attempt in (
+        lambda: run_part(other, output, BuildPart(1, 50)),
+        lambda: list_parts(other, output),
+        lambda: merge_parts(other, output),
+    ):
+        with pytest.raises(OutputExistsError, match="another configuration"):
+            attempt()
+    assert sorted(output.with_name("x.h5.parts").iterdir()) == kept
+
+
+def test_two_parts_of_different_builds_that_start_together(tmp_path: Path) -> None:
+    """Whoever notes its run first has the folder; the other one has seen it empty before."""
+    output = tmp_path / "x.h5"
+    one, two = Checkpoints.beside(output, "one"), Checkpoints.beside(output, "two")
+
+    class Late(Checkpoints):
+        def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
+            one.join(2)
+            super()._write_note(parts, overwrite)
+
+    with one.locked(shared=True), two.locked(shared=True):
+        with pytest.raises(OutputExistsError, match="another configuration"):
+            Late(two.folder, "two").join(2)
+        one.join(2)
+
+
+def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_path: Path) -> None:
+    """A process that is killed while it writes leaves a file, which the finished build removes."""
+    output = tmp_path / "x.h5"
+    folder = tmp_path / "x.h5.parts"
+    run_part(plan, output, BuildPart(1, 1))
+    (folder / f".{plan.jobs[0].task.name}.area.0123456789ab.part").write_bytes(b"half")
+    merge_parts(plan, output)
+    assert list(tmp_path.iterdir()) == [output]
+    assert output.read_bytes() == built.read_bytes()

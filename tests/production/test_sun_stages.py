@@ -1,0 +1,56 @@
+"""What stops candidates under the Suns of a cell: the worst corner, and the margin between the corners."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from helpers.small_build import CONFIG
+
+from lcp_catalog.catalog.schema import EVALUATED, LOCALIZABLE, UNOCCLUDED, USABLE, Cause
+from lcp_catalog.production.area_job import Candidates
+from lcp_catalog.production.config import SunConfig, ViewConfig
+from lcp_catalog.production.evaluation import Evaluation
+from lcp_catalog.production.sun_stages import cell_stages
+
+PLAN = dataclasses.replace(
+    CONFIG,
+    sun=SunConfig((75.0, 90.0), (5.0, 10.0)),
+    view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+)
+
+
+def candidates(condition: list[int], detection: list[float], sigma: list[float]) -> Candidates:
+    """Candidates at the equator: flags, detection and sigma under the Sun at 10 deg and azimuth 90; under
+    the other three all are usable for sure.
+    """
+    n = len(condition)
+    result = Evaluation.empty(n, 1, (1, 2, 2))
+    result.condition[:], result.detection[:], result.sigma_major_m[:] = USABLE, 1.0, 30.0
+    result.condition[:, 0, 1, 1] = condition
+    result.detection[:, 0, 0, 1, 1] = detection
+    result.sigma_major_m[:, 0, 0, 1, 1] = sigma
+    place = np.zeros(n)
+    return Candidates(
+        place, place, place, np.zeros((n, 1, 1), np.float32), np.zeros(n, np.int16), result
+    )
+
+
+def test_the_worst_corner_decides() -> None:
+    flags = [USABLE, USABLE, EVALUATED, EVALUATED, EVALUATED | LOCALIZABLE, USABLE - UNOCCLUDED]
+    chances = [1.0, 0.91, 0.0, 0.0, 0.5, 1.0]
+    sigmas = [30.0, 30.0, np.inf, 30.0, 30.0, 30.0]
+    found = cell_stages(candidates(flags, chances, sigmas), PLAN)
+    assert found[:, 0].tolist() == [
+        Cause.FEW,
+        Cause.MARGINAL,  # 0.91 is enough at the corner, but not for the rule between the corners
+        Cause.DARK,
+        Cause.FEATURELESS,
+        Cause.AMBIGUOUS,
+        Cause.DEPENDENT,
+    ]
+    assert (found[:, 1:] == 0).all()  # the last of each axis begins no cell
+
+
+def test_without_candidates_there_are_no_rows() -> None:
+    assert cell_stages(candidates([], [], []), PLAN).shape == (0, 4)

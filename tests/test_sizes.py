@@ -1,0 +1,44 @@
+"""The project stays within its budgets of size (`.ci/sizes.py` prints the figures)."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+_FILE = Path(__file__).resolve().parents[1] / ".ci" / "sizes.py"
+
+
+def _module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("sizes", _FILE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+SIZES = _module()
+
+
+def test_a_class_name_means_one_class() -> None:
+    assert SIZES.repeated_classes() == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ('"""A text.\n\nOf three lines."""\n', 0),
+        ("# a comment\n\nx = 1\n", 1),
+        ("x = (\n    1,\n    2,\n)\n", 4),
+        ('def f():\n    """Nothing."""\n    return "text"\n', 2),
+    ],
+)
+def test_lines_of_code_are_without_texts_and_comments(
+    text: str, lines: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "some.py"
+    path.write_text(text, encoding="utf-8")
+    assert SIZES.code_lines(path) == lines
