@@ -33,7 +33,7 @@ from lcp_catalog.catalog.hdf5 import open_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.height_errors import errors_of_file
-from lcp_catalog.ephemeris.sun_position import apparent_sun
+from lcp_catalog.ephemeris.solar_position import apparent_sun
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.plots.axes import Axes, Axis

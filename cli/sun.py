@@ -205,7 +205,7 @@ def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
     """Lines of the JSON document, so that a million instants need no second copy."""
     from lcp_catalog.constants import FRAME
-    from lcp_catalog.ephemeris.sun_position import DIRECTION_ERROR_DEG
+    from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG
     from lcp_catalog.ephemeris.table import azimuth_zero_lon
 
     head: dict[str, Any] = {

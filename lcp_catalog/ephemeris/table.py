@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, FRAME, SOLAR_RADIUS_RAD
 from ..geometry.frames import EnuFrame, azimuth_elevation, mcmf_to_lonlat
 from .limb_darkening import VISIBLE, LimbDarkening
-from .sun_position import DIRECTION_ERROR_DEG, ERROR_YEARS, apparent_sun
+from .solar_position import DIRECTION_ERROR_DEG, ERROR_YEARS, apparent_sun
 from .times import Instants, Times, instants
 
 DECIMALS = 6

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..ephemeris.sun_position import direction_from_subsolar, sun_direction_at
+from ..ephemeris.solar_position import direction_from_subsolar, sun_direction_at
 from ..ephemeris.times import instants
 from ..errors import ImageError, LabelError, SunError
 from ..pds import pvl

@@ -1,6 +1,6 @@
 """The Earth as a light source: its direction, its size and its brightness.
 
-Position: ERFA's moon98 (Meeus 1998), rotated into the Moon's frame by `ephemeris.sun_position`. Light time
+Position: ERFA's moon98 (Meeus 1998), rotated into the Moon's frame by `ephemeris.solar_position`. Light time
 and aberration cancel except for the Moon's motion about the Earth during the light time (1.3 s,
 0.0002 deg), which is included.
 
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M
 from ..ephemeris.limb_darkening import LimbDarkening
-from ..ephemeris.sun_position import apparent_sun, lunar_rotation
+from ..ephemeris.solar_position import apparent_sun, lunar_rotation
 from ..ephemeris.times import Times, instants
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..cameras.sensor import Sensor
-from ..ephemeris import ephemeris
+from ..ephemeris import solar_position
 from ..ephemeris.times import instants
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
@@ -29,15 +29,15 @@ class SunChoice:
     def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:
         """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""
         if self.azimuth_deg is not None and self.elevation_deg is not None:
-            return ephemeris.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
+            return solar_position.direction_from_angles(frame, self.azimuth_deg, self.elevation_deg)
         if self.time_utc is not None:
-            return ephemeris.sun_direction_at(self.time_utc)
+            return solar_position.sun_direction_at(self.time_utc)
         if self.subsolar_deg is not None:
-            return ephemeris.direction_from_subsolar(*self.subsolar_deg)
+            return solar_position.direction_from_subsolar(*self.subsolar_deg)
         if camera is not None and camera.sun_position_mcmf_m is not None:
-            return ephemeris.direction_from_position(frame, camera.sun_position_mcmf_m)
+            return solar_position.direction_from_position(frame, camera.sun_position_mcmf_m)
         if camera is not None and camera.time_utc is not None:
-            return ephemeris.sun_direction_at(camera.time_utc)
+            return solar_position.sun_direction_at(camera.time_utc)
         raise SunError("no Sun: none is stated, and the camera file has none")
 
     def instant(self, camera: Sensor | None) -> str | None:
@@ -56,7 +56,9 @@ class SunChoice:
         if self.time_utc is None and not self._is_direction and position is not None:
             return SolarDisc(radius_at(float(np.linalg.norm(position - frame.origin_mcmf_m))))
         time = self.instant(camera)
-        return MEAN_SUN if time is None else SolarDisc(radius_at(ephemeris.sun_distance_m(time)))
+        return (
+            MEAN_SUN if time is None else SolarDisc(radius_at(solar_position.sun_distance_m(time)))
+        )
 
     def drift_mcmf(self, camera: Sensor | None, seconds: float) -> Array | None:
         """Change (3,) of the unit MCMF vector to the Sun in ``seconds`` from its `instant`; None for a
@@ -67,7 +69,7 @@ class SunChoice:
             return None
         now = instants(time).civil
         then = now + np.timedelta64(round(1e6 * seconds), "us")
-        directions, _ = ephemeris.apparent_sun(np.concatenate([now, then]))
+        directions, _ = solar_position.apparent_sun(np.concatenate([now, then]))
         return np.asarray(directions[1] - directions[0])
 
     @property

@@ -17,7 +17,7 @@ from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import predict
 from ..constants import MOON_RADIUS_M
-from ..ephemeris.sun_position import apparent_sun
+from ..ephemeris.solar_position import apparent_sun
 from ..ephemeris.table import sun_table
 from ..ephemeris.times import Instants
 from ..errors import CatalogError

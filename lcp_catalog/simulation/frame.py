@@ -25,7 +25,7 @@ from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
 from ..cameras.view import finest_pixel_m
 from ..constants import ASTRONOMICAL_UNIT_M
-from ..ephemeris import ephemeris
+from ..ephemeris import solar_position
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.sphere_intersection import ranges
@@ -211,7 +211,7 @@ def sun_position(choice: SunChoice, frame: EnuFrame, camera: Sensor | None) -> A
     if own is not None and choice == SunChoice():
         return np.asarray(own)
     time = choice.instant(camera)
-    away_m = ASTRONOMICAL_UNIT_M if time is None else ephemeris.sun_distance_m(time)
+    away_m = ASTRONOMICAL_UNIT_M if time is None else solar_position.sun_distance_m(time)
     return np.asarray(frame.origin_mcmf_m + away_m * choice.direction_mcmf(frame, camera))
 
 

@@ -14,7 +14,7 @@ from lcp_catalog.ephemeris.reachable import (
     highest_sun_deg,
     reachable_suns,
 )
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
 

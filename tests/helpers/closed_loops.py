@@ -24,7 +24,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.ephemeris.sun_position import direction_from_subsolar
+from lcp_catalog.ephemeris.solar_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Image

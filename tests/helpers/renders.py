@@ -13,7 +13,7 @@ import pyproj
 import rasterio
 
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.ephemeris.sun_position import direction_from_subsolar
+from lcp_catalog.ephemeris.solar_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame
 
 PIXELS_PER_DEGREE = 256

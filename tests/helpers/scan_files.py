@@ -15,7 +15,7 @@ from helpers.isd_files import fixture
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.ephemeris.sun_position import direction_from_subsolar
+from lcp_catalog.ephemeris.solar_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame
 
 MOON_TURNS = 2.66e-6  # radians per second

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 
 

@@ -2,7 +2,7 @@
 chapters 25 (Sun), 47 (Moon, its largest terms) and 53 (optical and physical librations).
 
 Independent theories of low precision: no series, rotation model or code is shared with
-`lcp_catalog.ephemeris.sun_position`. Degrees; accurate to about 0.01 deg.
+`lcp_catalog.ephemeris.solar_position`. Degrees; accurate to about 0.01 deg.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from helpers.image_files import MAP, NOON, SHAPE, opened, refused, scene
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.cameras.view import center_of
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
 from lcp_catalog.images.image_file import ImageOptions, open_image

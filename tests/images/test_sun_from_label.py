@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers import image_files as files
 
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.images.pixels import read_pixels

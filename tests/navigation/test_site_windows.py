@@ -13,7 +13,7 @@ from helpers.posed import camera
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.prediction import predict
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.ephemeris.times import instant_range
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame

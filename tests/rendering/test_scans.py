@@ -18,7 +18,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import camera_with_plane
 from lcp_catalog.cameras.scanners import PushFrame
 from lcp_catalog.cameras.trajectory import Attitude, Track
-from lcp_catalog.ephemeris.sun_position import sun_direction_at
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image

@@ -22,7 +22,7 @@ from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.ephemeris.sun_position import sun_direction_at, sun_distance_m
+from lcp_catalog.ephemeris.solar_position import sun_direction_at, sun_distance_m
 from lcp_catalog.errors import AreaError, CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
 from lcp_catalog.light.sun_choice import SunChoice

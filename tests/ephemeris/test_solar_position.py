@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.constants import SUBSOLAR_LATITUDE_MAX_DEG
-from lcp_catalog.ephemeris import ephemeris
+from lcp_catalog.ephemeris import solar_position
 from lcp_catalog.ephemeris.times import instant_range, instants
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import (
@@ -87,20 +87,20 @@ def off_deg(time, lon, lat):
 
 def test_the_mean_earth_sun_of_spice():
     for time, lon, lat, distance_au in MEAN_EARTH:
-        assert off_deg(time, lon, lat) < ephemeris.DIRECTION_ERROR_DEG, time
-        assert ephemeris.apparent_sun(time)[1][0] == pytest.approx(distance_au, abs=2e-7), time
+        assert off_deg(time, lon, lat) < solar_position.DIRECTION_ERROR_DEG, time
+        assert solar_position.apparent_sun(time)[1][0] == pytest.approx(distance_au, abs=2e-7), time
 
 
 def test_the_iau_sun_of_spice_to_its_last_digit():
     """Aberration is 0.0057 deg, light time 0.0000015 deg: only the apparent Sun of SPICE agrees."""
     for time, lon, lat, distance_au in IAU_MOON:
         assert off_deg(time, lon, lat) < 1.5e-5, time  # five decimals are given
-        assert ephemeris.apparent_sun(time)[1][0] == pytest.approx(distance_au, abs=2e-7), time
+        assert solar_position.apparent_sun(time)[1][0] == pytest.approx(distance_au, abs=2e-7), time
 
 
 def test_the_hours_of_nasas_tables():
     for row in SVS:
-        assert off_deg(*row) < ephemeris.DIRECTION_ERROR_DEG, row
+        assert off_deg(*row) < solar_position.DIRECTION_ERROR_DEG, row
 
 
 def test_the_textbook_example_of_the_twin():
@@ -118,7 +118,7 @@ def test_the_textbook_example_of_the_twin():
 def test_the_plain_theory_agrees(moment):
     when = instants(moment)
     lon, lat, distance_au = twins_sun.subsolar(float(np.sum(when.terrestrial())))
-    directions, ours_au = ephemeris.apparent_sun(when)
+    directions, ours_au = solar_position.apparent_sun(when)
     assert off_deg(moment, lon, lat) < 0.0125
     assert ours_au[0] == pytest.approx(distance_au, abs=1e-4)
     assert np.linalg.norm(directions[0]) == pytest.approx(1.0, abs=1e-14)
@@ -127,28 +127,28 @@ def test_the_plain_theory_agrees(moment):
 def test_perihelion_and_aphelion():
     # Astronomical Almanac 2024: perihelion January 3, 0.9833 au; aphelion July 5, 1.0167 au. The
     # Moon is within 0.00271 au of the Earth; at new moon (December 30, 2024, 22:27; 0.9834 au) nearer.
-    year = ephemeris.apparent_sun(instant_range("2024-01-01", "2024-12-31", 21600.0))[1]
+    year = solar_position.apparent_sun(instant_range("2024-01-01", "2024-12-31", 21600.0))[1]
     assert 0.9833 - 0.00272 < year.min() < 0.9833
     assert 1.0167 < year.max() < 1.0167 + 0.00272
-    new_moon = ephemeris.apparent_sun("2024-12-30T22:27")[1][0]
+    new_moon = solar_position.apparent_sun("2024-12-30T22:27")[1][0]
     assert new_moon == pytest.approx(0.98336 - 0.00257, abs=2e-4)
 
 
 def test_many_instants_are_each_as_alone():
     when = instant_range("1971-01-01", "2071-01-01", 86400.0 * 731.3)
-    directions, distances = ephemeris.apparent_sun(when)
+    directions, distances = solar_position.apparent_sun(when)
     assert len(directions) == len(when) > 40
     for k, label in enumerate(when.labels()):
-        alone, distance = ephemeris.apparent_sun(label)
+        alone, distance = solar_position.apparent_sun(label)
         assert np.array_equal(alone[0], directions[k])
         assert distance[0] == distances[k]
-        assert np.array_equal(ephemeris.sun_direction_at(label), directions[k])
+        assert np.array_equal(solar_position.sun_direction_at(label), directions[k])
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("time", ["1900-01-01", "1955-05-05", "2099-12-31T23:59:59"])
 def test_all_years_of_the_series_are_quiet(time):
-    assert np.linalg.norm(ephemeris.sun_direction_at(time)) == pytest.approx(1.0)
+    assert np.linalg.norm(solar_position.sun_direction_at(time)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("time", ["1899-12-31", "2100-01-01", "0001-01-01T00:00:00+14:00"])
@@ -189,26 +189,26 @@ def test_invalid_times(time):
 
 
 def test_rotation_is_one_and_right_handed():
-    rotation = ephemeris.lunar_rotation(1234.5)
+    rotation = solar_position.lunar_rotation(1234.5)
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
-    assert np.array_equal(ephemeris.lunar_rotation([1.0, 1234.5])[1], rotation)
+    assert np.array_equal(solar_position.lunar_rotation([1.0, 1234.5])[1], rotation)
 
 
 @pytest.mark.parametrize(("lon", "lat"), [(0, 0), (120, -1.5), (300, 1.5)])
 def test_three_ways_to_the_same_direction(lon, lat):
     frame = EnuFrame(lon + 40.0, 33.0)
-    subsolar = ephemeris.direction_from_subsolar(lon, lat)
-    far = ephemeris.direction_from_position(frame, subsolar * 1e15)
+    subsolar = solar_position.direction_from_subsolar(lon, lat)
+    far = solar_position.direction_from_position(frame, subsolar * 1e15)
     azimuth, elevation = azimuth_elevation(frame.direction_from_mcmf(subsolar))
-    angles = ephemeris.direction_from_angles(frame, float(azimuth), float(elevation))
+    angles = solar_position.direction_from_angles(frame, float(azimuth), float(elevation))
     assert np.allclose(far, subsolar, atol=3e-9)
     assert np.allclose(angles, subsolar, atol=1e-15)
 
 
 def test_elevation_and_azimuth_at_the_equator():
     frame = EnuFrame(10.0, 0.0)
-    east = frame.direction_from_mcmf(ephemeris.direction_from_subsolar(70.0, 0.0))
+    east = frame.direction_from_mcmf(solar_position.direction_from_subsolar(70.0, 0.0))
     assert azimuth_elevation(east)[0] == pytest.approx(90.0)
     assert azimuth_elevation(east)[1] == pytest.approx(30.0)
 
@@ -216,10 +216,10 @@ def test_elevation_and_azimuth_at_the_equator():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: ephemeris.direction_from_subsolar(0.0, 91.0),
-        lambda: ephemeris.direction_from_subsolar(float("nan"), 0.0),
-        lambda: ephemeris.direction_from_angles(EnuFrame(0, 0), 10.0, 95.0),
-        lambda: ephemeris.direction_from_position(EnuFrame(0, 0), [1.0, 2.0, 3.0]),
+        lambda: solar_position.direction_from_subsolar(0.0, 91.0),
+        lambda: solar_position.direction_from_subsolar(float("nan"), 0.0),
+        lambda: solar_position.direction_from_angles(EnuFrame(0, 0), 10.0, 95.0),
+        lambda: solar_position.direction_from_position(EnuFrame(0, 0), [1.0, 2.0, 3.0]),
     ],
 )
 def test_refused_suns(call):
