@@ -3,7 +3,7 @@
 Relief below a cell darkens the ground beyond crests, which a render from the cells' mean heights does
 not show; such a render is found away from the Sun. All points of a level err alike. The error falls
 with the Sun's elevation h as 1 - (h / `HIGHEST_RAD`)^2, as in renders of made relief that were averaged
-to cells (``benchmarks/shadow_shift.py``); its size at grazing light, in cells, is `errors.shadow_shift`
+to cells (`shadow_shift.py` of c896266); its size at grazing light, in cells, is `errors.shadow_shift`
 of the build. How rough the ground is below a cell is not known, so it is an error and not a correction.
 """
 

@@ -38,7 +38,7 @@ SERIES_PIXEL_M = 1280.0
 SERIES_SHIFT_PX = (0.7, 0.1)
 """Columns and rows by which terrain in GLD100 is right of and below the same terrain in a frame of
 the series, whose control net is older. One value for all frames, the median of their own;
-`benchmarks/photographs.py` measures it."""
+`photographs.py` of c896266 measured it."""
 
 FWHM = 2.0
 """Full width at half maximum of the Gaussian that smooths images and, if their cells are finer,

@@ -1,6 +1,6 @@
 """The frames of the Apollo 16 series as map-projected images, each with its own Sun, and a
-catalogue of their terrain that the command builds from GLD100; shared by tests and
-`benchmarks/locate_maps.py`. The maps use an older control net, which displaces their terrain by
+catalogue of their terrain that the command builds from GLD100; shared by tests and benchmarks.
+The maps use an older control net, which displaces their terrain by
 about 0.8 km to the east and 0.2 km to the south.
 """
 

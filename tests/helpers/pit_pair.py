@@ -1,5 +1,5 @@
 """The real pair of the pit in Mare Tranquillitatis: a NAC orthoimage of half a metre, and a NAC DTM
-of 2 m in 256 steps of the same ground. What tests and `benchmarks/nac_pair.py` share.
+of 2 m in 256 steps of the same ground. What tests and benchmarks share.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Map-projected images under a high Sun, whose points are faint.
-Skipped without the shared data, which may not be distributed. `benchmarks/locate_maps.py` makes the
+Skipped without the shared data, which may not be distributed. `locate_maps.py` of c896266 made the
 figures of docs/measurements/pose.md.
 """
 

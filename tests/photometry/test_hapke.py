@@ -43,7 +43,7 @@ def of_angles(parameters: HapkeSet, incidence, emission, azimuth):
 
 
 # incidence, emission, azimuth: I/F under wac-643 and wac-643-mare.
-# benchmarks/peer_reflectance.py: theirs(), eradiate-mitsuba 0.5.0, variant scalar_mono_double
+# peer_reflectance.py of c896266: theirs(), eradiate-mitsuba 0.5.0, variant scalar_mono_double
 PEER = {
     (30, 0, 0): (0.09782742576092704, 0.050321200112225774),
     (60, 0, 0): (0.04582258422867649, 0.02279704993836425),

@@ -1,6 +1,6 @@
 """Reflectance models and an albedo map compared with images: the Apollo 16 series, Sun 6 to 58 deg
 high, and AS15-M-1134. The limits are slightly below the measured figures of
-`benchmarks/photographs.py`. The images and the map may not be distributed: without the shared data
+`photographs.py` of c896266. The images and the map may not be distributed: without the shared data
 these tests are skipped.
 """
 

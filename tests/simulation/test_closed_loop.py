@@ -1,5 +1,5 @@
 """A small closed loop: frames of real terrain, rendered by the product and by Embree, located from
-a camera 2 km off per axis. `benchmarks/closed_loop.py` is the complete run, for
+a camera 2 km off per axis. `closed_loop.py` of c896266 was the complete run, for
 docs/measurements/closed-loop.md. ``-rP`` shows every frame's figures.
 """
 

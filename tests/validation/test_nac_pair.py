@@ -1,6 +1,6 @@
 """A NAC orthoimage compared with renders of a DTM with quantised heights: registered within 2 m, by
 windows and by the points of a catalogue. The pair may not be distributed: without the shared data
-these tests are skipped. The figures are from `benchmarks/nac_pair.py`.
+these tests are skipped. The figures are from `nac_pair.py` of c896266.
 """
 
 from __future__ import annotations
