@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import ImageError, LabelError
+from ..geometry.angles import turned_deg
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.map_projection import MapProjection, map_projection
 from .sensor import ON_MAP, FullSensor
@@ -136,7 +137,7 @@ class MapImage(FullSensor):
         lon, lat = self.projection.inverse(x, y)
         if not np.isfinite(lat):
             raise ImageError(f"{self.name}: the centre of the image is off its map")
-        return float(lon) % 360.0, float(lat)
+        return turned_deg(float(lon)), float(lat)
 
     @property
     def _is_shifted(self) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..geometry.angles import turned_deg, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.sphere_intersection import hits
 from .frame_camera import Camera
@@ -76,7 +77,7 @@ def _by_degrees_as_radians(up: Array) -> Array:
     takes them as radians: for a longitude within -180..180 and within 0..360.
     """
     lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * up)
-    longitudes = np.degrees([(lon + 180.0) % 360.0 - 180.0, lon % 360.0])
+    longitudes = np.degrees([wrapped_deg(lon), turned_deg(lon)])
     return _unit(lonlat_to_mcmf(longitudes, np.degrees([lat, lat])))
 
 

@@ -18,6 +18,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
+from ..geometry.angles import turned_deg, wrapped_deg
 from ..geometry.map_plane import MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.greyscale import grey
@@ -352,7 +353,7 @@ class ReliefMap:
             if len(line):
                 lines.append(_polyline(line))
                 x, y = line[np.argmax(line[:, 1])]
-                labels.append((x, y + 26, _degrees(value % 360.0, "E", ""), "middle"))
+                labels.append((x, y + 26, _degrees(turned_deg(value), "E", ""), "middle"))
         for value in _round_degrees(*lat):
             line = self._clipped(np.linspace(*lon, 241), np.full(241, value))
             if len(line):
@@ -373,7 +374,7 @@ class ReliefMap:
         )
         lon, lat = self.plane.lonlat(xx, yy)
         middle = self.plane.center_lon
-        away = (lon - middle + 180.0) % 360.0 - 180.0
+        away = wrapped_deg(lon - middle)
         return (
             (middle + float(np.nanmin(away)), middle + float(np.nanmax(away))),
             (float(np.nanmin(lat)), float(np.nanmax(lat))),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
+from ..geometry.angles import turned_deg, wrapped_deg
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches
 from .view_mesh import ViewMesh, view_plane
@@ -316,7 +317,7 @@ def _directions_at(catalog: Catalog, view: Array, which: Index) -> _Weights:
 def _sun_weights(catalog: Catalog, sun: Array) -> tuple[_Weights, _Weights]:
     """Weights along the Sun's elevation and azimuth."""
     elevation = _elevation_deg(sun)
-    azimuth = np.degrees(np.arctan2(sun[:, 0], sun[:, 1])) % 360.0
+    azimuth = turned_deg(np.degrees(np.arctan2(sun[:, 0], sun[:, 1])))
     grid = np.asarray(catalog.sun_elevation, np.float64)
     first, last = (_end_steps(grid)[k] / 2.0 for k in (0, 1))
     vertical = _linear(grid, elevation, first, last)
@@ -341,7 +342,7 @@ def _azimuth_weights(grid: Array, azimuth: Array) -> _Weights:
         return _Weights(found.index % len(grid), found.weight)
     first, last = _end_steps(grid)
     middle = (grid[0] + grid[-1]) / 2.0
-    near = (azimuth - middle + 180.0) % 360.0 - 180.0 + middle
+    near = wrapped_deg(azimuth - middle) + middle
     return _linear(grid, near, first / 2.0, last / 2.0)
 
 

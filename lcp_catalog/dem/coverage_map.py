@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Bytes
+from ..geometry.angles import wrapped_deg
 from ..geometry.bounds import Bounds
 from ..plots.png import encode_png
 from ..plots.text import HEIGHT_PX, LINE_PX, draw_text, width_px
@@ -301,7 +302,7 @@ def _column(out: Bytes, labels: list[tuple[int, str]], right: int | None, left: 
 
 
 def _east(lon: float) -> str:
-    lon = (lon + 180.0) % 360.0 - 180.0
+    lon = wrapped_deg(lon)
     if abs(lon) in (0.0, 180.0):
         return f"{abs(lon):g}"
     return f"{abs(lon):.6g} {'E' if lon > 0 else 'W'}"

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import LcpError
+from ..geometry.angles import wrapped_deg
 from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
@@ -261,7 +262,7 @@ def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
             f"states MINIMUM_LATITUDE {declared.south_deg:g}, its last line ends at {box.south:.6g}"
         )
     if declared.east_deg is not None:
-        away = abs((declared.east_deg - box.east + 180.0) % 360.0 - 180.0)
+        away = abs(wrapped_deg(declared.east_deg - box.east))
         if away > 1.5 * (box.east - box.west) / grid.width:
             wrong.append(
                 f"states EASTERNMOST_LONGITUDE {declared.east_deg:g}, its last column ends at {box.east:.6g}"

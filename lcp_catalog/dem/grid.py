@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
+from ..geometry.angles import turned_deg
 from ..geometry.bounds import Bounds, enclosing_arc
 from ..pds.label import Label
 from .crs import Crs, Projection
@@ -189,8 +190,7 @@ class Grid:
             lon = self.center_lon_deg + np.degrees(np.arctan2(x, -self.pole * y))
         else:
             lat, lon = y / _DEGREE_M, self.center_lon_deg + x / self._ring_m
-        lon = lon % 360.0
-        return np.where(lon >= 360.0, 0.0, lon), lat
+        return turned_deg(lon), lat
 
     def cell_weight(self, column: ArrayLike, row: ArrayLike) -> Array:
         """Area of pixels on the surface relative to a pixel at true scale (of a cylinder: at the

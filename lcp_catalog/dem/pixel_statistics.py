@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..geometry.angles import wrapped_deg
 from ..geometry.bounds import enclosing_bounds
 from .dem import Dem
 from .grid import Grid
@@ -112,7 +113,7 @@ class HeightStatistics:
         if bool(((left <= column) & (column <= right) & (top <= row) & (row <= bottom)).any()):
             south, north = (south, 90.0) if grid.pole > 0 else (-90.0, north)
             return Region(enclosing_bounds([0.0], [360.0], south, north), float(area_km2))
-        away = (lon - lon[0] + 180.0) % 360.0 - 180.0
+        away = wrapped_deg(lon - lon[0])
         box = enclosing_bounds(lon[0] + away.min(axis=0), lon[0] + away.max(axis=0), south, north)
         return Region(box, float(area_km2))
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array
 from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import SunError
+from ..geometry.angles import turned_deg
 
 
 def reachable_suns(
@@ -58,7 +59,7 @@ def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
     A gap of more than half a circle ends a partial range: the box is then as wide outwards as
     inwards. A single azimuth has no width.
     """
-    azimuth = np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)) % 360.0
+    azimuth = turned_deg(np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)))
     order = np.argsort(azimuth, kind="stable")
     sorted_ = azimuth[order]
     after = np.diff(np.append(sorted_, sorted_[0] + 360.0))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, FRAME, SOLAR_RADIUS_RAD
+from ..geometry.angles import turned_deg
 from ..geometry.frames import EnuFrame, azimuth_elevation, mcmf_to_lonlat
 from .limb_darkening import VISIBLE, LimbDarkening
 from .solar_position import DIRECTION_ERROR_DEG, ERROR_YEARS, apparent_sun
@@ -111,7 +112,7 @@ def azimuth_zero_lon(place: EnuFrame) -> float | None:
     """
     if abs(place.lat_deg) < 90.0:
         return None
-    return (place.lon_deg + (180.0 if place.lat_deg > 0.0 else 0.0)) % 360.0
+    return turned_deg(place.lon_deg + (180.0 if place.lat_deg > 0.0 else 0.0))
 
 
 def remarks(table: SunTable) -> list[str]:

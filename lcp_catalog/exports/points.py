@@ -15,6 +15,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import VARIABLES, evaluated, usable
 from ..errors import AreaError
+from ..geometry.angles import wrapped_deg
 from ..geometry.bounds import Bounds
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from .frames import LunarFrame
@@ -85,7 +86,7 @@ class ExportedPoints:
     def lonlat_deg(self) -> tuple[Array, Array]:
         """Longitudes (-180..180) and latitudes of the patches' centres in the frame, each (n,)."""
         lon, lat, _ = mcmf_to_lonlat(self.position_m)
-        return half_turn(lon), lat
+        return wrapped_deg(lon), lat
 
     @cached_property
     def gsd_m(self) -> Array:
@@ -184,11 +185,6 @@ def plain(values: AnyArray, missing: str | None) -> list[Any]:
     return [missing if math.isnan(value) else value for value in found.tolist()]
 
 
-def half_turn(lon_deg: AnyArray) -> Array:
-    """Longitudes in -180..180."""
-    return np.asarray((np.asarray(lon_deg, np.float64) + 180.0) % 360.0 - 180.0)
-
-
 def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
     """Coverage cells within the box: ``longitude_deg``, ``latitude_deg`` in the frame, ``status``."""
     catalog = points.catalog
@@ -198,4 +194,4 @@ def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
     )
     turned = lonlat_to_mcmf(lon, lat) @ points.frame.from_me.T
     lon, lat, _ = mcmf_to_lonlat(turned)
-    return {"longitude_deg": half_turn(lon), "latitude_deg": lat, "status": status}
+    return {"longitude_deg": wrapped_deg(lon), "latitude_deg": lat, "status": status}

@@ -17,10 +17,11 @@ import numpy as np
 from ..arrays import AnyArray, Array
 from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
+from ..geometry.angles import wrapped_deg
 from ..geometry.bounds import Bounds
 from ..geometry.frames import mcmf_to_lonlat
 from .packages import package
-from .points import ExportedPoints, cells, half_turn, plain
+from .points import ExportedPoints, cells, plain
 
 _SIDE = 8
 """Most pieces of a footprint's side."""
@@ -65,7 +66,7 @@ def _footprints(points: ExportedPoints, shapely: Any) -> AnyArray:
     found = []
     for block, dem in points.blocks("dem"):
         lon, lat, _ = mcmf_to_lonlat(points.nodes_m(block, dem)[:, rows, columns])
-        lon = half_turn(lon)
+        lon = wrapped_deg(lon)
         whole = shapely.multipolygons(shapely.polygons(np.stack([lon, lat], -1))[:, None])
         for k in np.flatnonzero(np.ptp(lon, axis=1) > 180.0):
             whole[k] = outline(lon[k], lat[k], shapely)
@@ -91,8 +92,8 @@ def outline(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
 
 def _around_pole(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
     """Polygon of a ring around a pole, from one edge of the map to the other and along the pole."""
-    order = np.argsort(half_turn(lon_deg))
-    lon, lat = half_turn(lon_deg)[order], lat_deg[order]
+    order = np.argsort(wrapped_deg(lon_deg))
+    lon, lat = wrapped_deg(lon_deg)[order], lat_deg[order]
     edge = np.interp(180.0, [lon[-1], lon[0] + 360.0], [lat[-1], lat[0]])
     pole = 90.0 if lat.mean() > 0.0 else -90.0
     ends = [(180.0, edge), (180.0, pole), (-180.0, pole), (-180.0, edge)]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from .angles import turned_deg
 
 
 def lonlat_to_mcmf(lon_deg: ArrayLike, lat_deg: ArrayLike, height_m: ArrayLike = 0.0) -> Array:
@@ -36,8 +37,7 @@ def mcmf_to_lonlat(position_m: ArrayLike) -> tuple[Array, Array, Array]:
     """
     x, y, z = np.moveaxis(np.asarray(position_m, dtype=np.float64), -1, 0)
     ring = np.hypot(x, y)
-    lon = np.degrees(np.arctan2(y, x)) % 360.0
-    lon = np.where(lon >= 360.0, 0.0, lon)  # -1e-17 % 360 rounds to 360
+    lon = turned_deg(np.degrees(np.arctan2(y, x)))
     return lon, np.degrees(np.arctan2(z, ring)), np.hypot(ring, z) - MOON_RADIUS_M
 
 
@@ -76,10 +76,8 @@ def azimuth_elevation(direction: ArrayLike) -> tuple[Array, Array]:
     any length.
     """
     east, north, up = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
-    azimuth = np.degrees(np.arctan2(east, north)) % 360.0
-    return np.where(azimuth >= 360.0, 0.0, azimuth), np.degrees(
-        np.arctan2(up, np.hypot(east, north))
-    )
+    azimuth = turned_deg(np.degrees(np.arctan2(east, north)))
+    return azimuth, np.degrees(np.arctan2(up, np.hypot(east, north)))
 
 
 def central_angle_deg(lon1: ArrayLike, lat1: ArrayLike, lon2: ArrayLike, lat2: ArrayLike) -> Array:

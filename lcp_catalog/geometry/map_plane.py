@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from .angles import turned_deg, wrapped_deg
 from .bounds import Bounds
 from .frames import EnuFrame, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
@@ -60,7 +61,7 @@ class MapPlane:
         for pole, away in ((90.0, 90.0 - box.south), (-90.0, 90.0 + box.north)):
             if away <= _POLAR_REACH_DEG:
                 return cls(POLAR_STEREOGRAPHIC, 0.0, pole)
-        lon, lat = (box.west + box.east) / 2.0 % 360.0, (box.south + box.north) / 2.0
+        lon, lat = turned_deg((box.west + box.east) / 2.0), (box.south + box.north) / 2.0
         return cls(EQUIRECTANGULAR, lon, lat)
 
     @property
@@ -113,7 +114,7 @@ class MapPlane:
         if self.projection == ORTHOGRAPHIC:
             return self.places(lonlat_to_mcmf(lon, lat))
         if self.projection == EQUIRECTANGULAR:
-            away = (lon - self.center_lon + 180.0) % 360.0 - 180.0
+            away = wrapped_deg(lon - self.center_lon)
             x = MOON_RADIUS_M * math.cos(math.radians(self.center_lat)) * np.radians(away)
             return x, MOON_RADIUS_M * np.radians(lat - self.center_lat)
         colatitude = np.radians(90.0 - lat if self._north else 90.0 + lat)
@@ -136,12 +137,12 @@ class MapPlane:
             away = np.degrees(x / MOON_RADIUS_M / math.cos(math.radians(self.center_lat)))
             lat = self.center_lat + np.degrees(y / MOON_RADIUS_M)
             off = (np.abs(away) > 180.0 + 1e-9) | (np.abs(lat) > 90.0 + 1e-9)
-            lon = np.where(off, np.nan, (self.center_lon + away) % 360.0)
+            lon = np.where(off, np.nan, turned_deg(self.center_lon + away))
             return lon, np.where(off, np.nan, np.clip(lat, -90.0, 90.0))
         colatitude = np.degrees(2.0 * np.arctan(np.hypot(x, y) / (2.0 * MOON_RADIUS_M)))
         turn = np.degrees(np.arctan2(x, -y if self._north else y))
         lat = 90.0 - colatitude if self._north else colatitude - 90.0
-        return (self.center_lon + turn) % 360.0, lat
+        return turned_deg(self.center_lon + turn), lat
 
     def north(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
         """Direction of north on the map at places (n,), degrees clockwise from up."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
+from ..geometry.angles import turned_deg
 from ..geometry.frames import lonlat_to_mcmf
 from ..kernels.points import thinned
 from ..threads import thread_count
@@ -68,9 +69,7 @@ def stable_id(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Index:
         raise ValueError("a longitude is not finite, or a latitude lies outside -90..90 degrees")
     row = np.clip(np.floor((lat + 90.0) * 1000.0).astype(np.int64), 0, ID_ROWS - 1)
     columns = _id_columns(row)
-    turn = lon % 360.0
-    turn = np.where(turn >= 360.0, 0.0, turn)  # -1e-17 % 360 rounds to 360
-    column = np.minimum(np.floor(turn / 360.0 * columns).astype(np.int64), columns - 1)
+    column = np.minimum(np.floor(turned_deg(lon) / 360.0 * columns).astype(np.int64), columns - 1)
     return np.asarray((row + 1) * _ID_STRIDE + column)
 
 

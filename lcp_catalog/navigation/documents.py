@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import AnyArray
 from ..catalog.catalogue import Catalog
+from ..geometry.angles import wrapped_deg
 from ..plots.numbers import number
 from .expected_position import Answer, ExpectedPosition
 from .frame_points import CAUSES
@@ -125,7 +126,7 @@ def points_geojson(answer: Answer, catalog: Catalog) -> str:
     for row in _point_rows(answer, catalog):
         figures = dict(zip(POINT_COLUMNS, row, strict=True))
         lon, lat, up = (figures[name] for name in ("longitude_deg", "latitude_deg", "elevation_m"))
-        place = [(lon + 180.0) % 360.0 - 180.0, lat, up]
+        place = [wrapped_deg(lon), lat, up]
         shape = {"type": "Point", "coordinates": place}
         features.append({"type": "Feature", "geometry": shape, "properties": figures})
     whole = {

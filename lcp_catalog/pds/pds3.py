@@ -17,6 +17,7 @@ from typing import Any
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
+from ..geometry.angles import wrapped_deg
 from . import pvl
 from .label import DeclaredStatistics, Label, file_bytes
 from .pvl import Pvl, Quantity
@@ -354,7 +355,7 @@ class _Interpreter:
                 f"LINE_PROJECTION_OFFSET puts the north edge at {north:.6g} deg, "
                 f"MAXIMUM_LATITUDE at {said_north:g}"
             )
-        if said_west is not None and abs((west - said_west + 180.0) % 360.0 - 180.0) > tolerance:
+        if said_west is not None and abs(wrapped_deg(west - said_west)) > tolerance:
             raise LabelError(
                 f"SAMPLE_PROJECTION_OFFSET puts the west edge at {west:.6g} deg, "
                 f"WESTERNMOST_LONGITUDE at {said_west:g}"

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import AnyArray, Array
 from ..catalog.catalogue import Catalog, Coverage, Overview
 from ..catalog.coverage import usable_nearby
+from ..geometry.angles import turned_deg
 from ..geometry.bounds import enclosing_bounds
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest
@@ -88,7 +89,7 @@ class MergedMaps:
         most = min(COVERAGE_CELLS, COVERAGE_BYTES // max(1, math.prod(condition.shape[1:])))
         lon, lat, step_m = ring_cells(self.regions, self.spacing_m, most)
         if not len(lon):  # narrower than a cell
-            lon, lat = np.array([[one.lon_deg % 360.0, one.lat_deg] for one in self.regions]).T
+            lon, lat = np.array([[turned_deg(one.lon_deg), one.lat_deg] for one in self.regions]).T
         rank = np.zeros(len(lon), np.int64)
         for part in self.parts:
             mine = np.flatnonzero(part.contains(lon, lat))

@@ -18,6 +18,7 @@ from ..catalog.hdf5 import Coverage, Overview
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..dem.nearest_pixels import nearest_heights
+from ..geometry.angles import turned_deg
 from ..geometry.frames import mcmf_to_lonlat
 from ..geometry.map_plane import MapPlane
 from ..landmarks.selection import Places, Status, coverage
@@ -137,7 +138,7 @@ def _rings(box: tuple[float, float, float, float], step_m: float) -> tuple[Array
         width = 360.0 / count
         first, last = math.floor(west / width), math.ceil(east / width)
         lon = (np.arange(first, min(last, first + count)) + 0.5) * width
-        lons.append(np.asarray(lon % 360.0))
+        lons.append(turned_deg(np.asarray(lon, np.float64)))
         lats.append(np.full(len(lon), lat))
     return np.concatenate(lons), np.concatenate(lats)
 

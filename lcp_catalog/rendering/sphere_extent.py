@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError
+from ..geometry.angles import turned_deg
 from ..geometry.frames import EnuFrame
 
 Extent = tuple[float, float, float, float]
@@ -35,7 +36,7 @@ class SphereArea:
     @property
     def frame(self) -> EnuFrame:
         """The frame at its centre, on the sphere."""
-        return EnuFrame(self.lon_deg % 360.0, self.lat_deg)
+        return EnuFrame(turned_deg(self.lon_deg), self.lat_deg)
 
     @property
     def extent_m(self) -> Extent:

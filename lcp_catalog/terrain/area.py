@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..choices import HEIGHTFIELD_SIZE_MAX_KM
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError
+from ..geometry.angles import turned_deg, wrapped_deg
 from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
 
@@ -74,7 +75,7 @@ class Area:
     @property
     def frame(self) -> EnuFrame:
         """The frame at the area's centre, its origin on the reference sphere."""
-        return EnuFrame(self.lon_deg % 360.0, self.lat_deg)
+        return EnuFrame(turned_deg(self.lon_deg), self.lat_deg)
 
     def contains(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
         """True for positions (on the sphere) inside the area."""
@@ -157,7 +158,7 @@ class Area:
         poles = [bool(self.contains(0.0, pole)) for pole in (-90.0, 90.0)]
         if any(poles):
             return Bounds(0.0, -90.0 if poles[0] else south, 360.0, 90.0 if poles[1] else north)
-        away = (lon - self.lon_deg + 180.0) % 360.0 - 180.0
+        away = wrapped_deg(lon - self.lon_deg)
         return Bounds(
             self.lon_deg + float(away.min()), south, self.lon_deg + float(away.max()), north
         )

@@ -16,6 +16,7 @@ from ..accuracy import TIERS
 from ..atomic_files import check_folder, write_bytes
 from ..catalog.summary import latitude_name
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
+from ..geometry.angles import turned_deg
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.png import data_uri
@@ -229,7 +230,7 @@ def compared_line(compared: dict[str, Any]) -> str:
         else "all tiers in the same process"
     )
     return (
-        f"{', '.join(compared['dems'])}; region around {region['center_lon'] % 360.0:.4g}° E, {latitude_name(region['center_lat'])}, "
+        f"{', '.join(compared['dems'])}; region around {turned_deg(region['center_lon']):.4g}° E, {latitude_name(region['center_lat'])}, "
         f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} areas "
         f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun directions, elevations {low:g} to {high:g}°; "
         f"{compared['views']} views; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
