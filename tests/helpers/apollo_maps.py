@@ -11,9 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from helpers.apollo_frames import SERIES, series_dem
-from helpers.located_frames import SWEEP
-from helpers.small_world import mirrored
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.sensor import Uncertainty
@@ -23,6 +20,10 @@ from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
+
+from .apollo_frames import SERIES, series_dem
+from .located_frames import SWEEP
+from .small_world import mirrored
 
 UNCERTAIN = Uncertainty(1500.0)
 NET_M = (803.0, -194.0)

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from helpers.apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.dem.dem import Dem
@@ -28,6 +27,8 @@ from lcp_catalog.validation.ground_comparison import rendered_cell_m
 from lcp_catalog.validation.orthoimage import Ortho, orthorectify, terrain_nodes
 from lcp_catalog.validation.point_spread import Pair, paired
 from lcp_catalog.validation.window_correlation import WindowComparison, compare
+
+from .apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 
 LINEAR, SRGB = "linear", "srgb"
 LAW = "lunar-lambert"

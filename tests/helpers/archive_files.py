@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import rasterio
-from helpers import real_heights
-from helpers.products import DEGREE_M, LABELS, Surface, _write, cut
+
+from . import real_heights
+from .products import DEGREE_M, LABELS, Surface, _write, cut
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from helpers import real_heights
-from helpers.archive_files import (
+from rasterio.errors import NotGeoreferencedWarning
+
+from . import real_heights
+from .archive_files import (
     Frame,
     Product,
     archive_text,
@@ -26,8 +28,7 @@ from helpers.archive_files import (
     map_object,
     polar_frame,
 )
-from helpers.products import DEGREE_M, LABELS, RADIUS_M, geotiff
-from rasterio.errors import NotGeoreferencedWarning
+from .products import DEGREE_M, LABELS, RADIUS_M, geotiff
 
 
 def cylindrical_products(folder: Path) -> Iterator[Product]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from helpers.products import DEGREE_M, RADIUS_M
-
 from lcp_catalog.dem.coverage import set_coverage
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.raster import Raster
+
+from .products import DEGREE_M, RADIUS_M
 
 R_KM = RADIUS_M / 1000.0
 NORTH = "+proj=stere +lat_0=90 +lat_ts=90 +lon_0={lon} +R=1737400 +units=m +no_defs"

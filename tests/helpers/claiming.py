@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from helpers.catalogs import ERRORS
 
 from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.schema import USABLE, summarise_usable
+
+from .catalogs import ERRORS
 
 USABLE_AT, OTHERS_AT = 0.96, 0.4
 """Claimed probability of the usable points and of the others."""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import rasterio
-from helpers.twins_match import catalog_of_patches
 from numpy.typing import NDArray
 
 from lcp_catalog.accuracy import TIERS
@@ -36,8 +35,10 @@ from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import DemSurface, frame
 from lcp_catalog.terrain.terrain import sample_patch
 
+from .twins_match import catalog_of_patches
+
 if TYPE_CHECKING:
-    from helpers.embree_camera import Ground
+    from .embree_camera import Ground
 
 Renderer = Callable[[Camera, "Shot"], Image]
 
@@ -222,7 +223,7 @@ def embree_frame(
     ground: Ground, camera: Camera, snr: float, bits: int, samples: int, seed: int
 ) -> Image:
     """A frame of a ground by the independent renderer, its camera made from CAMERA.json's numbers alone."""
-    from helpers.embree_camera import Pinhole, photograph, read_out
+    from .embree_camera import Pinhole, photograph, read_out
 
     said = camera.to_json()
     judge = Pinhole(
@@ -243,7 +244,7 @@ def embree_frame(
 
 def by_embree(dem: Path, middle_deg: tuple[float, float], reach_m: float) -> Renderer:
     """Frames of the DEM's mesh within reach of a place; the judge's camera is made from CAMERA.json's numbers alone."""
-    from helpers.embree_camera import Ground
+    from .embree_camera import Ground
 
     ground = Ground.of(dem, *middle_deg, reach_m)
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from helpers.embree_mesh import RADIUS_M, Nodes
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+
+from .embree_mesh import RADIUS_M, Nodes
 
 Array = NDArray[np.float64]
 

@@ -23,9 +23,10 @@ pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows o
 
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from helpers.embree_mesh import Nodes, enu_axes, mcmf, read_nodes, triangles
 
 from lcp_catalog.arrays import Array
+
+from .embree_mesh import Nodes, enu_axes, mcmf, read_nodes, triangles
 
 SUN_M = 1.496e11
 LIFT_M = 0.5

@@ -11,7 +11,14 @@ import rasterio
 
 pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
 
-from helpers.embree_mesh import (
+from lcp_catalog.accuracy import TIERS
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.rendering.output import encode
+from lcp_catalog.rendering.pipeline import prepare
+from lcp_catalog.rendering.request import Request
+from lcp_catalog.terrain.area import Area
+
+from .embree_mesh import (
     RADIUS_M,
     Mesh,
     Product,
@@ -21,15 +28,8 @@ from helpers.embree_mesh import (
     mcmf,
     sun_direction,
 )
-from helpers.products import DEGREE_M, EQC, geotiff
-from helpers.synthetic import cratered
-
-from lcp_catalog.accuracy import TIERS
-from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.rendering.output import encode
-from lcp_catalog.rendering.pipeline import prepare
-from lcp_catalog.rendering.request import Request
-from lcp_catalog.terrain.area import Area
+from .products import DEGREE_M, EQC, geotiff
+from .synthetic import cratered
 
 AGREED = 0.995
 STERE = "+proj=stere +lat_0={} +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs"

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from helpers.small_world import mirrored
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.camera_file import read_camera
@@ -27,6 +26,8 @@ from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import PositionFix
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
+
+from .small_world import mirrored
 
 DEM_PIXEL_M = 474.0
 OFF_M, OFF_RAD = 5000.0, np.radians(0.5)

@@ -7,14 +7,15 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from helpers.match_frames import LAW
-from helpers.twins_match import catalog_of_patches, looking_at
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import Templates, render_patches
+
+from .match_frames import LAW
+from .twins_match import catalog_of_patches, looking_at
 
 HERE = EnuFrame(0.0, 0.0)
 EAST = HERE.direction_to_mcmf(direction_enu(100, 30))

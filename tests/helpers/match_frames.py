@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from helpers.catalogs import HADLEY
-from helpers.twins_match import catalog_of_dem, looking_at
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
@@ -17,6 +15,9 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation import frame as simulate
 from lcp_catalog.simulation.detector import Detector
+
+from .catalogs import HADLEY
+from .twins_match import catalog_of_dem, looking_at
 
 LAW = reflectance_model("lunar-lambert")
 GSD_M = 118.45

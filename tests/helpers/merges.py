@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from helpers import catalogs
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.schema import summarise_usable, usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
 from lcp_catalog.landmarks.selection import stable_id
+
+from . import catalogs
 
 SPACING_M = 6000.0
 SOUTH, NORTH = 24.9, 27.1

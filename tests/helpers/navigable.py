@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from helpers import catalogs
 
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.schema import summarise_usable
+
+from . import catalogs
 
 
 def everywhere_usable(count: int = 60, patch: int = 9, **spoilt: object) -> Catalog:

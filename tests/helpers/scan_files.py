@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from helpers.isd_files import fixture
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.ephemeris.solar_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame
+
+from .isd_files import fixture
 
 MOON_TURNS = 2.66e-6  # radians per second
 CENTRE_ET = 763387200.0  # 2024-03-10

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from helpers.posed import DOWN, HADLEY, turned
-from helpers.synthetic import cratered
-from helpers.twins_match import catalog_of_patches
 from scipy.ndimage import map_coordinates, spline_filter
 
 from lcp_catalog.cameras.frame_camera import Camera
@@ -20,6 +17,10 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf,
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import render_patches
 from lcp_catalog.photometry.laws import Reflectance, reflectance_model
+
+from .posed import DOWN, HADLEY, turned
+from .synthetic import cratered
+from .twins_match import catalog_of_patches
 
 GSD_M = 400.0
 NODES = 321

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import products, synthetic
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.production import sweep
@@ -23,6 +22,8 @@ from lcp_catalog.production.evaluation import Evaluation
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.occlusion import occluded_sweep
 from lcp_catalog.tradeoff import measurement
+
+from . import products, synthetic
 
 GSD_M = 474.0
 CONFIG = BuildConfig(

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from helpers import products, real_heights
-from helpers.archive_files import Frame, Product, archive_text, cylinder_frame, img_product
 from rasterio.enums import Resampling
 from rasterio.warp import reproject
+
+from . import products, real_heights
+from .archive_files import Frame, Product, archive_text, cylinder_frame, img_product
 
 SOURCE = (5.0, 25.0)
 REACH_M, PLANE_M = 136e3, 100.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from helpers.twins_sun import arguments, cos, physical, polynomial, sin
+from .twins_sun import arguments, cos, physical, polynomial, sin
 
 # Multiples of D, M, M', F and coefficients of longitude's sine (1e-6 deg) and distance's cosine (m).
 # fmt: off

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from helpers.catalogs import HADLEY, catalog
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
@@ -16,6 +15,8 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance, photometry
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import sample_patch
+
+from .catalogs import HADLEY, catalog
 
 
 def catalog_of_patches(

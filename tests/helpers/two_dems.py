@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from helpers import products, synthetic
-
 from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
@@ -14,6 +12,8 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
+
+from . import products, synthetic
 
 FINE_M, COARSE_M = 240.0, 480.0
 SITE_KM = 16.8
