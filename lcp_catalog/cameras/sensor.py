@@ -240,6 +240,33 @@ def pixel_size_m(sensor: Sensor, points_mcmf_m: ArrayLike) -> Array:
     return np.asarray(1.0 / np.sqrt(pixels_per_m2))
 
 
+def ground_slopes(sensor: Sensor, points_mcmf_m: Array, rotation: Array) -> Array:
+    """Derivatives (n, 2, 2) of the pixels of points (n, 3) with respect to displacements east and
+    north (last axis) in their horizontal planes, pixels per metre; ``rotation`` (n, 3, 3): MCMF to
+    each point's ENU frame. NaN for points that the sensor cannot see.
+    """
+    here = sensor.project(points_mcmf_m)
+    axes = rotation[:, 0], rotation[:, 1]
+    return np.stack([_slope(sensor, points_mcmf_m, here, axis) for axis in axes], axis=-1)
+
+
+def ground_errors_m(
+    sensor: Sensor, points_mcmf_m: Array, rotation: Array, offset_px: Array
+) -> Array:
+    """Displacements (n, 2), east and north in metres, in the horizontal planes of points (n, 3), that
+    the sensor shows as offsets (n, 2) in pixels, to first order. ``rotation`` (n, 3, 3): MCMF to
+    each point's ENU frame. NaN where the sensor shows no such displacement.
+    """
+    slopes = ground_slopes(sensor, points_mcmf_m, rotation)
+    (east_x, east_y), (north_x, north_y) = slopes[..., 0].T, slopes[..., 1].T
+    x, y = offset_px.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = east_x * north_y - north_x * east_y
+        found = np.stack([north_y * x - north_x * y, east_x * y - east_y * x], axis=-1)
+        found /= area[:, None]
+    return np.where(np.isfinite(found), found, np.nan)
+
+
 def _slope(sensor: Sensor, points: Array, here: Array, axis: Array) -> Array:
     """Change of the pixels (..., 2) by a metre along ``axis``."""
     return mean_step(sensor.project(points + axis) - here, here - sensor.project(points - axis))

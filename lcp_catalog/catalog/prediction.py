@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
 from ..geometry.angles import turned_deg, wrapped_deg
+from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches
 from .view_mesh import ViewMesh, view_plane
@@ -73,19 +74,6 @@ class Prediction:
         """Covariances (n, 2, 2) of a match on the ground, axes east and north."""
         sigma = np.stack([self.sigma_major_m, self.sigma_minor_m], axis=-1)
         return ellipse_covariance(sigma, self.sigma_angle_deg)
-
-
-def ellipse_covariance(sigma_m: ArrayLike, angle_deg: ArrayLike) -> Array:
-    """Covariances (n, 2, 2), axes east and north, of ellipses with 1 sigma along the major and minor
-    axis (n, 2) and the angle of the major axis clockwise from north, degrees (n,). NaN for ellipses
-    that are not finite.
-    """
-    sigma, angle = np.asarray(sigma_m, np.float64), np.radians(angle_deg)
-    variance = np.where(np.isfinite(sigma), sigma, np.nan) ** 2
-    major = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
-    minor = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
-    axes = np.stack([major, minor], axis=-1)
-    return np.asarray((axes * variance[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ import numpy as np
 from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
+from ..geometry.angles import turned_deg
+from ..geometry.bounds import enclosing_arc
 from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
@@ -215,14 +217,11 @@ def bounds(lon_deg: AnyArray, lat_deg: AnyArray) -> dict[str, float] | None:
     """The narrowest box of longitudes (0..360) and latitudes around points; None without points."""
     if not len(lon_deg):
         return None
-    lon = np.sort(np.asarray(lon_deg) % 360.0)
-    gaps = np.diff(np.append(lon, lon[0] + 360.0))
-    widest = int(np.argmax(gaps))
-    west, east = lon[(widest + 1) % len(lon)], lon[widest]
+    west, east = enclosing_arc(lon_deg, lon_deg)
     return {
-        "west": float(west),
+        "west": turned_deg(west),
         "south": float(np.min(lat_deg)),
-        "east": float(east),
+        "east": turned_deg(east),
         "north": float(np.max(lat_deg)),
     }
 

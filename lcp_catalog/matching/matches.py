@@ -110,15 +110,3 @@ def joined(parts: Sequence[Matches]) -> Matches:
     return Matches(
         **{name: np.concatenate([getattr(one, name) for one in parts]) for name in names}
     )
-
-
-def error_ellipses(covariance_px2: Array) -> tuple[Array, Array]:
-    """Error ellipses of covariances (n, 2, 2): 1 sigma along the major and minor axis (n, 2), and
-    the angle of the major axis in degrees from right towards down (n,), 0..180; NaN for NaN.
-    """
-    known = np.isfinite(covariance_px2).all(axis=(1, 2))
-    sigma, angle = np.full((known.size, 2), np.nan), np.full(known.size, np.nan)
-    values, vectors = np.linalg.eigh(covariance_px2[known])
-    sigma[known] = np.sqrt(np.maximum(values[:, ::-1], 0.0))
-    angle[known] = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])) % 180.0
-    return sigma, angle

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
-from ..cameras.sensor import Sensor, altitude_km, mean_step, pixel_size_m
+from ..cameras.sensor import Sensor, altitude_km, ground_slopes, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
 
@@ -62,19 +62,6 @@ def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: Array
     view = np.einsum("nij,nj->ni", rotation, sensor.towards(places))
     pixel = pixel_size_m(sensor, places) if len(rows) else np.zeros(0)
     return predict(catalog, rows, sun, view, pixel, altitude_km(sensor, places))
-
-
-def ground_slopes(sensor: Sensor, points_mcmf_m: Array, rotation: Array) -> Array:
-    """Derivatives (n, 2, 2) of the pixels of points (n, 3) with respect to displacements east and
-    north (last axis) in their horizontal planes, pixels per metre; ``rotation`` (n, 3, 3): MCMF to
-    each point's ENU frame. NaN for points that the sensor cannot see.
-    """
-    here = sensor.project(points_mcmf_m)
-    columns = []
-    for axis in (rotation[:, 0], rotation[:, 1]):
-        ahead, behind = (sensor.project(points_mcmf_m + sign * axis) for sign in (1.0, -1.0))
-        columns.append(mean_step(ahead - here, here - behind))
-    return np.stack(columns, axis=-1)
 
 
 def at_least(covariance: Array, least: Array) -> Array:

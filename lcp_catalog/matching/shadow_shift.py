@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
-from ..cameras.sensor import Sensor
+from ..cameras.sensor import Sensor, ground_slopes
 from ..catalog.catalogue import Catalog
-from .point_claims import ground_slopes
 
 HIGHEST_RAD = math.radians(35.0)
 """Elevation of the Sun from which on shadows below a cell shift nothing."""

@@ -14,8 +14,8 @@ from ..arrays import Array, Index
 from ..cameras.sensor import POSE, Sensor
 from ..catalog.catalogue import Catalog
 from ..errors import CameraError
+from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
-from ..matching.matches import error_ellipses
 from ..matching.point_claims import LEAST_SIGMA_PX
 from ..matching.pose import jacobian
 from ..matching.shadow_shift import shadow_shift_m

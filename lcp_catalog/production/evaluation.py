@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
+from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability, least_rival, top_probability
 from ..landmarks.error_model import ErrorModel
@@ -277,7 +278,9 @@ class _Judge:
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
         place = self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
         covariance = match.covariance_px2 + bias[:, :, None] * bias[:, None]
-        major, minor, angle = _ellipse(covariance * pixel_m**2 + place)
+        # axes of the patch: east and south; angles are clockwise from north
+        sigma, angle = error_ellipses(covariance * pixel_m**2 + place, first_axis_deg=90.0)
+        major, minor = np.where(np.isnan(sigma), np.inf, sigma).T
         result, condition = self.result, conditions[items.which].T
         where = (items.candidate, slot, *condition)
         result.detection[where] = chances.detection
@@ -336,22 +339,3 @@ def _chances(
 def _flagged(which: NDArray[np.bool_], flag: int) -> NDArray[np.uint8]:
     """The flag where ``which`` is true, else 0."""
     return np.where(which, flag, 0).astype(np.uint8)
-
-
-def _ellipse(covariance: Array) -> tuple[Array, Array, Array]:
-    """1 sigma along the major and minor axis and the major axis' angle, degrees clockwise from north,
-    0..180, of covariances (n, 2, 2) of columns (east) and rows (south); infinite and NaN for
-    infinite ones.
-    """
-    xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    finite = np.isfinite(xx) & np.isfinite(yy) & np.isfinite(xy)
-    xx, yy, xy = (np.where(finite, part, 0.0) for part in (xx, yy, xy))
-    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    major, minor = (
-        np.where(finite, np.sqrt(np.maximum(value, 0.0)), np.inf)
-        for value in (middle + apart, middle - apart)
-    )
-    # the axis (cos t, sin t) of columns and rows has tan 2t = 2 xy / (xx - yy)
-    east_of = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    angle = (np.degrees(east_of) + 90.0) % 180.0
-    return major, minor, np.where(finite, angle, np.nan)

@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Index, Mask
-from ..cameras.sensor import Sensor, pixel_size_m
+from ..cameras.sensor import Sensor, ground_errors_m, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.origins import origins
 from ..catalog.patch_terrain import nodes_mcmf
 from ..images.image import Image
 from ..matching.matches import CODE, Matches
 from ..matching.point_choice import points_in_view, working_image
-from ..matching.point_claims import NO_CLAIM, claimed, ground_slopes
+from ..matching.point_claims import NO_CLAIM, claimed
 from ..matching.point_search import Criteria, find_points
 from ..photometry.laws import Reflectance
 from .claims import GATE_PX, GATE_SIGMAS, Claims, squared_distance
@@ -146,20 +146,3 @@ def search_radius_m(catalog: Catalog, rows: Index) -> Array:
             own = (gsd_m == config.get("area", {}).get("gsd_m")) | (len(builds) == 1)
             radius[own] = search_m
     return radius
-
-
-def ground_errors_m(
-    sensor: Sensor, points_mcmf_m: Array, rotation: Array, offset_px: Array
-) -> Array:
-    """Displacements (n, 2), east and north in metres, in the horizontal planes of points (n, 3), that
-    the sensor shows as offsets (n, 2) in pixels, to first order. ``rotation`` (n, 3, 3): MCMF to
-    each point's ENU frame. NaN where the sensor shows no such displacement.
-    """
-    slopes = ground_slopes(sensor, points_mcmf_m, rotation)
-    (east_x, east_y), (north_x, north_y) = slopes[..., 0].T, slopes[..., 1].T
-    x, y = offset_px.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        area = east_x * north_y - north_x * east_y
-        found = np.stack([north_y * x - north_x * y, east_x * y - east_y * x], axis=-1)
-        found /= area[:, None]
-    return np.where(np.isfinite(found), found, np.nan)

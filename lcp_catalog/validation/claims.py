@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..catalog.prediction import ellipse_covariance
+from ..geometry.ellipses import ellipse_covariance
 
 BINS = 10
 """Number of bins of predicted probability, of equal width, from 0 to 1. A value on a limit belongs

@@ -26,11 +26,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ..arrays import AnyArray, Array, Float32, Index, Mask
-from ..cameras.sensor import Sensor
+from ..cameras.sensor import ground_errors_m
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
 from ..errors import ImageError
-from ..geometry.frames import EnuFrame
 from ..images.image import Image
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import registration
@@ -134,7 +133,8 @@ def _sample(
     render, east, south = (np.nan_to_num(band).astype(np.float64) for band in bands)
     error = np.full(2, np.nan)
     if np.isfinite(found_px).all():
-        error = _on_ground(sensor, terrain.frame, found_px)
+        offset = (np.asarray(found_px) - sensor.project(origin))[None]
+        error = ground_errors_m(sensor, origin[None], terrain.frame.rotation[None], offset)[0]
     moved = np.nan_to_num(error) @ terrain.frame.rotation[:2]
     ortho = orthorectify(image, nodes_mcmf(catalog, [row])[0] + moved)
     valid = ortho.weight > 0.9
@@ -151,16 +151,6 @@ def _sample(
     clear = both > _OWN_GAIN * math.sqrt(power * bright)
     gain = both / power if clear else math.nan
     return light, valid, render, east, south, error * [1.0, -1.0], np.array(gain)
-
-
-def _on_ground(sensor: Sensor, frame: EnuFrame, found_px: AnyArray, step_m: float = 50.0) -> Array:
-    """East and north, metres, of the place that a pixel shows from a frame's origin, to first order."""
-    origin, axes = frame.origin_mcmf_m, frame.rotation
-    here = sensor.project(origin)
-    slope = np.stack(
-        [(sensor.project(origin + step_m * axes[k]) - here) / step_m for k in (0, 1)], -1
-    )
-    return np.asarray(np.linalg.solve(slope, np.asarray(found_px) - here), dtype=np.float64)
 
 
 def fit_errors(samples: Sequence[Residuals]) -> ErrorModel:

@@ -9,7 +9,8 @@ import numpy as np
 from markupsafe import Markup
 
 from ..arrays import Array
-from ..matching.matches import MEANINGS, REASONS, error_ellipses
+from ..geometry.ellipses import error_ellipses
+from ..matching.matches import MEANINGS, REASONS
 from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
 from ..plots.png import data_uri

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Mask
-from ..matching.matches import REASONS, error_ellipses
+from ..geometry.ellipses import error_ellipses
+from ..matching.matches import REASONS
 from .result import DIGITS, ImageVerdict
 
 POINT_COLUMNS = (

@@ -22,7 +22,7 @@ from lcp_catalog.catalog.schema import (
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
 from lcp_catalog.production.config import BuildConfig, PointConfig, SunConfig, ViewConfig
-from lcp_catalog.production.evaluation import _ellipse, evaluate, image_scales
+from lcp_catalog.production.evaluation import evaluate, image_scales
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ring_decision
@@ -61,22 +61,6 @@ def test_image_scales_end_at_seven_pixels(nodes, scales):
     assert image_scales(nodes) == scales
     sides = [2 * (nodes // 2 // scale) + 1 for scale in (*scales, 2 * scales[-1])]
     assert min(sides[:-1]) >= 7 > sides[-1]
-
-
-def test_ellipses_by_their_axes():
-    """Columns are east, rows south: an axis towards the north-east has a negative covariance."""
-    for azimuth in (0.0, 30.0, 45.0, 90.0, 135.0, 179.0):
-        east, south = np.sin(np.radians(azimuth)), -np.cos(np.radians(azimuth))
-        axes = np.array([[east, -south], [south, east]])
-        covariance = axes @ np.diag([9.0, 4.0]) @ axes.T
-        major, minor, angle = _ellipse(covariance[None])
-        assert (major[0], minor[0]) == pytest.approx((3.0, 2.0))
-        assert abs((angle[0] - azimuth + 90.0) % 180.0 - 90.0) < 1e-6
-        assert 0.0 <= angle[0] <= 180.0
-    major, minor, angle = _ellipse(np.full((1, 2, 2), np.inf))
-    assert np.isinf(major[0])
-    assert np.isinf(minor[0])
-    assert np.isnan(angle[0])
 
 
 def test_results_are_those_in_the_points_own_north():

@@ -10,13 +10,13 @@ import pytest
 from helpers.claiming import claiming
 from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo, taken
 
-from lcp_catalog.cameras.sensor import pixel_size_m
+from lcp_catalog.cameras.sensor import ground_errors_m, pixel_size_m
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.matches import CODE
 from lcp_catalog.matching.point_search import Criteria, find_points
-from lcp_catalog.validation.claim_trials import ClaimSearch, ground_errors_m, search_radius_m
+from lcp_catalog.validation.claim_trials import ClaimSearch, search_radius_m
 
 ROWS = np.arange(49)
 SIGMA_M = 20.0

@@ -12,7 +12,7 @@ from helpers import verdicts
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.catalog.prediction import ellipse_covariance
+from lcp_catalog.geometry.ellipses import ellipse_covariance
 from lcp_catalog.validation.claims import (
     BINS,
     Claims,

@@ -8,12 +8,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from helpers import verdicts
-from hypothesis import given
-from hypothesis import strategies as st
 
-from lcp_catalog.matching.matches import REASONS, error_ellipses
+from lcp_catalog.matching.matches import REASONS
 from lcp_catalog.validation.tables import (
     POINT_COLUMNS,
     WINDOW_COLUMNS,
@@ -142,24 +139,3 @@ def test_no_image_is_a_heading_alone() -> None:
     assert csv_text([]) == ",".join(POINT_COLUMNS) + "\r\n"
     assert csv_text([verdicts.nothing()]) == csv_text([])
     assert windows_csv_text([verdicts.nothing()]) == ",".join(WINDOW_COLUMNS) + "\r\n"
-
-
-@given(st.floats(0.01, 50.0), st.floats(0.01, 1.0), st.floats(0.0, 179.0))
-def test_an_ellipse_is_its_covariance(major: float, ratio: float, angle_deg: float) -> None:
-    """From axes to a covariance and back, where the axes differ."""
-    minor, angle = major * ratio, math.radians(angle_deg)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    covariance = turn @ np.diag([major**2, minor**2]) @ turn.T
-    (sigma,), (found,) = error_ellipses(np.array([(covariance + covariance.T) / 2.0]))
-    assert sigma == pytest.approx([major, minor], rel=1e-6)
-    if ratio < 0.99:
-        assert min(abs(found - angle_deg), 180.0 - abs(found - angle_deg)) < 1e-4
-    assert 0.0 <= found <= 180.0
-
-
-def test_downwards_is_ninety_degrees() -> None:
-    sigma, angle = error_ellipses(np.array([[[1.0, 0.0], [0.0, 4.0]], np.full((2, 2), np.nan)]))
-    assert sigma[0].tolist() == [2.0, 1.0]
-    assert angle[0] == pytest.approx(90.0)
-    assert np.isnan(sigma[1]).all()
-    assert np.isnan(angle[1])
