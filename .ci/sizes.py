@@ -87,7 +87,9 @@ def starred_calls() -> list[str]:
     return found
 
 
-_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+_OPTION = re.compile(
+    r"(?<![\w-])--[a-z][a-z-]+(?![a-z-]|:\{)"
+)  # --name:{value} is of a style sheet
 
 
 def option_lines() -> list[str]:

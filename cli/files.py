@@ -18,6 +18,7 @@ import click
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
+from .names import runs
 
 log = logging.getLogger(__name__)
 
@@ -110,6 +111,7 @@ class FileCommand(click.Command):
             write_example(self.example, formatter)
 
     def invoke(self, ctx: click.Context) -> Any:
+        runs(self)
         refuse_same_files(ctx)
         _refuse_endings(ctx)
         _refuse_names_for_make(ctx)

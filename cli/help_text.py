@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import click
 
+from .names import long_name
+
 GROUPS = {
     # heading: flags, in the order of the help
     "Area": (
@@ -61,15 +63,10 @@ def grouped(command: click.Command, context: click.Context) -> dict[str, list[cl
     found: dict[str, list[click.Option]] = {heading: [] for heading in GROUPS}
     for one in command.get_params(context):
         if isinstance(one, click.Option) and not one.hidden:
-            found[place[_flag(one)][0]].append(one)
+            found[place[long_name(one)][0]].append(one)
     for members in found.values():
-        members.sort(key=lambda one: place[_flag(one)][1])
+        members.sort(key=lambda one: place[long_name(one)][1])
     return {heading: members for heading, members in found.items() if members}
-
-
-def _flag(option: click.Option) -> str:
-    """The long name of an option."""
-    return next(name for name in option.opts if name.startswith("--"))
 
 
 def write_options(

@@ -12,6 +12,8 @@ import click
 
 from lcp_catalog.atomic_files import printable
 
+from .names import in_options, runs
+
 EXIT_NO = 4
 """Exit code of a command that ran and says no: not intact, not the place, not equal, not as required."""
 
@@ -30,7 +32,10 @@ def echo(text: str, err: bool = False, nl: bool = True) -> None:
 
 
 def say(text: str, event: str = "message", **facts: Any) -> None:
-    """Write a line on stderr; as JSON with the time, the kind of ``event`` and its facts."""
+    """Write a line on stderr; as JSON with the time, the kind of ``event`` and its facts. Names of the
+    library's parameters become options.
+    """
+    text = in_options(text)
     if _State.as_json:
         time = datetime.now(UTC).isoformat(timespec="milliseconds")
         text = json.dumps({"time_utc": time, "event": event, "text": text, **facts})
@@ -52,8 +57,14 @@ class _LogHandler(logging.Handler):
         say(text, "log", level=level.lower(), logger=record.name)
 
 
-_HANDLER = _LogHandler()
+class _LastResort(logging.Handler):
+    """Warnings of a run without ``-v``: the text alone."""
 
+    def emit(self, record: logging.LogRecord) -> None:
+        say(self.format(record))
+
+
+_HANDLER = _LogHandler()
 
 OURS = ("lcp_catalog", "lcp_cli")
 """Loggers of the program; other libraries log warnings only."""
@@ -71,7 +82,9 @@ def show_log(level: int) -> None:
 def reset() -> None:
     """Begin a run: messages are text, and of the log only warnings."""
     _State.as_json = False
+    runs(None)
     logging.captureWarnings(False)
+    logging.lastResort = _LastResort(logging.WARNING)
     logging.getLogger().removeHandler(_HANDLER)
     logging.getLogger().setLevel(logging.WARNING)
     for name in OURS:

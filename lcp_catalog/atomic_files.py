@@ -37,7 +37,7 @@ def check_output(
         if not stat.S_ISREG(target.stat().st_mode):
             raise OutputError(f"{path}: is not a plain file and cannot be an output")
         if not overwrite:
-            raise OutputExistsError(f"{path} exists; use --overwrite to replace it")
+            raise OutputExistsError(f"{path} exists; use `overwrite` to replace it")
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
@@ -122,7 +122,7 @@ def _check_new_folder(path: Path | str, endings: tuple[str, ...], overwrite: boo
     if not target.is_dir():
         return check_output(path)
     if not overwrite:
-        raise OutputExistsError(f"{path} exists; use --overwrite to replace it")
+        raise OutputExistsError(f"{path} exists; use `overwrite` to replace it")
     for file in target.rglob("*"):
         if not file.is_dir() and file.suffix not in endings:
             raise OutputError(
@@ -200,7 +200,7 @@ def _make_name(name: str, escaped: str, refused: str) -> str:
     bad = re.search(rf"[\n\r=;{refused}]|\(.*\)$", name)
     if bad:
         raise OutputError(
-            f"{name}: a rule for make cannot hold {bad[0]!r} there; rename the file, or leave out --depfile"
+            f"{name}: a rule for make cannot hold {bad[0]!r} there; rename the file, or leave out `depfile`"
         )
     name = re.sub(rf"(\\*)([\s#:{re.escape(escaped)}])", lambda m: m[1] * 2 + "\\" + m[2], name)
     return name.replace("$", "$$")
@@ -233,7 +233,7 @@ def _publish(aside: Path, target: Path, overwrite: bool) -> None:
     try:
         os.link(aside, target)  # unlike a rename, it fails if the target exists by now
     except FileExistsError as error:
-        text = f"{target} was created by another process meanwhile; use --overwrite to replace it"
+        text = f"{target} was created by another process meanwhile; use `overwrite` to replace it"
         raise OutputExistsError(text) from error
     except OSError:  # a file system without hard links
         os.replace(aside, target)

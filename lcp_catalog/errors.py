@@ -1,12 +1,32 @@
 """Errors of the library.
 
-Every message is one line: what is wrong, in which file or option, and what to do. Each class is
-also a builtin error, so that a caller can catch ``ValueError`` or ``OSError``.
+Every message is one line: what is wrong, in which file or field, and what to do. Parameters and fields
+of the configuration stand in it in backticks, as in "`points.spacing_m` must be above 0"; a command puts
+the names of its options there. Each class is also a builtin error, so that a caller can catch
+``ValueError`` or ``OSError``.
 """
+
+from __future__ import annotations
+
+import re
+
+NAMED = re.compile(r"`([a-z][\w.]*)`")
+"""A parameter or a field in a message."""
 
 
 class LcpError(Exception):
     """Base of all errors that the library raises on purpose."""
+
+    @property
+    def field(self) -> str | None:
+        """The parameter or the field of the configuration that the message is about, the first that it
+        names; None if it names none.
+
+        >>> ConfigError("`points.spacing_m` must be above 0").field
+        'points.spacing_m'
+        """
+        found = NAMED.search(str(self))
+        return found[1] if found else None
 
 
 class InputError(LcpError, FileNotFoundError):

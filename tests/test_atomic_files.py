@@ -55,7 +55,7 @@ def test_a_failed_block_leaves_nothing_and_keeps_the_old(tmp_path, error):
 
 def test_overwrites_only_when_told(tmp_path):
     write_bytes(tmp_path / "a.bin", b"1")
-    with pytest.raises(OutputExistsError, match=r"a\.bin exists; use --overwrite"):
+    with pytest.raises(OutputExistsError, match=r"a\.bin exists; use `overwrite`"):
         write_bytes(tmp_path / "a.bin", b"2")
     assert (tmp_path / "a.bin").read_bytes() == b"1"
     write_bytes(tmp_path / "a.bin", b"2", overwrite=True)
@@ -212,7 +212,7 @@ def test_a_folder_appears_whole_and_replaces_only_its_own_kind(tmp_path):
         (aside / "one.lmk").write_bytes(b"1")
         assert not out.exists()
     assert _files(tmp_path) == ["maps", "maps/one.lmk"]
-    with pytest.raises(OutputExistsError, match="--overwrite"), folder_aside(out, [".lmk"]):
+    with pytest.raises(OutputExistsError, match="`overwrite`"), folder_aside(out, [".lmk"]):
         pass
     with folder_aside(out, [".lmk"], overwrite=True) as aside:
         (aside / "two.lmk").write_bytes(b"2")

@@ -83,7 +83,7 @@ def warn_of_unknown(dems: DemSet, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Non
         log.warning(
             "%s: not recognised as a known product (was the file renamed?): a 1 sigma of %g m is assumed for its "
             "heights, and what they resolve is estimated from them; give [errors] height_sigma_m in a BUILD.toml, or "
-            "maps: --dem-sigma, --dem-resolution, [dem]",
+            "maps: `dem.sigma_map`, `dem.resolution_map`",
             ", ".join(unknown),
             UNKNOWN_SIGMA_M,
         )

@@ -66,7 +66,7 @@ class DemSet:
             if not any(_is_meant(dem, name) for dem in self.dems):
                 given = ", ".join(dict.fromkeys(self.products))
                 raise DemError(
-                    f"--product-order: no DEM matches {name}; products given: {given} "
+                    f"`product_order`: no DEM matches {name}; products given: {given} "
                     "(families and file names are accepted too)"
                 )
 

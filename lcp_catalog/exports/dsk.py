@@ -47,7 +47,7 @@ def write_dsk(points: ExportedPoints, path: Path, boxed: bool = False) -> None:
     count = plate_count(points)
     if count > PLATES_MAX and not boxed:
         raise AreaError(
-            f"{count} plates are too many for a site ({PLATES_MAX}); choose it with --bounds"
+            f"{count} plates are too many for a site ({PLATES_MAX}); choose it with `bounds`"
         )
     spice = package("spiceypy", "spice", "a .bds file")
     vertices = _vertices_km(points)

@@ -17,8 +17,8 @@ _WKT = (
 
 def write_gcp(points: ExportedPoints, path: Path) -> None:
     """One line per point: number, latitude and longitude (degrees), height above the sphere (m), and
-    1 sigma along latitude, longitude and height (m), which ASP reads so with
-    ``--use-lon-lat-height-gcp-error``. Measures in images are left to the user.
+    1 sigma along latitude, longitude and height (m), as ASP reads it if errors of ground control are
+    to be in longitude, latitude and height. Measures in images are left to the user.
 
     The first line is the datum. Numbers count from 1, since ASP reads 32 bits; a comment gives the
     ``point_id`` of each. A sigma that is unknown is the cell size: ASP demands a positive one.

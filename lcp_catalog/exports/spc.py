@@ -31,7 +31,7 @@ def write_spc(points: ExportedPoints, folder: Path) -> None:
     OutputError for more points than there are names.
     """
     if len(points) > _NAMES:
-        raise OutputError(f"SPC names {_NAMES} landmarks at most; choose some with --bounds")
+        raise OutputError(f"SPC names {_NAMES} landmarks at most; choose some with `bounds`")
     maps, landmarks = folder / "MAPFILES", folder / "LMKFILES"
     maps.mkdir()
     landmarks.mkdir()

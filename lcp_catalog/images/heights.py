@@ -46,7 +46,7 @@ def refuse_heights(path: Path) -> None:
         return
     raise ImageError(
         f"{path}: holds heights ({dem.product}: {heights.min():.0f} to {heights.max():.0f} m), not brightness; "
-        "give an image, and the DEM with --dem"
+        "give an image, and the DEM as `dem`"
     )
 
 

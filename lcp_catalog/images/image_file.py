@@ -110,7 +110,7 @@ def _sensor(image: ImagePixels, sensor: Sensor | None, options: ImageOptions) ->
     if sensor is None:
         if image.crs_wkt is None:
             raise ImageError(
-                f"{image.path}: missing geometry: the image is not map-projected; give --camera"
+                f"{image.path}: missing geometry: the image is not map-projected; give its `camera`"
             )
         return MapImage(
             image.crs_wkt,
@@ -170,7 +170,7 @@ def _signal(image: ImagePixels, encoding: str) -> Float32:
         return np.asarray(signal + np.float32(image.offset))
     if samples.dtype.kind not in "ui":
         raise ImageError(
-            f"{image.path}: has {samples.dtype} samples, which are not display codes: give --encoding linear"
+            f"{image.path}: has {samples.dtype} samples, which are not display codes: give `encoding` linear"
         )
     return decode_srgb(samples / float(np.iinfo(samples.dtype).max)).astype(np.float32)
 
@@ -212,8 +212,8 @@ def _sun(
     ]
     if not suns:
         raise ImageError(
-            f"{path}: the Sun is unknown: give --time, --subsolar, or "
-            "--sun-azimuth and --sun-elevation"
+            f"{path}: the Sun is unknown: give `sun.time_utc`, `sun.subsolar_deg`, or "
+            "`sun.azimuth_deg` and `sun.elevation_deg`"
         )
     _warn(path, suns)
     if stated is not None:

@@ -60,7 +60,7 @@ class Environment:
         log.info("%s", found.sentence)
         if found.ratio.clipped and sun_sky_ratio == "auto":
             other = "found to keep it" if found.ratio.scaled else "RATIO to scale it"
-            log.warning("%s: %s (--sun-sky-ratio %s)", panorama.name, found.ratio.reason, other)
+            log.warning("%s: %s (`sun_sky_ratio` %s)", panorama.name, found.ratio.reason, other)
         return found
 
     @property
@@ -90,7 +90,7 @@ class Environment:
 
     @property
     def report(self) -> dict[str, Any]:
-        """Values for tags and ``--explain``."""
+        """Values for tags and the explained plan."""
         return report(self.panorama, self.split, self.used)
 
     @property

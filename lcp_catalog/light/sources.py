@@ -42,7 +42,7 @@ class LightSource:
         return 0.0 if self.disc is None else self.disc.radius_rad
 
     def describe(self) -> dict[str, Any]:
-        """Values for tags and ``--explain``; angles in the terrain's frame."""
+        """Values for tags and the explained plan; angles in the terrain's frame."""
         found: dict[str, Any] = {
             "name": self.name,
             "azimuth_deg": self.direction.azimuth_deg,
@@ -111,6 +111,6 @@ class Lighting:
         return replace(self, sources=(*self.sources, source))
 
     def describe(self) -> dict[str, Any]:
-        """Values for tags and ``--explain``."""
+        """Values for tags and the explained plan."""
         found: dict[str, Any] = {"sources": [source.describe() for source in self.sources]}
         return found | ({"sky_irradiance": self.sky.power_above} if self.sky else {})

@@ -46,11 +46,11 @@ def read_trajectory(path: Path | str, camera: Camera | None = None) -> list[Came
         raise CameraError(f"{path}: is not text: {error}") from error
     if text.lstrip().startswith(("[", "{")):
         if camera is not None:
-            raise CameraError(f"{path}: lists whole cameras; leave out --camera")
+            raise CameraError(f"{path}: lists whole cameras; leave out `camera`")
         found = _from_json(text, str(path))
     else:
         if camera is None:
-            raise CameraError(f"{path}: is a CSV table of positions; give its camera with --camera")
+            raise CameraError(f"{path}: is a CSV table of positions; give its `camera`")
         found = _from_csv(text, str(path), camera)
     if not found:
         raise CameraError(f"{path}: has no frame")

@@ -66,7 +66,7 @@ class Brightness:
         if self.encoding == "srgb" and wrong.any():
             raise AlbedoError(
                 f"{self.raster.path}: has the value {values[wrong][0]:g}; but the codes of a display "
-                f"image end at {self.full:g}; use --albedo-encoding linear"
+                f"image end at {self.full:g}; use `albedo_encoding` linear"
             )
 
 
@@ -102,12 +102,12 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
     if encoding == "srgb" and not plain:
         raise AlbedoError(
             f"{path}: has a scale and an offset, unlike the codes of a display image; "
-            "use --albedo-encoding linear"
+            "use `albedo_encoding` linear"
         )
     if encoding is None and plain and dataset.dtypes[k] == "uint8" and band in (None, 1):
         log.warning(
             "%s: 8-bit samples are read as linear brightness; if they are codes of a display image, "
-            "use --albedo-encoding srgb",
+            "use `albedo_encoding` srgb",
             path,
         )
     nodata = dataset.nodatavals[k]

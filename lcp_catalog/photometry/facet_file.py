@@ -18,7 +18,7 @@ from .facet_model import FacetModel, Node, Optics, Shadowing
 
 FORMAT = "lcp facet model 1"
 
-_HEAD = """# A reflectance model of a measured surface: `lcp render --reflectance facet:THIS_FILE`.
+_HEAD = """# A reflectance model of a measured surface, by name: facet:THIS_FILE.
 # Two lobes, each with a weight, a shift (degrees) and a scale, at every angle of incidence: docs/explanation/facet-model.md.
 """
 _PLAIN = ("largest_emission_deg", "albedo")

@@ -67,7 +67,7 @@ class IncidenceSeries:
         if value is None or not value > 0.0:
             raise MeasurementError(
                 f"incidence {self.incidence_deg:g} deg: no intensity around the specular direction, emission "
-                f"{-self.incidence_deg:g}; measure there, or use --normalize none"
+                f"{-self.incidence_deg:g}; measure there, or use `normalize` none"
             )
         where = self.incidence_deg, self.emission_deg, self.azimuth_deg
         return IncidenceSeries(*where, self.intensity / value, self.level * value)

@@ -141,7 +141,7 @@ def _require_few(grid: AreaGrid, region: Area, gsd_m: float) -> None:
     if count > AREAS_MAX:
         raise AreaError(
             f"cells of {gsd_m:g} m divide the region into some {count:.2g} areas, at most {AREAS_MAX:,} "
-            "can be built; take a coarser --gsd or a smaller region"
+            "can be built; take a coarser `area.gsd_m` or a smaller region"
         )
 
 

@@ -156,7 +156,7 @@ class Checkpoints:
         if not self._is_same_run():
             raise OutputExistsError(
                 f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
-                "run with --resume --overwrite, or without --resume, to remove them"
+                "run with `resume` and `overwrite`, or without `resume`, to remove them"
             )
 
     def _is_same_run(self) -> bool:
@@ -312,5 +312,5 @@ def lost_area(path: Path) -> AreaFailedError:
     """The error for a checkpoint that is no longer there or no longer the same."""
     return AreaFailedError(
         f"{path}: the finished area is no longer there, or it is damaged or replaced by another build; "
-        "run again with --resume"
+        "run again with `resume`"
     )

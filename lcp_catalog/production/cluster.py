@@ -151,7 +151,7 @@ def _connected(scheduler: str) -> Client:
         from distributed import Client
     except ImportError as error:
         raise ConfigError(
-            "--scheduler needs dask.distributed: pip install 'lcp-catalog[cluster]'"
+            "`scheduler` needs dask.distributed: pip install 'lcp-catalog[cluster]'"
         ) from error
     if not log.isEnabledFor(
         logging.DEBUG
@@ -163,22 +163,22 @@ def _connected(scheduler: str) -> Client:
     except (OSError, ValueError, TypeError) as error:
         cause = (str(error) or type(error).__name__).splitlines()[0]
     gc.collect()  # closes what has failed; while another client starts, dask would wait for ever
-    raise ClusterError(f"--scheduler {scheduler}: cannot connect: {cause}")
+    raise ClusterError(f"`scheduler` {scheduler}: cannot connect: {cause}")
 
 
 def _address(scheduler: str) -> str:
-    """The address itself, or the one in a scheduler file (`dask scheduler --scheduler-file`)."""
+    """The address itself, or the one in a scheduler file of dask."""
     if not Path(scheduler).exists():
         if ":" not in scheduler:
             raise ClusterError(
-                f"--scheduler {scheduler}: neither a file nor an address such as tcp://HOST:8786"
+                f"`scheduler` {scheduler}: neither a file nor an address such as tcp://HOST:8786"
             )
         return scheduler
     try:
         return str(json.loads(Path(scheduler).read_text(encoding="utf-8"))["address"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ClusterError(
-            f"--scheduler {scheduler}: is not a scheduler file of dask: it has no address"
+            f"`scheduler` {scheduler}: is not a scheduler file of dask: it has no address"
         ) from error
 
 
@@ -201,7 +201,7 @@ def _outcomes(
         raise
     except (CancelledError, OSError) as error:
         raise ClusterError(
-            "the connection to the dask scheduler is lost; finished areas are kept: run again with --resume"
+            "the connection to the dask scheduler is lost; finished areas are kept: run again with `resume`"
         ) from error
 
 

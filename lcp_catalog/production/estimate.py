@@ -81,7 +81,7 @@ _CLAIM_BYTES = 6
 
 
 def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any]:
-    """The document of ``lcp build-catalog --plan``: numbers of areas and conditions, and from a few
+    """The document of a plan: numbers of areas and conditions, and from a few
     computed areas the memory, time, file size and scene plan. Areas that no configured Sun reaches are
     not among them. Of a build of several levels the sums,
     and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.

@@ -65,7 +65,7 @@ def run_tasks(
     `cluster.run_on_cluster`.
     """
     if jobs < 1:
-        raise ConfigError(f"--jobs must be at least 1, not {jobs}")
+        raise ConfigError(f"`jobs` must be at least 1, not {jobs}")
     if scheduler is not None:
         yield from run_on_cluster(function, tasks, scheduler, inputs)
     elif jobs == 1 or len(tasks) == 1:
@@ -155,7 +155,7 @@ def _alone(
 def _died(outcome: Result | Exception) -> Result | Exception:
     if isinstance(outcome, BrokenProcessPool):
         return RuntimeError(
-            "its process died (killed, or out of memory); try fewer --jobs or a smaller area"
+            "its process died (killed, or out of memory); try fewer `jobs` or a smaller area"
         )
     return outcome
 

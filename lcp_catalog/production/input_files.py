@@ -60,6 +60,6 @@ def _sum(path: Path) -> str:
 
 def _changed(path: Path) -> AreaFailedError:
     return AreaFailedError(
-        f"{path}: was changed, replaced or removed while the build ran; put it back and run again with --resume, "
+        f"{path}: was changed, replaced or removed while the build ran; put it back and run again with `resume`, "
         "or build anew"
     )

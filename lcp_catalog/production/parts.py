@@ -103,7 +103,7 @@ def merge_parts(
         if left and not keep_going:
             raise AreaFailedError(
                 f"{checkpoints.folder}: {len(left)} of {len(build.jobs)} areas are missing, the first: "
-                f"{left[0]}; run their parts again (--list-parts names them)"
+                f"{left[0]}; run their parts again (`list_parts` names them)"
             )
         failed = {name: f"area {name} is not computed" for name in left}
         return finish(build, output, checkpoints, failed, overwrite)

@@ -129,7 +129,9 @@ class Build:
         Promise.of(self.region, self.config, gsd_m)  # raises ConfigError
         config, grid, tasks = divided(self.region, gsd_m, self.config, memory_gb)
         if not tasks:
-            raise AreaError("the region is smaller than a cell: give a larger --size or --bounds")
+            raise AreaError(
+                "the region is smaller than a cell: give a larger `area.size_km` or other `area.bounds_deg`"
+            )
         tasks = with_sources(tasks, grid, self.dems, sources(config, self.dems, gsd_m))
         if not tasks:
             raise AreaError(f"no DEM that resolves cells of {gsd_m:g} m reaches into the region")
@@ -191,7 +193,7 @@ def _cell(config: BuildConfig, dems: DemSet, region: Area) -> Cell:
     if config.area.gsd_m:
         return Cell(config.area.gsd_m, "as configured")
     cell = useful_cell(dems, region)
-    log.info("cells of %.5g m: %s; --gsd overrules it", cell.gsd_m, cell.reason)
+    log.info("cells of %.5g m: %s; `area.gsd_m` overrules it", cell.gsd_m, cell.reason)
     return cell
 
 
@@ -319,9 +321,9 @@ def finish(
 
 
 _HELP = {
-    "featureless": "a finer --gsd, a DEM with known errors ([errors] height_sigma_m) or a smaller --noise help",
-    "ambiguous": "a smaller --search helps",
-    "dependent": "lower limits of dependence ([points] max_dependence) or higher --sun-elevations help",
+    "featureless": "a finer `area.gsd_m`, known `errors.height_sigma_m` or a smaller `errors.sensor_noise` help",
+    "ambiguous": "a smaller `points.search_m` helps",
+    "dependent": "lower limits of dependence (`points.max_dependence`) or higher `sun.elevations_deg` help",
     "nodata": "another area or DEM helps",
 }
 """What helps where most cells have no point for a reason of `schema.COVERAGE_STATUS`."""
@@ -398,7 +400,7 @@ def compute_areas(
             cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
             if not keep_going:
                 raise AreaFailedError(
-                    f"{cause} (finished areas are kept: run again with --resume)"
+                    f"{cause} (finished areas are kept: run again with `resume`)"
                 ) from outcome
             log.warning("%s", cause)
             failed[name] = cause
@@ -437,9 +439,9 @@ def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
     if lowest <= highest_sun_deg(least):
         raise SunError(
             f"the Sun never reaches the requested directions: at latitude {least:.1f} deg it does not stand at these "
-            "elevations in these azimuths; give others of --sun-elevations or --sun-azimuths"
+            "elevations in these azimuths; give other `sun.elevations_deg` or `sun.azimuths_deg`"
         )
     raise SunError(
         f"the Sun never reaches the requested directions: at latitude {least:.1f} deg its elevation is at most "
-        f"{highest_sun_deg(least):.1f} deg, the lowest of --sun-elevations is {lowest:g}; give lower ones"
+        f"{highest_sun_deg(least):.1f} deg, the lowest of `sun.elevations_deg` is {lowest:g}; give lower ones"
     )

@@ -154,7 +154,7 @@ def _most_nodes(
         need_gb = math.ceil((least_mb + _caches_beside(least_mb)) / 10.0) / 100.0
         raise ConfigError(
             f"a memory of {memory_gb:g} GB is too small: a worker needs {need_gb:.2f} GB for the smallest areas, "
-            f"of {AREA_NODES_MIN} nodes; give at least that (--memory)"
+            f"of {AREA_NODES_MIN} nodes; give at least that (`memory_gb`)"
         )
     while low < high:
         middle = (low + high + 1) // 2

@@ -33,7 +33,7 @@ def axis_place(sensor: Sensor, dems: DemSet | None) -> tuple[float, float]:
         away_m = float(ranges(origin, ahead))
     if math.isnan(away_m):
         raise CameraError(
-            f"{sensor.name}: its optical axis does not meet the Moon; use --around footprint"
+            f"{sensor.name}: its optical axis does not meet the Moon; use `around` footprint"
         )
     lon, lat, _ = mcmf_to_lonlat(origin + away_m * ahead)
     return float(lon), float(lat)

@@ -500,7 +500,7 @@ def background(name: str, pixel_px: float) -> Decision:
     """
     told = f"a pixel of {name} is {pixel_px:.3g} pixels of the camera wide"
     if pixel_px > BACKGROUND_PX:
-        told += "; a sharper picture from the same place: --background IMAGE"
+        told += "; a sharper picture from the same place helps"
     return Decision("background", True, told, pixel_px, "camera pixels")
 
 

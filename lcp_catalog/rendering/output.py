@@ -1,4 +1,4 @@
-"""A render as the bytes of a file: bands and tags; and the document of ``--explain``."""
+"""A render as the bytes of a file: bands and tags; and the document of an explained plan."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def tags(scene: Scene) -> dict[str, str]:
 
 
 def explain(scene: Scene) -> dict[str, Any]:
-    """The document of ``lcp render --explain``: the plan's decisions, and the light."""
+    """The document of an explained plan: the plan's decisions, and the light."""
     light = scene.light.describe()
     if scene.request.environment is not None:
         light["environment"] = scene.request.environment.report

@@ -277,12 +277,12 @@ def _prepare_sphere(request: Request) -> SphereScene:
     if request.view.scanner is not None:
         raise CameraError(
             f"{request.view.scanner.name}: is a {request.view.scanner.kind}; the plain sphere is rendered "
-            "for framing cameras: give a DEM and --surface heightfield"
+            "for framing cameras: give a DEM and `surface` heightfield"
         )
     if request.environment is not None or request.backdrop is not None:
         raise ImageError(
             "an environment map, a background and a shadow catcher need terrain: give a DEM and "
-            "--surface heightfield"
+            "`surface` heightfield"
         )
     gsd_m: float | None = None
     files: tuple[Path, ...] = ()

@@ -104,7 +104,7 @@ class ScenePlan:
         return cls.of([Decision(**decision) for decision in document["decisions"]])
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
-        """The document of ``lcp render --explain``."""
+        """The decisions as a document of JSON."""
         return {"decisions": [asdict(decision) for decision in self.decisions]}
 
     def __str__(self) -> str:

@@ -118,7 +118,7 @@ class Request:
     def __post_init__(self) -> None:
         if self.gsd_m is not None and not 0.0 < self.gsd_m <= GSD_MAX_M:
             raise AreaError(
-                f"invalid cell size {self.gsd_m:g} m: --gsd must be above 0 and at most {GSD_MAX_M:g} m"
+                f"invalid cell size {self.gsd_m:g} m: `gsd_m` must be above 0 and at most {GSD_MAX_M:g} m"
             )
 
     @cached_property

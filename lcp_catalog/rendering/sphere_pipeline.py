@@ -132,7 +132,7 @@ def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
         return request.area.frame, request.area.extent_m
     camera = request.view.camera
     if camera is None:
-        raise AreaError("no area: state --center and --size, or --bounds, or a --camera")
+        raise AreaError("no area: state `center` and `size_km`, or `bounds`, or a `camera`")
     require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
     width, height = camera.image_size_px
     _, middle = sphere_intersection.hits(
@@ -145,7 +145,7 @@ def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
 def _cell(gsd_m: float | None) -> float:
     if gsd_m is None:
         raise AreaError(
-            "no cell size: state --gsd (there is no DEM or albedo map to take one from)"
+            "no cell size: state `gsd_m` (there is no DEM or albedo map to take one from)"
         )
     return gsd_m
 
@@ -153,8 +153,8 @@ def _cell(gsd_m: float | None) -> float:
 def _drawn(extent: Extent | None) -> Extent:
     if extent is None:
         raise AreaError(
-            "nodes need an area: state --center and --size, or --bounds; "
-            "or --frame camera for all that the camera sees"
+            "nodes need an area: state `center` and `size_km`, or `bounds`; "
+            "or `frame` camera for all that the camera sees"
         )
     return extent
 

@@ -196,7 +196,7 @@ def require_above(name: str, height_m: float) -> None:
     if height_m <= 0.0:
         raise CameraError(
             f"{name}: the camera is {-height_m:.6g} m below the reference sphere and sees nothing of it: "
-            "render a DEM with --surface heightfield"
+            "render a DEM with `surface` heightfield"
         )
 
 

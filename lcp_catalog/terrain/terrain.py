@@ -100,7 +100,7 @@ def require_room(window: NodeWindow, ring_m: float = 0.0) -> None:
         around = f" with the {ring_m / 1e3:.1f} km around it that can shadow or hide it"
         raise AreaError(
             f"{rows} x {cols} nodes are too many for one area{around if ring_m else ''} "
-            f"(limit {_NODES_MAX:.0e}); take a coarser --gsd"
+            f"(limit {_NODES_MAX:.0e}); take a coarser `gsd_m`"
         )
 
 
@@ -248,4 +248,4 @@ def _solve(
 
 def _require_gsd(gsd_m: float) -> None:
     if not 0.0 < gsd_m < math.inf:
-        raise AreaError(f"invalid cell size {gsd_m:g} m; --gsd must be positive")
+        raise AreaError(f"invalid cell size {gsd_m:g} m; `gsd_m` must be positive")

@@ -63,7 +63,7 @@ def measure_trade(
     process dies.
     """
     if areas < 1 or rounds < 1:
-        raise ConfigError("--areas and --rounds must be at least 1")
+        raise ConfigError("`areas` and `rounds` must be at least 1")
     chosen = [build.jobs[i] for i in spread(build, areas)]
     jobs = [{tier: _in_tier(job, tier) for tier in TIERS} for job in chosen]
     steps = _Steps(progress, total=len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))

@@ -71,7 +71,7 @@ class Workers:
             return self._pools[name].submit(function, *arguments).result()
         except BrokenProcessPool as error:
             raise AreaFailedError(
-                f"the process of {name} died (killed or out of memory); use a coarser --gsd or a smaller area"
+                f"the process of {name} died (killed or out of memory); use a coarser `gsd_m` or a smaller area"
             ) from error
 
 

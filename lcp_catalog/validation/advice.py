@@ -77,12 +77,12 @@ def _wide(
     by_attitude = len(turning) > 0 and float(np.median(turning)) > 0.5 * reach
     share = 0.5 * side / reach
     if by_attitude:
-        option = f"--attitude-sigma {np.degrees(uncertainty.attitude_rad) * share:.2g}"
+        smaller = f"{np.degrees(uncertainty.attitude_rad) * share:.2g} deg of attitude"
     else:
-        option = f"--position-sigma {uncertainty.position_m * share:.2g}m"
+        smaller = f"{uncertainty.position_m * share:.2g} m of position"
     return (
         f"; the stated uncertainty reaches {reach * pixel_m:.0f} m ({sigmas:g} sigma), further than the image of "
-        f"{side * pixel_m:.0f} m: state a smaller one if it is known, like {option}"
+        f"{side * pixel_m:.0f} m: state a smaller one if it is known, like {smaller}"
     )
 
 
@@ -91,7 +91,7 @@ def _few_points(catalog: Catalog, count: int) -> str:
     cell_m = float(np.median(catalog.gsd))
     return (
         f"; only {count} points may be in view: build the catalogue with more (a smaller "
-        f"--spacing, or finer cells than {cell_m:.3g} m: --gsd, --levels)"
+        f"spacing, or finer cells than {cell_m:.3g} m)"
     )
 
 
@@ -110,5 +110,5 @@ def albedo_advice(windows: WindowComparison) -> str:
         return ""
     return (
         f"{100 * low:.0f} % of the windows with little texture in the render correlate above 0.7, "
-        f"{100 * high:.0f} % of the others: brightness of the ground itself may prevail there; try --albedo MAP"
+        f"{100 * high:.0f} % of the others: brightness of the ground itself may prevail there; try an albedo map"
     )

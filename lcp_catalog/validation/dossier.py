@@ -46,10 +46,10 @@ MEANINGS = {
     "match": "match of a patch with the image: noise of the sensor, errors of heights and brightness",
     "place": "place of a patch on the ground, different for each point (errors.position_sigma_m)",
     "pixel": "least error of a place in an image",
-    "height": "heights of the points (elevation_sigma, or --height-sigma)",
+    "height": "heights of the points (elevation_sigma, or as stated)",
     "shadow": "shadows that cells do not resolve, common to all points (errors.shadow_shift)",
-    "map": "tie of the map to the Moon's frame, common to all points (--map-sigma)",
-    "attitude": "attitude of the camera as known before (--attitude-sigma)",
+    "map": "tie of the map to the Moon's frame, common to all points (stated)",
+    "attitude": "attitude of the camera as known before",
 }
 """The sources of error of `navigation.expected_position.SOURCES` for readers."""
 
@@ -125,11 +125,11 @@ class RequirementVerdict:
         of_images = [term for term in wanted.terms if term.path not in FRAME_NUMBERS]
         images = [image for one in evidence for image in one.document["images"]]
         for terms, what, there in (
-            (of_frames, "--camera or --trajectory", frames),
-            (of_images, "--evidence", images),
+            (of_frames, "`camera` or `trajectory`", frames),
+            (of_images, "`evidence`", images),
         ):
             if terms and not there:
-                raise ConfigError(f"--require: {terms[0].text} needs {what}")
+                raise ConfigError(f"`require`: {terms[0].text} needs {what}")
         documents = [frame_figures(answer, k) for k, answer in enumerate(frames, 1)]
         lines = [
             *(_frame_failure(term, found) for found in documents for term in of_frames),
@@ -243,7 +243,7 @@ def point_budget(catalog: Catalog, query: Query) -> list[tuple[str, str, str]]:
         ("place on the ground, each axis (errors.position_sigma_m)", *_spread(np.array([place]))),
         ("both together, as the catalogue states them", *_spread(major)),
         ("height (elevation_sigma)", *_spread(heights[np.isfinite(heights)])),
-        ("tie of the map, common to all points, each axis (--map-sigma)", *_map_tie(query)),
+        ("tie of the map, common to all points, each axis (stated)", *_map_tie(query)),
         (f"frame: {FRAME}; taken for MOON_PA, a point is 875 m off", "–", "–"),
     ]
 

@@ -59,7 +59,7 @@ class EncodingCheck:
         )
         if self.used == self.better:
             return f"used as {self.used}: {figures}"
-        return f"used as {self.used}, but fits better as {self.better} (--encoding auto or {self.better}): {figures}"
+        return f"used as {self.used}, but fits better as {self.better} (encoding auto or {self.better}): {figures}"
 
     def figures(self) -> dict[str, Any]:
         """``encoding`` of an image in ``report.json``."""

@@ -112,7 +112,7 @@ def against_dem(
     if min(rows, cols) < choice.size:
         raise ImageError(
             f"{image.name}: the image shows {rows} x {cols} cells of {pair.gsd_m:.4g} m, and a window has "
-            f"{choice.size} x {choice.size}: give a DEM with finer detail, or smaller cells (--gsd)"
+            f"{choice.size} x {choice.size}: give a DEM with finer detail, or smaller cells (`gsd_m`)"
         )
     found = compare(
         pair.image, pair.render, pair.weight, gsd_m=pair.gsd_m, size=choice.size, step=choice.step,
@@ -225,7 +225,7 @@ def against_patches(
     target_m = gsd_m if choice.gsd_m is None else choice.gsd_m
     if target_m < gsd_m * (1.0 - 1e-6):
         raise AreaError(
-            f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give --dem or a coarser --gsd"
+            f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give a `dem` or a coarser `gsd_m`"
         )
     how = model, accuracy, target_m, environment
     pairs = [_pair(image, catalog, int(row), *how) for row in rows]

@@ -27,11 +27,11 @@ def check_validation_folder(
     """
     check_folder(folder, FILES, overwrite)
     if depfile:
-        _require_elsewhere(folder, depfile, "--depfile", overwrite=True)
+        _require_elsewhere(folder, depfile, "`depfile`", overwrite=True)
     if errors_file:
-        _require_elsewhere(folder, errors_file, "--fit-errors", overwrite)
+        _require_elsewhere(folder, errors_file, "`fit_errors`", overwrite)
     if depfile and errors_file and os.path.realpath(depfile) == os.path.realpath(errors_file):
-        raise OutputError(f"{errors_file}: is the file of --depfile; choose another one")
+        raise OutputError(f"{errors_file}: is the file of `depfile`; choose another one")
 
 
 def _require_elsewhere(folder: Path, path: Path | str, option: str, overwrite: bool) -> None:

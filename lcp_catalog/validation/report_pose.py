@@ -54,7 +54,7 @@ def _correction(name: str, value: float, sigma: float, solved: bool) -> tuple[st
 
 def _error(error: PositionError | None) -> str:
     if error is None:
-        return "unknown; with --known-pose the camera file’s position is taken as the true one"
+        return "unknown; if the pose is stated to be known, the camera file’s position is taken as the true one"
     off, sigma = error.error, error.sigma
     return (
         f"{number(off.whole_m)} m from the true position; across the line of sight {number(off.across_m)} m "

@@ -127,7 +127,7 @@ def _term(text: str, numbers: Sequence[str]) -> Term:
     match = _TERM.fullmatch(text)
     if match is None:
         raise ConfigError(
-            f"--require: {text.strip()!r} is not a condition; write a name, one of {' '.join(OPERATORS)}, and a number, "
+            f"`require`: {text.strip()!r} is not a condition; write a name, one of {' '.join(OPERATORS)}, and a number, "
             "like share_above_0_9>=0.85"
         )
     name, symbol, value = match.groups()
@@ -149,8 +149,8 @@ def _path(name: str, numbers: Sequence[str]) -> str:
     if len(nearest) == 1:
         return nearest[0]
     if nearest:
-        raise ConfigError(f"--require: {name} is ambiguous: {', '.join(nearest)}")
-    raise ConfigError(f"--require: unknown name {name}; known names: {', '.join(known)}")
+        raise ConfigError(f"`require`: {name} is ambiguous: {', '.join(nearest)}")
+    raise ConfigError(f"`require`: unknown name {name}; known names: {', '.join(known)}")
 
 
 def _number(value: str, said: str) -> float:
@@ -159,7 +159,7 @@ def _number(value: str, said: str) -> float:
     except ValueError:
         number = math.nan
     if math.isnan(number):
-        raise ConfigError(f"--require: {value!r} in {said} is not a number; shares are 0..1")
+        raise ConfigError(f"`require`: {value!r} in {said} is not a number; shares are 0..1")
     return number
 
 
@@ -168,7 +168,7 @@ def _word(symbol: str, value: str) -> str:
     word = value.strip("'\"")
     if word not in VERDICTS or symbol not in ("==", "!="):
         raise ConfigError(
-            f"--require: verdict must be == or != one of {', '.join(VERDICTS)}, not {symbol}{value}"
+            f"`require`: verdict must be == or != one of {', '.join(VERDICTS)}, not {symbol}{value}"
         )
     return word
 

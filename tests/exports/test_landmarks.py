@@ -193,7 +193,7 @@ def test_plates_face_outwards_and_the_pool_stays_clean(
 
 def test_too_many_plates_need_a_box(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("lcp_catalog.exports.dsk.PLATES_MAX", 100)
-    with pytest.raises(ValueError, match=r"896 plates are too many for a site .*--bounds"):
+    with pytest.raises(ValueError, match=r"896 plates are too many for a site .*`bounds`"):
         write_dsk(points, tmp_path / "site.bds")
     write_dsk(points, tmp_path / "site.bds", boxed=True)
 

@@ -46,7 +46,7 @@ ACCEPTED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_heights_are_no_image(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ImageError, match=r"holds heights .* m\), not brightness; .* --dem") as said:
+    with pytest.raises(ImageError, match=r"holds heights .* m\), not brightness; .* `dem`") as said:
         refuse_heights(made(tmp_path / name, REFUSED[name]))
     assert "\n" not in str(said.value)
 

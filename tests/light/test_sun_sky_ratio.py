@@ -18,7 +18,7 @@ def test_a_sun_that_is_cut_off_is_scaled_and_told(caplog):
     assert found.used.sun_sky_ratio == pytest.approx(4.0)
     assert "one luminance" in caplog.text
     assert "scaled to 4" in caplog.text
-    assert "--sun-sky-ratio found" in caplog.text
+    assert "`sun_sky_ratio` found" in caplog.text
 
 
 def test_as_recorded_where_that_was_asked(caplog):
@@ -51,7 +51,7 @@ def test_what_is_not_scaled(caplog, panorama, clipped, why):
     assert found.used is found.split
     assert why in found.ratio.reason
     assert found.ratio.clipped is clipped
-    assert ("--sun-sky-ratio RATIO" in caplog.text) is clipped
+    assert ("`sun_sky_ratio` RATIO" in caplog.text) is clipped
 
 
 def test_a_number_needs_a_source():

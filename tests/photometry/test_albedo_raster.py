@@ -125,7 +125,7 @@ class TestEncoding:
         path = geotiff(tmp_path / "m.tif", np.full((9, 9), 90, kind), 0, 9e4, 1e4, scale=scale)
         with caplog.at_level(logging.WARNING):
             assert AlbedoMap.open(path, encoding).encoding == (encoding or "linear")
-        assert ("--albedo-encoding srgb" in caplog.text) == warned
+        assert ("`albedo_encoding` srgb" in caplog.text) == warned
 
 
 def _plain(path: Path, values: np.ndarray, **more: Any) -> Path:

@@ -66,7 +66,7 @@ def test_a_record_that_is_damaged_after_the_choice_is_an_error(checkpoints: Chec
     content[-1] ^= 1
     path.write_bytes(content)
     assert len(joined.records(np.array([5]), KIND)) == 1
-    with pytest.raises(AreaFailedError, match=rf"{NAMES[2]}.*damaged.*--resume"):
+    with pytest.raises(AreaFailedError, match=rf"{NAMES[2]}.*damaged.*`resume`"):
         joined.records(np.array([7]), KIND)
     path.unlink()
     with pytest.raises(AreaFailedError, match="no longer there"):

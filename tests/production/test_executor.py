@@ -62,7 +62,7 @@ def test_no_worker_waits_while_a_result_is_taken(tmp_path: Path) -> None:
 
 
 def test_no_jobs_is_refused() -> None:
-    with pytest.raises(ConfigError, match="--jobs"):
+    with pytest.raises(ConfigError, match="`jobs`"):
         list(run_tasks(square, [1], jobs=0))
 
 

@@ -34,7 +34,7 @@ def test_a_broken_run_is_resumed(
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", fails_at_the_end)
-    with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*--resume"):
+    with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*`resume`"):
         run_build(plan, output)
     assert not output.exists()
     kept = sorted(output.with_name("broken.h5.parts").glob("*.area"))
@@ -158,7 +158,7 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", careless)
-    with pytest.raises(AreaFailedError, match=r"no longer there.*--resume"):
+    with pytest.raises(AreaFailedError, match=r"no longer there.*`resume`"):
         run_build(plan, output)
     assert not output.exists()
     monkeypatch.setattr(run, "run_area", run_area)
@@ -201,7 +201,7 @@ def test_an_input_that_changes_while_the_build_runs_is_refused(
     if how == "touched":
         run_build(plan, output, progress=change)
         return
-    with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*--resume"):
+    with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*`resume`"):
         run_build(plan, output, progress=change)
     assert not output.exists()
     assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
@@ -226,7 +226,7 @@ def test_other_files_in_the_folder_of_checkpoints_stay(
 def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Path) -> None:
     output = tmp_path / "mine.h5"
     shutil.copy(built, output)
-    with pytest.raises(OutputExistsError, match="--overwrite"):
+    with pytest.raises(OutputExistsError, match="`overwrite`"):
         run_build(plan, output)
     assert not output.with_name("mine.h5.parts").exists()
 

@@ -69,7 +69,7 @@ def test_an_axis_into_the_sky_is_refused():
         oblique(),
         rotation_mcmf_to_camera=np.diag([1.0, -1.0, -1.0]) @ oblique().rotation_mcmf_to_camera,
     )
-    with pytest.raises(CameraError, match="--around footprint"):
+    with pytest.raises(CameraError, match="`around` footprint"):
         axis_place(up, None)
 
 

@@ -371,7 +371,7 @@ class TestNoGround:
         ).all()
 
     def test_too_many_nodes_and_bad_cells(self, flat: DemSet) -> None:
-        with pytest.raises(AreaError, match="coarser --gsd"):
+        with pytest.raises(AreaError, match="coarser `gsd_m`"):
             terrain_from_area(flat, Area(0.0, 0.0, 1000.0), 1.0)
         for gsd_m in (0.0, -1.0, float("nan")):
             with pytest.raises(AreaError, match="positive"):

@@ -180,7 +180,7 @@ def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> 
     assert sorted(p.name for p in folder.iterdir()) == sorted(report.FILES)
     written = json.loads((folder / "trade.json").read_text())
     assert written["advice"] == report.advice(trade.rows)
-    with pytest.raises(OutputExistsError, match="--overwrite"):
+    with pytest.raises(OutputExistsError, match="`overwrite`"):
         report.write_trade(trade, folder)
     report.write_trade(trade, folder, overwrite=True)
     with pytest.raises(OutputError, match="not a folder"):

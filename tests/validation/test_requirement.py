@@ -94,7 +94,7 @@ INVALID = ("", " ", "mode", "mode>", ">0.9", "mode=0.9", "mode=>0.9", "mode>0.9,
 
 def test_invalid_conditions_are_refused() -> None:
     for text in INVALID:
-        with pytest.raises(ConfigError, match=r"^--require: .") as said:
+        with pytest.raises(ConfigError, match=r"^`require`: .") as said:
             Requirement.parse(text)
         assert "\n" not in str(said.value)
 
