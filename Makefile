@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
+.PHONY: coverage mutants all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
 
 all: catalog
 
@@ -40,6 +40,15 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+coverage: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group coverage
+	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile --cov --cov-report=term
+
+mutants: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group mutants
+	$(BIN)/mutmut run
+	$(BIN)/mutmut results
 
 check: $(READY)
 	$(BIN)/ruff check .
