@@ -31,7 +31,7 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.validation.claims import Claims, Scores, score
-from lcp_catalog.validation.run import ImageFiles, Validation, validate
+from lcp_catalog.validation.run import ImageFiles, Validation, run_validation
 
 FIT = ("AS15-M-0414", "AS15-M-0295")
 KEPT = ("AS15-M-0299", "AS15-M-0300", "AS15-M-1134")
@@ -160,7 +160,7 @@ def _validated(catalog: Path, data: Path, photo: Image, files: ImageFiles, build
         model=reflectance_model(LAW),
         albedo=AlbedoMap.open(data / ALBEDO) if build.albedo else None,
     )
-    return validate(request).verdict.images[0]
+    return run_validation(request).verdict.images[0]
 
 
 def built(

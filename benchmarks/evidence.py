@@ -49,7 +49,7 @@ from lcp_catalog.plots.numbers import typeset
 from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
 from lcp_catalog.validation.report_windows import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
-from lcp_catalog.validation.run import Validation, validate
+from lcp_catalog.validation.run import Validation, run_validation
 from lcp_catalog.validation.window_correlation import WindowComparison
 
 LAW = "lunar-lambert"
@@ -123,7 +123,7 @@ def _validated(
         albedo=albedo,
         pixels=ImageOptions(encoding=case.encoding),
     )
-    result = validate(request)
+    result = run_validation(request)
     verdict = result.verdict.images[0]
     figures = head | verdict.figures()
     if verdict.pose is not None and case.off_m is not None:

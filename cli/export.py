@@ -67,12 +67,18 @@ def command(catalog: str, output: str, overwrite: bool, **flags: Any) -> None:
     """
     options.check_area(None, None, flags["bounds"])
     sun = (flags["sun_azimuth"], flags["sun_elevation"])
-    lit = options.check_sun(*sun, None, None)
+    options.check_sun(*sun, None, None)
 
-    from lcp_catalog.exports.export import ExportChoice, export
-    from lcp_catalog.geometry.bounds import Bounds
+    from lcp_catalog.exports.export import export
 
-    box = Bounds(*flags["bounds"]) if flags["bounds"] else None
-    choice = ExportChoice(flags["frame"], box, flags["level"], sun if lit else None)
-    count = export(catalog, output, choice, overwrite)
+    count = export(
+        catalog,
+        output,
+        frame=flags["frame"],
+        bounds=flags["bounds"],
+        level=flags["level"],
+        sun_azimuth_deg=sun[0],
+        sun_elevation_deg=sun[1],
+        overwrite=overwrite,
+    )
     say(f"{output}: {count} points written, {flags['frame']}")

@@ -189,7 +189,7 @@ def command(
         )
     from lcp_catalog.validation.output import check_validation_folder, write_validation
     from lcp_catalog.validation.result import summary_lines
-    from lcp_catalog.validation.run import validate
+    from lcp_catalog.validation.run import run_validation
 
     from .progress import progress
 
@@ -197,7 +197,7 @@ def command(
     check_validation_folder(Path(output), overwrite, depfile, fitted)
     request = _request(catalog, files, fit_errors=fitted is not None, **flags)
     with progress("images") as update:
-        result = validate(request, update)
+        result = run_validation(request, update)
     write_validation(result, Path(output), overwrite, depfile, fitted)
     if as_json:
         click.echo(result.verdict.to_json(), nl=False)

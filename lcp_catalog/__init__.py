@@ -1,4 +1,4 @@
-"""Catalogues of lunar control points: build, open, render, match, validate.
+"""Catalogues of lunar control points: a function for every command, and the objects they work on.
 
 The names below are loaded when they are first used, so that ``import lcp_catalog`` costs nothing.
 """
@@ -16,47 +16,75 @@ if TYPE_CHECKING:
     from .cameras.sensor import Uncertainty as Uncertainty
     from .catalog.catalogue import Catalog as Catalog
     from .catalog.hdf5 import open_catalog as open_catalog
+    from .catalog.public import diff as diff
+    from .catalog.public import inspect as inspect
+    from .catalog.public import report as report
     from .dem.mosaic import DemSet as DemSet
+    from .dem.public import DemInfo as DemInfo
+    from .dem.public import dem_info as dem_info
+    from .dem.public import dem_set as dem_set
+    from .ephemeris.times import instant_range as instant_range
     from .errors import LcpError as LcpError
+    from .exports.export import export as export
+    from .images.image import Image as Image
     from .images.image_file import open_image as open_image
+    from .light.public import sun_at as sun_at
     from .light.sun_choice import SunChoice as SunChoice
     from .matching.point_choice import choose_points as choose_points
     from .matching.point_search import find_points as find_points
+    from .matching.position_fix import Fix as Fix
     from .matching.position_fix import locate as locate
     from .matching.templates import render_patches as render_patches
+    from .navigation.expected_position import Answer as Answer
+    from .navigation.public import query as query
+    from .navigation.public import query_trajectory as query_trajectory
+    from .navigation.public import windows as windows
     from .production.config import BuildConfig as BuildConfig
-    from .production.run import build_catalog as build_catalog
-    from .rendering.pipeline import render as render
-    from .rendering.request import Request as Request
-    from .rendering.request import ViewChoice as ViewChoice
-    from .terrain.area import Area as Area
-    from .validation.run import ImageFiles as ImageFiles
-    from .validation.run import Validation as Validation
-    from .validation.run import validate as validate
+    from .production.public import build_catalog as build_catalog
+    from .production.public import merge as merge
+    from .rendering.public import render as render
+    from .simulation.detector import Detector as Detector
+    from .simulation.public import simulate as simulate
+    from .tradeoff.public import trade as trade
+    from .validation.public import validate as validate
 
 _MODULES = {
-    "Area": "terrain.area",
+    "Answer": "navigation.expected_position",
     "BuildConfig": "production.config",
     "Camera": "cameras.frame_camera",
     "Catalog": "catalog.catalogue",
+    "DemInfo": "dem.public",
     "DemSet": "dem.mosaic",
-    "ImageFiles": "validation.run",
+    "Detector": "simulation.detector",
+    "Fix": "matching.position_fix",
+    "Image": "images.image",
     "LcpError": "errors",
-    "Request": "rendering.request",
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
-    "Validation": "validation.run",
-    "ViewChoice": "rendering.request",
-    "build_catalog": "production.run",
+    "build_catalog": "production.public",
     "choose_points": "matching.point_choice",
+    "dem_info": "dem.public",
+    "dem_set": "dem.public",
+    "diff": "catalog.public",
+    "export": "exports.export",
     "find_points": "matching.point_search",
+    "inspect": "catalog.public",
+    "instant_range": "ephemeris.times",
     "locate": "matching.position_fix",
+    "merge": "production.public",
     "open_catalog": "catalog.hdf5",
     "open_image": "images.image_file",
+    "query": "navigation.public",
+    "query_trajectory": "navigation.public",
     "read_camera": "cameras.camera_file",
-    "render": "rendering.pipeline",
+    "render": "rendering.public",
     "render_patches": "matching.templates",
-    "validate": "validation.run",
+    "report": "catalog.public",
+    "simulate": "simulation.public",
+    "sun_at": "light.public",
+    "trade": "tradeoff.public",
+    "validate": "validation.public",
+    "windows": "navigation.public",
 }
 
 __all__ = ["__version__", *_MODULES]  # noqa: PLE0604  the keys of the table are strings

@@ -15,7 +15,16 @@ NAMED = re.compile(r"`([a-z][\w.]*)`")
 
 
 class LcpError(Exception):
-    """Base of all errors that the library raises on purpose."""
+    """Base of all errors that the library raises on purpose; each is also a builtin error.
+
+    Examples
+    --------
+    >>> try:
+    ...     lcp.open_catalog(folder / "none.h5")
+    ... except lcp.LcpError as error:
+    ...     print(type(error).__name__)
+    CatalogError
+    """
 
     @property
     def field(self) -> str | None:

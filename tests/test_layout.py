@@ -171,4 +171,5 @@ def test_every_data_file_is_installed() -> None:
         if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
     }
     assert there == found
-    assert {path.suffix for path in found} == {".j2", ".css", ".js"}
+    assert {path.suffix for path in found} == {".j2", ".css", ".js", ".typed"}
+    assert ROOT / "lcp_catalog" / "py.typed" in found

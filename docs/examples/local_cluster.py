@@ -10,6 +10,6 @@ if __name__ == "__main__":
     config = lcp.BuildConfig.from_toml(Path("tile.toml"))
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         report = lcp.build_catalog(
-            ["dem.tif"], config, "tile.h5", scheduler=cluster.scheduler_address
+            "dem.tif", "tile.h5", config=config, scheduler=cluster.scheduler_address
         )
     print(f"{report.points} points from {report.areas} areas")

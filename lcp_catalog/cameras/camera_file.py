@@ -56,8 +56,25 @@ def _refuse_mistakes(camera: Camera, path: Path) -> None:
 
 
 def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:
-    """The framing camera that a camera file describes; CameraError for scanners, for an image that is too
-    large to be rendered (`require_pixels`) and for all files that `read_sensor` refuses.
+    """The framing camera that a camera file describes.
+
+    Parameters
+    ----------
+    path:
+        A CAMERA.json, an ISD of USGS CSM/ALE, or a .tsai file.
+    shape:
+        Rows and columns of its image; required for a .tsai file, which does not state them.
+
+    Raises
+    ------
+    CameraError
+        For scanners, for an image that is too large to be rendered, for invalid files; the message
+        names the file and the field.
+
+    Examples
+    --------
+    >>> lcp.read_camera(folder / "AS15-M-0414_camera.json").shape
+    (404, 404)
     """
     sensor = read_sensor(path, shape)
     if not isinstance(sensor, Camera):

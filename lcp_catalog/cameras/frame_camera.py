@@ -40,7 +40,16 @@ class Camera(FullSensor):
 
     ``rotation_mcmf_to_camera`` takes MCMF axes to camera axes; a rotation with rounding errors (up
     to 1e-5) is made orthonormal. ``distortion``: [k1, k2, p1, p2, k3] of OpenCV. ``lens``: any
-    other lens, in units of the focal length; at most one of the two is given.
+    other lens, in units of the focal length; at most one of the two is given. Positions are in
+    metres, pixels (column, row) with centres at whole numbers. The lens model is that of OpenCV
+    (Brown, 1971).
+
+    Examples
+    --------
+    >>> rotation = [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]
+    >>> camera = lcp.Camera([1837.4e3, 0.0, 0.0], rotation, 1000.0, (255.5, 255.5), (512, 512))
+    >>> camera.project([1737.4e3, 0.0, 0.0]).tolist()
+    [255.5, 255.5]
     """
 
     kind: ClassVar[str] = "framing camera"

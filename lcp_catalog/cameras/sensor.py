@@ -196,8 +196,13 @@ class Reduced:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """1 sigma of each component of a sensor's position and attitude. A component with 0 is exact: it is
-    not solved for.
+    """1 sigma of each component of a sensor's position (m) and attitude (rad). A component with 0 is
+    exact: it is not solved for.
+
+    Examples
+    --------
+    >>> lcp.Uncertainty(position_m=2000.0, attitude_rad=0.0035).sigmas(lcp.read_camera(camera)).tolist()
+    [2000.0, 2000.0, 2000.0, 0.0035, 0.0035, 0.0035]
     """
 
     position_m: float

@@ -180,6 +180,12 @@ class Catalog:
     sigmas and ``errors``, for s image scales; they are rounded to the steps in which they are stored
     (`packing`), and sigmas end at 65534 steps, which stands for everything above. A catalogue
     without claims has none of them (None).
+
+    Examples
+    --------
+    >>> opened = lcp.open_catalog(catalog)
+    >>> opened.dem.shape == (len(opened), opened.patch_nodes, opened.patch_nodes)
+    True
     """
 
     sun_elevation: AnyArray  # (e,) degrees, rising

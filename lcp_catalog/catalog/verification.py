@@ -30,13 +30,30 @@ _DIMS = {"points": "point", "cells": "cell", "overview": "y"}
 
 
 def open_catalog(path: Path | str, check: bool = True) -> Catalog:
-    """Open a catalogue. CatalogError, one line, for a file that is no catalogue or is damaged;
-    `verify` lists all its problems.
+    """Open a catalogue.
 
     Variables are read when they are used: `Catalog.part` and `Catalog.within` leave the rest in the
     file. Before, another process with limits of time and memory checks the structure of the file
-    and all its values. ``check`` False: the structure alone, for a window of a large catalogue;
-    what `Catalog.within` reads is checked in any case.
+    and all its values.
+
+    Parameters
+    ----------
+    path:
+        The file.
+    check:
+        False: check the structure alone, for a window of a large catalogue; what `Catalog.within`
+        reads is checked in any case.
+
+    Raises
+    ------
+    CatalogError
+        One line, for a file that is no catalogue or is damaged; `inspect` lists all its problems.
+
+    Examples
+    --------
+    >>> opened = lcp.open_catalog(catalog)
+    >>> opened.longitude.shape == (len(opened),)
+    True
     """
     stored = StoredFile.of(path)
     problems = apart(stored, _check if check else _check_structure)

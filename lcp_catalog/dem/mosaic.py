@@ -53,6 +53,13 @@ class DemSet:
 
     ``order``: products (by name, family or file name) that come before all others everywhere;
     ``cell_m``: rank instead by the coarsest product whose pixels are not wider, metres.
+
+    Examples
+    --------
+    >>> dems = lcp.dem_set(folder / "hadley_gld100_256ppd.tif")
+    >>> height_m, index = dems.heights(3.63, 26.13, 120.0)
+    >>> dems.products[int(index)], bool(height_m < 0.0)
+    ('GLD100_256', True)
     """
 
     dems: tuple[Dem, ...]

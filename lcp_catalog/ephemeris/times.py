@@ -124,12 +124,25 @@ def instants(times: Times) -> Instants:
 
 
 def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: float) -> Instants:
-    """Instants from ``start`` to ``stop`` (included if a step falls on it) in steps of ``step_s``
-    seconds.
+    """A range of instants in equal steps of calendar time: a day from midnight ends at midnight, with or
+    without a leap second.
 
-    Steps count calendar time: a day from midnight ends at midnight, with or without a leap second.
-    SunError for a stop before the start, a step below a microsecond, and more than `MOST_INSTANTS`
-    instants.
+    Parameters
+    ----------
+    start, stop:
+        First and last instant, UTC; ``stop`` is included if a step falls on it.
+    step_s:
+        Step, seconds.
+
+    Raises
+    ------
+    SunError
+        For a stop before the start, a step below a microsecond, more than `MOST_INSTANTS` instants.
+
+    Examples
+    --------
+    >>> len(lcp.instant_range("2026-03-01", "2026-03-02", 3600.0))
+    25
     """
     (first, leap1), (last, leap2) = _civil(start), _civil(stop)
     if leap1 or leap2:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..atomic_files import folder_aside, write_aside
-from ..catalog.verification import open_catalog
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..choices import EXPORT_FOLDERS, EXPORTS
 from ..constants import FRAME
 from ..errors import ConfigError
@@ -16,42 +15,81 @@ from .frames import frame_named
 from .points import ExportedPoints
 
 
-@dataclass(frozen=True)
-class ExportChoice:
-    """What is exported. ``box``: west, south, east, north in degrees of MOON_ME; ``level``: index of
-    the cell size; ``sun_deg``: azimuth and elevation of the Sun for the reflectance of ``.lmk``.
-    """
-
-    frame: str = FRAME
-    box: Bounds | None = None
-    level: int | None = None
-    sun_deg: tuple[float, float] | None = None
-
-
 def export(
-    catalog: Path | str,
+    catalog: CatalogOrPath,
     output: Path | str,
-    choice: ExportChoice | None = None,
+    *,
+    frame: str = FRAME,
+    bounds: tuple[float, float, float, float] | None = None,
+    level: int | None = None,
+    sun_azimuth_deg: float | None = None,
+    sun_elevation_deg: float | None = None,
     overwrite: bool = False,
 ) -> int:
-    """Write points of a catalogue's file in the format of the output's ending (`choices.EXPORTS`), and
-    return their number.
+    """Write points of a catalogue in the format of the output's ending.
 
-    ConfigError for another ending, a frame that is not known, or a Sun for a format without one;
-    AreaError for a choice without points; MissingPackageError for a format whose package is not
-    installed. Raises CatalogError as `open_catalog`, and for the output as `atomic_files`.
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    output:
+        The file, or folder, to write; its ending is one of `choices.EXPORTS`.
+    frame:
+        Moon-fixed frame of the output: ``MOON_ME`` (mean Earth, DE421) or ``MOON_PA`` (principal
+        axes, DE440).
+    bounds:
+        West, south, east, north, degrees of MOON_ME; may cross the antimeridian. None: all points.
+    level:
+        Index of the cell size; None: all.
+    sun_azimuth_deg, sun_elevation_deg:
+        For ``.lmk``: the Sun at every point, degrees clockwise from north and above the horizontal
+        plane.
+    overwrite:
+        True: replace an existing output.
+
+    Returns
+    -------
+    int
+        Number of points written.
+
+    Raises
+    ------
+    ConfigError
+        For another ending, a frame that is not known, or a Sun for a format without one.
+    AreaError
+        For a choice without points.
+    MissingPackageError
+        For a format whose package is not installed.
+    CatalogError
+        For a file that is no catalogue or is damaged.
+    OutputExistsError, OutputError
+        For the output.
+
+    Examples
+    --------
+    >>> count = lcp.export(catalog, folder / "small.csv")
+    >>> count == len(lcp.open_catalog(catalog))
+    True
     """
-    choice = choice or ExportChoice()
-    ending = Path(output).suffix
+    ending, sun_deg = Path(output).suffix, _sun(sun_azimuth_deg, sun_elevation_deg)
     if ending not in EXPORTS:
         raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")
-    if choice.sun_deg is not None and ending != ".lmk":
+    if sun_deg is not None and ending != ".lmk":
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
-    frame = frame_named(choice.frame)
+    axes, box = frame_named(frame), None if bounds is None else Bounds(*bounds)
     with _aside(output, ending, overwrite) as path:
-        points = ExportedPoints.chosen(open_catalog(catalog), frame, choice.box, choice.level)
-        _write(points, path, ending, choice)
+        points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
+        _write(points, path, ending, box, sun_deg)
     return len(points)
+
+
+def _sun(azimuth_deg: float | None, elevation_deg: float | None) -> tuple[float, float] | None:
+    """The angles of the Sun; None if it is not stated."""
+    if azimuth_deg is None and elevation_deg is None:
+        return None
+    if azimuth_deg is None or elevation_deg is None:
+        raise ConfigError("the azimuth and the elevation of the Sun go together")
+    return azimuth_deg, elevation_deg
 
 
 def _aside(output: Path | str, ending: str, overwrite: bool) -> AbstractContextManager[Path]:
@@ -60,7 +98,13 @@ def _aside(output: Path | str, ending: str, overwrite: bool) -> AbstractContextM
     return write_aside(output, overwrite)
 
 
-def _write(points: ExportedPoints, path: Path, ending: str, choice: ExportChoice) -> None:
+def _write(
+    points: ExportedPoints,
+    path: Path,
+    ending: str,
+    box: Bounds | None,
+    sun_deg: tuple[float, float] | None,
+) -> None:
     match ending:
         case ".csv":
             from .tables import write_csv
@@ -73,11 +117,11 @@ def _write(points: ExportedPoints, path: Path, ending: str, choice: ExportChoice
         case ".geojson":
             from .vectors import write_geojson
 
-            write_geojson(points, path, choice.box)
+            write_geojson(points, path, box)
         case ".gpkg":
             from .vectors import write_geopackage
 
-            write_geopackage(points, path, choice.box)
+            write_geopackage(points, path, box)
         case ".gcp":
             from .ground_control import write_gcp
 
@@ -85,7 +129,7 @@ def _write(points: ExportedPoints, path: Path, ending: str, choice: ExportChoice
         case ".lmk":
             from .landmark_maps import write_landmark_maps
 
-            write_landmark_maps(points, path, choice.sun_deg)
+            write_landmark_maps(points, path, sun_deg)
         case ".spc":
             from .spc import write_spc
 
@@ -93,4 +137,4 @@ def _write(points: ExportedPoints, path: Path, ending: str, choice: ExportChoice
         case ".bds":
             from .dsk import write_dsk
 
-            write_dsk(points, path, choice.box is not None)
+            write_dsk(points, path, box is not None)

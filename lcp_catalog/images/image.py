@@ -21,6 +21,12 @@ class Image:
     The Sun is a position (``sun_position_mcmf_m``) or one direction for the whole image
     (``sun_direction_mcmf``). ValueError for shapes that differ from the sensor's, and unless
     exactly one Sun is given.
+
+    Examples
+    --------
+    >>> image = lcp.open_image(folder / "AS15-M-0414.png", camera)
+    >>> image.name, image.reduced(4).signal.shape
+    ('AS15-M-0414.png', (101, 101))
     """
 
     name: str

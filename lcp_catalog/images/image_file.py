@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Float32
+from ..cameras.camera_file import read_sensor
 from ..cameras.map_projected import MapImage
 from ..cameras.sensor import ON_MAP, Sensor
 from ..cameras.view import center_of
@@ -20,7 +21,7 @@ from ..geometry.frames import EnuFrame
 from ..light.sun_choice import SunChoice
 from ..photometry.srgb import decode_srgb
 from .image import Image
-from .pixels import ImagePixels, read_pixels
+from .pixels import ImagePixels, image_shape, read_pixels
 from .special_pixels import Codes, SpecialPixels, isis_special, plateau_ends, touching_edge
 from .sun_from_label import ImageLabel, read_image_label
 
@@ -65,17 +66,42 @@ class _Pixels:
 
 def open_image(
     path: Path | str,
-    sensor: Sensor | None = None,
+    sensor: Sensor | Path | str | None = None,
     sun: SunChoice | None = None,
     options: ImageOptions | None = None,
 ) -> Image:
-    """The image in a file, with its sensor; None: the map on which the file is projected.
+    """The image in a file, with the sensor that took it.
 
-    The Sun is the given one (``sun``), else the sensor's own, else that of the image's label.
-    ImageError, one line, for a file that is no image, has no geometry, no Sun, no valid pixel, or
-    another size than its camera; SunError for an invalid given Sun.
+    Parameters
+    ----------
+    path:
+        Any raster that GDAL reads, PDS and ISIS images included.
+    sensor:
+        Camera or another sensor, or its file; None: the map on which the file is projected.
+    sun:
+        The Sun; None: the sensor's own, else that of the image's label.
+    options:
+        Band, nodata and encoding, which the file does not give itself.
+
+    Raises
+    ------
+    ImageError
+        For a file that is no image, has no geometry, no Sun, no valid pixel, or another size than
+        its camera.
+    CameraError
+        For a camera file that cannot be read.
+    SunError
+        For an invalid Sun.
+
+    Examples
+    --------
+    >>> image = lcp.open_image(folder / "AS15-M-0414.png", camera)
+    >>> image.signal.shape, round(float(image.valid.mean()), 1)
+    ((404, 404), 1.0)
     """
     options = options or ImageOptions()
+    if isinstance(sensor, Path | str):
+        sensor = read_sensor(sensor, image_shape(path))
     image = read_pixels(path, options.band, options.nodata, options.encoding)
     label = read_image_label(image)
     taken_by = _sensor(image, sensor, options)

@@ -45,6 +45,11 @@ class Environment:
         return cls.of(read_panorama(path, azimuth_deg), search, sun_sky_ratio, (Path(path),))
 
     @classmethod
+    def opened(cls, environment: Environment | Path | str | None) -> Environment | None:
+        """An environment map, `open`ed if its file is given; None without one."""
+        return cls.open(environment) if isinstance(environment, Path | str) else environment
+
+    @classmethod
     def of(
         cls,
         panorama: Panorama,

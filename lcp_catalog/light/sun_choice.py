@@ -18,13 +18,27 @@ from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 @dataclass(frozen=True)
 class SunChoice:
     """The Sun, stated by its angles at the area's centre, by a time, or by the subsolar point.
-    Without any of them the camera file's Sun applies.
+    Without any of them the camera file's Sun applies. SunError for one angle alone, and for a Sun that
+    is stated twice.
+
+    Examples
+    --------
+    >>> sun = lcp.SunChoice(azimuth_deg=96.5, elevation_deg=14.0)
+    >>> lcp.open_image(folder / "AS15-M-0414.png", camera, sun).sun_direction_mcmf.shape
+    (3,)
     """
 
     azimuth_deg: float | None = None
     elevation_deg: float | None = None
     time_utc: str | None = None
     subsolar_deg: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.azimuth_deg is None) != (self.elevation_deg is None):
+            raise SunError("the azimuth and the elevation of the Sun go together")
+        given = (self.azimuth_deg, self.time_utc, self.subsolar_deg)
+        if sum(value is not None for value in given) > 1:
+            raise SunError("the Sun is stated once: by its angles, a time, or the subsolar point")
 
     def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:
         """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""

@@ -11,9 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
 from ..cameras.frame_camera import Camera
+from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor, pixel_size_m
 from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..catalog.schema import DETECTION_STEP, usable
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
@@ -89,18 +91,40 @@ def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:
 
 
 def choose_points(
-    catalog: Catalog,
-    sensor: Sensor,
+    catalog: CatalogOrPath,
+    sensor: SensorOrPath,
     sun_direction: ArrayLike | None = None,
     most: int | None = None,
 ) -> Index:
-    """Rows (n,), ascending, of the points in view that are usable under a Sun and a camera
-    (`usable_points`).
+    """Points in view that are usable under a Sun and a camera.
 
-    ``sun_direction``: unit MCMF vector (3,); default: from each point to the sensor's own Sun
-    position (SunError if it has none). ``most``: upper limit of n; the chosen points are the best
-    ones, spread over the image (`likeliest`).
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    sensor:
+        Camera or another sensor, or its file.
+    sun_direction:
+        Unit MCMF vector (3,); None: from each point to the sensor's own Sun position.
+    most:
+        Upper limit of their number: the most likely ones, spread over the image.
+
+    Returns
+    -------
+    array
+        Rows (n,) of the catalogue, ascending.
+
+    Raises
+    ------
+    SunError
+        Without a Sun.
+
+    Examples
+    --------
+    >>> len(lcp.choose_points(catalog, camera, most=3))
+    3
     """
+    catalog, sensor = opened_catalog(catalog), any_sensor(sensor)
     rows = points_in_view(catalog, sensor)
     suns = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_direction)
     chosen = rows[usable_points(catalog, rows, sensor, suns)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +14,13 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Bytes, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..images.image import Image
+from ..images.image_file import open_image
 from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
+from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import points_in_view
@@ -73,9 +77,9 @@ class _SearchTask:
 
 
 def find_points(
-    catalog: Catalog,
-    image: Image,
-    model: Reflectance = DEFAULT_MODEL,
+    catalog: CatalogOrPath,
+    image: Image | Path | str,
+    model: Reflectance | str = DEFAULT_MODEL,
     reach_px: ArrayLike = 64.0,
     *,
     points: ArrayLike | None = None,
@@ -83,19 +87,53 @@ def find_points(
     criteria: Criteria = Criteria(),
     whole_search: bool = False,
 ) -> Matches:
-    """Search for points (rows of the catalogue; default: `points_in_view`) within ``reach_px`` (one
-    or (n,)) pixels of where the sensor, plus ``offset_px`` (2,) or (n, 2), projects them.
+    """Search for points of a catalogue in an image, near where its sensor projects them: normalised
+    cross-correlation with renders of their patches, then least-squares matching (Foerstner, 1982).
 
     The search takes the image at its own scale: first reduce an image much finer than the patches
-    with `point_choice.working_image`. Results are in pixels of the full-resolution image, also for
-    a reduced one. ``whole_search`` correlates every place at full resolution: slower, and the same
-    except for peaks that half resolution does not show. ValueError for an image without a valid
-    pixel.
+    with `Image.reduced`. Results are in pixels of the full-resolution image, also for a reduced one.
 
-    The covariance of a match is not smaller in any direction than the one that the catalogue claims
-    for the image's Sun, view and scale.
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    image:
+        An image with its sensor and Sun, or the file of one in a map projection.
+    model:
+        Reflectance law of the renders, or its name.
+    reach_px:
+        Reach of the search, pixels; one or (n,).
+    points:
+        Rows (n,) of the catalogue; None: those in view.
+    offset_px:
+        Shift of the expected places, (2,) or (n, 2).
+    criteria:
+        What a match must fulfil.
+    whole_search:
+        True: correlate every place at full resolution: slower, and the same except for peaks that
+        half resolution does not show.
+
+    Returns
+    -------
+    Matches
+        ``found`` (n,), ``found_px`` (n, 2), ``covariance_px2`` (n, 2, 2): not smaller in any direction
+        than the catalogue claims for the image's Sun, view and scale; ``counts()`` by reason.
+
+    Raises
+    ------
+    ValueError
+        For an image without a valid pixel.
+
+    Examples
+    --------
+    >>> image = lcp.open_image(folder / "AS15-M-0414.png", camera)
+    >>> matches = lcp.find_points(catalog, image, reach_px=20.0)
+    >>> matches.found_px.shape == (len(matches), 2)
+    True
     """
-    task = _SearchTask(catalog, SearchImage.of(image), model, criteria, whole_search)
+    catalog, law = opened_catalog(catalog), law_of(model) or DEFAULT_MODEL
+    image = open_image(image) if isinstance(image, Path | str) else image
+    task = _SearchTask(catalog, SearchImage.of(image), law, criteria, whole_search)
     rows = (
         points_in_view(catalog, image.sensor)
         if points is None

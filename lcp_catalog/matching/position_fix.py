@@ -11,13 +11,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from ..arrays import Array, Index, Mask
+from ..cameras.public import SensorOrPath
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..images.image import Image
+from ..images.image_file import open_image
+from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import (
     SHARE_IF_HERE,
@@ -101,10 +106,16 @@ false alarms does not depend on the quality of single matches.
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFix:
+class Fix:
     """Result for one image. ``matches`` are of every point that may be in view; with `LOCATED`
     those marked found are the inliers. ``log10_false_alarms``: of the expected number of solutions
     as good by chance; ``rival_log10``: the same for the best other one.
+
+    Examples
+    --------
+    >>> fix = lcp.locate(catalog, folder / "AS15-M-0414.png", camera=camera)
+    >>> (fix.pose is None) == (fix.verdict != "located")
+    True
     """
 
     verdict: str
@@ -117,29 +128,67 @@ class PositionFix:
     by: str = BY_POINTS  # or `BY_ALL_POINTS`; few points may then be found alone
 
 
-def locate(
-    catalog: Catalog,
-    image: Image,
-    uncertainty: Uncertainty,
-    model: Reflectance = DEFAULT_MODEL,
-    options: Options = Options(),
-) -> PositionFix:
-    """Find the position of an image: search for a catalogue's points in an image whose sensor is
-    known within an uncertainty, and solve for the sensor.
+USUAL = Uncertainty(position_m=1000.0, attitude_rad=math.radians(0.1))
+"""Uncertainty of a camera of which none is stated."""
 
-    ``pose`` of the result corrects ``image.sensor`` (None unless located): ``pose.position_mcmf_m``
-    and ``pose.position_covariance_m2``. Matches are in pixels of the full-resolution image.
-    ``model``: reflectance law of the renders.
+
+def locate(
+    catalog: CatalogOrPath,
+    image: Image | Path | str,
+    uncertainty: Uncertainty = USUAL,
+    model: Reflectance | str = DEFAULT_MODEL,
+    options: Options = Options(),
+    *,
+    camera: SensorOrPath | None = None,
+) -> Fix:
+    """Find the position from which an image was taken: search for a catalogue's points in an image
+    whose sensor is known within an uncertainty, and solve for the sensor.
+
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    image:
+        An image with its sensor and Sun (`open_image`), or its file.
+    uncertainty:
+        1 sigma of the sensor's position and attitude; default: 1 km and 0.1 deg.
+    model:
+        Reflectance law of the renders, or its name.
+    options:
+        Settings of the search; `matching.position_fix.FAINT` for low-contrast terrain.
+    camera:
+        For the file of an image: its camera, or camera file; None: a map projection.
+
+    Returns
+    -------
+    Fix
+        ``verdict`` and ``reason``; ``pose`` (None unless located) corrects the sensor:
+        ``pose.position_mcmf_m`` (3,) and ``pose.position_covariance_m2`` (3, 3); ``matches`` in pixels
+        of the full-resolution image.
+
+    Raises
+    ------
+    CatalogError, ImageError, CameraError, SunError
+        For files that cannot be read.
+
+    Examples
+    --------
+    >>> fix = lcp.locate(catalog, folder / "AS15-M-0414.png", camera=camera)
+    >>> fix.verdict in ("located", "not this place", "cannot say"), len(fix.matches) > 0
+    (True, True)
     """
+    catalog, law = opened_catalog(catalog), law_of(model) or DEFAULT_MODEL
+    if isinstance(image, Path | str):
+        image = open_image(image, camera)
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
     area = area.only(np.isin(area.points, at_one_scale(catalog, area.points, image.sensor)))
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
-    search = _FixSearch(catalog, image, working, uncertainty, model, options, levels)
+    search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)
     if not len(area):
-        return PositionFix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
+        return Fix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
     if (missing := nothing_in(image)) is not None:
-        return PositionFix(CANNOT_SAY, missing, search.unmatched(area.points))
+        return Fix(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))
 
 
@@ -181,7 +230,7 @@ class _FixSearch:
             code=np.full(count, CODE["not searched"], dtype=np.uint8),
         )
 
-    def located(self, area: SearchArea) -> PositionFix:
+    def located(self, area: SearchArea) -> Fix:
         """The whole search over an area, and the decision."""
         options, far, coarse = self.options, float(np.median(area.reach_px)), None
         if far > options.most_reach_px * self.factor:
@@ -201,12 +250,12 @@ class _FixSearch:
                     f"the stated uncertainty turns and scales the image by {slack:.0f} px, "
                     "too much for the search; state a smaller one"
                 )
-                return PositionFix(CANNOT_SAY, reason, self.unmatched(area.points))
+                return Fix(CANNOT_SAY, reason, self.unmatched(area.points))
             if chance > SIGNIFICANT:
                 reason = (
                     f"no shift of the {len(area)} points in view within {far:.0f} px is significant"
                 )
-                return PositionFix(NOT_HERE, reason, self.unmatched(area.points))
+                return Fix(NOT_HERE, reason, self.unmatched(area.points))
             if math.isfinite(chance):
                 coarse = JointOffset(len(area), chance, 0.0, reason="only at a coarse scale")
         matches, score, area = self.first_search(area)
@@ -351,7 +400,7 @@ class _FixSearch:
 
     def refused(
         self, matches: Matches, area: SearchArea, score: Consensus, coarse: JointOffset | None
-    ) -> PositionFix:
+    ) -> Fix:
         """The result without an agreement of single points: by all points together, now or at the
         coarse scale (``coarse``), else the reason why there is none.
         """
@@ -376,15 +425,15 @@ class _FixSearch:
                     f"that says little, because only {expected:.3g} are expected to be found in this "
                     "light, view and scale"
                 )
-            return PositionFix(CANNOT_SAY, reason, matches, *figures)
+            return Fix(CANNOT_SAY, reason, matches, *figures)
         if undecided:
             reason = "the points found agree about equally well on two places"
-            return PositionFix(CANNOT_SAY, reason, matches, *figures)
+            return Fix(CANNOT_SAY, reason, matches, *figures)
         reason = (
             f"{matches.found.sum()} of {searched.sum()} points searched for were found, "
             "but they agree on no place"
         )
-        return PositionFix(NOT_HERE, reason, matches, *figures)
+        return Fix(NOT_HERE, reason, matches, *figures)
 
     def whole(self, area: SearchArea, width_px: float) -> JointOffset | None:
         """The joint offset of the points of an area with patches of a width."""
@@ -400,7 +449,7 @@ class _FixSearch:
             check_sun=self.options.check_sun,
         )
 
-    def by_all_points(self, matches: Matches, whole: JointOffset) -> PositionFix:
+    def by_all_points(self, matches: Matches, whole: JointOffset) -> Fix:
         """The result by a significant joint offset. Marked found are the points that agree with its
         place by themselves.
         """
@@ -412,9 +461,7 @@ class _FixSearch:
         lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
         if whole.pose is None or lacking:
             reason = f"single points agree on no place; {shows}, but {lacking}"
-            return PositionFix(
-                CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_ALL_POINTS
-            )
+            return Fix(CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_ALL_POINTS)
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         tolerance = self.tolerances_px(matches.point)
@@ -422,7 +469,7 @@ class _FixSearch:
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
-        return PositionFix(
+        return Fix(
             LOCATED, reason, with_inliers(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
         )
 
@@ -453,21 +500,21 @@ class _FixSearch:
             return 0.0
         return log10_false_alarms(np.sort(chance)[::-1], agrees, least)
 
-    def judged(self, matches: Matches, pose: Pose, score: Consensus) -> PositionFix:
+    def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Fix:
         """The decision on a significant pose."""
         figures = (score.log10_false_alarms, score.rival_log10)
         if far := self.too_far(pose):
-            return PositionFix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
+            return Fix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
         sun = self.sun(matches, pose) if self.options.check_sun else None
         if sun is not None and not sun.fits:
-            return PositionFix(CANNOT_SAY, sun.complaint, matches, None, *figures, sun)
+            return Fix(CANNOT_SAY, sun.complaint, matches, None, *figures, sun)
         if sun is not None and sun.doubt_px > 0.0:
             pose = self.solution(matches, pose.used, sun.doubt_px)
         reason = (
             f"{matches.found.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
-        return PositionFix(LOCATED, reason, matches, pose, *figures, sun)
+        return Fix(LOCATED, reason, matches, pose, *figures, sun)
 
     def too_far(self, pose: Pose) -> str:
         """The objection to a correction larger than the stated uncertainty allows; empty if there

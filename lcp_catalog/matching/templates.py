@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Float32, Index, Mask
-from ..cameras.sensor import Sensor
-from ..catalog.catalogue import Catalog
+from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.patch_terrain import nodes_mcmf
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..kernels.matching import draw_patch, point_spread
 from ..landmarks.patches import POINT_SPREAD_PX
+from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .patch_projection import node_pixels
 from .point_choice import directions_to_sun
@@ -69,25 +70,56 @@ class Templates:
 
 
 def render_patches(
-    catalog: Catalog,
+    catalog: CatalogOrPath,
     index: ArrayLike,
-    sensor: Sensor,
+    sensor: SensorOrPath,
     sun_directions: ArrayLike | None = None,
-    model: Reflectance = DEFAULT_MODEL,
+    model: Reflectance | str = DEFAULT_MODEL,
     *,
     psf_sigma_px: float = POINT_SPREAD_PX,
     least_cover: float = LEAST_COVER,
 ) -> Templates:
-    """Render patches (rows ``index`` (n,) of the catalogue) into the pixels of a sensor.
+    """Render patches into the pixels of a sensor.
 
-    ``sun_directions``: unit MCMF vectors towards the Sun, (n, 3), or (3,) for all patches; default:
-    from the sensor's own Sun position (SunError if it has none). ``model``: reflectance law,
-    default Lommel-Seeliger.
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    index:
+        Rows (n,) of the catalogue.
+    sensor:
+        Camera or another sensor, or its file.
+    sun_directions:
+        Unit MCMF vectors towards the Sun, (n, 3), or (3,) for all patches; None: from the sensor's
+        own Sun position.
+    model:
+        Reflectance law, or its name.
+    psf_sigma_px:
+        Standard deviation of the Gaussian point spread, pixels.
+    least_cover:
+        Least share of a pixel's point spread that falls on the patch, for the pixel to count.
 
-    All templates are as large as the largest one. The mask is empty for a patch that the sensor
-    does not see whole or that covers more than 2048 pixels along a side. Memory: 4 sub^2 + 5 bytes
-    per template pixel, 64 per node.
+    Returns
+    -------
+    Templates
+        ``values`` (n, rows, cols), radiance factors; all are as large as the largest one. ``mask`` is
+        empty for a patch that the sensor does not see whole or that covers more than 2048 pixels
+        along a side. Memory: 4 sub^2 + 5 bytes per template pixel, 64 per node.
+
+    Raises
+    ------
+    SunError
+        Without a Sun.
+
+    Examples
+    --------
+    >>> points = lcp.choose_points(catalog, camera)
+    >>> patches = lcp.render_patches(catalog, points, camera)
+    >>> len(patches) == len(points), patches.values.dtype
+    (True, dtype('float32'))
     """
+    catalog, sensor = opened_catalog(catalog), any_sensor(sensor)
+    law = law_of(model) or DEFAULT_MODEL
     rows = np.asarray(index, dtype=np.int64)
     nodes = nodes_mcmf(catalog, rows)
     rotation = catalog.rotation_mcmf_to_enu[rows]
@@ -104,7 +136,7 @@ def render_patches(
         albedo = np.nan_to_num(catalog.albedo[rows], nan=1.0)
     draw_patch.draw_patches(
         catalog.dem[rows], catalog.gsd[rows].astype(np.float64), albedo,
-        suns, np.ascontiguousarray(towards), pixels, origin, sub, model.code, model.numbers, drawing,
+        suns, np.ascontiguousarray(towards), pixels, origin, sub, law.code, law.numbers, drawing,
     )  # fmt: skip
     drawing[~seen] = np.nan
     values = np.empty((len(rows), row_count, cols), np.float32)

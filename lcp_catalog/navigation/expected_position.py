@@ -106,6 +106,12 @@ class ExpectedPosition:
 class Answer:
     """The m points that a frame can use, and the position they are expected to give. With
     `Query.most` the most informative point comes first, else they have the catalogue's order.
+
+    Examples
+    --------
+    >>> answer = lcp.query(catalog, camera)
+    >>> answer.pixel.shape == (len(answer.rows), 2), answer.position.position_covariance_m2.shape
+    (True, (3, 3))
     """
 
     frame: PlannedImage

@@ -165,6 +165,11 @@ def choose(
     return LawChoice(model, requested is not None, first, own, limit)
 
 
+def law_of(law: Reflectance | str) -> Reflectance | None:
+    """A law, or that of a name as `named`."""
+    return named(law) if isinstance(law, str) else law
+
+
 def named(spec: str) -> Reflectance | None:
     """Model of a name; None for `AUTO_LAW`. ConfigError for an unknown name."""
     return None if spec == AUTO_LAW else reflectance_model(spec)

@@ -522,7 +522,14 @@ class ErrorConfig:
 
 @dataclass(frozen=True)
 class BuildConfig:
-    """All that determines a catalogue's content besides the DEM."""
+    """All that determines a catalogue's content besides the DEM.
+
+    Examples
+    --------
+    >>> config = lcp.BuildConfig.from_dict({"points": {"spacing_m": 5000.0}})
+    >>> config.points.spacing_m, config.area.region
+    (5000.0, None)
+    """
 
     area: AreaConfig = field(default_factory=AreaConfig)
     dem: DemConfig = field(default_factory=DemConfig)

@@ -45,6 +45,12 @@ other ground up to 1 % on the crater of docs/explanation/lighting.md.
 class Detector:
     """A detector; ConfigError for invalid values. ``full_scale``: radiance factor of the highest
     number; None: from the signal (`BRIGHT_PERCENTILE`). Equal seeds give equal noise.
+
+    Examples
+    --------
+    >>> detector = lcp.Detector(noise=0.02, bits=12)
+    >>> detector.highest
+    4095
     """
 
     blur_px: float = 0.0

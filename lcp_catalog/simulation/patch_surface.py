@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.view import finest_pixel_m, sensor_view
 from ..catalog.catalogue import Catalog
-from ..catalog.hdf5 import open_catalog
 from ..catalog.patch_terrain import patch_terrain
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..geometry.frames import EnuFrame
 from ..light.environment import Environment
 from ..light.solar_disc import SolarDisc, radius_at
@@ -91,12 +90,12 @@ class PatchTerrain:
 @dataclass(frozen=True, eq=False)
 class PatchSurface:
     """A catalogue's patches under the Sun at a position, (3,) MCMF metres; ``model`` None:
-    `DEFAULT_MODEL`; ``path``: the catalogue's file; ``environment``: an environment map in place of
+    `DEFAULT_MODEL`; ``path``: the catalogue's file, if it was read from one; ``environment``: an environment map in place of
     the Sun, in each patch's own frame.
     """
 
     catalog: Catalog
-    path: Path
+    path: Path | None
     sun_position_mcmf_m: Array
     model: Reflectance | None = None
     accuracy: Accuracy = TIERS["reference"]
@@ -106,25 +105,31 @@ class PatchSurface:
     @classmethod
     def lit(
         cls,
-        path: Path,
+        source: CatalogOrPath,
         choice: SunChoice,
         camera: Camera | Scanner,
         environment: Environment | None = None,
-        **how: Any,
+        model: Reflectance | None = None,
+        accuracy: Accuracy = TIERS["reference"],
+        disc: bool | None = None,
     ) -> PatchSurface:
-        """A catalogue's file under a chosen Sun, whose angles are those at the middle of the
-        catalogue's map, or under an environment map; ``how``: model, accuracy, disc.
+        """A catalogue, or its file, under a chosen Sun, whose angles are those at the middle of the
+        catalogue's map, or under an environment map.
         """
-        catalog = open_catalog(path)
+        catalog = opened_catalog(source)
+        path = None if isinstance(source, Catalog) else Path(source)
         middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
-        if environment is None:
-            return cls(catalog, path, sun_position(choice, middle, camera), **how)
-        place = source_position(environment, middle)
-        return cls(catalog, path, place, environment=environment, **how)
+        place = (
+            sun_position(choice, middle, camera)
+            if environment is None
+            else source_position(environment, middle)
+        )
+        return cls(catalog, path, place, model, accuracy, disc, environment)
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        return (self.path, *(self.environment.files if self.environment else ()))
+        own = () if self.path is None else (self.path,)
+        return (*own, *(self.environment.files if self.environment else ()))
 
     @cached_property
     def patches(self) -> list[PatchTerrain]:
@@ -165,8 +170,15 @@ class PatchSurface:
             disc=light.first.disc is not None,
             model=self._law,
         )
-        how: dict[str, Any] = {"model": self._law, "accuracy": self.accuracy, "plan": plan}
-        shot = render_camera(terrain, camera, light, albedo=patch.albedo, **how)
+        shot = render_camera(
+            terrain,
+            camera,
+            light,
+            model=self._law,
+            accuracy=self.accuracy,
+            plan=plan,
+            albedo=patch.albedo,
+        )
         assert shot.position_mcmf_m is not None
         origin, _ = camera.rays_enu(terrain.frame)
         from_m = origin if isinstance(camera, Camera) else origin[:, None]

@@ -51,6 +51,24 @@ class Area:
             object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))
 
     @classmethod
+    def chosen(
+        cls,
+        center_deg: tuple[float, float] | None,
+        size_km: float | None,
+        bounds_deg: tuple[float, float, float, float] | None,
+    ) -> Area | None:
+        """The area of a centre and a size, or of bounds, degrees; None for neither. AreaError for both,
+        and for a centre without a size.
+        """
+        if (center_deg is None) != (size_km is None):
+            raise AreaError("the centre and the size of an area go together")
+        if center_deg is None:
+            return None if bounds_deg is None else cls.from_bounds(*bounds_deg)
+        if bounds_deg is not None:
+            raise AreaError("the centre and the bounds of an area exclude each other")
+        return cls(*center_deg, size_km)
+
+    @classmethod
     def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:
         """A box in degrees; it crosses the antimeridian (or the prime meridian) if ``east`` is not
         greater than ``west``. ``AreaError`` for an empty box or one out of range.

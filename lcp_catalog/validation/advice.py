@@ -10,7 +10,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..matching.position_fix import CANNOT_SAY, NOT_HERE, PositionFix
+from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.search_area import perhaps_in_view
 from .window_correlation import WindowComparison
 
@@ -22,12 +22,12 @@ _FAILS, _PLAIN = 0.8, 0.15
 
 
 def advised(
-    located: PositionFix,
+    located: Fix,
     catalog: Catalog,
     sensor: Sensor,
     uncertainty: Uncertainty,
     sigmas: float,
-) -> PositionFix:
+) -> Fix:
     """The result of a search over ``sigmas`` times the uncertainty, with what would help in its reason.
 
     A place is not refuted by an image that is smaller than the search's reach (the ground in the image may

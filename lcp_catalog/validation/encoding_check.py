@@ -20,7 +20,7 @@ from ..images.image import Image
 from ..matching.consensus import independent_share
 from ..matching.point_choice import evenly, patch_width_px, working_image
 from ..matching.point_search import Criteria, find_points
-from ..matching.position_fix import PositionFix
+from ..matching.position_fix import Fix
 from ..photometry.laws import Reflectance
 
 _MOST = 100
@@ -76,7 +76,7 @@ class EncodingCheck:
 def check_encoding(
     catalog: Catalog,
     images: tuple[Image, Image],
-    located: PositionFix,
+    located: Fix,
     model: Reflectance,
     criteria: Criteria,
     used: str,

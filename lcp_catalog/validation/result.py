@@ -22,7 +22,7 @@ from ..cameras.sensor import ON_MAP
 from ..catalog.summary import percent
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
-from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, PositionFix
+from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
 from .claims import Claims, Scores, score
@@ -173,7 +173,7 @@ class ImageVerdict:
     """Results of one image. ``error``: of its pose, if the true one is known."""
 
     facts: ImageFacts
-    located: PositionFix
+    located: Fix
     points: PointFigures  # of the rows of ``located.matches``
     claims: Claims  # on the same rows
     windows: WindowFigures | None = None

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..accuracy import TIERS, Accuracy
-from ..cameras.camera_file import read_sensor
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
@@ -26,7 +25,6 @@ from ..geometry.frames import EnuFrame, lonlat_to_mcmf
 from ..images.heights import refuse_heights
 from ..images.image import Image
 from ..images.image_file import ImageOptions, decoded, open_image
-from ..images.pixels import image_shape
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
@@ -38,8 +36,8 @@ from ..matching.position_fix import (
     FAINT,
     LOCATED,
     SEARCHED,
+    Fix,
     Options,
-    PositionFix,
     locate,
 )
 from ..matching.search_area import perhaps_in_view
@@ -180,7 +178,7 @@ class Result:
         return all(image.located.verdict == LOCATED for image in self.verdict.images)
 
 
-def validate(request: Validation, progress: Progress | None = None) -> Result:
+def run_validation(request: Validation, progress: Progress | None = None) -> Result:
     """Validate a catalogue with every image in turn.
 
     Raises the library's errors for a catalogue or DEM that cannot be read, for missing files, and
@@ -277,7 +275,7 @@ class _EncodedSearch(NamedTuple):
 
     image: Image
     catalog: Catalog
-    located: PositionFix
+    located: Fix
     encoding: EncodingCheck | None = None
 
 
@@ -312,9 +310,7 @@ def _searched(
     return found._replace(encoding=check)
 
 
-def _advice(
-    request: Validation, located: PositionFix, ground: GroundComparison | None
-) -> tuple[str, ...]:
+def _advice(request: Validation, located: Fix, ground: GroundComparison | None) -> tuple[str, ...]:
     """What may improve the comparison of a located image with the DEM."""
     if located.pose is None or ground is None or request.dems is None or request.albedo:
         return ()
@@ -333,14 +329,13 @@ def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: 
 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:
-    sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
-    return open_image(files.image, sensor, request.stated_sun, request.pixels)
+    return open_image(files.image, files.camera, request.stated_sun, request.pixels)
 
 
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
     """Result of an image that could not be searched: empty, without geometry, or without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
-    nothing = PositionFix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
+    nothing = Fix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
     claims = Claims.none(reason="the image was not searched")
     return ImageVerdict(ImageFacts(name), nothing, PointFigures.none(), claims)
 
@@ -361,14 +356,14 @@ def _ground(
         return None, str(error)
 
 
-def _error(request: Validation, located: PositionFix, given: Sensor) -> PositionError | None:
+def _error(request: Validation, located: Fix, given: Sensor) -> PositionError | None:
     if not request.pose_is_known or located.pose is None or given.corrections != POSE:
         return None
     return position_error(located.pose, given)
 
 
 def _claims(
-    request: Validation, catalog: Catalog, located: PositionFix, image: Image, criteria: Criteria
+    request: Validation, catalog: Catalog, located: Fix, image: Image, criteria: Criteria
 ) -> Claims:
     """Claims on the points, tried in the located image, or with a known camera."""
     known = request.pose_is_known and image.sensor.corrections == POSE
@@ -379,7 +374,7 @@ def _claims(
 
 
 def _residuals(
-    request: Validation, catalog: Catalog, located: PositionFix, image: Image
+    request: Validation, catalog: Catalog, located: Fix, image: Image
 ) -> Residuals | None:
     """Residuals of the points that were searched for; None without any."""
     if located.pose is None:
@@ -413,7 +408,7 @@ def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
     )
 
 
-def _points(catalog: Catalog, located: PositionFix, sensor: Sensor) -> PointFigures:
+def _points(catalog: Catalog, located: Fix, sensor: Sensor) -> PointFigures:
     rows = located.matches.point
     places = catalog.position_mcmf[rows]
     corrected = sensor.project(places) if located.pose else np.full((len(rows), 2), np.nan)

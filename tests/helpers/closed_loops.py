@@ -28,7 +28,7 @@ from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_e
 from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.position_fix import LOCATED, Options, PositionFix, locate
+from lcp_catalog.matching.position_fix import LOCATED, Fix, Options, locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -283,7 +283,7 @@ class Row:
 
     @property
     def is_false(self) -> bool:
-        """PositionFix somewhere else."""
+        """Fix somewhere else."""
         return self.located and not self.off_px <= FALSE_PX
 
 
@@ -326,7 +326,7 @@ def _compared(
     shot: Shot,
     camera: Camera,
     believed: Camera,
-    found: PositionFix,
+    found: Fix,
     attitude: bool,
     seconds: float,
 ) -> Row:

@@ -23,7 +23,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import PositionFix
+from lcp_catalog.matching.position_fix import Fix
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -166,7 +166,7 @@ def spoilt(photo: Image, catalog: Catalog) -> Iterator[tuple[str, Image]]:
     )
 
 
-def worst_off_m(answer: PositionFix, catalog: Catalog, known: Camera) -> float:
+def worst_off_m(answer: Fix, catalog: Catalog, known: Camera) -> float:
     """Distance, on the surface across the line of sight, of the worst accepted match from the known
     camera's projection.
     """
@@ -176,7 +176,7 @@ def worst_off_m(answer: PositionFix, catalog: Catalog, known: Camera) -> float:
     return float((np.hypot(*off.T) * pixel_size_m(known, ground)).max())
 
 
-def is_wrong(answer: PositionFix, catalog: Catalog, known: Camera) -> bool:
+def is_wrong(answer: Fix, catalog: Catalog, known: Camera) -> bool:
     """True if a pose is given that is outside its own 3 sigma (0.27 % in three dimensions: 14.2),
     or moves the frame's middle by more than 3 pixels.
     """

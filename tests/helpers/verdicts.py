@@ -14,7 +14,7 @@ from lcp_catalog.cameras.sensor import ON_MAP, Uncertainty
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
-from lcp_catalog.matching.position_fix import PositionFix
+from lcp_catalog.matching.position_fix import Fix
 from lcp_catalog.matching.sun_check import SunCheck
 from lcp_catalog.validation import result
 from lcp_catalog.validation.claims import Claims
@@ -172,7 +172,7 @@ def image(
     )
     return result.ImageVerdict(
         facts,
-        PositionFix(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
+        Fix(verdict, reason, found, pose, -40.25, -0.5, light if located else None),
         points,
         claims(n, seed) if located else Claims.none(n, "the image was not located"),
         windows(pictures()) if located else None,
@@ -187,14 +187,14 @@ def nothing(name: str = "blank.png") -> result.ImageVerdict:
     none = Matches(
         np.empty(0, np.int64), pairs, pairs, np.empty((0, 2, 2)), empty, empty, empty, np.empty(0, np.uint8)
     )  # fmt: skip
-    said = PositionFix(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
+    said = Fix(result.CANNOT_SAY, "no point is in view", none, None, 0.0, 0.0, None)
     facts, points = result.ImageFacts(name, WIDTH, HEIGHT), result.PointFigures.none()
     return result.ImageVerdict(facts, said, points, Claims.none(reason="no point is in view"))
 
 
 def unopened(name: str = "lost.png") -> result.ImageVerdict:
     """An image without a camera."""
-    said = PositionFix(result.CANNOT_SAY, "missing geometry", Matches.none(), None, 0.0, 0.0, None)
+    said = Fix(result.CANNOT_SAY, "missing geometry", Matches.none(), None, 0.0, 0.0, None)
     claims = Claims.none(reason="the image was not searched")
     return result.ImageVerdict(result.ImageFacts(name), said, result.PointFigures.none(), claims)
 

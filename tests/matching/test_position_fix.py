@@ -32,8 +32,8 @@ from lcp_catalog.matching.position_fix import (
     LOCATED,
     NOT_HERE,
     SEARCHED,
+    Fix,
     Options,
-    PositionFix,
     locate,
     nothing_in,
 )
@@ -66,14 +66,14 @@ def believed(photo: Image, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) 
     return photo.with_sensor(photo.sensor.moved(sigmas * draw))
 
 
-def off_px(answer: PositionFix, points: Catalog, known: Camera) -> np.ndarray:
+def off_px(answer: Fix, points: Catalog, known: Camera) -> np.ndarray:
     """Distance of the inliers from the known sensor's projections."""
     matches = answer.matches
     true = known.project(points.position_mcmf[matches.point])
     return np.hypot(*(matches.found_px - true)[matches.found].T)
 
 
-def is_right(answer: PositionFix, points: Catalog, known: Camera) -> bool:
+def is_right(answer: Fix, points: Catalog, known: Camera) -> bool:
     """True for a pose within its own sigmas (in three dimensions, 0.1 % of right ones exceed 16.3)
     whose accepted matches all lie within 1.5 cells on the surface.
     """

@@ -23,8 +23,8 @@ from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,
     NOT_HERE,
+    Fix,
     Options,
-    PositionFix,
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
@@ -100,7 +100,7 @@ def test_reaches_are_in_the_searched_photographs_pixels(
 
 def narrowed_to(
     few: Catalog, image: Image, monkeypatch: pytest.MonkeyPatch, chance: float, places: float
-) -> PositionFix:
+) -> Fix:
     """The result for a coarse offset with a given number of false alarms, chosen among a given
     number of areas; the points then agree on two places.
     """

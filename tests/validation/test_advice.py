@@ -8,14 +8,14 @@ from helpers.lone_hill import above_it, bump_catalog
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, PositionFix
+from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from lcp_catalog.validation import advice
 from lcp_catalog.validation.advice import advised, albedo_advice
 from lcp_catalog.validation.window_correlation import WindowComparison
 
 bump = pytest.fixture(bump_catalog, scope="module")
 above = pytest.fixture(above_it, scope="module")
-REFUTED = PositionFix(NOT_HERE, "no shift is significant", Matches.none())
+REFUTED = Fix(NOT_HERE, "no shift is significant", Matches.none())
 
 
 def test_few_points_refute_no_place(bump, above) -> None:
@@ -50,7 +50,7 @@ def test_the_uncertainty_advised_reaches_half_of_the_image(bump, above, monkeypa
 
 
 def test_a_camera_that_sees_no_point_is_explained(bump, above) -> None:
-    unseen = PositionFix(CANNOT_SAY, "none can be in view", Matches.none())
+    unseen = Fix(CANNOT_SAY, "none can be in view", Matches.none())
     turned = replace(above, rotation_mcmf_to_camera=above.rotation_mcmf_to_camera.T)
     assert "its transpose" in advised(unseen, bump, turned, Uncertainty(10.0), 3.0).reason
     up = np.diag([1.0, -1.0, -1.0]) @ above.rotation_mcmf_to_camera

@@ -1,0 +1,155 @@
+"""Public function that simulates a camera's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..accuracy import accuracy as accuracy_of
+from ..atomic_files import check_output, write_bytes
+from ..cameras.isd import AnySensor
+from ..cameras.public import rendered_sensor
+from ..catalog.catalogue import Catalog
+from ..dem.mosaic import DemSet
+from ..dem.public import Dems, dem_paths
+from ..errors import ConfigError
+from ..light.environment import Environment
+from ..light.sun_choice import SunChoice
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.colour_map import open_grey_map
+from ..photometry.law_choice import law_of
+from ..photometry.laws import Reflectance
+from ..rendering.request import Request, ViewChoice
+from .detector import Detector
+from .frame import DemSurface, SimulatedFrame, Surface, frame
+from .output import camera_path, encode_camera, encode_frame
+from .patch_surface import PatchSurface, is_catalog
+
+
+def simulate(
+    source: Dems | Catalog,
+    camera: AnySensor | Path | str,
+    output: Path | str | None = None,
+    *,
+    sun_azimuth_deg: float | None = None,
+    sun_elevation_deg: float | None = None,
+    time_utc: str | None = None,
+    subsolar_deg: tuple[float, float] | None = None,
+    disc: bool | None = None,
+    environment: Environment | Path | str | None = None,
+    bounce: str = "off",
+    detector: Detector | None = None,
+    samples: int | None = None,
+    gsd_m: float | None = None,
+    reflectance: Reflectance | str = "auto",
+    albedo: AlbedoMap | Path | str | None = None,
+    accuracy: str | None = None,
+    tolerance: float | None = None,
+    product_order: Sequence[str] = (),
+    overwrite: bool = False,
+) -> SimulatedFrame:
+    """Simulate the frame that a camera takes of a DEM, or of a catalogue's patches.
+
+    Parameters
+    ----------
+    source:
+        DEM files or an opened set, or a catalogue or its file.
+    camera:
+        Camera, or its file.
+    output:
+        Also write the frame (.png: the detector's numbers; .tif: radiance factor) and, beside it,
+        its camera as ``NAME_camera.json``.
+    sun_azimuth_deg, sun_elevation_deg:
+        The Sun at the middle of what is seen: degrees clockwise from north, and above the horizontal plane.
+    time_utc, subsolar_deg:
+        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
+        the subsolar point. None of them: the Sun of the camera's file.
+    disc:
+        True for the solar disc, False for a point; None: as the accuracy says.
+    environment:
+        In place of the Sun: an environment map (equirectangular panorama).
+    bounce:
+        Light that reaches ground by way of other ground: one of `choices.BOUNCES`; DEMs only.
+    detector:
+        Blur, noise, exposure, bits and seed; None: a sharp detector of 8 bits without noise.
+    samples:
+        Rays along a pixel's side; None: one per cell, 2 to 4.
+    gsd_m:
+        Cell size; None: the DEM's own. DEMs only.
+    reflectance:
+        Reflectance law, or its name (`choices.REFLECTANCE_MODELS`, or ``auto``).
+    albedo:
+        Albedo map, or its file. DEMs only.
+    accuracy, tolerance:
+        Tier (`accuracy.TIERS`; None: ``reference``), or instead the largest error of a node's sunlit
+        share.
+    product_order:
+        Order of precedence where DEMs overlap.
+    overwrite:
+        True: replace existing outputs.
+
+    Returns
+    -------
+    SimulatedFrame
+        ``radiance`` (rows, cols), I/F before noise, NaN where the terrain is unknown; ``numbers``
+        (rows, cols), uint8 or uint16; ``camera`` with the Sun's position; `SimulatedFrame.image`.
+
+    Raises
+    ------
+    ConfigError
+        For options of DEMs with a catalogue.
+    CameraError
+        If the camera sees nothing of the terrain.
+    LcpError
+        As `render`.
+
+    Examples
+    --------
+    >>> taken = lcp.simulate(
+    ...     folder / "hadley_gld100_256ppd.tif", small_camera,
+    ...     sun_azimuth_deg=96.5, sun_elevation_deg=14, accuracy="draft",
+    ...     detector=lcp.Detector(noise=0.02, seed=1),
+    ... )
+    >>> taken.numbers.shape == small_camera.shape, taken.numbers.dtype
+    (True, dtype('uint8'))
+    """
+    detector = detector or Detector()
+    seen = rendered_sensor(camera)
+    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
+    tier = accuracy_of(accuracy or ("reference" if tolerance is None else None), tolerance)
+    light = Environment.opened(environment)
+    surface: Surface
+    if isinstance(source, Catalog) or (isinstance(source, Path | str) and is_catalog(source)):
+        if gsd_m is not None or albedo is not None or bounce == "on" or product_order:
+            raise ConfigError("a catalogue has its own cells, albedo and light: state none of them")
+        surface = PatchSurface.lit(
+            source, sun, seen, light, model=law_of(reflectance), accuracy=tier, disc=disc
+        )
+    else:
+        request = Request(
+            dem_paths=dem_paths(source),
+            opened=source if isinstance(source, DemSet) else None,
+            gsd_m=gsd_m,
+            sun=sun,
+            view=ViewChoice.of(seen),
+            product_order=tuple(product_order),
+            albedo=open_grey_map(albedo) if isinstance(albedo, Path | str) else albedo,
+            bounce=bounce,
+            model=law_of(reflectance),
+            accuracy=tier,
+            disc=disc,
+            environment=light,
+        )
+        surface = DemSurface.seen(request, detector.margin_px)
+    taken = frame(surface, seen, detector, samples)
+    if output is not None:
+        path = camera if isinstance(camera, Path | str) else None
+        written = {
+            Path(output): encode_frame(taken, output),
+            camera_path(output): encode_camera(taken, path),
+        }
+        for name in written:
+            check_output(name, overwrite)
+        for name, content in written.items():
+            write_bytes(name, content, overwrite)
+    return taken
