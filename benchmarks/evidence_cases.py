@@ -55,7 +55,7 @@ PIT_OPTIONS = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "4
                "--search", "0.034", "--spacing", "0.03")  # fmt: skip
 PIT_SIGMA_M = 5.0
 PIT_APART_M = 2.0
-"""The two files of the NAC pair agree to this (docs/measurements/windows.md, registration)."""
+"""The two files of the NAC pair agree to this (docs/measurements/evidence.md, registration)."""
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ def grid_of(dems: DemSet, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
 def test_slopes_and_heights_of_a_band_limited_surface(
     band_limited: DemSet, ratio: float, height_m: float, slope_loss: float
 ) -> None:
-    """docs/measurements/dem.md: rms of the height's error, and how much rms slope of the grid is lost against the
+    """docs/measurements/inputs.md: rms of the height's error, and how much rms slope of the grid is lost against the
     same differences of the surface itself. Never gained: no detail is made."""
     height, true = grid_of(band_limited, ratio * PIXEL_M)
     assert np.sqrt(np.mean((height - true) ** 2)) <= height_m

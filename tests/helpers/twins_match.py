@@ -215,7 +215,7 @@ class Placed:
 def newey_west(drawn: np.ndarray, image: np.ndarray, weight: np.ndarray) -> Placed:
     """The covariance of the shift of a template with its slopes (3, rows, cols) in an image of its
     size: every pair of pixels up to 7 apart either way, with Bartlett's taper in both directions
-    (docs/measurements/matching.md).
+    (docs/measurements/matching-and-pose.md).
     """
     t, gx, gy, light = (a - np.average(a, weights=weight) for a in (*drawn.astype(float), image))
     total = [float((weight * a * b).sum()) for a, b in ((t, light), (t, t), (light, light))]

@@ -1,6 +1,6 @@
 """Map-projected images under a high Sun, whose points are faint.
 Skipped without the shared data, which may not be distributed. `locate_maps.py` of c896266 made the
-figures of docs/measurements/pose.md.
+figures of docs/measurements/matching-and-pose.md.
 """
 
 from __future__ import annotations

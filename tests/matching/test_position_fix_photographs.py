@@ -1,7 +1,7 @@
 """Pose from real images: Apollo 15 Metric frames with GLD100 at 474 m, from 5 km and 0.5 deg off.
 Limits: 1 km, the pose's own 3 sigma, and 1.5 DEM pixels for every accepted match; a frame with the
 camera of another is refused. `locate_photos.py` of c896266 made the figures of
-docs/measurements/pose.md. The command builds the catalogues, from the DEM alone. Skipped without
+docs/measurements/matching-and-pose.md. The command builds the catalogues, from the DEM alone. Skipped without
 the shared data.
 """
 

@@ -68,7 +68,7 @@ def test_recovered_without_noise():
 
 
 @pytest.mark.parametrize(
-    # three sigma of the worst incidence in the table of docs/measurements/photometry.md
+    # three sigma of the worst incidence in the table of docs/measurements/inputs.md
     ("noise", "limits"),
     [
         (0.01, (0.021, 1.9, 0.019, 0.017, 2.0, 0.044)),

@@ -1,6 +1,6 @@
 """A small closed loop: frames of real terrain, rendered by the product and by Embree, located from
 a camera 2 km off per axis. `closed_loop.py` of c896266 was the complete run, for
-docs/measurements/closed-loop.md. ``-rP`` shows every frame's figures.
+docs/measurements/matching-and-pose.md. ``-rP`` shows every frame's figures.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ from lcp_catalog.validation.window_correlation import compare
 
 WITHIN_M = 2.0
 BY_WINDOWS_M = np.array([0.41, -1.51])
-"""East and north by windows of 64 m (docs/measurements/windows.md), to 0.34 and 0.78 m."""
+"""East and north by windows of 64 m (docs/measurements/evidence.md), to 0.34 and 0.78 m."""
 PATCH_M = 64.0
 MOVED_M = (6.0, -5.0)
 

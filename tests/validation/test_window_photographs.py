@@ -2,7 +2,7 @@
 above 0.9.
 
 Settings were chosen on AS15-M-0414 and AS15-M-0295; 0299, 0300 and 1134 were kept aside
-(docs/measurements/windows.md).
+(docs/measurements/evidence.md).
 """
 
 from __future__ import annotations
