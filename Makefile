@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: coverage mutants all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers damage fuzz soak clean bench-moon bench-query bench-plan venv wheel
+.PHONY: coverage mutants all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers soak clean bench-moon bench-query bench-plan venv wheel
 
 all: catalog
 
@@ -61,17 +61,11 @@ bench: $(READY)
 bench-build: $(READY)
 	$(BIN)/python benchmarks/build.py areas roofline memory jobs
 
-damage: $(READY)
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/damage.py
-
 bench-moon: $(READY)
 	$(BIN)/python benchmarks/moon.py plan maps areas
 
 soak: $(READY)
-	$(BIN)/python benchmarks/kills.py --kills 200
-	$(BIN)/python benchmarks/faults.py
-	PYTHONPATH=tests $(BIN)/python benchmarks/damage.py 1000 1000
-	$(BIN)/python benchmarks/fuzz.py --inputs 6250
+	$(BIN)/python -m benchmarks.faults all
 
 bench-query: $(READY)
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/query.py
@@ -89,9 +83,6 @@ bench-peers: $(READY)
 wheel: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check build
 	$(BIN)/python -m build --outdir build/dist
-
-fuzz: $(READY)
-	$(BIN)/python benchmarks/fuzz.py
 
 clean:
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

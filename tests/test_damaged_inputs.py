@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fuzz import PARSERS, Bench, read_build, read_camera, read_facet
 
+from benchmarks.faults.fuzz import PARSERS, DamagedFiles, read_build, read_camera, read_facet
 from lcp_catalog.errors import CameraError, ConfigError
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
@@ -37,14 +37,14 @@ FOUND = [
 
 @pytest.mark.parametrize("name", PARSERS)
 def test_parsers_survive_random_damage(name: str, tmp_path: Path) -> None:
-    bench = Bench(name, tmp_path)
-    failures = {seed: bench.failure(seed) for seed in range(3 if "jp2" in name else 12)}
+    files = DamagedFiles(name, tmp_path)
+    failures = {seed: files.failure(seed) for seed in range(3 if "jp2" in name else 12)}
     assert not {seed: found for seed, found in failures.items() if found}
 
 
 @pytest.mark.parametrize(("name", "seed"), FOUND)
 def test_damage_that_once_broke_a_parser(name: str, seed: int, tmp_path: Path) -> None:
-    assert Bench(name, tmp_path).failure(seed) is None
+    assert DamagedFiles(name, tmp_path).failure(seed) is None
 
 
 LONG = "9" * 400

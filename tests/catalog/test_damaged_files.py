@@ -240,7 +240,7 @@ def test_inspect_needs_no_numbers_of_its_own_to_survive(copy: Path) -> None:
 
 @pytest.mark.parametrize("count", [12, pytest.param(300, marks=pytest.mark.slow)])
 def test_damage_is_noticed_or_changes_no_value(written: Path, tmp_path: Path, count: int) -> None:
-    """`benchmarks/damage.py` in small."""
+    """`benchmarks/faults/damage.py` in small."""
     for damages in ((damaged_catalogs.flip,), damaged_catalogs.RANGES):
         *_, found = damaged_catalogs.tried(written, tmp_path / "c.h5", damages, 3, count)
         assert found["noticed"] + found["harmless"] == found["tried"] == count

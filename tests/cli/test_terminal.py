@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fuzz import Bench
 from helpers.commands import refusal
 from helpers.products import geotiff
 from lcp_cli.main import run
+
+from benchmarks.faults.fuzz import DamagedFiles
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = SAMPLE / "hadley_gld100_256ppd.tif"
@@ -67,8 +68,8 @@ def test_a_name_that_is_not_utf8(dem: Path, capsys: Any) -> None:
 
 def test_a_message_of_gdal_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
     """rasterio's log cannot decode it and used to print a stack trace."""
-    bench = Bench("dem-pds4", tmp_path)
-    path, content = bench.input(12)
+    files = DamagedFiles("dem-pds4", tmp_path)
+    path, content = files.input(12)
     path.write_bytes(content)
     line = [*LCP, "dem", "info", str(path)]
     error = subprocess.run(line, capture_output=True, text=True, check=False).stderr

@@ -1,5 +1,5 @@
 """Copies of a catalogue's file, damaged at random, and whether the damage is noticed. What tests and
-`benchmarks/damage.py` share.
+`benchmarks/faults/damage.py` share.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Damaged catalogues: whether `lcp inspect` notices every change of what is read, survives, and stays
 within its memory and time.
 
-    PYTHONPATH=tests python benchmarks/damage.py [FLIPS [RANGES [SEED]]]
+    python -m benchmarks.faults damage [--flips 1000] [--ranges 1000] [--seed 1]
 
-Damages copies of a small catalogue with claims, levels of maps and promises at random: 1000 times one bit, 9000 times a range of
+Damages copies of a small catalogue with claims, levels of maps and promises at random: so many times one bit, and a range of
 bytes (cleared, replaced, copied from elsewhere, erased pages, cut files); and as often the checkpoint of
 a finished area, which a build must then compute again. Prints survived / tried.
 `docs/explanation/reliability.md` holds the figures.
@@ -11,41 +11,47 @@ a finished area, which a build must then compute again. Prints survived / tried.
 
 from __future__ import annotations
 
+import argparse
 import resource
-import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from helpers import catalogs, damaged_catalogs, finished_areas
 
 from lcp_catalog.catalog.hdf5 import write_catalog
 from lcp_catalog.production.checkpoints import Checkpoints
+from tests.helpers import catalogs, damaged_catalogs, finished_areas
 
 
-def main() -> None:
-    given = [int(text) for text in sys.argv[1:]]
-    flips, ranges, seed = (*given, *(1000, 9000, 1)[len(given) :])
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.faults damage", description=__doc__)
+    parser.add_argument("--flips", type=int, default=1000, help="copies with one wrong bit")
+    parser.add_argument("--ranges", type=int, default=1000, help="copies with other damage")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args(words)
+    kinds = (
+        ("bits", (damaged_catalogs.flip,), given.flips),
+        ("ranges", damaged_catalogs.RANGES, given.ranges),
+    )
+    good = True
     with tempfile.TemporaryDirectory() as folder:
         whole, copy = Path(folder, "whole.h5"), Path(folder, "copy.h5")
         write_catalog(catalogs.full(12), whole)
-        for name, damages, count in (
-            ("bits", (damaged_catalogs.flip,), flips),
-            ("ranges", damaged_catalogs.RANGES, ranges),
-        ):
+        for name, damages, count in kinds:
             start = time.monotonic()
-            for found in damaged_catalogs.tried(whole, copy, damages, seed, count):
+            for found in damaged_catalogs.tried(whole, copy, damages, given.seed, count):
                 if found["tried"] % 100 == 0 or found["tried"] == count:
                     _print(name, found, time.monotonic() - start)
-    for name, damages, count in (
-        ("bits", (damaged_catalogs.flip,), flips),
-        ("ranges", damaged_catalogs.RANGES, ranges),
-    ):
-        noticed = _damaged_checkpoints(damages, seed, count)
+                good = good and found["noticed"] + found["harmless"] == found["tried"]
+    for name, damages, count in kinds:
+        noticed = _damaged_checkpoints(damages, given.seed, count)
         print(f"checkpoints, {name}: noticed {noticed} / tried {count}")
+        good = good and noticed == count
     most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
     print(f"largest process of a check: {most:.0f} MB")
+    return 0 if good else 1
 
 
 def _damaged_checkpoints(
@@ -75,7 +81,3 @@ def _print(name: str, found: dict[str, int], seconds: float) -> None:
         f" limit {found['limited']} times; {seconds:.0f} s",
         flush=True,
     )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
-"""Damaged input files: every parser of `lcp`, given valid files with random damage. `make fuzz`.
+"""Damaged input files: every parser of `lcp`, given valid files with random damage.
 
-    python benchmarks/fuzz.py [PARSER...] [--inputs N] [--first SEED]
+    python -m benchmarks.faults fuzz [PARSER...] [--inputs N] [--first SEED]
 
 A parser survives an input if it accepts it or raises an error of the library (`LcpError`) of one line. Other exceptions,
 more than 1 GB of memory, more than 10 s and crashes are failures; they are grouped by the exception and
@@ -13,7 +13,6 @@ import argparse
 import collections
 import contextlib
 import json
-import os
 import random
 import re
 import resource
@@ -25,25 +24,20 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-
 import numpy as np
-from helpers import image_files, isd_files, products
 
+from benchmarks.places import ROOT, SAMPLE, shared_data
 from lcp_catalog.errors import LcpError
+from tests.helpers import image_files, isd_files, products
 
-SAMPLE = ROOT / "sample_data"
 LABELS = ROOT / "tests" / "data" / "labels"
 LIMIT_BYTES = 1 << 30
 LIMIT_S = 10
-SHARED = (ROOT / "shared" / "data", ROOT.parent / "shared" / "data")
-"""Places of further real files; used where they are."""
 
 
 # -- parsers: each reads a file as the commands do
@@ -226,14 +220,9 @@ def isds(folder: Path) -> Iterator[Path]:
         if isinstance(document, dict):
             (folder / f"{maker}.json").write_text(json.dumps(document))
             yield folder / f"{maker}.json"
-    for place in SHARED:
-        if (place / "cameras").is_dir():
-            yield Path(
-                shutil.copy(place / "cameras" / "apollometric_isd.json", folder / "apollo.json")
-            )
-            yield Path(
-                shutil.copy(place / "cameras" / "chandrayaan2_ohrc_isd.json", folder / "ohrc.json")
-            )
+    shared = shared_data() / "cameras"  # further real files, where they are
+    for name in ("apollometric_isd.json", "chandrayaan2_ohrc_isd.json") if shared.is_dir() else ():
+        yield Path(shutil.copy(shared / name, folder))
 
 
 def builds(folder: Path) -> Iterator[Path]:
@@ -408,7 +397,7 @@ class TooLongError(Exception):
     """An input took more than `LIMIT_S`."""
 
 
-class Bench:
+class DamagedFiles:
     """A folder with the valid files of a parser, of which one at a time is damaged."""
 
     def __init__(self, name: str, folder: Path) -> None:
@@ -467,15 +456,15 @@ def child(name: str, first: int, last: int) -> None:
 
     logging.disable(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(name, Path(folder))
-        for path in bench.files:  # imports and compilers before the limits
+        files = DamagedFiles(name, Path(folder))
+        for path in files.files:  # imports and compilers before the limits
             with contextlib.suppress(LcpError):
                 PARSERS[name].read(path)
         with limits():
             for seed in range(first, last):
                 print(json.dumps([seed]), flush=True)
                 signal.alarm(LIMIT_S)
-                found = bench.failure(seed)
+                found = files.failure(seed)
                 signal.alarm(0)
                 print(json.dumps([seed, found]), flush=True)
 
@@ -485,9 +474,18 @@ def survey(name: str, first: int, count: int) -> dict[str, list[int]]:
     failures: dict[str, list[int]] = collections.defaultdict(list)
     seed, last = first, first + count
     while seed < last:
-        words = [sys.executable, __file__, "--child", name, str(seed), str(last)]
+        words = [
+            sys.executable,
+            "-m",
+            "benchmarks.faults",
+            "fuzz",
+            "--child",
+            name,
+            str(seed),
+            str(last),
+        ]
         with subprocess.Popen(
-            words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
         ) as run:
             assert run.stdout is not None
             begun = seed - 1
@@ -520,12 +518,15 @@ def survey(name: str, first: int, count: int) -> dict[str, list[int]]:
     return dict(failures)
 
 
-def main() -> int:
-    options = argparse.ArgumentParser(description=__doc__)
+def main(words: Sequence[str]) -> int:
+    if words[:1] == ["--child"]:
+        child(words[1], int(words[2]), int(words[3]))
+        return 0
+    options = argparse.ArgumentParser("python -m benchmarks.faults fuzz", description=__doc__)
     options.add_argument("parsers", nargs="*", choices=[[], *PARSERS], metavar="PARSER")
-    options.add_argument("--inputs", type=int, default=10_000, metavar="N")
+    options.add_argument("--inputs", type=int, default=6250, metavar="N")
     options.add_argument("--first", type=int, default=0, metavar="SEED")
-    given = options.parse_args()
+    given = options.parse_args(words)
     bad = 0
     for name in given.parsers or PARSERS:
         failures = survey(name, given.first, given.inputs)
@@ -535,11 +536,3 @@ def main() -> int:
         for kind, seeds in sorted(failures.items(), key=lambda item: -len(item[1])):
             print(f"  {len(seeds):6} {kind}  seeds {seeds[:4]}", flush=True)
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] == ["--child"]:
-        os.environ.setdefault("OMP_NUM_THREADS", "1")
-        child(sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
-    else:
-        sys.exit(main())

@@ -1,12 +1,12 @@
 """Faults of disks and inputs while a catalogue is built, at random moments from a seed.
 
 Each case must end in the catalogue of an undisturbed build, byte for byte, or in one line that refuses
-it, with nothing half-written and no process left. Signals to processes: `kills.py`.
+it, with nothing half-written and no process left. Signals to processes: `kills`.
 
-``python benchmarks/faults.py [--seed N] [--only SECTION...] [--cases N]`` prints for each section
+``python -m benchmarks.faults disks [--seed N] [--only KIND...] [--cases N]`` prints for each kind
 survived / tried, and the cases that did not survive; it exits 1 if there are any.
 
-| section | fault | must end in |
+| kind | fault | must end in |
 | --- | --- | --- |
 | disk | a file system of random size is full; then --resume with room | one line; equal bytes |
 | limit | no file may grow beyond a random size; then --resume without limit | one line; equal bytes |
@@ -29,12 +29,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import rasterio
-from kills import CONFIG, DEM, is_gone, wait_for
+
+from benchmarks.faults.processes import CONFIG, DEM, is_gone, wait_for
 
 LCP = Path(sys.executable).with_name("lcp")
 LONGEST_S = 120.0
@@ -48,7 +49,7 @@ class CaseError(Exception):
 
 
 @dataclass
-class Bench:
+class Cases:
     """The folder of the cases, and the bytes of undisturbed builds with the DEM and with another one."""
 
     folder: Path
@@ -56,7 +57,7 @@ class Bench:
     whole: bytes = b""
     other: bytes = b""
     seconds: float = 0.0
-    cases: int = 0
+    count: int = 0
 
     @property
     def dem(self) -> Path:
@@ -91,8 +92,8 @@ class Bench:
 
     def case(self) -> Path:
         """A new folder with the DEM."""
-        self.cases += 1
-        path = self.folder / f"case{self.cases}"
+        self.count += 1
+        path = self.folder / f"case{self.count}"
         path.mkdir()
         shutil.copy(self.dem, path / "dem.tif")
         return path
@@ -168,128 +169,127 @@ def small_file_system(folder: Path, kilobytes: int) -> Iterator[Callable[[int], 
         ["mount", "-t", "tmpfs", "-o", size, "tmpfs", folder], check=False
     ).returncode:
         raise PermissionError("a file system cannot be mounted: run as root, or by `unshare -rm`")
+
+    def resize(new: int) -> None:
+        subprocess.run(["mount", "-o", f"remount,size={new}k", folder], check=True)
+
     try:
-        yield (
-            lambda new: (
-                subprocess.run(["mount", "-o", f"remount,size={new}k", str(folder)], check=True)
-                and None
-            )
-        )
+        yield resize
     finally:
         subprocess.run(["umount", "-l", folder], check=True)
 
 
-def disk(bench: Bench) -> None:
+def disk(cases: Cases) -> None:
     """A full file system, then room."""
-    case = bench.case()
+    case = cases.case()
     disk = case / "disk"
-    with small_file_system(disk, bench.rng.randrange(4, 2 * len(bench.whole) // 1000)) as resized:
+    with small_file_system(disk, cases.rng.randrange(4, 2 * len(cases.whole) // 1000)) as resized:
         output = disk / "x.h5"
-        ended = bench.build(case, output=output)
+        ended = cases.build(case, output=output)
         if ended.returncode:
             refused(ended, output)
             resized(100_000)
-            ended = bench.build(case, "--resume", output=output)
+            ended = cases.build(case, "--resume", output=output)
         if ended.returncode:
             raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-        bench.same(output)
+        cases.same(output)
     shutil.rmtree(case)
 
 
-def limit(bench: Bench) -> None:
+def limit(cases: Cases) -> None:
     """A limit on the size of files, then none."""
-    case = bench.case()
-    ended = bench.build(case, limit=bench.rng.randrange(100, int(1.1 * len(bench.whole))))
+    case = cases.case()
+    ended = cases.build(case, limit=cases.rng.randrange(100, int(1.1 * len(cases.whole))))
     if ended.returncode:
         refused(ended, case / "x.h5")
-        ended = bench.build(case, "--resume")
+        ended = cases.build(case, "--resume")
     if ended.returncode:
         raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-    bench.same(case / "x.h5")
+    cases.same(case / "x.h5")
     shutil.rmtree(case)
 
 
-def builds(bench: Bench) -> None:
+def builds(cases: Cases) -> None:
     """Two builds of one output."""
-    case = bench.case()
-    first = bench.start(case)
-    time.sleep(bench.moment(0.9))
-    second = bench.start(case)
+    case = cases.case()
+    first = cases.start(case)
+    time.sleep(cases.moment(0.9))
+    second = cases.start(case)
     ends = [finished(second), finished(first)]
     codes = sorted(ended.returncode for ended in ends)
     if codes != [0, 1]:
         raise CaseError(
             f"exits {codes} instead of 0 and 1: {[ended.stderr[-200:] for ended in ends]}"
         )
-    bench.same(case / "x.h5")
+    cases.same(case / "x.h5")
     shutil.rmtree(case)
 
 
-def inputs(bench: Bench) -> None:
+def inputs(cases: Cases) -> None:
     """A DEM that another one replaces."""
-    case = bench.case()
-    process = bench.start(case)
-    time.sleep(bench.moment())
+    case = cases.case()
+    process = cases.start(case)
+    time.sleep(cases.moment())
     aside = case / "new.tif"
-    shutil.copy(bench.other_dem, aside)
+    shutil.copy(cases.other_dem, aside)
     aside.replace(case / "dem.tif")
     ended = finished(process)
     if ended.returncode:
         refused(ended, case / "x.h5")
     else:
-        bench.same(case / "x.h5", bench.whole, bench.other)
+        cases.same(case / "x.h5", cases.whole, cases.other)
     shutil.rmtree(case)
 
 
-def reading(bench: Bench) -> None:
+def reading(cases: Cases) -> None:
     """A DEM that is cut while it is read."""
-    case = bench.case()
-    process = bench.start(case)
-    time.sleep(bench.moment())
+    case = cases.case()
+    process = cases.start(case)
+    time.sleep(cases.moment())
     size = (case / "dem.tif").stat().st_size
-    os.truncate(case / "dem.tif", bench.rng.randrange(size))
+    os.truncate(case / "dem.tif", cases.rng.randrange(size))
     ended = finished(process)
     if ended.returncode:
         refused(ended, case / "x.h5")
     else:
-        bench.same(case / "x.h5")
+        cases.same(case / "x.h5")
     shutil.rmtree(case)
 
 
-def checkpoints(bench: Bench) -> None:
+def checkpoints(cases: Cases) -> None:
     """A checkpoint with one wrong bit."""
-    case = bench.case()
-    process = bench.start(case)
+    case = cases.case()
+    process = cases.start(case)
     while process.poll() is None and not list((case / "x.h5.parts").glob("*.area")):
         time.sleep(0.02)
-    time.sleep(bench.moment(0.3))
+    time.sleep(cases.moment(0.3))
     with contextlib.suppress(ProcessLookupError):
         os.kill(process.pid, signal.SIGKILL)
     finished(process)
     files = sorted(path for path in (case / "x.h5.parts").glob("*.*") if path.stat().st_size)
     if files:
-        file = bench.rng.choice(files)
+        file = cases.rng.choice(files)
         content = bytearray(file.read_bytes())
-        content[bench.rng.randrange(len(content))] ^= 1 << bench.rng.randrange(8)
+        content[cases.rng.randrange(len(content))] ^= 1 << cases.rng.randrange(8)
         file.write_bytes(content)
-    ended = bench.build(case, "--resume", "--overwrite")
+    ended = cases.build(case, "--resume", "--overwrite")
     if ended.returncode == 1 and "run.json" in ended.stderr:
-        ended = bench.build(case, "--overwrite")
+        ended = cases.build(case, "--overwrite")
     if ended.returncode:
         raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-    bench.same(case / "x.h5")
+    cases.same(case / "x.h5")
     shutil.rmtree(case)
 
 
-SECTIONS = {f.__name__: f for f in (disk, limit, builds, inputs, reading, checkpoints)}
+KINDS = {f.__name__: f for f in (disk, limit, builds, inputs, reading, checkpoints)}
 
 
-def run_section(name: str, case: Callable[[Bench], None], bench: Bench, count: int) -> bool:
-    """Run the cases and print the section's line; True if all survived."""
+def run_kind(name: str, case: Callable[[Cases], None], cases: Cases, count: int) -> bool:
+    """Run the cases and print the kind's line; True if all survived."""
     survived, start = 0, time.monotonic()
     for number in range(count):
         try:
-            case(bench)
+            case(cases)
             survived += 1
         except CaseError as fault:
             print(f"  {name} {number}: {fault}", flush=True)
@@ -300,21 +300,17 @@ def run_section(name: str, case: Callable[[Bench], None], bench: Bench, count: i
     return survived == count
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.faults disks", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--seed", type=int, default=16)
-    parser.add_argument("--cases", type=int, default=30, help="cases of every section")
-    parser.add_argument("--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS))
-    options = parser.parse_args()
+    parser.add_argument("--cases", type=int, default=30, help="cases of every kind")
+    parser.add_argument("--only", nargs="+", choices=list(KINDS), default=list(KINDS))
+    options = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="lcp-soak-") as folder:
-        bench = Bench(Path(folder), random.Random(options.seed))
-        bench.prepare()
-        print(f"an undisturbed build takes {bench.seconds:.1f} s", flush=True)
-        good = True
-        for name in options.only:
-            good = run_section(name, SECTIONS[name], bench, options.cases) and good
-    sys.exit(0 if good else 1)
-
-
-if __name__ == "__main__":
-    main()
+        cases = Cases(Path(folder), random.Random(options.seed))
+        cases.prepare()
+        print(f"an undisturbed build takes {cases.seconds:.1f} s", flush=True)
+        good = [run_kind(name, KINDS[name], cases, options.cases) for name in options.only]
+    return 0 if all(good) else 1

@@ -1,7 +1,7 @@
 """Kills of builds at random moments: in the end the catalogue has the bytes of an undisturbed build.
 
-    .venv/bin/python benchmarks/kills.py --kills 200
-    .venv/bin/python benchmarks/kills.py --kills 5 --ways jobs --seed 7
+    python -m benchmarks.faults kills --kills 200
+    python -m benchmarks.faults kills --kills 5 --ways jobs --seed 7
 
 A build of nine small areas runs in one of three ways: `jobs` (two processes), `parts` (two parts at the same time, then the merge),
 `cluster` (a dask scheduler and two workers, if dask.distributed is installed). At a random moment of the time that the build takes
@@ -23,14 +23,13 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-DEM = ROOT / "sample_data" / "hadley_gld100_256ppd.tif"
-CONFIG = ROOT / "tests" / "data" / "nine_areas.toml"
+from benchmarks.faults.processes import CONFIG, DEM, children, is_gone, wait_for
+from benchmarks.markdown import table
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 LIMIT_S = 300.0
@@ -58,10 +57,10 @@ class Result:
     def text(self) -> str:
         tried = Counter(kill.name for kill in self.kills)
         good = Counter(kill.name for kill in self.kills if not kill.fault)
-        rows = [f"| {name} | {good[name]} | {tried[name]} |" for name in sorted(tried)]
-        rows.append(f"| all | {self.survived} | {len(self.kills)} |")
+        rows = [[name, good[name], tried[name]] for name in sorted(tried)]
+        rows.append(["all", self.survived, len(self.kills)])
         faults = [f"{kill.name}: {kill.fault}" for kill in self.kills if kill.fault]
-        return "\n".join(["| kill | survived | tried |", "| --- | --- | --- |", *rows, *faults])
+        return "\n".join([table(["kill", "survived", "tried"], rows), *faults])
 
 
 class Site:
@@ -144,38 +143,6 @@ class Site:
         known = {"dem.tif", "x.toml", "x.h5"}
         left = sorted(path.name for path in self.folder.iterdir() if path.name not in known)
         return f"{left} are left" if left else ""
-
-
-def is_gone(group: int) -> bool:
-    """True if no process of a group is left."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
-def children(pid: int) -> list[int]:
-    """The processes that a process has started."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid and fields[0] != "Z":
-            found.append(int(stat.parent.name))
-    return found
-
-
-def wait_for(condition: Callable[[], bool], seconds: float) -> bool:
-    """True as soon as the function gives True, False after the time."""
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 def undisturbed(site: Site, way: str) -> None:
@@ -281,21 +248,19 @@ def run(kills: int, ways: Sequence[str], seed: int) -> Result:
     return result
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+        "python -m benchmarks.faults kills",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
     )
     has_dask = importlib.util.find_spec("distributed") is not None
     ways = ["jobs", "parts", *(["cluster"] if has_dask else [])]
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--ways", nargs="+", choices=ways, default=ways)
     parser.add_argument("--seed", type=int, default=16)
-    given = parser.parse_args(arguments)
+    given = parser.parse_args(words)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     result = run(given.kills, given.ways, given.seed)
     print(result.text())
     return 0 if result.survived == len(result.kills) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
