@@ -302,18 +302,20 @@ class OnPlane(_LensBase):
     out: Matrix
 
     def distort(self, x: Array, y: Array) -> Pair:
-        return _times(self.out, *self.lens.distort(*_times(self.into, x, y)))
+        x, y = _times(self.into, (x, y))
+        return _times(self.out, self.lens.distort(x, y))
 
     def undistort(self, u: Array, v: Array) -> Pair:
-        ideal = self.lens.undistort(*_times(_inverse(self.out), u, v))
-        return _times(_inverse(self.into), *ideal)
+        u, v = _times(_inverse(self.out), (u, v))
+        return _times(_inverse(self.into), self.lens.undistort(u, v))
 
     def within(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        return self.lens.within(*_times(self.into, x, y))
+        x, y = _times(self.into, (x, y))
+        return self.lens.within(x, y)
 
 
-def _times(square: Matrix, x: Array, y: Array) -> Pair:
-    (a, b), (c, d) = square
+def _times(square: Matrix, place: Pair) -> Pair:
+    ((a, b), (c, d)), (x, y) = square, place
     return a * x + b * y, c * x + d * y
 
 

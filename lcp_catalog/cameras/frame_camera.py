@@ -242,17 +242,18 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
             known["lens"] = lens_from_json(document["lens"])
         except ValueError as error:
             raise CameraError(f"{name}: lens {error}") from error
+    # the document's keys are the fields of a camera, checked above
     return Camera(**known, name=name)
 
 
-def camera_with_plane(plane: FocalPlane, **rest: Any) -> Camera:
-    """The camera with a focal plane; ``rest``: the other fields of `Camera`."""
+def fields_of_plane(plane: FocalPlane) -> dict[str, Any]:
+    """The fields of the `Camera` that has a focal plane."""
     lens = plane.lens
+    found: dict[str, Any] = {
+        "focal_length_px": plane.focal_length_px,
+        "principal_point_px": plane.principal_point_px,
+    }
     if isinstance(lens, NoLens | OpenCV):
         numbers = lens if isinstance(lens, OpenCV) else OpenCV()
-        rest["distortion"] = [numbers.k1, numbers.k2, numbers.p1, numbers.p2, numbers.k3]
-    else:
-        rest["lens"] = lens
-    return Camera(
-        focal_length_px=plane.focal_length_px, principal_point_px=plane.principal_point_px, **rest
-    )
+        return found | {"distortion": [numbers.k1, numbers.k2, numbers.p1, numbers.p2, numbers.k3]}
+    return found | {"lens": lens}

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..geometry.rotations import inverse, turned
-from .frame_camera import Camera, camera_with_plane
+from .frame_camera import Camera, fields_of_plane
 from .isd_optics import CORNER_PX, plane_of_isd
 from .isd_tables import Tables
 from .json_fields import JsonFields
@@ -65,12 +65,12 @@ def _common(fields: JsonFields, tables: Tables) -> dict[str, Any]:
 def _frame(fields: JsonFields, tables: Tables) -> Camera:
     plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
     trajectory = tables.trajectory.with_axes(axes)
-    return camera_with_plane(
-        plane,
+    return Camera(
         position_mcmf_m=trajectory.positions(np.zeros(1))[0],
         rotation_mcmf_to_camera=trajectory.to_mcmf(np.zeros(3), np.eye(3)),
         image_size_px=(fields.whole("image_samples"), fields.whole("image_lines")),
         **_common(fields, tables),
+        **fields_of_plane(plane),
     )
 
 

@@ -62,8 +62,8 @@ def _coefficients(fields: JsonFields, kind: str, most: int) -> list[float]:
 
 
 def _radial(fields: JsonFields) -> Lens:
-    numbers = _coefficients(fields, "radial", 3)
-    return UsgsRadial(*numbers) if any(numbers) else NoLens()
+    k0, k1, k2 = _coefficients(fields, "radial", 3)
+    return UsgsRadial(k0, k1, k2) if k0 or k1 or k2 else NoLens()
 
 
 def _radtan(fields: JsonFields) -> Lens:

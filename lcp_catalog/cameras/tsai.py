@@ -18,7 +18,7 @@ from ..arrays import Array
 from ..errors import CameraError
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix
 from .focal_plane import plane_of
-from .frame_camera import Camera, camera_with_plane
+from .frame_camera import Camera, fields_of_plane
 from .json_fields import LARGEST
 
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
@@ -98,12 +98,11 @@ class _Tsai:
             (self.number("cu") / pitch, self.number("cv") / pitch),
             flipped=mirrored,
         )
-        return camera_with_plane(
-            plane,
+        return Camera(
             position_mcmf_m=self.numbers("C", 3),
             rotation_mcmf_to_camera=turn @ axes,
-            image_size_px=self._size(shape),
             name=self.name,
+            **(fields_of_plane(plane) | {"image_size_px": self._size(shape)}),
         )
 
     def _size(self, shape: tuple[int, int] | None) -> tuple[float, float]:
@@ -152,10 +151,10 @@ class _Tsai:
             )
         if abs(focal[0] - focal[1]) > 1e-9 * focal[0]:
             self.refuse("fv", f"must be fu for the lens {kind}")
-        numbers = {key: self.number(key) for key in ("xp", "yp", "k1", "k2", "k3", "p1", "p2")}
+        xp, yp, k1, k2, k3, p1, p2 = map(self.number, ("xp", "yp", "k1", "k2", "k3", "p1", "p2"))
         if kind == "PHOTOMETRIX":
-            return Photometrix(**numbers), float(focal[0])
-        return BrownConrady(**numbers, phi=self.number("phi")), float(focal[0])
+            return Photometrix(xp, yp, k1, k2, k3, p1, p2), float(focal[0])
+        return BrownConrady(xp, yp, k1, k2, k3, p1, p2, self.number("phi")), float(focal[0])
 
 
 def _nearest(matrix: Array) -> Array | None:

@@ -74,7 +74,9 @@ def outer_edges(tiles: Sequence[Tile], period: float, poles: tuple[bool, bool]) 
             bare = _without(span, _behind(around, column, at, sign))
             found.setdefault((column, at), []).extend(bare)
     return tuple(
-        Edge(column, at, *span) for (column, at), spans in found.items() for span in _joined(spans)
+        Edge(column, at, first, last)
+        for (column, at), spans in found.items()
+        for first, last in _joined(spans)
     )
 
 

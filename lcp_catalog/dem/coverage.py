@@ -162,10 +162,10 @@ class _Footprint:
         return both
 
 
-def rectangle_km2(west: float, south: float, east: float, north: float) -> float:
+def rectangle_km2(box: Bounds) -> float:
     """Area between two meridians and two parallels, degrees."""
-    height = math.sin(math.radians(north)) - math.sin(math.radians(south))
-    return RADIUS_KM**2 * math.radians(east - west) * height
+    height = math.sin(math.radians(box.north)) - math.sin(math.radians(box.south))
+    return RADIUS_KM**2 * math.radians(box.east - box.west) * height
 
 
 def set_coverage(dems: DemSet) -> SetCoverage:
@@ -183,7 +183,7 @@ def set_coverage(dems: DemSet) -> SetCoverage:
     return SetCoverage(
         bounds=box,
         covered_km2=float(area[used >= 0].sum()),
-        box_km2=rectangle_km2(*box),
+        box_km2=rectangle_km2(box),
         bands=tuple(_bands(dems, cells, depth, used)),
         file_km2=tuple(float(area[one.rows][one.inside].sum()) for one in footprints),
         used_km2=tuple(_by_file(used, area, len(footprints)).tolist()),
@@ -287,7 +287,7 @@ def _bands(dems: DemSet, cells: _Cells, depth: Int16, used: Int16) -> list[Band]
         for product, km2 in zip(dems.products, by_file, strict=True):
             if km2 > 0.0:
                 by_product[product] = by_product.get(product, 0.0) + km2
-        whole = rectangle_km2(0.0, south, 360.0, north)
+        whole = rectangle_km2(Bounds(0.0, south, 360.0, north))
         covered, overlap, gap = (float(area[m].sum()) for m in (one >= 0, files > 1, one < 0))
         found.append(Band(south, north, whole, covered, overlap, gap, by_product))
     return found[::-1]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,10 @@ from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
-from .georeferenced import Gridded
+from .georeferenced import Gridded, grid_of
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
-from .raster import Raster, dataset_files, open_dataset
+from .raster import Raster, dataset_files, open_dataset, require_file
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,7 @@ class Dem(Gridded):
         image. DemError or LabelError if that fails.
         """
         path = Path(path)
-        if not path.is_file():
-            raise DemError(
-                f"{path}: {'is a folder, not a DEM' if path.is_dir() else 'there is no such file'}"
-            )
+        require_file(path, "a DEM")
         try:
             label = product_label(path)
         except LabelError:
@@ -98,20 +94,9 @@ class Dem(Gridded):
         dataset = open_dataset(path)
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
-        if dataset.crs is None or dataset.transform.is_identity:
-            raise DemError(
-                f"{path}: has no map projection; a map-projected DEM of the Moon is required"
-            )
-        try:
-            grid = Grid.from_wkt(
-                dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
-            )
-        except LabelError as error:
-            raise DemError(f"{path}: {error}") from error
+        grid = grid_of(dataset, path)
         scale, offset = _gdal_scale(dataset, path)
-        nodata = dataset.nodatavals[0]
-        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
-        raster = Raster(path, dataset.width, dataset.height, scale, offset, missing)
+        raster = replace(Raster.of_band(dataset, path), scale_m=scale, offset_m=offset)
         files = dataset_files(path) if dataset.driver == "VRT" else (path,)
         return cls(path, product_name(path.stem), grid, raster, files)
 

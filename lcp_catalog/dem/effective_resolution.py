@@ -371,8 +371,16 @@ def _fit(spectrum: Spectrum, shape: str, noise: float) -> _Fit:
     off = (np.log(power)[None] - model) ** 2 / (1.0 / spectrum.waves + _MISFIT**2)
     profile = off.sum(axis=1) + prior * (exponent - EXPONENT) ** 2
     best = int(profile.argmin())
-    numbers = float(np.exp(level[best])), float(exponent[best])
-    return _Fit(shape, float(cuts[best]), *numbers, noise, float(profile[best]), cuts, profile)
+    return _Fit(
+        shape,
+        cut=float(cuts[best]),
+        amplitude=float(np.exp(level[best])),
+        exponent=float(exponent[best]),
+        noise=noise,
+        chi2=float(profile[best]),
+        cuts=cuts,
+        profile=profile,
+    )
 
 
 def _interval(fit: _Fit, count: int) -> tuple[float, float]:

@@ -5,8 +5,7 @@ heights (PGDA product 90: the _ERR and _EFFRES layers).
 from __future__ import annotations
 
 import logging
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Float32
 from ..atomic_files import file_facts
-from ..errors import DemError, LabelError
-from .georeferenced import Gridded
+from ..errors import DemError
+from .georeferenced import Gridded, grid_of
 from .grid import Grid
-from .raster import Raster, dataset_files, open_dataset
+from .raster import Raster, dataset_files, open_dataset, require_file
 
 log = logging.getLogger(__name__)
 
@@ -43,8 +42,7 @@ class Figures:
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window inside the raster, float32 metres, NaN for missing pixels."""
-        samples = self.raster.samples(row0, row1, col0, col1)
-        values = self.raster.heights_of(samples)
+        values = self.raster.values(row0, row1, col0, col1)
         with np.errstate(invalid="ignore"):
             wrong = (values < 0.0) | (values > GREATEST_M)
         if wrong.any():
@@ -69,31 +67,18 @@ class FigureMap(Gridded):
         """The first and only band of a raster that GDAL reads, in a lunar CRS, values in metres (or
         kilometres, if the band's unit says so). DemError if it cannot be used. No pixel is read.
         """
-        path = Path(path)
-        if not path.is_file():
-            kind = (
-                f"is a folder, not a map of {meaning}" if path.is_dir() else "there is no such file"
-            )
-            raise DemError(f"{path}: {kind}")
-        try:
-            dataset = open_dataset(path)
-        except DemError as error:
-            raise DemError(str(error).replace("not a DEM", f"not a map of {meaning}")) from error
+        path, kind = Path(path), f"a map of {meaning}"
+        require_file(path, kind)
+        dataset = open_dataset(path, kind)
         if dataset.count != 1:
-            raise DemError(f"{path}: has {dataset.count} bands; a map of {meaning} has one")
-        if dataset.crs is None or dataset.transform.is_identity:
-            raise DemError(f"{path}: has no map projection; a map of the Moon is needed")
-        size = dataset.width, dataset.height
-        try:
-            grid = Grid.from_wkt(dataset.crs.to_wkt(), tuple(dataset.transform), *size)
-        except LabelError as error:
-            raise DemError(f"{path}: {error}") from error
+            raise DemError(f"{path}: has {dataset.count} bands; {kind} has one")
+        grid, raster = grid_of(dataset, path), Raster.of_band(dataset, path)
         unit = (dataset.units[0] or "").strip().lower()
         metres = 1e3 if unit in ("km", "kilometer", "kilometre") else 1.0
-        scale, offset = float(dataset.scales[0]) * metres, float(dataset.offsets[0]) * metres
-        nodata = dataset.nodatavals[0]
-        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
-        return cls(path, grid, Figures(Raster(path, *size, scale, offset, missing), meaning))
+        scale_m, offset_m = raster.scale_m * metres, raster.offset_m * metres
+        return cls(
+            path, grid, Figures(replace(raster, scale_m=scale_m, offset_m=offset_m), meaning)
+        )
 
     def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
         """Values at places (n,), metres, by bilinear interpolation; NaN outside the map and where

@@ -8,11 +8,12 @@ import math
 from collections.abc import Hashable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..arrays import Float32
+from ..errors import DemError, LabelError
 from .grid import Grid
 
 _COARSER = 1.5
@@ -26,6 +27,17 @@ class WindowReader(Protocol):
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window, float32."""
+
+
+def grid_of(dataset: Any, path: Path) -> Grid:
+    """Grid of a file that GDAL opened. DemError if it has none, or none on the Moon."""
+    if dataset.crs is None or dataset.transform.is_identity:
+        raise DemError(f"{path}: has no map projection; a map of the Moon is needed")
+    wkt, transform = dataset.crs.to_wkt(), tuple(dataset.transform)
+    try:
+        return Grid.from_wkt(wkt, transform, dataset.width, dataset.height)
+    except LabelError as error:
+        raise DemError(f"{path}: {error}") from error
 
 
 class Gridded:
@@ -56,7 +68,7 @@ class Gridded:
         out = np.full((row1 - row0, col1 - col0), np.nan, np.float32)
         for source, target, turn in self._row_runs(row0, row1):
             for columns, place in self._column_runs(col0 + turn, col1 + turn):
-                block = self.raster.read(source[0], source[1], *columns)
+                block = self.raster.read(source[0], source[1], columns[0], columns[1])
                 out[target[0] : target[1], place[0] : place[1]] = (
                     block if target[2] > 0 else block[::-1]
                 )

@@ -128,12 +128,12 @@ def height_statistics(dem: Dem) -> HeightStatistics:
         (math.ceil(raster.height / block), math.ceil(raster.width / block)), np.int64
     )
     low, high = math.inf, -math.inf
-    for window in raster.windows():
-        heights = raster.read(*window)
+    for row0, row1, col0, col1 in raster.windows():
+        heights = raster.read(row0, row1, col0, col1)
         bad = np.isnan(heights)
         if bad.any():
             rows, columns = np.nonzero(bad)
-            np.add.at(missing, ((rows + window[0]) // block, (columns + window[2]) // block), 1)
+            np.add.at(missing, ((rows + row0) // block, (columns + col0) // block), 1)
         if not bad.all():
             low, high = min(low, float(np.nanmin(heights))), max(high, float(np.nanmax(heights)))
     share = int(missing.sum()) / (raster.width * raster.height)
@@ -189,8 +189,8 @@ class SampleStatistics:
 def sample_statistics(raster: Raster) -> SampleStatistics:
     """Read every pixel once. DemError if the file cannot be read to its end."""
     found = _SampleCounts(raster)
-    for window in raster.windows():
-        found.add(window, raster.samples(*window))
+    for row0, row1, col0, col1 in raster.windows():
+        found.add(row0, col0, raster.samples(row0, row1, col0, col1))
     return found.result()
 
 
@@ -205,16 +205,15 @@ class _SampleCounts:
         self.zero_column = np.ones(raster.width, dtype=bool)
         self.order = _ByteOrder(raster)
 
-    def add(self, window: tuple[int, int, int, int], samples: NDArray[Any]) -> None:
-        row0, row1, col0, col1 = window
+    def add(self, row0: int, col0: int, samples: NDArray[Any]) -> None:
         heights = self.raster.heights_of(samples)
         there = ~np.isnan(heights)
         self.missing += int(there.size - np.count_nonzero(there))
         self._add_extremes(samples[there])
         self._add_impossible(row0, col0, heights)
         zero = heights == 0.0
-        self.zero_row[row0:row1] &= zero.all(axis=1)
-        self.zero_column[col0:col1] &= zero.all(axis=0)
+        self.zero_row[row0 : row0 + len(zero)] &= zero.all(axis=1)
+        self.zero_column[col0 : col0 + zero.shape[1]] &= zero.all(axis=0)
         self.order.add(samples, heights)
         if samples.dtype.kind in "iu":
             self.sample_sum = (self.sample_sum + int(samples.sum(dtype=np.int64))) % 2**32

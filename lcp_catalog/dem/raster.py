@@ -7,6 +7,7 @@ read by GDAL. Open files belong to a process and a thread and are found by their
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import warnings
@@ -59,6 +60,17 @@ class Raster:
     raw_dtype: str | None = None  # None: read by GDAL
     raw_offset_bytes: int = 0
     band: int = 1  # of the file, counted from 1; read by GDAL
+    masked: bool = False  # True if an alpha band or a mask of the file marks missing pixels
+
+    @classmethod
+    def of_band(cls, dataset: Any, path: Path, band: int = 1) -> Raster:
+        """A band of a dataset that GDAL opened, counted from 1, with its scale, offset and missing value."""
+        scale, offset, nodata = (
+            values[band - 1] for values in (dataset.scales, dataset.offsets, dataset.nodatavals)
+        )
+        missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
+        size = dataset.width, dataset.height
+        return cls(path, size[0], size[1], float(scale), float(offset), missing, band=band)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
@@ -105,6 +117,16 @@ class Raster:
         heights[bad] = np.nan
         return heights
 
+    def values(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[np.float64]:
+        """Values of a window, `heights_of` its samples, not checked; NaN also where the file's mask marks
+        missing pixels, if it is `masked`.
+        """
+        values = self.heights_of(self.samples(row0, row1, col0, col1))
+        if self.masked:
+            window = Window(col0, row0, col1 - col0, row1 - row0)
+            values[open_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
+        return values
+
     def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
         """The stored numbers of a window. DemError if they cannot be read."""
         if self.raw_dtype is not None:
@@ -142,12 +164,22 @@ class Raster:
             )
 
 
-def open_dataset(path: Path) -> Any:
-    """The file opened by GDAL (kept open for this thread). DemError if it is no raster."""
+def open_dataset(path: Path, kind: str = "a DEM") -> Any:
+    """The file opened by GDAL (kept open for this thread); ``kind``: what it should be. DemError if it is
+    no raster.
+    """
     try:
         return _dataset(path)
     except UNREADABLE as error:
-        raise DemError(f"{path}: not a DEM that can be read here ({_cause(error)})") from error
+        raise DemError(f"{path}: not {kind} that can be read here ({_cause(error)})") from error
+
+
+def require_file(path: Path, kind: str) -> None:
+    """DemError for a path that is no file; ``kind``: what it should be."""
+    if not path.is_file():
+        raise DemError(
+            f"{path}: {f'is a folder, not {kind}' if path.is_dir() else 'there is no such file'}"
+        )
 
 
 def dataset_files(path: Path) -> tuple[Path, ...]:

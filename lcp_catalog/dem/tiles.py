@@ -147,7 +147,7 @@ class Layer(Generic[File]):
             furthest = min(max(abs(float(lat.min())), abs(float(lat.max()))), 90.0)
             stretch = math.cos(math.radians(furthest)) / _true_cos(grid)
         band_px = band_m / self.pixel_m
-        return all(clear_of(self.edges, *box, stretch, self._turn, band_px) for box in boxes)
+        return all(clear_of(self.edges, u, v, stretch, self._turn, band_px) for u, v in boxes)
 
     def _weights(
         self, lon: Array, lat: Array, there: NDArray[np.bool_], clear: Array, band_m: float
@@ -200,8 +200,8 @@ class Layer(Generic[File]):
         if factor > 1:
             u, v = (u - 0.5 * (factor - 1)) / factor, (v - 0.5 * (factor - 1)) / factor
         found, away = np.empty(u.size), np.empty(0 if clear is None else u.size)
-        place = np.ascontiguousarray(u), np.ascontiguousarray(v)
-        self._sample_window(number, *place, factor, gsd_m, found, away)
+        u, v = np.ascontiguousarray(u), np.ascontiguousarray(v)
+        self._sample_window(number, u, v, factor, gsd_m, found, away)
         height[places] = found
         known = np.isfinite(found.sum())  # without a gap
         tile[places] = number if known else np.where(np.isnan(found), -1, number)
@@ -311,12 +311,13 @@ class Layer(Generic[File]):
         down = together // across
         for top, first in product(range(above, below, down), range(left, right, across)):
             bottom, last = min(top + down, below), min(first + across, right)
-            box = (top * factor, bottom * factor, first * factor, last * factor)
-            columns = np.arange(box[2], box[3]) if grid.pole else np.zeros(1)
-            rows = np.arange(box[0], box[1])[:, None]
+            row, end_row, column, end_column = (factor * i for i in (top, bottom, first, last))
+            columns = np.arange(column, end_column) if grid.pole else np.zeros(1)
+            rows = np.arange(row, end_row)[:, None]
             weight = np.ascontiguousarray(grid.cell_weight(columns[None, :], rows))
             means = np.empty((bottom - top, last - first), np.float32)
-            heights.block_means(self._pixels(number, *box), weight, factor, means)
+            pixels = self._pixels(number, row, end_row, column, end_column)
+            heights.block_means(pixels, weight, factor, means)
             out[top - row0 : bottom - row0, first - col0 : last - col0] = means
         return out
 

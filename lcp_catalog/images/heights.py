@@ -56,7 +56,7 @@ def _some_heights(dem: Dem) -> Array:
     for row in _starts(raster.height):
         for col in _starts(raster.width):
             end = min(row + _WINDOW_PX, raster.height), min(col + _WINDOW_PX, raster.width)
-            found.append(raster.heights_of(raster.samples(row, end[0], col, end[1])).ravel())
+            found.append(raster.values(row, end[0], col, end[1]).ravel())
     values = np.concatenate(found)
     return np.asarray(values[np.abs(values) <= HEIGHT_LIMIT_M])
 

@@ -259,8 +259,8 @@ def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -
     if sun == SunChoice():
         return None
     by_angles = sun.azimuth_deg is not None and sun.elevation_deg is not None
-    center = (options.center_deg or center_of(sensor, path)) if by_angles else (0.0, 0.0)
-    return sun.direction_mcmf(EnuFrame(*center), None)
+    lon, lat = (options.center_deg or center_of(sensor, path)) if by_angles else (0.0, 0.0)
+    return sun.direction_mcmf(EnuFrame(lon, lat), None)
 
 
 def _warn(path: Path, suns: list[tuple[str, Array]]) -> None:

@@ -190,7 +190,7 @@ def _codes(image: ImagePixels, items: list[Item]) -> Codes:
     }
     if not found["missing"] and image.samples.dtype == np.int16:
         found["missing"] = (-32768,)
-    return Codes(**found)
+    return Codes(found["missing"], found["low"], found["high"])
 
 
 def _code(value: Any) -> float | int | None:

@@ -252,8 +252,15 @@ class _SourceSearch:
         solid, light = panorama.solid_angles[rows], excess + floor
         flat, bright = light >= (1.0 - _FLAT) * light.max(), light > 0.5 * light.max()
         width, peak_rad = (math.sqrt(float(part.sum()) / math.pi) for part in (solid, solid[flat]))
-        counts = len(rows), int(flat.sum()), int(bright.sum())
-        return BrightSource(direction, float(excess @ solid), width, *counts, peak_rad)
+        return BrightSource(
+            direction,
+            float(excess @ solid),
+            width,
+            pixels=len(rows),
+            peak_pixels=int(flat.sum()),
+            bright_pixels=int(bright.sum()),
+            peak_rad=peak_rad,
+        )
 
     def _near(self, centre: Array) -> tuple[slice, Mask]:
         """A range of rows, and a mask of their pixels within the radius of a direction."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,11 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..dem.georeferenced import Gridded
+from ..dem.georeferenced import Gridded, grid_of
 from ..dem.grid import Grid
 from ..dem.products import facts_of, product_name
-from ..dem.raster import Raster, open_dataset
-from ..errors import AlbedoError, DemError, LabelError
+from ..dem.raster import Raster, open_dataset, require_file
+from ..errors import AlbedoError, DemError
 from .srgb import decode_srgb
 
 log = logging.getLogger(__name__)
@@ -35,7 +34,6 @@ class Brightness:
     raster: Raster
     encoding: str
     full: float  # code of full scale in a display image
-    masked: bool  # True if an alpha band or a mask marks missing pixels
     unit: float = 1.0
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[np.float32]:
@@ -44,12 +42,7 @@ class Brightness:
 
     def linear(self, row0: int, row1: int, col0: int, col1: int) -> Array:
         """Decoded values of the map; AlbedoError for a value that is invalid as a brightness."""
-        samples = self.raster.samples(row0, row1, col0, col1)
-        values = self.raster.heights_of(samples)
-        if self.masked:
-            window = ((row0, row1), (col0, col1))
-            file, band = open_dataset(self.raster.path), self.raster.band
-            values[file.read_masks(band, window=window) == 0] = np.nan
+        values = self.raster.values(row0, row1, col0, col1)
         self._refuse_impossible(values)
         return values if self.encoding == "linear" else decode_srgb(values / self.full)
 
@@ -97,8 +90,12 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
     if band is None:
         _refuse_colours(dataset, path)
     k = 0 if band is None else band - 1
-    grid, (scale, offset) = _grid(dataset, path), (dataset.scales[k], dataset.offsets[k])
-    plain = scale == 1.0 and offset == 0.0
+    try:
+        grid = grid_of(dataset, path)
+    except DemError as error:
+        raise AlbedoError(str(error)) from error
+    raster = replace(Raster.of_band(dataset, path, k + 1), masked=_masked(dataset, k))
+    plain = raster.scale_m == 1.0 and raster.offset_m == 0.0
     if encoding == "srgb" and not plain:
         raise AlbedoError(
             f"{path}: has a scale and an offset, unlike the codes of a display image; "
@@ -110,14 +107,8 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
             "use `albedo_encoding` srgb",
             path,
         )
-    nodata = dataset.nodatavals[k]
-    missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
-    size = dataset.width, dataset.height
-    raster = Raster(path, *size, float(scale), float(offset), missing, band=k + 1)
     full = float(np.iinfo(dataset.dtypes[k]).max) if "int" in dataset.dtypes[k] else 1.0
-    return AlbedoPixels(
-        path, grid, Brightness(raster, encoding or "linear", full, _masked(dataset, k))
-    )
+    return AlbedoPixels(path, grid, Brightness(raster, encoding or "linear", full))
 
 
 def colour_bands(path: Path) -> tuple[int, ...]:
@@ -133,13 +124,11 @@ def colour_bands(path: Path) -> tuple[int, ...]:
 
 
 def _opened(path: Path) -> Any:
-    if not path.is_file():
-        kind = "is a folder, not an albedo map" if path.is_dir() else "there is no such file"
-        raise AlbedoError(f"{path}: {kind}")
     try:
-        return open_dataset(path)
+        require_file(path, "an albedo map")
+        return open_dataset(path, "an albedo map")
     except DemError as error:
-        raise AlbedoError(str(error).replace("not a DEM", "not an albedo map")) from error
+        raise AlbedoError(str(error)) from error
 
 
 def mean_value(pixels: AlbedoPixels) -> float:
@@ -149,8 +138,9 @@ def mean_value(pixels: AlbedoPixels) -> float:
     total = weight = 0.0
     grid = pixels.grid
     turn = min(grid.width, grid.period) if grid.wraps else grid.width
-    for window in pixels.raster.raster.windows(turn):
-        rows, columns, values = window[:2], window[2:], pixels.raster.linear(*window)
+    for row0, row1, col0, col1 in pixels.raster.raster.windows(turn):
+        rows, columns = (row0, row1), (col0, col1)
+        values = pixels.raster.linear(row0, row1, col0, col1)
         there = np.isfinite(values)
         values[~there] = 0.0
         total += _by_area(grid, rows, columns, values)
@@ -172,17 +162,6 @@ def _by_area(
     if grid.pole:
         return float(np.sum(grid.cell_weight(np.arange(*columns)[None, :], row) * values))
     return float(np.sum(grid.cell_weight(np.zeros((1, 1)), row)[:, 0] * values.sum(axis=1)))
-
-
-def _grid(dataset: Any, path: Path) -> Grid:
-    if dataset.crs is None or dataset.transform.is_identity:
-        raise AlbedoError(f"{path}: has no map projection; a map of the Moon is needed")
-    try:
-        return Grid.from_wkt(
-            dataset.crs.to_wkt(), tuple(dataset.transform), dataset.width, dataset.height
-        )
-    except LabelError as error:
-        raise AlbedoError(f"{path}: {error}") from error
 
 
 def _refuse_heights(dataset: Any, path: Path) -> None:

@@ -95,8 +95,8 @@ class ColourMap:
     def cover(self, terrain: Terrain) -> AlbedoCover:
         """Coverage of the core's nodes with a height, by the luminance of a sample of them."""
         points = sample_nodes(terrain)
-        how = terrain.frame, points, terrain.field.gsd_m
-        factors = luminance(np.stack([band.at_enu(*how) for band in self.bands]))
+        frame, gsd_m = terrain.frame, terrain.field.gsd_m
+        factors = luminance(np.stack([band.at_enu(frame, points, gsd_m) for band in self.bands]))
         return AlbedoCover.of(factors, np.isfinite(points[..., 2]))
 
     def cover_at(self, lon_deg: Array, lat_deg: Array, gsd_m: float) -> AlbedoCover:

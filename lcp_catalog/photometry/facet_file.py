@@ -108,13 +108,12 @@ def _model(document: dict[str, Any]) -> FacetModel:
         raise ConfigError("name must be a text")
     plain = {name: _number(name, document[name]) for name in _PLAIN if name in document}
     levels = document.get("levels")
+    optics = Optics(**_group("optics", Optics, document))
+    shadowing = Shadowing(**_group("shadowing", Shadowing, document))
+    numbers = None if levels is None else _numbers("levels", levels)
+    # the document's keys are the fields of the model, checked above
     return FacetModel(
-        document["name"],
-        _nodes(document),
-        Optics(**_group("optics", Optics, document)),
-        Shadowing(**_group("shadowing", Shadowing, document)),
-        levels=None if levels is None else _numbers("levels", levels),
-        **plain,
+        document["name"], _nodes(document), optics, shadowing, levels=numbers, **plain
     )
 
 
@@ -138,7 +137,7 @@ def _nodes(document: dict[str, Any]) -> tuple[Node, ...]:
     columns = [_numbers(f"nodes.{name}", table[name]) for name in Node._fields]
     if len({len(column) for column in columns}) != 1:
         raise ConfigError("the lists of [nodes] must be of one length")
-    return tuple(Node(*row) for row in zip(*columns, strict=True))
+    return tuple(map(Node._make, zip(*columns, strict=True)))
 
 
 def _numbers(name: str, value: object) -> tuple[float, ...]:

@@ -278,9 +278,7 @@ def _starts(task: _FitTask, which: int) -> list[Array]:
     data = sample.intensity
 
     def shape(**values: float) -> Array:
-        unit = {"w_b": 0.0, "shift_b_deg": 0.0, "sigma_b": 1.0}
-        unit |= {"w_d": 0.0, "shift_d_deg": 0.0, "sigma_d": 1.0} | values
-        node = Node(sample.incidence_deg, **unit)
+        node = Node(sample.incidence_deg, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)._replace(**values)
         return lobes(node, task.head, sample.emission_deg, sample.azimuth_deg)
 
     directional_lobes = [
@@ -341,4 +339,4 @@ def _nodes(samples: Sequence[IncidenceSeries], table: Array) -> tuple[Node, ...]
     """Rows as nodes, clipped to `facet_model.LIMITS`."""
     limits = np.array([LIMITS[name] for name in PARAMETERS])
     rows = np.clip(table, limits[:, 0], limits[:, 1]).tolist()
-    return tuple(Node(s.incidence_deg, *row) for s, row in zip(samples, rows, strict=True))
+    return tuple(Node._make([s.incidence_deg, *row]) for s, row in zip(samples, rows, strict=True))

@@ -59,7 +59,7 @@ DEFAULT = "labunets-2019-table-3"
 
 def _model(name: str, rows: tuple[tuple[float, ...], ...]) -> FacetModel:
     """A table as a model; w_B of the tables multiplies R, that of the model R / R(0)."""
-    nodes = tuple(Node(psi, w_b * OPTICS.at_normal, *rest) for psi, w_b, *rest in rows)
+    nodes = tuple(node._replace(w_b=node.w_b * OPTICS.at_normal) for node in map(Node._make, rows))
     return FacetModel(name, nodes, OPTICS)
 
 

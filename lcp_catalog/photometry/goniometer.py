@@ -20,7 +20,7 @@ import csv
 import hashlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,8 +69,7 @@ class IncidenceSeries:
                 f"incidence {self.incidence_deg:g} deg: no intensity around the specular direction, emission "
                 f"{-self.incidence_deg:g}; measure there, or use `normalize` none"
             )
-        where = self.incidence_deg, self.emission_deg, self.azimuth_deg
-        return IncidenceSeries(*where, self.intensity / value, self.level * value)
+        return replace(self, intensity=self.intensity / value, level=self.level * value)
 
     def in_plane(self, emission_deg: float) -> float | None:
         """Intensity in a direction of the plane of incidence, linear between its neighbours; None

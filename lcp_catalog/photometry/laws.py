@@ -169,8 +169,15 @@ def photometry(
     Radiance is 0 for points that are visible but not lit, and NaN for points that are not visible.
     All values are NaN without a normal.
     """
-    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
-    bands = kernel.shade_points(*rays, np.ravel(lit), np.ravel(seen), model.code, model.numbers)
+    bands = kernel.shade_points(
+        _flat(normals),
+        np.ascontiguousarray(sun, dtype=np.float64),
+        _flat(cameras),
+        np.ravel(lit),
+        np.ravel(seen),
+        model.code,
+        model.numbers,
+    )
     return Photometry(*(band.reshape(normals.shape[:-1]) for band in bands))
 
 
@@ -184,8 +191,10 @@ def radiance_under(
     """Radiance factor (...) of visible points; shapes as in `photometry`. 0 for points that are not
     lit.
     """
-    rays = _flat(normals), np.ascontiguousarray(sun, dtype=np.float64), _flat(cameras)
-    values = kernel.radiance_of_points(*rays, np.ravel(lit), model.code, model.numbers)
+    towards_sun = np.ascontiguousarray(sun, dtype=np.float64)
+    values = kernel.radiance_of_points(
+        _flat(normals), towards_sun, _flat(cameras), np.ravel(lit), model.code, model.numbers
+    )
     return np.asarray(values.reshape(normals.shape[:-1]))
 
 

@@ -15,7 +15,7 @@ from helpers.twins_isd import TwinIsd
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_sensor
-from lcp_catalog.cameras.frame_camera import camera_with_plane
+from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
 from lcp_catalog.cameras.scanners import PushFrame
 from lcp_catalog.cameras.trajectory import Attitude, Track
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
@@ -122,8 +122,8 @@ def still(scanner):
 
 def frame_camera(scanner, shape):
     now = np.zeros(3)
-    return camera_with_plane(
-        scanner.plane,
+    return Camera(
+        **fields_of_plane(scanner.plane),
         position_mcmf_m=scanner.trajectory.positions(now)[0],
         rotation_mcmf_to_camera=scanner.trajectory.to_mcmf(now, np.eye(3)),
         image_size_px=shape[::-1],
