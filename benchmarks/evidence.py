@@ -35,7 +35,6 @@ from evidence_cases import NEEDED, Case, cases
 from markupsafe import Markup
 from rasterio.errors import NotGeoreferencedWarning
 
-from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import LcpError
@@ -46,7 +45,7 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
 from lcp_catalog.plots.greyscale import grey, shrunk
 from lcp_catalog.plots.numbers import typeset
-from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
+from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
 from lcp_catalog.validation.report_windows import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
 from lcp_catalog.validation.run import Validation, run_validation
@@ -148,9 +147,9 @@ def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> np.nda
     sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
     image = open_image(files.image, sensor, case.sun, ImageOptions(encoding=case.encoding))
     image = image.with_sensor(verdict.pose.pose.sensor)
-    how = reflectance_model(LAW), TIERS["standard"], WindowChoice(gsd_m=cell_m), albedo
+    settings = RenderSettings(reflectance_model(LAW), albedo=albedo)
     try:
-        return against_dem(image, dems, *how).windows.correlation
+        return against_dem(image, dems, settings, WindowChoice(gsd_m=cell_m)).windows.correlation
     except LcpError as error:
         print(f"{case.name}: {error}", file=sys.stderr)
         return np.empty(0)

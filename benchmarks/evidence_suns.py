@@ -21,7 +21,6 @@ from helpers import located_frames
 from helpers.closed_loops import Site
 from helpers.embree_mesh import read_nodes
 
-from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
@@ -33,7 +32,7 @@ from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.sun_check import best_turn, with_sun
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
+from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
 
 WRONG_DEG = (0.0, 10.0, -10.0)
 STEP_DEG = 20.0
@@ -138,8 +137,8 @@ def _windows_row(name: str, photo: Image, dem: Path, albedo: AlbedoMap) -> str:
 
     def z(turn_deg: float, raise_deg: float) -> np.ndarray:
         told = with_sun(photo, middle, turn_deg, raise_deg)
-        how = reflectance_model(LAW), TIERS["standard"], choice, albedo
-        found = against_dem(told, dems, *how).windows.correlation
+        settings = RenderSettings(reflectance_model(LAW), albedo=albedo)
+        found = against_dem(told, dems, settings, choice).windows.correlation
         return np.arctanh(np.clip(found, -0.999, 0.999))
 
     turned = {turn: z(turn, 0.0) for turn in (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0)}

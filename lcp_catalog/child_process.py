@@ -13,7 +13,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -31,7 +31,7 @@ _FRESH = """\
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
 from lcp_catalog.child_process import run_by_name
-run_by_name(*json.loads(sys.argv[2]))
+run_by_name(json.loads(sys.argv[2]))
 """
 
 
@@ -68,11 +68,12 @@ def call_apart(
     return _result(content, os.waitpid(process, 0)[1], seconds, memory_mb)
 
 
-def run_by_name(
-    module: str, name: str, argument: str, seconds: float, memory_mb: float
-) -> NoReturn:
-    """Call a function under limits, write its result to stdout as JSON, and end this process."""
+def run_by_name(given: Sequence[Any]) -> NoReturn:
+    """Call a function (module, name, its argument, seconds, megabytes) under limits, write its result to
+    stdout as JSON, and end this process.
+    """
     code = 1
+    module, name, argument, seconds, memory_mb = given
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it too, and ends this one
         function = getattr(import_module(module), name)
@@ -103,7 +104,7 @@ def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:
     os.dup2(writer, 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     faulthandler.disable()
-    run_by_name(*given)
+    run_by_name(given)
 
 
 def _fresh(given: tuple[Any, ...], writer: int) -> int:

@@ -50,6 +50,7 @@ def sun_at(
     >>> round(float(sun.azimuth_deg[0]), 1), round(float(sun.elevation_deg[0]), 1)
     (96.5, 13.5)
     """
+    lon_deg, lat_deg = center_deg
     if dem is None:
-        return sun_table(EnuFrame(*center_deg, height_m), times)
-    return sun_over_ground(dem_set(dem), *center_deg, times, height_m, gsd_m)
+        return sun_table(EnuFrame(lon_deg, lat_deg, height_m), times)
+    return sun_over_ground(dem_set(dem), lon_deg, lat_deg, times, height_m, gsd_m)

@@ -17,11 +17,12 @@ from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..kernels.matching import correlation
+from ..landmarks.patches import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import SHARE_IF_HERE
 from .point_choice import likeliest
 from .search_image import SearchImage
-from .templates import POINT_SPREAD_PX, render_patches
+from .templates import render_patches
 
 _GRID_PX = 64
 """Reach of the grid in its own pixels: the image is reduced to it, or until templates are

@@ -29,12 +29,12 @@ def none_in_view(catalog: Catalog, sensor: Sensor) -> str:
         f"latitude {box.south:.2f} .. {box.north:.2f}"
     )
     try:
-        centre = center_of(sensor)
+        lon_deg, lat_deg = center_of(sensor)
     except ImageError:
         return f"{none}: the image's centre shows no ground; {points}"
-    cosine = lonlat_to_mcmf(lon, lat) @ lonlat_to_mcmf(*centre) / MOON_RADIUS_M**2
+    cosine = lonlat_to_mcmf(lon, lat) @ lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M**2
     away_km = MOON_RADIUS_M / 1e3 * math.acos(float(np.clip(cosine.max(), -1.0, 1.0)))
     return (
-        f"{none}: the image's centre shows longitude {centre[0]:.2f}, latitude {centre[1]:.2f}, "
+        f"{none}: the image's centre shows longitude {lon_deg:.2f}, latitude {lat_deg:.2f}, "
         f"{away_km:.0f} km from the nearest point; {points}"
     )

@@ -20,13 +20,14 @@ from ..images.image_file import open_image
 from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
+from ..landmarks.patches import POINT_SPREAD_PX
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import points_in_view
 from .point_claims import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least
 from .search_image import SearchImage, full_pixels
-from .templates import LEAST_COVER, POINT_SPREAD_PX, Templates, render_patches
+from .templates import LEAST_COVER, Templates, render_patches
 
 _CHUNK = 128
 _CHUNK_PX = 2_000_000

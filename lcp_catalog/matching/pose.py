@@ -324,7 +324,7 @@ class _Problem:
     def weights(self, residual: Array) -> Array:
         """Huber's weights, (m,)."""
         far = np.linalg.norm(residual, axis=-1)
-        return np.minimum(1.0, self.huber / np.maximum(far, 1e-300))
+        return np.asarray(np.minimum(1.0, self.huber / np.maximum(far, 1e-300)))
 
     def cost(self, unknown: Array, residual: Array) -> float:
         """Huber's loss and the prior; infinite if a point is not seen."""

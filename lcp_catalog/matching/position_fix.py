@@ -127,6 +127,21 @@ class Fix:
     sun: SunCheck | None = None
     by: str = BY_POINTS  # or `BY_ALL_POINTS`; few points may then be found alone
 
+    @classmethod
+    def scored(
+        cls,
+        verdict: str,
+        reason: str,
+        matches: Matches,
+        score: Consensus | JointOffset,
+        pose: Pose | None = None,
+        sun: SunCheck | None = None,
+    ) -> Fix:
+        """The result by an agreement of single points, or by the offset of all of them together."""
+        by = BY_ALL_POINTS if isinstance(score, JointOffset) else BY_POINTS
+        chances = score.log10_false_alarms, score.rival_log10
+        return cls(verdict, reason, matches, pose, chances[0], chances[1], sun, by)
+
 
 USUAL = Uncertainty(position_m=1000.0, attitude_rad=math.radians(0.1))
 """Uncertainty of a camera of which none is stated."""
@@ -410,7 +425,6 @@ class _FixSearch:
         for said in (whole, coarse):
             if said is not None and said.shows:
                 return self.by_all_points(matches, said)
-        figures = (None, score.log10_false_alarms, score.rival_log10)
         reach, expected = area.reach_px[searched], self.expected(matches, searched)
         if self.if_here(reach, expected) > SIGNIFICANT:
             count = int(searched.sum())
@@ -425,15 +439,15 @@ class _FixSearch:
                     f"that says little, because only {expected:.3g} are expected to be found in this "
                     "light, view and scale"
                 )
-            return Fix(CANNOT_SAY, reason, matches, *figures)
+            return Fix.scored(CANNOT_SAY, reason, matches, score)
         if undecided:
             reason = "the points found agree about equally well on two places"
-            return Fix(CANNOT_SAY, reason, matches, *figures)
+            return Fix.scored(CANNOT_SAY, reason, matches, score)
         reason = (
             f"{matches.found.sum()} of {searched.sum()} points searched for were found, "
             "but they agree on no place"
         )
-        return Fix(NOT_HERE, reason, matches, *figures)
+        return Fix.scored(NOT_HERE, reason, matches, score)
 
     def whole(self, area: SearchArea, width_px: float) -> JointOffset | None:
         """The joint offset of the points of an area with patches of a width."""
@@ -453,7 +467,6 @@ class _FixSearch:
         """The result by a significant joint offset. Marked found are the points that agree with its
         place by themselves.
         """
-        figures = (whole.log10_false_alarms, whole.rival_log10)
         shows = (
             f"all {whole.points} points together show this place; "
             f"the number of false alarms is 10^{whole.log10_false_alarms:.0f}"
@@ -461,7 +474,7 @@ class _FixSearch:
         lacking = whole.reason if whole.pose is None else self.too_far(whole.pose)
         if whole.pose is None or lacking:
             reason = f"single points agree on no place; {shows}, but {lacking}"
-            return Fix(CANNOT_SAY, reason, matches, None, *figures, whole.sun, BY_ALL_POINTS)
+            return Fix.scored(CANNOT_SAY, reason, matches, whole, sun=whole.sun)
         matches = self.near(whole.pose)
         ground, found, covariance = self.places(matches)
         tolerance = self.tolerances_px(matches.point)
@@ -469,9 +482,7 @@ class _FixSearch:
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
-        return Fix(
-            LOCATED, reason, with_inliers(matches, used), pose, *figures, whole.sun, BY_ALL_POINTS
-        )
+        return Fix.scored(LOCATED, reason, with_inliers(matches, used), whole, pose, whole.sun)
 
     def fewest(self, area: SearchArea, too_few: int) -> int:
         """Number of points of an area's median reach, more than ``too_few``, from which an image of
@@ -502,19 +513,18 @@ class _FixSearch:
 
     def judged(self, matches: Matches, pose: Pose, score: Consensus) -> Fix:
         """The decision on a significant pose."""
-        figures = (score.log10_false_alarms, score.rival_log10)
         if far := self.too_far(pose):
-            return Fix(CANNOT_SAY, f"the points agree, but {far}", matches, None, *figures)
+            return Fix.scored(CANNOT_SAY, f"the points agree, but {far}", matches, score)
         sun = self.sun(matches, pose) if self.options.check_sun else None
         if sun is not None and not sun.fits:
-            return Fix(CANNOT_SAY, sun.complaint, matches, None, *figures, sun)
+            return Fix.scored(CANNOT_SAY, sun.complaint, matches, score, sun=sun)
         if sun is not None and sun.doubt_px > 0.0:
             pose = self.solution(matches, pose.used, sun.doubt_px)
         reason = (
             f"{matches.found.sum()} of {len(matches)} points agree; "
             f"the number of false alarms is 10^{score.log10_false_alarms:.0f}"
         )
-        return Fix(LOCATED, reason, matches, pose, *figures, sun)
+        return Fix.scored(LOCATED, reason, matches, score, pose, sun)
 
     def too_far(self, pose: Pose) -> str:
         """The objection to a correction larger than the stated uncertainty allows; empty if there

@@ -241,7 +241,10 @@ class _Tried:
     ) -> tuple[Array, Array]:
         """Correlations (m, k) and places (m, k, 2) under m Suns."""
         ground = self.ground_mcmf_m[rows]
-        found = [self.search(with_sun(self.image, ground, *t), law, rows) for t in turns_deg]
+        found = [
+            self.search(with_sun(self.image, ground, turned, raised), law, rows)
+            for turned, raised in turns_deg
+        ]
         return np.array([f[0] for f in found]), np.array([f[1] for f in found])
 
     def best_z(

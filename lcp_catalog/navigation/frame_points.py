@@ -41,9 +41,9 @@ class PlannedImage:
         of the sensor's file. SunError if there is neither; ImageError for angles if the image's
         centre does not show the Moon.
         """
-        place = center_of(sensor) if sun.azimuth_deg is not None else (0.0, 0.0)
+        lon_deg, lat_deg = center_of(sensor) if sun.azimuth_deg is not None else (0.0, 0.0)
         time = sun.time_utc or sensor.time_utc
-        return cls(sensor, sun.direction_mcmf(EnuFrame(*place), sensor), time)
+        return cls(sensor, sun.direction_mcmf(EnuFrame(lon_deg, lat_deg), sensor), time)
 
 
 @dataclass(frozen=True, eq=False)

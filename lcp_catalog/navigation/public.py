@@ -189,11 +189,9 @@ def windows(
     >>> found.usable.shape, found.points > 0
     ((31,), True)
     """
-    place, opened, when = (
-        EnuFrame(*center_deg),
-        opened_catalog(catalog, check=False),
-        instants(times),
-    )
+    lon_deg, lat_deg = center_deg
+    place, when = EnuFrame(lon_deg, lat_deg), instants(times)
+    opened = opened_catalog(catalog, check=False)
     if camera is not None:
         return camera_windows(opened, place, any_sensor(camera), when, progress)
     site = Site(place, 1e3 * size_km, gsd_m, off_nadir_deg, view_azimuth_deg)

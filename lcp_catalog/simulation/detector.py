@@ -72,7 +72,7 @@ class Detector:
     @property
     def highest(self) -> int:
         """The number at saturation."""
-        return 2**self.bits - 1
+        return (1 << self.bits) - 1
 
     @property
     def margin_px(self) -> int:

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from ..accuracy import Accuracy
+from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View, sensor_view
@@ -58,6 +58,19 @@ class WindowChoice:
         return "removed" if self.remove_offset else "kept"
 
 
+@dataclass(frozen=True)
+class RenderSettings:
+    """How terrain is rendered for a comparison. ``environment``: an environment map as the light, in
+    each patch's own frame; ``disc``: extended solar disc over a DEM, None: as the accuracy says.
+    """
+
+    model: Reflectance
+    accuracy: Accuracy = TIERS["standard"]
+    albedo: AlbedoMap | None = None
+    environment: Environment | None = None
+    disc: bool | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class GroundComparison:
     """The compared windows with their places; descriptions of the cell size (``resolution``) and of
@@ -82,21 +95,16 @@ class GroundComparison:
 def against_dem(
     image: Image,
     dems: DemSet,
-    model: Reflectance,
-    accuracy: Accuracy,
+    settings: RenderSettings,
     choice: WindowChoice = WindowChoice(),
-    albedo: AlbedoMap | None = None,
-    environment: Environment | None = None,
-    disc: bool | None = None,
 ) -> GroundComparison:
-    """Compare the part of an image that a DEM covers; ``environment``: an environment map as the
-    light of the renders; ``disc``: extended solar disc, None: as the accuracy says. AreaError if
-    there is none; ImageError if it is smaller than a window; other errors as `pipeline.prepare`.
+    """Compare the part of an image that a DEM covers. AreaError if there is none; ImageError
+    if it is smaller than a window; other errors as `pipeline.prepare`.
 
     The effective resolution is that of the DEM file (`effective_resolution.of_file`). Cells finer
     than the posting are rendered at their own size.
     """
-    request = dem_request(image, dems, model, accuracy, albedo, environment, disc)
+    request = dem_request(image, dems, settings)
     scene = prepare_terrain(request)
     resolution = resolution_of(scene.terrain, dems)
     target_m = resolution.resolution_m if choice.gsd_m is None else choice.gsd_m
@@ -106,8 +114,10 @@ def against_dem(
     shot = scene.expose()
     nodes = terrain_nodes(scene.terrain)
     ortho = orthorectify(image, nodes, shot.visible)
-    how = {"target_m": target_m, "dem_fwhm_m": resolution.point_spread_m}
-    pair = paired(ortho.signal, shot.radiance, ortho.weight, gsd_m=scene.gsd_m, **how)
+    pair = paired(
+        ortho.signal, shot.radiance, ortho.weight, gsd_m=scene.gsd_m, target_m=target_m,
+        dem_fwhm_m=resolution.point_spread_m,
+    )  # fmt: skip
     rows, cols = pair.image.shape
     if min(rows, cols) < choice.size:
         raise ImageError(
@@ -126,7 +136,7 @@ def against_dem(
         lon,
         lat,
         told,
-        f"{names} at {scene.gsd_m:.5g} m{', with albedo' if albedo else ''}",
+        f"{names} at {scene.gsd_m:.5g} m{', with albedo' if settings.albedo else ''}",
         np.where(pair.weight > 0.5, pair.image, np.nan),
         np.where(pair.weight > 0.5, pair.render, np.nan),
         sources=scene.sources,
@@ -148,15 +158,7 @@ def rendered_cell_m(posting_m: float, target_m: float) -> float:
     return min(max(posting_m, 0.5 * target_m), target_m)
 
 
-def dem_request(
-    image: Image,
-    dems: DemSet,
-    model: Reflectance,
-    accuracy: Accuracy,
-    albedo: AlbedoMap | None = None,
-    environment: Environment | None = None,
-    disc: bool | None = None,
-) -> Request:
+def dem_request(image: Image, dems: DemSet, settings: RenderSettings) -> Request:
     """Request of a render of an image's terrain, at the DEM's cell size, under the Sun and view of
     the image, or under an environment map.
     """
@@ -174,12 +176,12 @@ def dem_request(
         opened=dems,
         sun=sun,
         view=view,
-        model=model,
-        accuracy=accuracy,
-        albedo=albedo,
+        model=settings.model,
+        accuracy=settings.accuracy,
+        albedo=settings.albedo,
         surface="heightfield",
-        environment=environment,
-        disc=disc,
+        environment=settings.environment,
+        disc=settings.disc,
     )
 
 
@@ -209,17 +211,14 @@ def against_patches(
     image: Image,
     catalog: Catalog,
     points: Index,
-    model: Reflectance,
-    accuracy: Accuracy,
+    settings: RenderSettings,
     choice: WindowChoice = WindowChoice(),
-    environment: Environment | None = None,
 ) -> GroundComparison:
     """Compare the patches of some points, catalogue rows (n,), each rendered from its own nodes, on
     their own or on coarser cells.
 
-    ``environment``: an environment map as the light, in each patch's own frame. Of patches with
-    different cell sizes those of the most common size are compared. AreaError if no
-    patch lies entirely in the image, or for cells finer than those of the patches.
+    The albedo is the catalogue's. Of patches with different cell sizes those of the most common size
+    are compared. AreaError if no patch lies entirely in the image, or for cells finer than those of the patches.
     """
     gsd_m, rows = _of_one_size(catalog, points)
     target_m = gsd_m if choice.gsd_m is None else choice.gsd_m
@@ -227,8 +226,7 @@ def against_patches(
         raise AreaError(
             f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give a `dem` or a coarser `gsd_m`"
         )
-    how = model, accuracy, target_m, environment
-    pairs = [_pair(image, catalog, int(row), *how) for row in rows]
+    pairs = [_pair(image, catalog, int(row), settings, target_m) for row in rows]
     whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
     if not whole:
         raise AreaError(
@@ -265,13 +263,7 @@ def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
 
 
 def _pair(
-    image: Image,
-    catalog: Catalog,
-    row: int,
-    model: Reflectance,
-    accuracy: Accuracy,
-    target_m: float,
-    environment: Environment | None,
+    image: Image, catalog: Catalog, row: int, settings: RenderSettings, target_m: float
 ) -> Pair | None:
     """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor
     or not lit.
@@ -282,23 +274,24 @@ def _pair(
     if not np.isfinite(towards).all() or towards @ terrain.frame.rotation[2] <= 0.0:
         return None
     sun = terrain.frame.direction_from_mcmf(image.sun_directions(terrain.frame.origin_mcmf_m))
-    if environment is None and sun[2] <= 0.0:
+    if settings.environment is None and sun[2] <= 0.0:
         return None
     shot = render_enu(
         terrain,
-        sun if environment is None else environment.lighting,
+        sun if settings.environment is None else settings.environment.lighting,
         _beyond_image(sensor_view(sensor, terrain.frame)),
-        model=model,
-        accuracy=accuracy,
+        model=settings.model,
+        accuracy=settings.accuracy,
     )
     radiance = np.asarray(shot.radiance, dtype=np.float64)
     if catalog.albedo is not None:
         radiance = radiance * np.nan_to_num(catalog.albedo[row], nan=1.0)
     ortho = orthorectify(image, nodes_mcmf(catalog, [row])[0], shot.visible)
-    how: dict[str, Any] = {"gsd_m": terrain.field.gsd_m, "target_m": target_m}
-    pair = paired(ortho.signal, radiance, ortho.weight, **how)
+    gsd_m = terrain.field.gsd_m
+    pair = paired(ortho.signal, radiance, ortho.weight, gsd_m=gsd_m, target_m=target_m)
     whole = np.ones(radiance.shape)  # the patch's edge does not count as missing
-    return replace(pair, weight=pair.weight / paired(whole, whole, whole, **how).weight)
+    edge = paired(whole, whole, whole, gsd_m=gsd_m, target_m=target_m).weight
+    return replace(pair, weight=pair.weight / edge)
 
 
 def _beyond_image(view: View) -> View:

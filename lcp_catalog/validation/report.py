@@ -133,8 +133,8 @@ def _light(check: SunCheck | None) -> str:
     if check is None:
         return ""
     others = ", ".join(
-        f"{number(value)} ({_turn(*turn)})"
-        for turn, value in zip(check.turns_deg, check.correlations, strict=True)
+        f"{number(value)} ({_turn(turned, raised)})"
+        for (turned, raised), value in zip(check.turns_deg, check.correlations, strict=True)
     )
     says = "fits" if check.fits else "does not fit"
     if check.law:

@@ -11,12 +11,13 @@ from markupsafe import Markup
 from ..arrays import Array
 from ..geometry.ellipses import error_ellipses
 from ..matching.matches import MEANINGS, REASONS
+from ..matching.position_fix import LOCATED
 from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
 from ..plots.png import data_uri
 from . import report_marks
 from .report_marks import SCALE_ROOM, Arrows, ImageDrawing
-from .result import LOCATED, ImageVerdict, Pictures
+from .result import ImageVerdict, Pictures
 
 ROWS_MAX = 1500
 """Most points in the page's table; the CSV file has all."""

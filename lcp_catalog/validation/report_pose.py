@@ -39,7 +39,7 @@ def pose_data(figures: PoseFigures | None) -> dict[str, Any] | None:
         ("normalised error", f"{number(pose.normalised_error)} (expected: 1)"),
     ]
     return {
-        "corrections": [_correction(*one) for one in each],
+        "corrections": [_correction(n, value, sigma, solved) for n, value, sigma, solved in each],
         "facts": [(name, text) for name, text in facts if text],
     }
 

@@ -134,7 +134,7 @@ class PoseFigures:
         camera, 2 for a map.
         """
         variances = np.linalg.eigvalsh(self.pose.covariance[:3, :3])[::-1]
-        return np.sqrt(np.maximum(variances, 0.0))
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
     @property
     def position_error_m(self) -> float | None:

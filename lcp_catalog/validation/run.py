@@ -50,7 +50,13 @@ from .claims import Claims
 from .encoding_check import EncodingCheck, check_encoding
 from .error_file import FittedErrors
 from .error_fit import Residuals, fit_errors, residuals_of
-from .ground_comparison import GroundComparison, WindowChoice, against_dem, against_patches
+from .ground_comparison import (
+    GroundComparison,
+    RenderSettings,
+    WindowChoice,
+    against_dem,
+    against_patches,
+)
 from .result import (
     ImageFacts,
     ImageVerdict,
@@ -301,8 +307,9 @@ def _searched(
         found, used = search(other), "srgb"
     if found.located.pose is None:
         return found._replace(image=image)
-    how = (request.law, options.criteria)
-    check = check_encoding(found.catalog, (image, other), found.located, *how, used)
+    check = check_encoding(
+        found.catalog, (image, other), found.located, request.law, options.criteria, used
+    )
     if check and request.choose_encoding and check.better != used == ENCODINGS[0]:
         again = search(other)
         if again.located.pose:
@@ -335,7 +342,7 @@ def _opened(request: Validation, files: ImageFiles) -> Image:
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:
     """Result of an image that could not be searched: empty, without geometry, or without a Sun."""
     reason = files.named(reason).removeprefix(f"{files.image.name}: ")
-    nothing = Fix(CANNOT_SAY, reason, Matches.none(), None, 0.0, 0.0, None)
+    nothing = Fix(CANNOT_SAY, reason, Matches.none())
     claims = Claims.none(reason="the image was not searched")
     return ImageVerdict(ImageFacts(name), nothing, PointFigures.none(), claims)
 
@@ -344,13 +351,14 @@ def _ground(
     request: Validation, catalog: Catalog, image: Image
 ) -> tuple[GroundComparison | None, str]:
     """Comparison of the image with renders, or the reason why there is none."""
-    how = request.law, request.accuracy, request.windows
+    settings = RenderSettings(
+        request.law, request.accuracy, request.albedo, request.environment, request.disc
+    )
     try:
         if request.dems:
-            light = request.environment, request.disc
-            return against_dem(image, request.dems, *how, request.albedo, *light), ""
+            return against_dem(image, request.dems, settings, request.windows), ""
         points = points_in_view(catalog, image.sensor)
-        return against_patches(image, catalog, points, *how, request.environment), ""
+        return against_patches(image, catalog, points, settings, request.windows), ""
     except LcpError as error:
         log.info("%s: windows: %s", image.name, error)
         return None, str(error)
@@ -436,14 +444,7 @@ def _pictures(image: Image, ground: GroundComparison | None) -> Pictures:
 
 def _facts(request: Validation, image: Image, name: str) -> ImageFacts:
     rows, cols = image.signal.shape
-    known: dict[str, Any] = {}
-    try:
-        lon, lat = center_of(image.sensor)
-    except LcpError:
-        pass  # the image centre shows the sky: its angles are unknown
-    else:
-        known = _angles(image, lon, lat)
-    return ImageFacts(
+    facts = ImageFacts(
         name,
         cols,
         rows,
@@ -451,22 +452,22 @@ def _facts(request: Validation, image: Image, name: str) -> ImageFacts:
         sun_from=_sun_from(request, image.sensor),
         saturated_share=image.saturated_share,
         missing_share=image.missing_share,
-        **known,
     )
-
-
-def _angles(image: Image, lon_deg: float, lat_deg: float) -> dict[str, float]:
-    """Ground sample distance and angles of Sun and view at a place on the sphere."""
+    try:
+        lon_deg, lat_deg = center_of(image.sensor)
+    except LcpError:
+        return facts  # the image centre shows the sky: its angles are unknown
     frame = EnuFrame(lon_deg, lat_deg)
     place = lonlat_to_mcmf(lon_deg, lat_deg)
     sun = Direction.from_mcmf(image.sun_directions(place), frame)
     up = float(frame.rotation[2] @ image.sensor.towards(place))
-    return {
-        "pixel_m": float(pixel_size_m(image.sensor, place)),
-        "sun_azimuth_deg": sun.azimuth_deg,
-        "sun_elevation_deg": sun.elevation_deg,
-        "off_nadir_deg": float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
-    }
+    return replace(
+        facts,
+        pixel_m=float(pixel_size_m(image.sensor, place)),
+        sun_azimuth_deg=sun.azimuth_deg,
+        sun_elevation_deg=sun.elevation_deg,
+        off_nadir_deg=float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))),
+    )
 
 
 def _sun_from(request: Validation, sensor: Sensor) -> str:

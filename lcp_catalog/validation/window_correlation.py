@@ -165,8 +165,8 @@ def of_patches(
     w = np.ones(a.shape) if weights is None else np.asarray(weights, dtype=np.float64)
     size = min(size, *a.shape[1:])
     each = [
-        compare(*arrays, gsd_m=gsd_m, size=size, step=step, least_valid=least_valid)
-        for arrays in zip(a, b, w, strict=True)
+        compare(image, render, weight, gsd_m=gsd_m, size=size, step=step, least_valid=least_valid)
+        for image, render, weight in zip(a, b, w, strict=True)
     ]
     if not each:
         raise ValueError("no patch to compare")

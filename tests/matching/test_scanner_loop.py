@@ -8,7 +8,6 @@ import pytest
 from helpers.catalogs import HADLEY as HADLEY_DEM
 from helpers.twins_match import catalog_of_dem
 
-from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.distortion import NoLens
 from lcp_catalog.cameras.focal_plane import FocalPlane
 from lcp_catalog.cameras.scanners import BEYOND, LineScanner
@@ -23,7 +22,7 @@ from lcp_catalog.matching.position_fix import LOCATED, locate
 from lcp_catalog.photometry.laws import photometry, reflectance_model
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.terrain import build_terrain
-from lcp_catalog.validation.ground_comparison import WindowChoice, against_dem
+from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
 
 FRAME = EnuFrame(3.6, 26.1)
 SUN = direction_enu(97.0, 22.0)
@@ -122,6 +121,6 @@ def test_the_whole_image_looks_like_the_dem(photo) -> None:
     to that, and finer cells would show the render's detail beside an image without it.
     """
     choice = WindowChoice(6, 6, 1000.0)
-    found = against_dem(photo, DemSet.open([HADLEY_DEM]), LAW, TIERS["standard"], choice).windows
+    found = against_dem(photo, DemSet.open([HADLEY_DEM]), RenderSettings(LAW), choice).windows
     assert found.count >= 12
     assert found.share_above(0.95) > 0.9

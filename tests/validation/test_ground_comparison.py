@@ -26,6 +26,7 @@ from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import simulated_image as simulated
 from lcp_catalog.validation import ground_comparison
 from lcp_catalog.validation.ground_comparison import (
+    RenderSettings,
     WindowChoice,
     _of_one_size,
     _places,
@@ -40,6 +41,7 @@ from lcp_catalog.validation.point_spread import CoarseGrid
 
 LAW = reflectance_model("lommel-seeliger")
 STANDARD = TIERS["standard"]
+SETTINGS = RenderSettings(LAW, STANDARD)
 PLACE = EnuFrame(3.6, 26.1, -1500.0)
 SUN = PLACE.direction_to_mcmf(direction_enu(97.0, 25.0))
 ROWS = np.arange(9)
@@ -74,7 +76,7 @@ def test_every_window_has_its_place(photo) -> None:
     """The centre of a window, projected into the image, is the mean of the pixels of its corners;
     cells are as given.
     """
-    found = against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 300.0))
+    found = against_dem(photo, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 16, 300.0))
     places = lonlat_to_mcmf(found.longitude_deg, found.latitude_deg)
     assert found.windows.gsd_m == 300.0
     assert photo.sensor.in_image(photo.sensor.project(places)).mean() > 0.95
@@ -103,7 +105,7 @@ def sharp(monkeypatch):
 def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
     """80 m: finer than the DEM, which is then rendered at 80 m."""
     windows = against_dem(
-        photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, gsd_m)
+        photo, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 16, gsd_m)
     ).windows
     assert windows.gsd_m == gsd_m
     assert windows.count > 30
@@ -120,7 +122,7 @@ def test_an_offset_of_the_whole_image_is_removed_where_it_is_asked_for(
     east = PLACE.direction_to_mcmf([1.0, 0.0, 0.0])
     wrong = photo.with_sensor(camera.moved([*(480.0 * east), 0.0, 0.0, 0.0]))
     windows = against_dem(
-        wrong, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 8, 240.0, remove_offset=True)
+        wrong, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 8, 240.0, remove_offset=True)
     ).windows
     assert windows.offset == "removed"
     assert windows.shift_px == pytest.approx((2.0, 0.0), abs=0.15)
@@ -148,14 +150,14 @@ def test_what_the_dem_has_smoothed_away_the_image_loses_too(photo) -> None:
     the sharp render, but similar. The file resolves 1000 m, four cells of the windows.
     """
     windows = against_dem(
-        photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 240.0)
+        photo, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 16, 240.0)
     ).windows
     assert 0.45 < windows.share_above(0.95) < 0.9
     assert windows.share_above(0.8) > 0.9
 
 
 def test_without_a_size_cells_are_those_of_the_true_resolution(photo) -> None:
-    found = against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD)
+    found = against_dem(photo, DemSet.open([HADLEY]), SETTINGS)
     assert (
         700.0 < found.windows.gsd_m < 1300.0
     )  # GLD100's published 1 to 1.5 km, and half of a wave of 2 km
@@ -166,7 +168,7 @@ def test_an_image_smaller_than_a_window_says_so(photo) -> None:
     with pytest.raises(
         ImageError, match=r"shows \d+ x \d+ cells of 6000 m, and a window has 16 x 16"
     ):
-        against_dem(photo, DemSet.open([HADLEY]), LAW, STANDARD, WindowChoice(16, 16, 6000.0))
+        against_dem(photo, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 16, 6000.0))
 
 
 def test_under_another_sun_it_is_another_image(photo) -> None:
@@ -174,13 +176,12 @@ def test_under_another_sun_it_is_another_image(photo) -> None:
     other = Image("turned", photo.signal, photo.weight, photo.sensor, sun_direction_mcmf=turned)
     choice = WindowChoice(16, 16, 240.0)
     assert (
-        against_dem(other, DemSet.open([HADLEY]), LAW, STANDARD, choice).windows.share_above(0.9)
-        < 0.3
+        against_dem(other, DemSet.open([HADLEY]), SETTINGS, choice).windows.share_above(0.9) < 0.3
     )
 
 
 def test_patches_are_the_image_too(photo, catalog) -> None:
-    found = against_patches(photo, catalog, ROWS, LAW, STANDARD)
+    found = against_patches(photo, catalog, ROWS, SETTINGS)
     assert found.windows.count == 9 * 4
     assert found.windows.gsd_m == pytest.approx(118.45)
     assert found.windows.share_above(0.95) > 0.9
@@ -193,7 +194,7 @@ def test_a_patch_that_lies_half_in_a_gap_is_left_out(photo, catalog) -> None:
     corner = photo.sensor.project(nodes_mcmf(catalog, [3])[0, 2, 2]).round().astype(int)
     weight = photo.weight.copy()
     weight[corner[1] - 3 : corner[1] + 4, corner[0] - 3 : corner[0] + 4] = 0.0
-    found = against_patches(replace(photo, weight=weight), catalog, ROWS, LAW, STANDARD)
+    found = against_patches(replace(photo, weight=weight), catalog, ROWS, SETTINGS)
     assert sorted(set(found.point)) == [0, 1, 2, 4, 5, 6, 7, 8]
     assert found.against == "8 patches of the catalogue"
 
@@ -227,18 +228,18 @@ def test_a_patch_s_albedo_is_in_its_render(photo, catalog) -> None:
     albedo = np.broadcast_to(spots.astype(np.float32), catalog.dem.shape)
     spotted = replace(catalog, albedo=albedo, albedo_map=ALBEDO_MAP)
     plain, with_spots = (
-        against_patches(photo, which, ROWS, LAW, STANDARD).windows for which in (catalog, spotted)
+        against_patches(photo, which, ROWS, SETTINGS).windows for which in (catalog, spotted)
     )
     assert with_spots.median < plain.median - 0.2
 
 
 def test_patches_finer_than_they_are_are_refused(photo, catalog) -> None:
     with pytest.raises(AreaError, match=r"finer than those of the patches, 118\.45 m"):
-        against_patches(photo, catalog, ROWS, LAW, STANDARD, WindowChoice(gsd_m=60.0))
+        against_patches(photo, catalog, ROWS, SETTINGS, WindowChoice(gsd_m=60.0))
 
 
 def test_coarse_cells_make_a_patch_one_window(photo, catalog) -> None:
-    found = against_patches(photo, catalog, ROWS, LAW, STANDARD, WindowChoice(gsd_m=355.0))
+    found = against_patches(photo, catalog, ROWS, SETTINGS, WindowChoice(gsd_m=355.0))
     assert found.windows.size == 11
     assert found.windows.count == 9
     assert "windows of 11 cells" in found.resolution
@@ -247,15 +248,18 @@ def test_coarse_cells_make_a_patch_one_window(photo, catalog) -> None:
 def test_no_patch_in_the_image_is_said(photo, catalog) -> None:
     away = photo.sensor.moved([0.0, 6e4, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(AreaError, match="no patch of the catalogue is entirely"):
-        against_patches(photo.with_sensor(away), catalog, ROWS, LAW, STANDARD)
+        against_patches(photo.with_sensor(away), catalog, ROWS, SETTINGS)
 
 
 def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
-    kept = dem_request(photo, DemSet.open([HADLEY]), LAW, STANDARD)
+    kept = dem_request(photo, DemSet.open([HADLEY]), SETTINGS)
     assert np.allclose(kept.sun.direction_mcmf(PLACE, kept.view.camera), SUN, atol=1e-9)
     stated = Image("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
-    assert dem_request(photo, DemSet.open([HADLEY]), LAW, STANDARD, disc=True).disc is True
-    by_flag = dem_request(stated, DemSet.open([HADLEY]), LAW, STANDARD)
+    assert (
+        dem_request(photo, DemSet.open([HADLEY]), RenderSettings(LAW, STANDARD, disc=True)).disc
+        is True
+    )
+    by_flag = dem_request(stated, DemSet.open([HADLEY]), SETTINGS)
     assert np.allclose(by_flag.sun.direction_mcmf(PLACE, by_flag.view.camera), SUN, atol=1e-9)
     lon, lat = subsolar(stated)
     assert np.allclose(lonlat_to_mcmf(lon, lat) / 1737400.0, SUN)
