@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: coverage mutants all catalog gallery docs evidence test test-slow check bench bench-build bench-merge bench-peers soak clean bench-moon bench-query bench-plan venv wheel
+.PHONY: coverage mutants all catalog docs evidence test test-slow check bench bench-build bench-merge bench-peers soak clean bench-moon bench-query bench-plan venv wheel
 
 all: catalog
 
@@ -22,10 +22,6 @@ $(READY): pyproject.toml
 
 catalog: $(READY)
 	@$(MAKE) --no-print-directory --always-make -C sample_data LCP=$(abspath $(BIN))/lcp OUT=../build
-
-gallery: $(READY)
-	@mkdir -p build
-	$(BIN)/python docs/gallery.py build/gallery
 
 docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs

@@ -1,18 +1,19 @@
-"""Charts of the reflectance models, as SVG that needs no style sheet: phase curves, and polar charts."""
+"""Charts of the reflectance models, as SVG that needs no style sheet: phase curves, and polar charts.
+
+``python docs/reflectance_charts.py`` writes those of the page about reflectance models.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
 from lcp_catalog.arrays import Array
-from lcp_catalog.photometry.facet_model import FacetModel, shadowing_share
-from lcp_catalog.photometry.facet_plot import incidence_panel, lobe_curves
-from lcp_catalog.photometry.laws import Reflectance, radiance_factor
+from lcp_catalog.photometry.laws import Reflectance, radiance_factor, reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis
 from lcp_catalog.plots.polar import STYLES, Curve, Panel, polar_chart
 
@@ -51,25 +52,16 @@ def disc_reflectance(model: Reflectance, phase_deg: float, count: int = 48) -> f
     return float(weight @ seen @ weight) * half / 2.0
 
 
-def ground_reflectance(model: Reflectance, phase_deg: float) -> float:
-    """I/F of level terrain seen from the zenith; the incidence is equal to the phase."""
-    g = math.radians(phase_deg)
-    return float(radiance_factor(model, g, 0.0, g))
-
-
-def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) -> str:
-    """SVG of magnitudes by phase, relative to 10 deg for each model: of a sphere's disc, with the
-    Moon's (Allen 1973), or of level terrain.
+def phase_curve_chart(models: Sequence[Reflectance]) -> str:
+    """SVG of magnitudes of a sphere's disc by phase, relative to 10 deg for each model, with the Moon's
+    (Allen 1973).
     """
-    bright = ground_reflectance if of_ground else disc_reflectance
-    last = 88.0 if of_ground else 150.5
-    phases = np.array([g for g in _PHASES_DEG if g <= last])
+    last = 150.5
     curves = {}
     for model in models:
-        values = np.array([bright(model, float(g)) for g in phases])
-        start = bright(model, 10.0)
+        values = np.array([disc_reflectance(model, float(g)) for g in _PHASES_DEG])
         with np.errstate(divide="ignore"):
-            curves[model.name] = -2.5 * np.log10(values / start)
+            curves[model.name] = -2.5 * np.log10(values / disc_reflectance(model, 10.0))
     top = max(1.0, *(float(np.max(c[np.isfinite(c)])) for c in curves.values()))
     low = math.ceil(min(top, 7.0))
     axes = Axes(
@@ -77,13 +69,9 @@ def phase_curve_chart(models: Sequence[Reflectance], of_ground: bool = False) ->
         Axis(low, -1.0, _ticks(-1, low, 1), "magnitudes below phase 10°", grid=True),
         width=652.0, height=342.0, left=88.0, right=20.0, top=20.0, bottom=58.0,
     )  # fmt: skip
-    marks = Markup("") if of_ground else _measured(axes)
-    what = (
-        "level terrain seen from above"
-        if of_ground
-        else "a sphere’s disc; circles: the Moon (Allen 1973)"
-    )
-    return str(axes.draw(marks + _curves(axes, phases, curves), f"phase curves of {what}", _STYLE))
+    lines = _measured(axes) + _curves(axes, _PHASES_DEG, curves)
+    title = "phase curves of a sphere’s disc; circles: the Moon (Allen 1973)"
+    return str(axes.draw(lines, title, _STYLE))
 
 
 def _ticks(first: int, last: float, step: int) -> list[tuple[float, str]]:
@@ -112,42 +100,6 @@ def _in_plane(model: Reflectance, incidence_deg: float, theta_deg: Array) -> Arr
     return radiance_factor(model, i, np.abs(e), np.abs(e - i))
 
 
-def intensity_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
-    """SVG of I_rel of a facet model and its lobes at some incidences (figure 6 of the paper)."""
-    panels = [
-        incidence_panel(angle, lobe_curves(model, model.parameters(angle)))
-        for angle in incidences_deg
-    ]
-    return polar_chart(panels, f"{model.name}: relative intensity", 2)
-
-
-def brightness_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
-    """SVG of the brightness coefficient of a facet model up to 80 deg of emission (figures 4 and 5)."""
-    panels = []
-    for angle in incidences_deg:
-        curves = lobe_curves(model, model.parameters(angle))
-        panels.append(incidence_panel(angle, tuple(_brightness(curve) for curve in curves)))
-    return polar_chart(panels, f"{model.name}: brightness coefficient", 2)
-
-
-def _brightness(curve: Curve) -> Curve:
-    measured = np.abs(curve.theta_deg) <= 80.0
-    theta = curve.theta_deg[measured]
-    return replace(
-        curve, theta_deg=theta, values=curve.values[measured] / np.cos(np.radians(theta))
-    )
-
-
-def shadowing_chart(model: FacetModel, incidences_deg: Sequence[float]) -> str:
-    """SVG of P(psi, theta, 0), the share of facets that are neither shadowed nor masked (figure 7)."""
-    theta = np.linspace(-89.9, 89.9, 360)
-    curves = tuple(
-        Curve(theta, shadowing_share(model.shadowing, angle, theta), style, f"ψ = {angle:g}°")
-        for angle, style in zip(incidences_deg, STYLES, strict=False)
-    )
-    return polar_chart([Panel("lit and seen", curves)], f"{model.name}: shadowing and masking", 1)
-
-
 def _curves(axes: Axes, phases: Array, curves: dict[str, Array]) -> Markup:
     """One line for each model, and the legend at the lower left."""
     parts = []
@@ -173,3 +125,25 @@ def _measured(axes: Axes) -> Markup:
         Markup(f'<circle class="measured" cx="{x:.1f}" cy="{y:.1f}" r="5"/>')
         for x, y in zip(*axes.at(phases[inside], magnitudes[inside]), strict=True)
     )
+
+
+def main() -> None:
+    """Write the charts of docs/explanation/photometry.md."""
+    folder = Path(__file__).with_name("images")
+    names = (
+        "hapke",
+        "lunar-lambert",
+        "lommel-seeliger:rolo",
+        "lommel-seeliger",
+        "minnaert",
+        "lambert",
+    )
+    phases = phase_curve_chart([reflectance_model(name) for name in names])
+    (folder / "reflectance_phase.svg").write_text(phases, encoding="utf-8")
+    for name in ("hapke", "lunar-lambert"):
+        chart = incidence_chart(reflectance_model(name))
+        (folder / f"reflectance_polar_{name}.svg").write_text(chart, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

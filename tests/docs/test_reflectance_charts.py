@@ -13,19 +13,13 @@ import pytest
 from helpers.twins_reflectance import SPECS, disc_albedo
 from reflectance_charts import (
     ALLEN_1973,
-    brightness_chart,
     disc_reflectance,
-    ground_reflectance,
     incidence_chart,
-    intensity_chart,
     phase_curve_chart,
-    shadowing_chart,
 )
 
-from lcp_catalog.photometry.facet_labunets2019 import named_model
-from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
+from lcp_catalog.photometry.laws import reflectance_model
 
-FACETS = named_model("labunets-2019-table-3")
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -49,16 +43,9 @@ def test_a_spheres_disc(spec, phase):
         assert disc_reflectance(law, phase) == pytest.approx(exact, rel=1e-4)
 
 
-def test_ground_seen_from_above():
-    law = reflectance_model("hapke")
-    g = math.radians(40.0)
-    assert ground_reflectance(law, 40.0) == radiance_factor(law, g, 0.0, g)
-
-
-@pytest.mark.parametrize("of_ground", [False, True])
-def test_a_phase_chart_has_a_line_and_a_name_for_each_law(of_ground):
+def test_a_phase_chart_has_a_line_and_a_name_for_each_law():
     laws = [reflectance_model(spec) for spec in SPECS[:8]]
-    svg = phase_curve_chart(laws, of_ground)
+    svg = phase_curve_chart(laws)
     lines = curves(svg)
     assert len(lines) == len(laws)
     for law in laws:
@@ -68,7 +55,7 @@ def test_a_phase_chart_has_a_line_and_a_name_for_each_law(of_ground):
         assert (np.diff(points[:, 0]) > 0).all()
         assert (np.diff(points[:, 1]) >= -0.1).all()  # fainter as the phase grows: down the page
     circles = ElementTree.fromstring(svg).findall(f"{SVG}circle")
-    assert len(circles) == (0 if of_ground else len(ALLEN_1973))
+    assert len(circles) == len(ALLEN_1973)
 
 
 def test_the_moons_circles_lie_on_the_lunar_laws():
@@ -97,37 +84,6 @@ def test_a_polar_chart_points_at_the_sun():
     assert math.degrees(math.atan2(-brightest[0], -brightest[1])) == pytest.approx(50.0, abs=1.0)
     (even,) = rays(incidence_chart(reflectance_model("lambert"), [50.0]), "solid")
     assert np.ptp(np.hypot(*even.T)) < 0.2
-
-
-def test_the_specular_lobe_is_on_the_right_and_the_source_on_the_left():
-    svg = intensity_chart(FACETS, [60, 70])
-    whole, diffuse = rays(svg, "solid"), rays(svg, "dashed")
-    assert len(whole) == len(diffuse) == len(rays(svg, "thin")) == 2
-    x, y = whole[1][np.hypot(*whole[1].T).argmax()]
-    assert y < 0  # up
-    assert np.degrees(np.arctan2(x, -y)) == pytest.approx(75, abs=2)
-    source = next(
-        e for e in ElementTree.fromstring(svg).iter() if e.get("class") == "source" and e.get("cx")
-    )
-    assert float(source.get("cx")) < 0
-
-
-def test_lengths_are_values():
-    """The length at the normal, relative to the number at the half circle."""
-    svg = brightness_chart(FACETS, [60])
-    (points,) = rays(svg, "solid")
-    normal = points[np.abs(points[:, 0]).argmin()]
-    rims = [
-        float(e.text)
-        for e in ElementTree.fromstring(svg).iter()
-        if e.text and re.fullmatch(r"[\d.]+", e.text)
-    ]
-    assert -normal[1] / 190 * max(rims) == pytest.approx(float(FACETS.brightness(60, 0)), rel=0.01)
-    assert np.abs(np.degrees(np.arctan2(points[:, 0], -points[:, 1]))).max() <= 80.1
-
-
-def test_a_line_for_each_incidence_of_shadowing():
-    assert len(rays(shadowing_chart(FACETS, [0, 60]), "solid")) == 1
 
 
 def test_charts_stand_alone():
