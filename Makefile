@@ -3,11 +3,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile the modules again
 
 .DELETE_ON_ERROR:
-.PHONY: coverage mutants all catalog docs evidence test test-slow check bench bench-build bench-merge bench-peers soak clean bench-moon bench-query bench-plan venv wheel
+.PHONY: all venv catalog test check test-slow docs wheel evidence bench bench-build bench-peers bench-query bench-merge soak \
+        coverage mutants help clean
 
 all: catalog
 
@@ -16,69 +18,67 @@ venv: $(READY)
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "lcp needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --group dev
+	$(INSTALL) --upgrade 'pip>=25.1'
+	$(INSTALL) --editable . --group dev
 	touch $@
 
-catalog: $(READY)
+catalog: $(READY) ## sample catalogue, its report, validation and two renders, in build/
 	@$(MAKE) --no-print-directory --always-make -C sample_data LCP=$(abspath $(BIN))/lcp OUT=../build
 
-docs: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
-	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
-
-evidence: $(READY)  # LCP_SHARED_DATA: the folder of the lunar photographs and DEMs
-	$(BIN)/python benchmarks/evidence.py --suns
-
-test: $(READY)
+test: $(READY) ## the fast tests
 	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile
 
-test-slow: $(READY)
-	$(BIN)/python -m pytest -m slow
-
-coverage: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group coverage
-	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile --cov --cov-report=term
-
-mutants: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group mutants
-	$(BIN)/mutmut run
-	$(BIN)/mutmut results
-
-check: $(READY)
+check: $(READY) ## lint, format, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(READY)
-	$(BIN)/python -m pytest benchmarks --benchmark-enable --benchmark-sort=name
+test-slow: $(READY) ## the long tests
+	$(BIN)/python -m pytest -m slow
 
-bench-build: $(READY)
-	$(BIN)/python benchmarks/build.py areas roofline memory jobs
+docs: $(READY) ## the documentation as a site, build/site/index.html
+	$(INSTALL) --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
 
-bench-moon: $(READY)
-	$(BIN)/python benchmarks/moon.py plan maps areas
-
-soak: $(READY)
-	$(BIN)/python -m benchmarks.faults all
-
-bench-query: $(READY)
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/query.py
-
-bench-merge: $(READY)
-	PYTHONPATH=tests $(BIN)/python benchmarks/merge.py
-
-bench-plan: $(READY)
-	$(BIN)/python benchmarks/plan.py
-
-bench-peers: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group peers
-	$(BIN)/python benchmarks/peers.py 2048 4096
-
-wheel: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check build
+wheel: $(READY) ## source distribution and wheel in build/dist
+	$(INSTALL) build
 	$(BIN)/python -m build --outdir build/dist
 
-clean:
+evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
+	$(BIN)/python benchmarks/evidence.py --suns
+
+bench: $(READY) ## rates of terrain, shadows, rays, light and matching; plans and areas of the whole Moon
+	$(BIN)/python -m benchmarks.speed kernels
+	$(BIN)/python -m benchmarks.speed scale
+
+bench-build: $(READY) ## a build by stage, beside a straightforward pipeline and beside another commit
+	$(BIN)/python -m benchmarks.speed build areas commit roofline memory jobs
+
+bench-peers: $(READY) ## shadows and camera rays beside Mitsuba and Embree
+	$(INSTALL) --group peers
+	$(BIN)/python -m benchmarks.speed peers
+
+bench-query: $(READY) ## frames and trajectories asked of 100 000 points
+	$(BIN)/python -m benchmarks.speed query
+
+bench-merge: $(READY) ## the merge of a million points, and the check of 100 000 finished areas
+	$(BIN)/python -m benchmarks.speed merge
+
+soak: $(READY) ## kills, full disks, damaged files and damaged inputs, for hours
+	$(BIN)/python -m benchmarks.faults all
+
+coverage: $(READY) ## the fast tests with the share of lines that they run
+	$(INSTALL) --group coverage
+	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile --cov --cov-report=term
+
+mutants: $(READY) ## mutation testing
+	$(INSTALL) --group mutants
+	$(BIN)/mutmut run
+	$(BIN)/mutmut results
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' $(MAKEFILE_LIST) | awk -F '|' '{ printf "%-14s %s\n", $$1, $$2 }'
+
+clean: ## remove build/ and caches
 	rm -rf build .pytest_cache .hypothesis .ruff_cache .mypy_cache

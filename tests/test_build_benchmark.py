@@ -1,13 +1,19 @@
-"""The parts of benchmarks/build.py that its figures rest on."""
+"""The parts of benchmarks/speed that its figures rest on."""
 
-from types import SimpleNamespace
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from types import FunctionType, SimpleNamespace
 
 import numpy as np
 import pytest
-from build_areas import Package
-from build_differences import Places, differences
-from build_stages import PIPELINE_STAGES, REST, STAGES, Clock, Scripts, wrapped
-from build_tables import Measured, Subject, ratio, stage_table, summary
+
+from benchmarks.markdown import table
+from benchmarks.speed import stages
+from benchmarks.speed.differences import Places, differences
+from benchmarks.timing import in_turn, ratio
+from lcp_catalog.production import area_job
 
 
 def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> Places:
@@ -32,75 +38,74 @@ def test_candidates_are_paired_by_place_and_their_flags_compared() -> None:
     assert found.sigma == pytest.approx((0.25, 0.25))
 
 
-def test_a_nested_stage_does_not_count_for_the_outer_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter(np.arange(20.0))
-    monkeypatch.setattr("build_stages.time.process_time", lambda: float(next(times)))
-    clock = Clock()  # 0
-    inner = clock.timed("shadows", lambda: None)  # starts at 2, ends at 3
-    clock.timed("corners", inner)()  # starts at 1, ends at 4
-    assert {k: v for k, v in clock.stop().items() if v} == {
-        "corners": 2.0,
-        "shadows": 1.0,
-        REST: 2.0,
-    }
+@pytest.fixture
+def ticks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A processor clock that goes on by one second each time it is read."""
+    times = iter(range(1000))
+    monkeypatch.setattr(stages.time, "process_time", lambda: float(next(times)))
+    yield
+    sys.setprofile(None)
 
 
-def timed(name: str, nodes: int, seconds: list[float], stages: dict[str, float]) -> Subject:
-    """An area of 10 conditions that has been timed."""
-    package = Package("lcp_catalog")
-    return Subject(name, lambda: None, nodes, 10, package, None, package, seconds, [stages])
+def test_a_nested_stage_does_not_count_for_the_outer_one(ticks: None) -> None:
+    clock = stages.Clock({"areas:own_nodes": "shadows", "areas:polar_dem": "corners"})  # 0
+    outer, inner = (frame(name) for name in ("polar_dem", "own_nodes"))
+    for code, event in ((outer, "call"), (inner, "call"), (inner, "return"), (outer, "return")):
+        clock.hook(code, event, None)  # 1, 2, 3, 4
+    assert clock.stop() == {stages.REST: 2.0, "corners": 2.0, "shadows": 1.0}  # 5
 
 
-def test_the_ratio_is_the_median_over_rounds_for_each_node_and_condition() -> None:
-    now = timed("now", 100, [1.0, 2.0, 1.0], {"terrain": 0.25, REST: 0.5})
-    before = timed("before", 50, [8.0, 8.0, 2.0], {"terrain": 2.0, REST: 3.0})
-    assert ratio(now, before) == pytest.approx(8.0)
-    lines = stage_table([now, before]).splitlines()
-    assert lines[0] == "| stage, ms | now | before |"
-    assert lines[2:] == [
-        "| terrain | 250.0 | 2000.0 |",
-        "| rest | 500.0 | 3000.0 |",
-        "| all | 750.0 | 5000.0 |",
-    ]
+def frame(function: str) -> SimpleNamespace:
+    """What a profiler tells of a function of `benchmarks.speed.areas`."""
+    from benchmarks.speed import areas
+
+    return SimpleNamespace(f_code=getattr(areas, function).__code__)
 
 
-def unwrapped(package: Package | Scripts, stages: dict[str, tuple[str, ...]]) -> list[str]:
-    """Stages with functions, of which the package has none."""
-    missing = []
-    for stage, names in stages.items():
-        undo = [back for name in names for back in wrapped(package, name, Clock(), stage)]
-        missing += [] if undo or not names else [stage]
-        for back in reversed(undo):
-            back()
-    return missing
+@pytest.mark.parametrize(
+    ("function", "stage"),
+    [
+        (area_job.height_errors, "terrain"),
+        (area_job.candidates_of_groups, "corners"),
+        (area_job.run_area, None),
+        (table, None),
+    ],
+)
+def test_functions_count_for_the_stage_of_their_module_or_their_caller(
+    function: FunctionType, stage: str | None
+) -> None:
+    clock = stages.Clock(stages.LIBRARY)
+    clock.hook(SimpleNamespace(f_code=function.__code__), "call", None)
+    assert clock.stop().keys() == ({stages.REST, stage} if stage else {stages.REST})
 
 
-def test_every_stage_has_a_function_in_the_package() -> None:
-    assert unwrapped(Package("lcp_catalog"), STAGES) == []
-    assert list(PIPELINE_STAGES) == list(STAGES)
+def test_every_module_and_function_of_a_stage_exists() -> None:
+    """Names of `stages.LIBRARY` and `stages.PIPELINE`: one that is gone would count for no stage, unseen."""
+    import importlib
 
-
-def test_every_stage_has_a_function_in_the_pipeline() -> None:
+    for name in stages.LIBRARY:
+        importlib.import_module(f"lcp_catalog.{name}")
     pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
-    each = {name: (name,) for names in PIPELINE_STAGES.values() for name in names}
-    assert unwrapped(Scripts(), each) == []
+    for name in stages.PIPELINE:
+        module, _, function = name.partition(":")
+        owner = importlib.import_module(f"benchmarks.speed.{module}")
+        for part in function.split("."):
+            owner = getattr(owner, part)
+        assert owner.__code__.co_qualname == function
 
 
-def test_the_summary_has_a_row_for_each_case_and_the_stages_of_all() -> None:
-    before = result([1.0], [[31, 1]])
-    now = result([1.0], [[31, 31]])
-    cases = []
-    for name, nodes in (("mare", 100), ("pole", 200)):
-        subjects = [timed("now", nodes, [0.5], {"terrain": 0.25, REST: 0.25})]
-        subjects.append(timed("old", nodes, [2.0], {"terrain": 0.5, REST: 1.5}))
-        for one, found in zip(subjects, (now, before), strict=True):
-            one.result = found
-        cases.append(Measured(name, subjects, {"old": differences(before, now, 100.0)}))
-    lines = summary(cases).splitlines()
-    assert lines[4] == "| mare | 100 | 10 | 1 | 0.002 | 0.001 | 4.0 | 50.000 |"
-    assert lines[7:] == [
-        "| ms: old / now | mare | pole |",
-        "| --- | ---: | ---: |",
-        "| terrain | 500 / 250 | 500 / 250 |",
-        "| rest | 1500 / 250 | 1500 / 250 |",
+def test_tasks_run_in_turn_and_the_ratio_is_the_median_over_rounds() -> None:
+    order: list[str] = []
+    tasks = {name: lambda name=name: order.append(name) for name in ("a", "b")}
+    times = in_turn(tasks, 2, before=lambda: order.append("-"))
+    assert "".join(order) == "ab-b-a-a-b"
+    assert {name: len(some) for name, some in times.items()} == {"a": 2, "b": 2}
+    assert ratio([1.0, 2.0, 1.0], [8.0, 8.0, 2.0]) == pytest.approx(4.0)
+
+
+def test_a_table_aligns_numbers_to_the_right() -> None:
+    assert table(["stage", "ms"], [["terrain", 250]]).splitlines() == [
+        "| stage | ms |",
+        "| --- | ---: |",
+        "| terrain | 250 |",
     ]

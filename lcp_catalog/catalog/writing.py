@@ -48,7 +48,7 @@ _DEFLATE_RUNS = Deflate(1, zlib.Z_RLE)
 
 _RUNS = ("dem", "latitude", "longitude", "position_mcmf", "rotation_mcmf_to_enu")
 """Variables that `_DEFLATE_RUNS` suits, because their bytes seldom repeat: heights become 1 to 3 %
-smaller, coordinates 2 to 11 % larger (measured on the sample and on `benchmarks/merge.py`)."""
+smaller, coordinates 2 to 11 % larger (measured on the sample and on `benchmarks/speed/merge.py`)."""
 
 
 def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -> None:

@@ -29,7 +29,7 @@ _FLAT = 1e-3
 _COARSE_HALF_MIN = 8
 """Least half width of patches that are searched at half resolution first: 17 x 17 nodes become 8 x 8
 pixels. On cells of 118 m the probability of such patches differs from that of the search at full
-resolution by 0.019 (rms), of 33 x 33 nodes by 0.012 (`benchmarks/build.py`)."""
+resolution by 0.019 (rms), of 33 x 33 nodes by 0.012 (`benchmarks/speed/build.py`)."""
 
 _COARSE_REACH_MIN = 12
 """Smaller search areas are searched at full resolution, which then costs about the same."""

@@ -62,7 +62,7 @@ CANDIDATE_BYTES = 280
 
 COVERAGE_COPIES = 1.3
 """Bytes in memory for each byte of the coverage by condition. These four figures were fitted to five runs of
-``benchmarks/merge.py`` (1875 to 1 000 000 points, records of 434 and 15 382 bytes): they state the peak to
+``benchmarks/speed/merge.py`` (1875 to 1 000 000 points, records of 434 and 15 382 bytes): they state the peak to
 -12 and +16 MB."""
 
 SPREAD_AREAS = 3

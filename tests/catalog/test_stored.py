@@ -112,7 +112,7 @@ def test_faults_of_all_blocks_are_counted_together(
 
 
 def test_a_window_of_many_points_needs_little_memory(tmp_path: Path) -> None:
-    """`benchmarks/large_catalog.py` in small."""
+    """`benchmarks/speed/scale.py` in small."""
     path = tmp_path / "many.h5"
     write_catalog(many_points.catalog(8000), path)
     tracemalloc.start()

@@ -93,7 +93,7 @@ def compiled() -> None:
 
 @pytest.mark.usefixtures("compiled")
 def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> None:
-    """One process that computes the areas too; the larger merges are measured by benchmarks/merge.py."""
+    """One process that computes the areas too; the larger merges are measured by benchmarks/speed/merge.py."""
     with processes(1) as planning, processes(1) as building:
         stated = planning.submit(stated_mb, DEM, CONFIG, "parent", 1).result()
         peak = building.submit(build_peak_mb, DEM, CONFIG, tmp_path / "a.h5", 1).result()

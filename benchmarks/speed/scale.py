@@ -1,27 +1,27 @@
 """The whole Moon at 512 pixels a degree, on virtual files that take 14 MB: time and memory of planning,
-of the maps, and of some random areas, and what the areas make of a build of all of them.
+of the maps, and of some random areas, and what the areas make of a build of all of them. And the commands that read
+a large catalogue.
 
-    python benchmarks/moon.py [plan] [maps] [areas [COUNT]]
+    python -m benchmarks.speed scale [plan] [maps] [areas] [catalog] [--count AREAS] [--points POINTS]
 
 Prints a table for each. Times are those of the processor, of one process with one thread in the areas.
 """
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "benchmarks")]
-
 import numpy as np
-from build_tables import table
-from helpers.virtual_moon import virtual_moon
 
+from benchmarks.commands import lcp
+from benchmarks.markdown import table
+from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.production.area_job import run_area
@@ -32,6 +32,8 @@ from lcp_catalog.production.region_maps import region_coverage, region_overview
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.threads import limit_threads
+from tests.helpers import many_points, merges
+from tests.helpers.virtual_moon import virtual_moon
 
 PIXELS_PER_DEGREE = 512
 REGIONS = {
@@ -44,21 +46,28 @@ POINTS = 1_000_000
 """Points of the coverage that is timed."""
 
 
-def main() -> None:
-    words = sys.argv[1:] or ["plan", "maps", "areas"]
-    count = next((int(word) for word in words if word.isdigit()), 6)
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.speed scale", description=__doc__)
+    parts = ("plan", "maps", "areas", "catalog")
+    parser.add_argument("parts", nargs="*", choices=[[], *parts], metavar="PART")
+    parser.add_argument("--count", type=int, default=6, help="areas: so many random ones")
+    parser.add_argument("--points", type=int, default=200_000, help="catalog: of the catalogue")
+    given = parser.parse_args(words)
+    asked = given.parts or parts
     with tempfile.TemporaryDirectory() as folder:
         files = virtual_moon(Path(folder), PIXELS_PER_DEGREE)
-        if "plan" in words:
+        if "plan" in asked:
             rows = [[name, *_apart(_planned, files, box)] for name, box in REGIONS.items()]
             print(table(["region", "areas", "plan, s", "peak memory, MB"], rows))
-        if "maps" in words:
+        if "maps" in asked:
             heads = ["region", "overview, s", "cells", "step, km", "coverage, s", "peak memory, MB"]
-            print(table(heads, []))
-            for name, box in REGIONS.items():
-                print(f"| {' | '.join([name, *_apart(_mapped, files, box)])} |", flush=True)
-        if "areas" in words:
-            _areas(files, count)
+            rows = [[name, *_apart(_mapped, files, box)] for name, box in REGIONS.items()]
+            print(table(heads, rows))
+        if "areas" in asked:
+            _areas(files, given.count)
+        if "catalog" in asked:
+            print(_catalog(Path(folder), given.points))
+    return 0
 
 
 def _apart(function: Callable[..., list[str]], *arguments: object) -> list[str]:
@@ -130,5 +139,57 @@ def _areas(files: list[Path], count: int) -> None:
     print(f"{areas} areas, about {areas * float(np.mean(points)):,.0f} points")
 
 
-if __name__ == "__main__":
-    main()
+CONFIG = """
+[area]
+bounds_deg = [{}, -60.0, {}, 60.0]
+gsd_m = 118.0
+[points]
+patch_nodes = 9
+spacing_m = 8000.0
+search_m = 7552.0
+"""
+
+
+def _catalog(folder: Path, points: int) -> str:
+    """Processor time and peak memory of commands that read a synthetic catalogue (patches of 5 x 5 nodes, 2 image scales,
+    2 views, 5 x 12 Suns), another with other heights and ids, and two parts that overlap by a ninth.
+    """
+    names = ("large", "other", "west", "east", "merged")
+    path, other, west, east, merged = (folder / f"{name}.h5" for name in names)
+    _apart(_written, path, other, west, east, points)
+    page = str(folder / "report.html")
+    commands: list[tuple[int, list[object]]] = [
+        (0, ["inspect", path]),
+        (0, ["report", path, "-o", page]),
+        (0, ["export", path, "-o", folder / "x.csv"]),
+        (4, ["diff", path, other]),
+        (0, ["merge", west, east, "-o", merged]),
+    ]
+    rows = []
+    for good, words in commands:
+        done = lcp(*map(str, words), good=good)
+        peak_mb = max(done.parent_mb, done.worker_mb)
+        rows.append([f"`lcp {words[0]}`", f"{done.processor_s:.1f}", f"{peak_mb:.0f}"])
+    size_mb = path.stat().st_size / 1e6
+    return table([f"{points} points, {size_mb:.0f} MB", "s", "peak memory, MB"], rows)
+
+
+def _written(path: Path, other: Path, west: Path, east: Path, points: int) -> list[str]:
+    """Write the catalogues."""
+    write_catalog(many_points.catalog(points), path)
+    catalog = open_catalog(path, check=False)
+    dem = catalog.dem + np.float32(1.0)
+    dem[:, catalog.patch_nodes // 2, catalog.patch_nodes // 2] = 0.0
+    moved = np.arange(len(catalog)) % 10 == 0
+    write_catalog(replace(catalog, dem=dem, point_id=catalog.point_id + 10**9 * moved), other)
+    write_catalog(_part(catalog, 0.0, 200.0), west)
+    write_catalog(_part(catalog, 160.0, 359.999), east)
+    return []
+
+
+def _part(catalog: Catalog, west: float, east: float) -> Catalog:
+    """The points between two meridians, under the ids of their places."""
+    found = catalog.within(west, -60.0, east, 60.0)
+    found = merges.moved(found, found.longitude, found.latitude)
+    cells = replace(found.coverage, spacing_m=8000.0)
+    return replace(found, coverage=cells, config=CONFIG.format(west, east))

@@ -1,25 +1,25 @@
 """The end and the resumption of a large build, on made checkpoints: peak memory and rate of the merge of a
 million points, and the time of the check of 100 000 finished areas.
 
-    PYTHONPATH=tests .venv/bin/python benchmarks/merge.py [full] [POINTS [AREAS]]
+    python -m benchmarks.speed merge [--full] [--points N] [--areas N]
 
-The points have patches of 9 x 9 nodes and 4 conditions (``full``: patches of 33 x 33 nodes and the
+The points have patches of 9 x 9 nodes and 4 conditions (``--full``: patches of 33 x 33 nodes and the
 conditions of the sample's build); beside every second stands a candidate that cannot become a
 point. The checkpoints are made in a process of their own, so that the peak is that of the merge.
 """
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
 import os
 import shutil
-import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from helpers.virtual_moon import virtual_moon
 
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
@@ -38,6 +38,7 @@ from lcp_catalog.production.finished_area import TABLE, FinishedArea, checksums,
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import Area
+from tests.helpers.virtual_moon import virtual_moon
 
 GSD_M, SPACING_M, STEP_M = 250.0, 1000.0, 1200.0
 SIDE = 25  # points along the side of an area
@@ -53,10 +54,9 @@ FULL = BuildConfig(
     points=PointConfig(spacing_m=SPACING_M, search_m=2000.0),
     view=ViewConfig((0.0, 30.0, 30.0), (0.0, 90.0, 270.0), (float("inf"),) * 3),
 )
-CONFIG = FULL if "full" in sys.argv else SMALL
 
 
-def area(row: int, column: int) -> FinishedArea:
+def area(config: BuildConfig, row: int, column: int) -> FinishedArea:
     """An area whose points all are further apart than the spacing; a third of the candidates is unusable."""
     rng = np.random.default_rng([row, column])
     count = SIDE * SIDE
@@ -66,9 +66,9 @@ def area(row: int, column: int) -> FinishedArea:
     table["lon_deg"][:count] = (east.ravel() + jitter[0]) * STEP_M / DEGREE_M * 1.1 + 1.0
     table["lat_deg"][:count] = (north.ravel() + jitter[1]) * STEP_M / DEGREE_M - 20.0
     table[count:] = table[: count // 2]
-    records = np.zeros(count, record_type(CONFIG, albedo=False))
+    records = np.zeros(count, record_type(config, albedo=False))
     records["dem"] = rng.normal(0.0, 30.0, records["dem"].shape)
-    middle = CONFIG.points.half
+    middle = config.points.half
     records["dem"][:, middle, middle] = 0.0
     works = rng.random(records["condition"].shape) < 0.8
     works[:, 0, 0, 0] = True
@@ -87,12 +87,12 @@ def area(row: int, column: int) -> FinishedArea:
     return FinishedArea(table, records, ScenePlan.of(effects))
 
 
-def make(folder: Path, areas: int) -> None:
+def make(config: BuildConfig, folder: Path, areas: int) -> None:
     """Checkpoints of a square of areas."""
     checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
     checkpoints.folder.mkdir()
     for k in range(areas):
-        checkpoints.write(name(k), area(k // 40, k % 40))
+        checkpoints.write(name(k), area(config, k // 40, k % 40))
 
 
 def name(number: int) -> str:
@@ -100,21 +100,21 @@ def name(number: int) -> str:
     return f"r{number // 1000:05d}c{number % 1000:05d}"
 
 
-def merge(folder: Path, areas: int) -> None:
+def merge(config: BuildConfig, folder: Path, areas: int) -> None:
     """Print the rate and the peak memory of the merge."""
     dems = DemSet.open(virtual_moon(folder / "moon", 8, tile_px=512)[:1])
     rows = -(-areas // 40) * SIDE * STEP_M / DEGREE_M
     width = min(areas, 40) * SIDE * STEP_M / DEGREE_M * 1.1 + 1.0
     region = Area.from_bounds(1.0, -20.0, 1.0 + width, -20.0 + rows)
-    errors = CONFIG.errors.model(5.0, 500.0)
-    assembly = Assembly(CONFIG, dems, region, GSD_M, DEFAULT_MODEL, errors)
+    errors = config.errors.model(5.0, 500.0)
+    assembly = Assembly(config, dems, region, GSD_M, DEFAULT_MODEL, errors)
     checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
     before, start, own = peak_mb(), time.perf_counter(), time.process_time()
     names = [name(k) for k in range(areas)]
     points = assembly.write(checkpoints, names, folder / "moon.h5", overwrite=True)
     seconds, own = time.perf_counter() - start, time.process_time() - own
     size = (folder / "moon.h5").stat().st_size
-    each = record_type(CONFIG, albedo=False).itemsize
+    each = record_type(config, albedo=False).itemsize
     print(f"merge: {areas} areas, {points} points with records of {each} bytes")
     print(
         f"merge: {seconds:.1f} s, {own:.1f} s of processor time, {points / own:.0f} points/s of it"
@@ -122,11 +122,11 @@ def merge(folder: Path, areas: int) -> None:
     print(f"merge: peak {peak_mb():.0f} MB, {before:.0f} MB before; file of {size / 1e6:.0f} MB")
 
 
-def resume(folder: Path, areas: int) -> None:
+def resume(config: BuildConfig, folder: Path, areas: int) -> None:
     """Print the time of the check of so many small checkpoints."""
     checkpoints = Checkpoints.beside(folder / "tiny.h5", "merge")
     checkpoints.folder.mkdir()
-    whole = area(0, 0)
+    whole = area(config, 0, 0)
     some = FinishedArea(whole.table[:4], whole.records[:4], whole.plan)
     checkpoints.write(name(0), some)
     content = checkpoints.path(name(0)).read_bytes()
@@ -141,19 +141,22 @@ def resume(folder: Path, areas: int) -> None:
     )
 
 
-def main() -> None:
-    given = [int(text) for text in sys.argv[1:] if text != "full"]
-    points, areas = (*given, *(1_000_000, 100_000)[len(given) :])
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.speed merge", description=__doc__)
+    parser.add_argument("--full", action="store_true", help="points as large as the sample's")
+    parser.add_argument("--points", type=int, default=1_000_000)
+    parser.add_argument("--areas", type=int, default=100_000, help="that are checked")
+    given = parser.parse_args(words)
+    config, count = FULL if given.full else SMALL, given.points // SIDE**2
     folder = Path(tempfile.mkdtemp(prefix="lcp-merge-", dir=os.environ.get("TMPDIR")))
     context = multiprocessing.get_context("spawn")
+    codes = []
     try:
-        for task, count in ((make, points // SIDE**2), (merge, points // SIDE**2), (resume, areas)):
-            process = context.Process(target=task, args=(folder, count))
+        for task, areas in ((make, count), (merge, count), (resume, given.areas)):
+            process = context.Process(target=task, args=(config, folder, areas))
             process.start()
             process.join()
+            codes.append(process.exitcode or 0)
     finally:
         shutil.rmtree(folder)
-
-
-if __name__ == "__main__":
-    main()
+    return max(codes)

@@ -1,6 +1,10 @@
 """Shadows, sweeps and camera rays compared with Mitsuba 3 (llvm) and Embree on the same surface, in turn in one process.
 
-Run by `make bench-peers`. The peers are a dependency group of their own, never run-time dependencies; they install with pip
+Run by `make bench-peers`:
+
+    python -m benchmarks.speed peers [2048 4096]
+
+The peers are a dependency group of their own, never run-time dependencies; they install with pip
 alone. Mitsuba traces with the Embree built into it, on as many threads as lcp; its llvm variant loads the system's LLVM
 library, and without that library its columns are left out. The other peer is Embree 4 through embreex, which uses one thread.
 The peers' meshes are split along the same diagonal as ours. They have no edge-crossing test, so their rays start one centimetre
@@ -10,34 +14,30 @@ drifts, and it drifts for all.
 
 from __future__ import annotations
 
+import argparse
 import math
-import os
 import platform
-import statistics
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
-THREADS = 2
-os.environ.setdefault("NUMBA_NUM_THREADS", str(THREADS))
-os.environ.setdefault("OMP_NUM_THREADS", str(THREADS))
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from helpers.synthetic import cratered
 
+from benchmarks.markdown import percent, table
+from benchmarks.timing import median, ratio
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
+from lcp_catalog.threads import thread_limit
+from tests.helpers.synthetic import cratered
+
+THREADS = thread_limit()
 
 HAS_MITSUBA = bool(dr.has_backend(dr.JitBackend.LLVM))
 """True if the system has the LLVM library that Mitsuba's llvm variant loads."""
@@ -50,7 +50,6 @@ LIFT_M = 0.01
 ELEVATIONS_DEG = (0.5, 2.0, 5.0, 15.0, 45.0)
 SWEEP_DEG = (0.5, 1.0, 2.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 ROUNDS = 6
-GROWTH = (1024, 2048, 4096, 8192)
 
 CAMERAS = {
     # off nadir deg, distance to the middle of the terrain km, roll deg, radial distortion
@@ -141,15 +140,10 @@ def terrain(n: int) -> np.ndarray:
     return np.block([[z, z[:, ::-1]], [z[::-1], z[::-1, ::-1]]])
 
 
-def shadows(n: int, field: Heightfield, peers: dict[str, Mitsuba | Embree]) -> None:
+def shadows(n: int, field: Heightfield, peers: dict[str, Mitsuba | Embree]) -> str:
     """Table of the tiers and peers by the Sun's elevation: medians over the azimuths."""
     base = list(peers)[-1]
-    print(
-        f"\nShadows of {n} x {n} nodes: Mnode/s, ratio to {base}, share of nodes that differ from "
-        "`reference`\n"
-    )
-    names = [*TIERS, *peers]
-    print("| Sun | " + " | ".join(names) + " |\n| ---: |" + " --- |" * len(names))
+    names, rows = [*TIERS, *peers], []
     for elevation in ELEVATIONS_DEG:
         speed: dict[str, list[float]] = {name: [] for name in names}
         differ: dict[str, list[float]] = {name: [] for name in names}
@@ -163,35 +157,44 @@ def shadows(n: int, field: Heightfield, peers: dict[str, Mitsuba | Embree]) -> N
                     seconds, masks[name] = timed(occluded, field, direction, TIERS[name])
                 speed[name].append(n * n / seconds / 1e6)
             for name in names:
-                differ[name].append(np.mean(masks[name].ravel() != masks["reference"].ravel()))
-        cells = []
-        for name in names:
-            ratio = statistics.median(a / b for a, b in zip(speed[name], speed[base], strict=True))
-            share = 100.0 * statistics.mean(differ[name])
-            cells.append(f"{statistics.median(speed[name]):.0f}, x{ratio:.3g}, {share:.4f} %")
-        print(f"| {elevation:g} deg | " + " | ".join(cells) + " |", flush=True)
+                off = masks[name].ravel() != masks["reference"].ravel()
+                differ[name].append(float(np.mean(off)))
+        cells = [
+            f"{median(speed[name]):.0f}, x{ratio(speed[base], speed[name]):.3g}, {percent(float(np.mean(differ[name])), 4)}"
+            for name in names
+        ]
+        rows.append([f"{elevation:g} deg", *cells])
+    return (
+        f"Shadows of {n} x {n} nodes: Mnode/s, ratio to {base}, share of nodes that differ from `reference`\n\n"
+        f"{table(['Sun', *names], rows)}\n"
+    )
 
 
-def sweep(n: int, field: Heightfield, mitsuba: Mitsuba) -> None:
+def sweep(n: int, field: Heightfield, mitsuba: Mitsuba) -> str:
     """16 azimuths of 8 elevations; Mitsuba traces one azimuth in four."""
     elevations = np.radians(SWEEP_DEG)
     ours: dict[str, list[float]] = {"draft": [], "standard": []}
     theirs = []
     for step in range(16):
         azimuth = 360.0 * (step + 0.1) / 16
-        for tier, seconds_of in ours.items():
+        for tier, times in ours.items():
             if tier == "draft" or step % 4 == 0:
-                seconds_of.append(
-                    timed(occluded_sweep, field, math.radians(azimuth), elevations, TIERS[tier])[0]
-                )
+                turn = math.radians(azimuth)
+                times.append(timed(occluded_sweep, field, turn, elevations, TIERS[tier])[0])
         if step % 4 == 0:
             for elevation in SWEEP_DEG:
                 theirs.append(timed(mitsuba.shadows, direction_enu(azimuth, elevation))[0])
-    rate = 1.0 / (statistics.mean(theirs) / (n * n))
-    print(f"\nSweep, 16 azimuths x 8 elevations, {n} x {n}: Mitsuba {rate / 1e6:.1f} M sun-cells/s")
-    for tier, seconds_of in ours.items():
-        own = 8 * n * n / statistics.mean(seconds_of)
-        print(f"  {tier}: {own / 1e6:.0f} M sun-cells/s, x{own / rate:.3g}", flush=True)
+    rate = n * n / float(np.mean(theirs))
+    rows = [["Mitsuba", f"{rate / 1e6:.1f}", "x1"]]
+    for tier, times in ours.items():
+        own = len(SWEEP_DEG) * n * n / float(np.mean(times))
+        rows.append([tier, f"{own / 1e6:.0f}", f"x{own / rate:.3g}"])
+    head = [
+        f"sweep, 16 azimuths x {len(SWEEP_DEG)} elevations, {n} x {n}",
+        "M sun-cells/s",
+        "ratio",
+    ]
+    return table(head, rows) + "\n"
 
 
 def camera(
@@ -217,114 +220,62 @@ def _turned(angle_deg: float, axis: int) -> np.ndarray:
     return m
 
 
-def cameras(n: int, field: Heightfield, mitsuba: Mitsuba) -> None:
+def cameras(n: int, field: Heightfield, mitsuba: Mitsuba) -> str:
     """First hits of n x n rays for several cameras; rays are made before the clock starts, as each side wants them."""
-    print(
-        f"\nCamera rays, {n} x {n} pixels: Mray/s, ratio, share of ranges that differ by over 1 m\n"
-    )
-    print("| camera | lcp | Mitsuba | ratio | differ |\n| --- | ---: | ---: | ---: | ---: |")
+    rows = []
     for name, parameters in CAMERAS.items():
         position, rays = camera(n, *parameters)
         theirs_in = mi.Ray3f(
             mi.Point3f(*position.tolist()), mi.Vector3f(rays.reshape(-1, 3).T.astype(np.float32))
         )
-        ours, theirs, differ = [], [], []
+        ours, theirs = [], []
         for _ in range(ROUNDS):
             seconds, mine = timed(field.first_hits, position, rays)
-            ours.append(n * n / seconds / 1e6)
+            ours.append(seconds)
             seconds, other = timed(mitsuba.ranges, theirs_in)
-            theirs.append(n * n / seconds / 1e6)
+            theirs.append(seconds)
         mine, other = np.nan_to_num(mine.ravel(), nan=np.inf), other.astype(np.float64)
         both = np.isfinite(mine) & np.isfinite(other)
         away = (np.isfinite(mine) != np.isfinite(other)).mean()
-        differ = away + np.mean(np.abs(mine[both] - other[both]) > 1.0)
-        ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
-        print(
-            f"| {name} | {statistics.median(ours):.1f} | {statistics.median(theirs):.1f} | x{ratio:.2f} "
-            f"| {100 * differ:.3f} % |",
-            flush=True,
-        )
-
-
-def growth() -> None:
-    """Nanoseconds a cell as the terrain grows: the least of five, sizes in turn."""
-    fields = {n: Heightfield(np.tile(terrain(1024), (n // 1024,) * 2), CELL_M) for n in GROWTH}
-    fields = {n: Heightfield(_joined(field.z_m), CELL_M) for n, field in fields.items()}
-    tasks = {
-        "draft": lambda f: occluded(f, direction_enu(17.0, 5.0), TIERS["draft"]),
-        "standard": lambda f: occluded(f, direction_enu(17.0, 5.0), TIERS["standard"]),
-        "high": lambda f: occluded(f, direction_enu(17.0, 5.0), TIERS["high"]),
-        "sweep of 8, draft": lambda f: occluded_sweep(
-            f, 0.3, np.radians(SWEEP_DEG), TIERS["draft"]
-        ),
-    }
-    print("\nGrowth: ns a cell (and, for the sweep, a Sun), least of five\n")
-    print(
-        "| | "
-        + " | ".join(map(str, GROWTH))
-        + " | last / first |\n| --- |"
-        + " ---: |" * (len(GROWTH) + 1)
-    )
-    for name, task in tasks.items():
-        least = dict.fromkeys(GROWTH, math.inf)
-        for _ in range(5):
-            for n, field in fields.items():
-                least[n] = min(least[n], timed(task, field)[0] / n**2 * 1e9)
-        suns = len(SWEEP_DEG) if name.startswith("sweep") else 1
-        cells = " | ".join(f"{least[n] / suns:.2f}" for n in GROWTH)
-        print(f"| {name} | {cells} | {least[GROWTH[-1]] / least[GROWTH[0]]:.2f} |", flush=True)
-
-
-def _joined(z: np.ndarray) -> np.ndarray:
-    """Tiles of 1024 mirrored so that neighbours join."""
-    out = z.copy()
-    for i in range(0, len(z), 1024):
-        for j in range(0, len(z), 1024):
-            part = z[i : i + 1024, j : j + 1024]
-            part = part[::-1] if i // 1024 % 2 else part
-            out[i : i + 1024, j : j + 1024] = part[:, ::-1] if j // 1024 % 2 else part
-    return out
-
-
-def memory(field: Heightfield) -> None:
-    """Bytes a cell that a heightfield keeps once everything has been asked of it."""
-    kept = [value for value in vars(field).values() if isinstance(value, np.ndarray)]
-    kept += [
-        part
-        for value in vars(field).values()
-        if isinstance(value, tuple)
-        for part in value
-        if isinstance(part, np.ndarray)
+        differ = float(away + np.mean(np.abs(mine[both] - other[both]) > 1.0))
+        speeds = [f"{n * n / median(times) / 1e6:.1f}" for times in (ours, theirs)]
+        rows.append([name, *speeds, f"x{ratio(ours, theirs):.2f}", percent(differ, 3)])
+    head = [
+        f"camera rays, {n} x {n} pixels",
+        "lcp, Mray/s",
+        "Mitsuba",
+        "ratio",
+        "ranges off by 1 m",
     ]
-    size = sum(array.nbytes for array in kept) / field.z_m.size
-    print(f"\nKept of a terrain after all of this: {size:.2f} bytes a cell")
+    return table(head, rows) + "\n"
 
 
-def main(sizes: list[int]) -> None:
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.speed peers", description=__doc__)
+    parser.add_argument("sizes", nargs="*", type=int, default=[2048, 4096], metavar="NODES")
+    sizes = parser.parse_args(words).sizes
     processor = platform.processor() or platform.machine()
-    print(f"{processor}, {THREADS} threads, Mitsuba {mi.__version__}, embreex {version('embreex')}")
+    print(
+        f"{processor}, {THREADS} threads, Mitsuba {mi.__version__}, embreex {version('embreex')}\n"
+    )
     if not HAS_MITSUBA:
-        print("Mitsuba is left out: install the system's LLVM library to compare with it")
+        print("Mitsuba is left out: install the system's LLVM library to compare with it\n")
     for n in sizes:
         z = terrain(n)
-        field, peers = Heightfield(z, CELL_M), {"Embree (1 thread)": Embree(z)}
-        if HAS_MITSUBA:
-            peers["Mitsuba"] = Mitsuba(z)
+        field, peers = Heightfield(z, CELL_M), dict[str, Mitsuba | Embree]()
+        peers["Embree (1 thread)"] = Embree(z)
+        mitsuba = Mitsuba(z) if HAS_MITSUBA else None
+        if mitsuba:
+            peers["Mitsuba"] = mitsuba
         for tier in TIERS.values():  # compile; make the pyramid and the transposed copy
             for azimuth in (10.0, 100.0):
                 occluded(field, direction_enu(azimuth, 5.0), tier)
         occluded_sweep(field, 0.1, np.radians(SWEEP_DEG), TIERS["draft"])
         for peer in peers.values():
             peer.shadows(direction_enu(10.0, 5.0))
-        shadows(n, field, peers)
-        del peers["Embree (1 thread)"]
-        if HAS_MITSUBA:
-            sweep(n, field, peers["Mitsuba"])
-            cameras(n, field, peers["Mitsuba"])
-        memory(field)
+        print(shadows(n, field, peers), flush=True)
         peers.clear()
-    growth()
-
-
-if __name__ == "__main__":
-    main([int(size) for size in sys.argv[1:]] or [2048, 4096])
+        if mitsuba:
+            print(sweep(n, field, mitsuba), flush=True)
+            print(cameras(n, field, mitsuba), flush=True)
+    return 0

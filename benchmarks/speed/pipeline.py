@@ -16,11 +16,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from build_areas import Package
-from build_pipeline_match import Match, probabilities, registered, search, windows
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.optimize import brentq
+
+from benchmarks.speed.pipeline_match import Match, probabilities, registered, search, windows
+from lcp_catalog.geometry.frames import lonlat_to_mcmf
+from lcp_catalog.production.area_job import area_sweep
 
 LIFT_M = 0.05
 """Rays start so far above the nodes: ten times the rounding of a place 60 km from the origin."""
@@ -181,8 +183,8 @@ class Group:
 class Pipeline:
     """All candidates of an area in all conditions; ``found`` is the result."""
 
-    def __init__(self, package: Package, job: Any, candidates: Any) -> None:
-        self.job, self.sweep = job, package.module("production.area_job").area_sweep(job)
+    def __init__(self, job: Any, candidates: Any) -> None:
+        self.job, self.sweep = job, area_sweep(job)
         self.points, self.errors = job.config.points, job.errors
         terrain = self.sweep.terrain
         field, core = terrain.field, terrain.core
@@ -195,7 +197,7 @@ class Pipeline:
         self.ground = Surface(places(field), *(places(level) for level in levels))
         self.factors = self.sweep.factors
         self.masks: dict[tuple[float, ...], np.ndarray] = {}
-        self.groups = self._groups(package, candidates)
+        self.groups = self._groups(candidates)
         shape = self.sweep.conditions.shape
         scaled = (len(candidates), 3, *shape)
         self.found = SimpleNamespace(
@@ -204,11 +206,11 @@ class Pipeline:
             sigma_major_m=np.full(scaled, np.nan),
         )
 
-    def _groups(self, package: Package, candidates: Any) -> list[Group]:
-        frames, frame = package.module("geometry.frames"), self.sweep.terrain.frame
+    def _groups(self, candidates: Any) -> list[Group]:
+        frame = self.sweep.terrain.frame
         lon, lat = np.radians(candidates.lon_deg), np.radians(candidates.lat_deg)
         here = frame.from_mcmf(
-            frames.lonlat_to_mcmf(candidates.lon_deg, candidates.lat_deg, candidates.elevation_m)
+            lonlat_to_mcmf(candidates.lon_deg, candidates.lat_deg, candidates.elevation_m)
         )
         x, y, _ = self.core
         cols = np.rint((here[:, 0] - x[0]) / self.job.gsd_m).astype(int)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from build_tables import table
 from numba import njit
 
+from benchmarks.markdown import percent, table
 from lcp_catalog.kernels.vectors import LANES, load, splat, store
 
 CHAINS = 10
@@ -124,6 +124,6 @@ def roofline_table(works: list[Work], stages: list[dict[str, float]], machine: M
     for work in works:
         least = work.least_seconds(machine)
         took = statistics.median(part[work.stage] for part in stages)
-        share = f"{100.0 * least / took:.0f} %" if took > 0.0 else ""
+        share = percent(least / took, 0) if took > 0.0 else ""
         rows.append([work.stage, work.what, f"{1e3 * least:.1f}", f"{1e3 * took:.1f}", share])
     return table(["stage", "direct form", "at the peak, ms", "measured, ms", "share"], rows)

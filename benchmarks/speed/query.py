@@ -1,8 +1,6 @@
 """Time of `lcp query`: one frame, and a trajectory of 1000 frames, on a catalogue of 100 000 points.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/query.py [POINTS]
-
-(`lcp query` sets this itself.)
+    python -m benchmarks.speed query [POINTS]
 
 Writes a synthetic catalogue (`tests/helpers/many_points.py`: the whole Moon between 60 S and 60 N, every
 point usable everywhere) and one of the same points within 300 km, so that every frame sees thousands,
@@ -12,21 +10,17 @@ answers as documents. Processor time includes that of the process that judges th
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import multiprocessing
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
-from helpers import many_points
-
+from benchmarks.timing import processor_s
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
@@ -37,9 +31,9 @@ from lcp_catalog.memory import peak_mb
 from lcp_catalog.navigation.documents import document
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage
+from tests.helpers import many_points
 
 SUN = SunChoice(90.0, 30.0)
-FRAMES = 1000
 
 
 def usable(whole: Catalog) -> Catalog:
@@ -97,11 +91,6 @@ def timed(name: str, path: Path, cameras: list[Camera], query: Query) -> None:
     )
 
 
-def processor_s() -> float:
-    """Processor time of this process and of those that it waited for."""
-    return sum(sum(getrusage(who)[:2]) for who in (RUSAGE_SELF, RUSAGE_CHILDREN))
-
-
 def _lit(cameras: list[Camera]) -> Iterator[PlannedImage]:
     return (PlannedImage.lit(one, SUN) for one in cameras)
 
@@ -113,8 +102,12 @@ def write(count: int, moon: Path, region: Path) -> None:
     write_catalog(near(whole), region)
 
 
-def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.speed query", description=__doc__)
+    parser.add_argument("points", nargs="?", type=int, default=100_000)
+    parser.add_argument("--frames", type=int, default=1000, help="of a trajectory")
+    given = parser.parse_args(words)
+    count, frames = given.points, given.frames
     with tempfile.TemporaryDirectory() as folder:
         moon, region = Path(folder, "moon.h5"), Path(folder, "region.h5")
         writer = multiprocessing.get_context("spawn").Process(
@@ -129,14 +122,11 @@ def main() -> None:
             timed(f"{name}, the best 50 from 100 km", path, one, Query(most=50))
         timed("whole Moon, one frame from 2000 km", moon, [camera(1.0, 2.0, 2000.0)], Query())
         for altitude_km in (10.0, 30.0):
-            places = np.linspace(-4.0, 4.0, FRAMES)
+            places = np.linspace(-4.0, 4.0, frames)
             along = [camera(float(lon), 1.0, altitude_km) for lon in places]
-            name = f"within 300 km, {FRAMES} frames from {altitude_km:g} km"
+            name = f"within 300 km, {frames} frames from {altitude_km:g} km"
             timed(name, region, along, Query())
             timed(f"{name}, the best 50", region, along, Query(most=50))
-        around = [camera(float(lon), 1.0, 100.0) for lon in np.linspace(0.0, 180.0, FRAMES)]
-        timed(f"whole Moon, {FRAMES} frames along half an orbit", moon, around, Query())
-
-
-if __name__ == "__main__":
-    main()
+        around = [camera(float(lon), 1.0, 100.0) for lon in np.linspace(0.0, 180.0, frames)]
+        timed(f"whole Moon, {frames} frames along half an orbit", moon, around, Query())
+    return 0

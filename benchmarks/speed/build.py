@@ -1,0 +1,273 @@
+"""Time of the main job: areas of three terrains by stage beside a straightforward pipeline in the same process, and whole builds
+beside another commit.
+
+    python -m benchmarks.speed build areas commit roofline memory jobs        (make bench-build; default: areas)
+    python -m benchmarks.speed build --case highland --rounds 1
+    python -m benchmarks.speed build commit --against 4e256b5 --size 60
+
+Areas run on one thread, in turn; ratios are medians over the rounds. Seconds are processor time, so that other processes of the
+machine count less; those of `jobs` are wall time, too. The output is Markdown. All parts take half an hour.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from benchmarks.commands import lcp
+from benchmarks.markdown import percent, table
+from benchmarks.places import CONFIG, DEM, OUTPUT
+from benchmarks.speed.areas import CASES, Case, own_nodes
+from benchmarks.speed.differences import ALL, FLAGS, Differences, Places, differences, share
+from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
+from benchmarks.timing import Task, in_turn, median, ratio
+from lcp_catalog.production.area_job import area_sweep, run_area
+from lcp_catalog.production.evaluation import image_scales
+from lcp_catalog.production.sweep import Conditions
+from lcp_catalog.threads import limit_threads
+
+BEFORE = "4e256b5"
+"""The commit before the issues of November 2026: the last of the names of 0.2."""
+
+
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.speed build", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--case", action="append", choices=CASES, help="default: all")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--against", default=BEFORE, metavar="REV", help="commit: which")
+    parser.add_argument("--size", type=float, default=150.0, metavar="KM", help="commit, jobs")
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT / "build")
+    asked = parser.parse_args(words)
+    for name in asked.parts:
+        if name not in PARTS:
+            parser.error(f"no part {name!r}; there are {', '.join(PARTS)}")
+    asked.output.mkdir(parents=True, exist_ok=True)
+    with limit_threads(1):
+        for name in asked.parts or ["areas"]:
+            for text in PARTS[name](asked):
+                print(f"{text}\n", flush=True)
+    return 0
+
+
+def cases(asked: argparse.Namespace) -> list[Case]:
+    return [CASES[name] for name in asked.case or CASES]
+
+
+# -- areas
+
+
+@dataclass
+class Timed:
+    """One way to compute an area: its result, its times, and its times by stage."""
+
+    run: Callable[[], Any]
+    stages_of: dict[str, str]
+    result: Any = None
+    seconds: list[float] = field(default_factory=list)
+    stages: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def candidates(self) -> Any:
+        return getattr(self.result, "candidates", self.result)
+
+    def once(self) -> None:
+        self.result = self.run()
+
+    def staged(self) -> None:
+        with measured(self.stages_of) as found:
+            self.run()
+        self.stages.append(found)
+
+
+@dataclass(frozen=True)
+class Area:
+    """A case's area: the library's run of it and the pipeline's, timed in turn."""
+
+    case: Case
+    name: str
+    cell_m: float
+    nodes: int
+    conditions: int
+    ours: Timed
+    theirs: Timed
+
+    @classmethod
+    def timed(cls, case: Case, folder: Path, rounds: int) -> Area:
+        from benchmarks.speed.pipeline import Pipeline  # Embree is not everywhere
+
+        job, other = case.jobs(folder)
+        ours = Timed(partial(run_area, job), LIBRARY, run_area(job))
+        found = ours.candidates
+        theirs = Timed(
+            lambda: Places(found.lon_deg, found.lat_deg, Pipeline(job, found).run()), PIPELINE
+        )
+        tasks: dict[str, Task] = {"ours": ours.once, "theirs": theirs.once}
+        elsewhere = partial(area_sweep, other)  # in a build, the last area was another one
+        times = in_turn(tasks, rounds, before=elsewhere)
+        ours.seconds, theirs.seconds = times["ours"], times["theirs"]
+        in_turn({"ours": ours.staged, "theirs": theirs.staged}, rounds, before=elsewhere)
+        conditions = Conditions.at(job.task.lat_deg, job.config).count
+        return cls(case, job.task.name, job.gsd_m, own_nodes(job), conditions, ours, theirs)
+
+    @property
+    def times_faster(self) -> float:
+        return ratio(self.ours.seconds, self.theirs.seconds)
+
+    @property
+    def rate(self) -> float:
+        """Own nodes times conditions a second and core, millions."""
+        return self.nodes * self.conditions / median(self.ours.seconds) / 1e6
+
+    @property
+    def differences(self) -> Differences:
+        return differences(self.theirs.candidates, self.ours.candidates, self.cell_m)
+
+    def text(self) -> str:
+        """Sizes, stages and differences."""
+        both = {"now": self.ours, "pipeline": self.theirs}
+        sizes = [
+            [name, self.nodes, self.conditions, len(one.candidates), _usable(one.candidates),
+             f"{median(one.seconds):.3f}"]
+            for name, one in both.items()
+        ]  # fmt: skip
+        head = ["", "own nodes", "conditions", "candidates", "usable", "seconds"]
+        stages = [
+            [stage, *(f"{1e3 * median(s[stage] for s in one.stages):.1f}" for one in both.values())]
+            for stage in STAGES
+        ]
+        return (
+            f"## {self.case.name}\n\nArea {self.name}, cells of {self.cell_m:.0f} m: {self.rate:.3f} million node-conditions a "
+            f"second, {self.times_faster:.2f} times as fast as the pipeline.\n\n{table(head, sizes)}\n\n"
+            f"{table(['stage, ms', *both], stages)}\n\n{_told(self.differences)}"
+        )
+
+
+def _usable(candidates: Any) -> str:
+    """Share of the evaluated candidate-conditions that are usable."""
+    condition = candidates.evaluation.condition
+    return percent(share(condition[condition > 0] == ALL))
+
+
+def _told(found: Differences) -> str:
+    """The differences, with the flags that differ."""
+    flags = ", ".join(
+        f"{name} {percent(part, 3)}" for name, part in zip(FLAGS, found.flags, strict=True)
+    )
+    rows = [
+        ["candidates at the same places / only there / only now",
+         f"{found.paired} / {found.alone[0]} / {found.alone[1]}"],
+        ["candidate-conditions", found.evaluated],
+        ["any of the five flags differs", percent(found.any_flag, 3)],
+        ["usable decision differs", percent(found.usable, 3)],
+        ["detection probability, largest / mean difference",
+         f"{found.detection[0]:.4f} / {found.detection[1]:.2g}"],
+        ["sigma_major, largest / mean relative difference",
+         f"{found.sigma[0]:.4f} / {found.sigma[1]:.2g}"],
+        ["sigma_major finite in one only", percent(found.sigma_lost, 3)],
+    ]  # fmt: skip
+    return f"{table(['now against the pipeline', 'difference'], rows)}\n\nFlags: {flags}."
+
+
+def summary(areas: Sequence[Area]) -> str:
+    """One row a case."""
+    rows = [
+        [a.case.name, a.nodes, a.conditions, len(a.ours.candidates), f"{a.rate:.3f}", f"{a.times_faster:.1f}",
+         percent(a.differences.usable, 3)]
+        for a in areas
+    ]  # fmt: skip
+    head = ["case", "own nodes", "conditions", "candidates", "M node-conditions / s"]
+    return f"## all cases\n\n{table([*head, 'times the pipeline', 'decisions not alike'], rows)}"
+
+
+def areas(asked: argparse.Namespace) -> Iterator[str]:
+    """Each case, and all cases in one table."""
+    found = []
+    for case in cases(asked):
+        found.append(Area.timed(case, asked.output, asked.rounds))
+        yield found[-1].text()
+    yield summary(found)
+
+
+# -- other parts
+
+
+def commit(asked: argparse.Namespace) -> Iterator[str]:
+    """Whole builds of the sample's middle, now and by another commit, in turn."""
+    from benchmarks.speed.commit import compared
+
+    yield compared(asked.against, asked.size, asked.rounds, asked.output)
+
+
+def roofline(asked: argparse.Namespace) -> Iterator[str]:
+    """The machine's peak, and each case's stages beside it."""
+    from benchmarks.speed.roofline import Machine, roofline_table, work_of
+
+    machine = Machine.measured()
+    yield f"## roofline\n\n{machine.text()}"
+    for case in cases(asked):
+        job, _ = case.jobs(asked.output)
+        one = Timed(partial(run_area, job), LIBRARY, run_area(job))
+        for _ in range(asked.rounds):
+            one.staged()
+        works = work_of(job, one.result, image_scales(job.config.points.patch_nodes))
+        yield f"**{case.name}**\n\n{roofline_table(works, one.stages, machine)}"
+
+
+def sample(size_km: float, output: Path, *more: str) -> list[str]:
+    """Words of the build of the sample's middle."""
+    place = ["--center", "3.5", "26", "--size", f"{size_km:g}"]
+    build = ["build-catalog", str(DEM), "--config", str(CONFIG), *place]
+    return [*build, "-o", str(output), "--overwrite", *more]
+
+
+def memory(asked: argparse.Namespace) -> Iterator[str]:
+    """Greatest memory of the build's process and of a worker under promises of memory."""
+    rows = []
+    for promise in (["--memory", "0.45"], ["--memory", "1"], []):
+        done = lcp(*sample(asked.size, asked.output / "memory.h5", "--jobs", "2", *promise))
+        figures = [done.worker_mb, done.parent_mb, done.seconds]
+        rows.append([promise[-1] if promise else "none", *(f"{figure:.0f}" for figure in figures)])
+    yield f"## memory\n\n{table(['`--memory`, GB', 'worker, MB', 'parent, MB', 's'], rows)}"
+
+
+def jobs(asked: argparse.Namespace) -> Iterator[str]:
+    """One and two jobs in turn, and what ``--plan`` states of one."""
+    output = asked.output / "jobs.h5"
+    plan = SimpleNamespace(
+        **json.loads(lcp(*sample(asked.size, output, "--plan", "--json")).output)
+    )
+    runs: dict[int, list[Any]] = {1: [], 2: []}
+    for number in range(asked.rounds + 1):
+        for count in (1, 2) if number % 2 else (2, 1):
+            done = lcp(*sample(asked.size, output, "--jobs", str(count)))
+            runs[count] += [done] if number else []  # the first compiles and reads the files
+    wall = {count: [run.seconds for run in some] for count, some in runs.items()}
+    used = {count: median(run.processor_s for run in some) for count, some in runs.items()}
+    one = median(wall[1])
+    rows = [
+        ["one job, s", f"{one:.1f}"],
+        ["two jobs, s", f"{median(wall[2]):.1f}"],
+        ["one job over two", f"{ratio(wall[2], wall[1]):.2f}"],
+        ["processor time of one job, two jobs, s", f"{used[1]:.1f}, {used[2]:.1f}"],
+        ["`--plan`, s, and over one job", f"{plan.seconds_estimate:.1f}, {plan.seconds_estimate / one:.2f}"],
+        ["`--plan`, bytes over the file's", f"{plan.bytes_estimate / output.stat().st_size:.2f}"],
+        ["`--plan`, MB of a worker over its peak",
+         f"{plan.memory_mb_per_worker / max(run.worker_mb for run in runs[2]):.2f}"],
+    ]  # fmt: skip
+    title = f"{plan.areas} areas of the sample, the whole command, {os.cpu_count()} cores"
+    yield f"## jobs\n\n{table([title, 'median'], rows)}"
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+    f.__name__: f for f in (areas, commit, roofline, memory, jobs)
+}
